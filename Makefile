@@ -1,0 +1,39 @@
+# Each target does all the set-up that it needs: Python >= 3.11 and make are enough.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+
+.PHONY: demo test lint bench calibrate docs clean
+
+demo: $(READY)            ## the main job on the embedded, simulated campaign; ends with the path of the report
+	$(BIN)/nearlift demo
+
+test: $(READY)            ## all tests but the slow calibration
+	$(BIN)/pytest -n auto
+
+lint: $(READY)            ## format, lint, types, layers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(READY)           ## every benchmark beside its peer
+	$(BIN)/python -m benchmarks
+
+calibrate: $(READY)       ## the statistical promises, at record level; hours on a laptop
+	$(BIN)/pytest -m calibration -n auto --durations=0
+
+docs: $(READY)            ## the reference pages from the declarations
+	$(BIN)/python docs/build_reference.py
+
+$(READY): requirements.lock pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nearlift needs Python 3.11 or newer; say make PYTHON=python3.11")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $(READY)
+
+clean:                    ## everything that was made
+	rm -rf $(VENV) demo-campaign processed/* reports/* .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
+	git checkout --quiet -- processed reports

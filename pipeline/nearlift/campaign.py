@@ -1,0 +1,414 @@
+"""The manifest: facts about the rig and choices, as written in campaign.toml, in SI once parsed.
+
+Strict: an unknown key, a quantity without a unit, a unit of the wrong dimension are refused with the key, the value and the
+nearest thing that would have been right. No unit and no geometry has a default.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+
+from nearlift import units
+from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.errors import ManifestError
+
+SCHEMA = "nearlift.campaign/1"
+
+
+def _quantity(dimension: str) -> BeforeValidator:
+    def parse(value: object, info: ValidationInfo) -> float:
+        try:
+            return units.quantity(value, dimension, info.field_name or "")
+        except ManifestError as refusal:
+            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
+
+    return BeforeValidator(parse)
+
+
+def _positive(value: float) -> float:
+    if not value > 0:
+        raise ValueError("must be positive")
+    return value
+
+
+def _not_negative(value: float) -> float:
+    if value < 0:
+        raise ValueError("must not be negative")
+    return value
+
+
+Length = Annotated[float, _quantity("length")]
+PositiveLength = Annotated[Length, AfterValidator(_positive)]
+Mass = Annotated[float, _quantity("mass"), AfterValidator(_positive)]
+Duration = Annotated[float, _quantity("time"), AfterValidator(_not_negative)]
+Rate = Annotated[float, _quantity("frequency"), AfterValidator(_positive)]
+Force = Annotated[float, _quantity("force"), AfterValidator(_positive)]
+Density = Annotated[float, _quantity("density"), AfterValidator(_positive)]
+Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(_positive)]
+# TOML has arrays and no tuples, which strict models would refuse
+Position = Annotated[tuple[Length, Length], Field(strict=False)]
+
+
+class Section(BaseModel):
+    """A table of the manifest: immutable, without unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Vehicle(Section):
+    """What hangs from the load cell. Lengths in m, mass in kg."""
+
+    name: str
+    rotors: int = Field(ge=1)
+    rotor_radius: PositiveLength
+    rotor_spacing: PositiveLength | None = None
+    rotor_diagonal: PositiveLength | None = None
+    rotor_positions: list[Position] | None = None
+    mass: Mass
+
+    @model_validator(mode="after")
+    def _rotors_do_not_overlap(self) -> Self:
+        if self.rotor_spacing is not None and self.rotor_spacing < 2 * self.rotor_radius:
+            raise ValueError(f"rotor_spacing {self.rotor_spacing:g} m is less than two radii: neighbouring rotors would overlap")
+        if self.rotor_diagonal is not None and self.rotor_spacing is not None and self.rotor_diagonal < self.rotor_spacing:
+            raise ValueError(
+                f"rotor_diagonal {self.rotor_diagonal:g} m is less than rotor_spacing {self.rotor_spacing:g} m; "
+                "the spacing is that of ADJACENT rotors"
+            )
+        if self.rotor_positions is not None and len(self.rotor_positions) != self.rotors:
+            raise ValueError(f"rotor_positions lists {len(self.rotor_positions)} rotors, not {self.rotors}")
+        return self
+
+    @property
+    def diagonal(self) -> float | None:
+        """Distance between opposite rotor axes, m: as given, else that of a regular polygon, sqrt(2) times the spacing for four rotors."""
+        if self.rotor_diagonal is not None or self.rotor_spacing is None or self.rotors == 1:
+            return self.rotor_diagonal
+        return self.rotor_spacing / math.sin(math.pi / self.rotors)
+
+    def geometry(self) -> dict[str, Any]:
+        """What lift models may need, scaled by rotor radius: `spacing_hat`, `diagonal_hat`, `layout_hat` (rotors, 2)."""
+        known: dict[str, Any] = {}
+        r = self.rotor_radius
+        if self.rotor_spacing is not None and self.rotors > 1:
+            known["spacing_hat"] = self.rotor_spacing / r
+        if self.diagonal is not None and self.rotors > 1:
+            known["diagonal_hat"] = self.diagonal / r
+        if self.rotor_positions is not None:
+            known["layout_hat"] = np.asarray(self.rotor_positions) / r
+        elif self.rotors == 1:
+            known["layout_hat"] = np.zeros((1, 2))
+        elif self.rotor_spacing is not None:
+            # a regular polygon whose side is the adjacent spacing
+            angles = 2 * math.pi * (np.arange(self.rotors) + 0.5) / self.rotors
+            circumradius = known["spacing_hat"] / (2 * math.sin(math.pi / self.rotors))
+            known["layout_hat"] = circumradius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return known
+
+
+class Rig(Section):
+    """How distance is measured and what a trial holds constant."""
+
+    held: Literal["throttle", "voltage", "rpm", "power"]
+    distance_datum: str | dict[Boundary, str]
+    distance_offset: Length | dict[Boundary, Length]
+    arena: PositiveLength | None = None
+    air_density: Density | None = None
+    gravity: Acceleration
+
+    @model_validator(mode="after")
+    def _known_datums(self) -> Self:
+        allowed = ("rotor plane", "airframe", "blade tip", "rotor axis")
+        for datum in self.distance_datum.values() if isinstance(self.distance_datum, dict) else (self.distance_datum,):
+            if datum not in allowed:
+                raise ValueError(f"distance_datum {datum!r} is none of {', '.join(allowed)}")
+        return self
+
+    def offset(self, boundary: Boundary) -> float:
+        """Datum to rotor plane, m, added to every recorded distance."""
+        return float(_by_boundary(self.distance_offset, boundary, "rig.distance_offset"))
+
+    def datum(self, boundary: Boundary) -> str:
+        """What the distance to that boundary is measured from."""
+        return str(_by_boundary(self.distance_datum, boundary, "rig.distance_datum"))
+
+
+def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if boundary not in value:
+        raise ManifestError(key, f"says nothing about the {boundary}", f"add {boundary} = ... to the table")
+    return value[boundary]
+
+
+class LoadCell(Section):
+    """The force channel. `tare` is the rotors-stopped head of each record in s, or "none"."""
+
+    sample_rate: Rate | None = None
+    tare: Duration | Literal["none"] | None = None
+    settle: Duration = 0.0
+    range: Force | None = None
+    accuracy: Force | None = None
+
+
+class Calibration(Section):
+    """Counts to force: force = gain (count - offset). `gain` is a text such as "0.0098 mN/count"."""
+
+    gain: str
+    offset: str
+
+    def linear(self) -> tuple[float, float]:
+        """N per count, and the count at zero force."""
+        number = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
+        gain = re.fullmatch(number + r"(\S+)\s*/\s*count\s*", self.gain)
+        offset = re.fullmatch(number + r"count\s*", self.offset)
+        if gain is None or float(gain[1]) == 0:
+            raise ManifestError("records.force.calibration.gain", f"{self.gain!r} is not a force per count", 'write it as "0.0098 mN/count"')
+        if offset is None:
+            raise ManifestError("records.force.calibration.offset", f"{self.offset!r} is not a number of counts", 'write it as "120 count"')
+        factor, _ = units.to_si(gain[2], "force", "records.force.calibration.gain")
+        return float(gain[1]) * factor, float(offset[1])
+
+
+class ForceChannel(Section):
+    """Where the force stands in a record, and how it becomes newtons of lift."""
+
+    column: str
+    unit: str
+    sign: Literal[1, -1]
+    calibration: Calibration | None = None
+
+    @model_validator(mode="after")
+    def _convertible(self) -> Self:
+        try:
+            self.linear()
+        except ManifestError as refusal:
+            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
+        return self
+
+    def linear(self) -> tuple[float, float]:
+        """Lift in N is factor * (number - zero): returns (factor, zero), the sign included."""
+        if self.unit == "count":
+            if self.calibration is None:
+                raise ManifestError(
+                    "records.force", 'unit = "count" without a calibration', 'add calibration = { gain = "... mN/count", offset = "... count" }'
+                )
+            gain, zero = self.calibration.linear()
+            return self.sign * gain, zero
+        if self.calibration is not None:
+            raise ManifestError("records.force", f"a calibration beside unit = {self.unit!r}", 'a calibration goes with unit = "count"')
+        factor, _ = units.to_si(self.unit, "force", "records.force.unit")
+        return self.sign * factor, 0.0
+
+
+class TimeChannel(Section):
+    """An optional clock column, checked against the sample rate."""
+
+    column: str
+    unit: str
+
+
+class Records(Section):
+    """Which reader reads which files."""
+
+    reader: str
+    files: str | None = None
+    force: ForceChannel | None = None
+    time: TimeChannel | None = None
+    dialect: dict[str, Any] = {}
+
+
+class Trials(Section):
+    """The schedule: its file, the units of its columns, and columns that are the same for every trial."""
+
+    file: str = "trials.csv"
+    units: dict[str, str] = {}
+    constants: dict[str, Any] = {}
+
+
+class Uncertainty(Section):
+    """One component of the budget: a shared unknown per element of its scope."""
+
+    name: str
+    on: Literal["height", "force", "gain"]
+    value: str
+    distribution: Literal["normal", "uniform"] = "normal"
+    scope: Literal["sample", "trial", "distance", "throttle", "session", "boundary", "campaign"]
+
+    @model_validator(mode="after")
+    def _value_has_the_dimension(self) -> Self:
+        try:
+            self.standard()
+        except ManifestError as refusal:
+            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
+        return self
+
+    def standard(self) -> float:
+        """Standard uncertainty in SI: m on height, N on force, a fraction on gain."""
+        dimension = {"height": "length", "force": "force", "gain": "fraction"}[self.on]
+        value = units.quantity(self.value, dimension, f"uncertainty {self.name!r}: value")
+        if value < 0:
+            raise ManifestError(f"uncertainty {self.name!r}: value", f"{self.value!r} is negative", "an uncertainty is a size, not a correction")
+        return value / math.sqrt(3) if self.distribution == "uniform" else value
+
+
+class FitChoice(Section):
+    """The base model of one boundary and the models that it is compared with."""
+
+    base: str | None = None
+    rivals: list[str] | None = None
+
+
+class Overlay(Section):
+    """Further data for Figure 2: a CSV with the columns z_hat, delta_L and u (fractions)."""
+
+    file: str
+    label: str
+    boundary: Boundary
+
+
+class Report(Section):
+    """How figures look."""
+
+    style: str = "aiaa"
+    overlay: list[Overlay] = []
+
+
+class Quality(Section):
+    """Limits of the quality codes; fractions are of the trial's own lift."""
+
+    drift: float = Field(default=0.05, gt=0)
+    missing: float = Field(default=0.05, gt=0, lt=1)
+    out_of_range: float = Field(default=0.01, ge=0, lt=1)
+
+
+class Diagnose(Section):
+    """Choices of the closed loop."""
+
+    false_alarm_rate: float = Field(default=0.05, gt=0, lt=1)
+
+
+class Campaign(Section):
+    """A whole manifest. `root` is the folder that holds it."""
+
+    schema_: Literal["nearlift.campaign/1"] = Field(alias="schema")
+    name: str
+    simulated: bool = False
+    note: str = ""
+    vehicle: Vehicle
+    rig: Rig
+    load_cell: LoadCell = LoadCell()
+    records: Records
+    trials: Trials = Trials()
+    uncertainty: list[Uncertainty] = []
+    fit: dict[Boundary, FitChoice] = {}
+    report: Report = Report()
+    quality: Quality = Quality()
+    diagnose: Diagnose = Diagnose()
+
+    @model_validator(mode="after")
+    def _coherent(self) -> Self:
+        if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", self.name):
+            raise ValueError(f"name {self.name!r} is not a slug: lower-case letters, digits, '-', '_' and '.', since it names folders")
+        if len({u.name for u in self.uncertainty}) != len(self.uncertainty):
+            raise ValueError("two [[uncertainty]] components have the same name")
+        if self.records.reader == "means":
+            return self
+        cell = self.load_cell
+        if self.records.files is None or self.records.force is None:
+            raise ValueError('[records] needs `files` and `force` (only reader = "means" does without)')
+        if cell.sample_rate is None:
+            raise ValueError('[load_cell] needs sample_rate, such as "1000 Hz"')
+        if cell.tare is None:
+            raise ValueError(
+                '[load_cell] needs tare: "2 s" for a rotors-stopped head, "0 s" if the records are already tared, '
+                '"none" if nobody knows (an offset then enters the budget)'
+            )
+        return self
+
+    @property
+    def tare_s(self) -> float:
+        """Length of the rotors-stopped head of each record, s (0 where there is none)."""
+        return self.load_cell.tare if isinstance(self.load_cell.tare, float) else 0.0
+
+
+def load(folder: Path) -> Campaign:
+    """Read and check ``campaign.toml`` of a campaign folder.
+
+    Raises
+    ------
+    ManifestError
+        The folder or the file is missing, is not TOML, or breaks the contract; every fault found is listed.
+    """
+    path = folder / "campaign.toml"
+    if not path.is_file():
+        raise ManifestError(str(folder), "holds no campaign.toml", "`nearlift new DIR` writes one to fill in")
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as fault:
+        raise ManifestError(str(path), f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8") from None
+    except tomllib.TOMLDecodeError as fault:
+        raise ManifestError(str(path), f"is not valid TOML: {fault}", "mend that line") from None
+    return parse(raw, str(path))
+
+
+def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
+    """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key."""
+    try:
+        return Campaign.model_validate(raw)
+    except ValidationError as fault:
+        lines = [_explain(error, raw) for error in fault.errors()]
+        raise ManifestError(where, "\n  ".join(dict.fromkeys(lines))) from None
+
+
+def _explain(error: Any, raw: dict[str, Any]) -> str:
+    """One fault in the user's terms: key, value, and the nearest thing that would have been right."""
+    location = [part for part in error["loc"] if not (isinstance(part, str) and ("function" in part or "[" in part or part in ("float", "str")))]
+    key = ".".join(str(part) for part in location) or "manifest"
+    if error["type"] == "extra_forbidden":
+        known = _keys_beside(location)
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(known)}"
+        return f"{key}: unknown key; {hint}"
+    if error["type"] == "missing":
+        return f"{key}: is missing"
+    message = error["msg"].removeprefix("Value error, ").replace("\n", "; ")
+    shown = "" if isinstance(error["input"], dict | list) or str(error["input"]) in message else f" (found {error['input']!r})"
+    return f"{key}: {message}{shown}"
+
+
+def _keys_beside(location: list[Any]) -> list[str]:
+    """Keys allowed in the table that holds the last part of `location`."""
+    model: Any = Campaign
+    for part in location[:-1]:
+        if isinstance(part, int):
+            continue
+        fields = {f.alias or n: f for n, f in model.model_fields.items()} if isinstance(model, type) and issubclass(model, BaseModel) else {}
+        if part not in fields:
+            continue
+        model = _section_in(fields[part].annotation) or model
+    return [f.alias or n for n, f in model.model_fields.items()]
+
+
+def _section_in(annotation: Any) -> Any:
+    """The Section class inside an annotation such as `list[Overlay] | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _section_in(inner)
+        if found is not None:
+            return found
+    return None
+
+
+def boundaries_of(values: list[str]) -> list[Boundary]:
+    """The boundaries present, in the house's order (`none`, free air, is not one)."""
+    return [b for b in BOUNDARIES if b in values]

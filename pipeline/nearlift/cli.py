@@ -1,0 +1,248 @@
+"""The command line: arguments to stages. A stage, and what it imports, is loaded only when it is asked for."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from nearlift import __version__
+from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, UsageError
+
+if TYPE_CHECKING:
+    from nearlift.stages.graph import Stage
+    from nearlift.stages.job import Job
+
+STAGE_NAMES = {
+    "ingest": "Raw records to one row per trial (trials.parquet).",
+    "reduce": "Trials to Delta L per cell with its covariance (lift.parquet).",
+    "fit": "Lift models by least squares on trials (fit.json).",
+    "diagnose": "The residual traced to a named effect, or not (diagnosis.json).",
+    "report": "Figures, tables and index.html.",
+}
+
+
+def common(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options that every command takes."""
+    options = (
+        click.option(
+            "--out",
+            type=click.Path(path_type=Path, file_okay=False),
+            default=Path(),
+            show_default="the current folder",
+            help="Folder that holds processed/ and reports/.",
+        ),
+        click.option("--executor", default="threads:2", show_default=True, help="serial, threads:N, processes:N or dask:ADDRESS."),
+        click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random."),
+        click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout instead of text."),
+        click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+        click.option("-v", "--verbose", is_flag=True, help="Say more."),
+    )
+    for option in reversed(options):
+        command = option(command)
+
+    @functools.wraps(command)
+    def guarded(*args: Any, **kwargs: Any) -> None:
+        as_json = bool(kwargs.get("as_json"))
+        try:
+            command(*args, **kwargs)
+        except NearliftError as refusal:
+            if as_json:
+                click.echo(json.dumps({"exit_code": refusal.exit_code, "where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}))
+            click.echo(f"error: {refusal}", err=True)
+            sys.exit(refusal.exit_code)
+        except (KeyboardInterrupt, click.Abort):
+            click.echo("interrupted; finished products stand, and the same command goes on from there", err=True)
+            sys.exit(INTERRUPTED)
+
+    return guarded
+
+
+class Voice:
+    """What the user hears: progress on a terminal, plain lines elsewhere, nothing when quiet."""
+
+    def __init__(self, quiet: bool, verbose: bool, as_json: bool) -> None:
+        self.quiet, self.verbose, self.as_json = quiet or as_json, verbose, as_json
+        self.status: Any = None
+
+    def line(self, text: str) -> None:
+        """One line for the user."""
+        if not self.quiet:
+            click.echo(text, err=True)
+
+    def progress(self, text: str) -> None:
+        """A passing remark: shown on a terminal, kept only with -v."""
+        if self.status is not None:
+            self.status.update(text)
+        elif self.verbose:
+            self.line(f"  {text}")
+
+    @contextlib.contextmanager
+    def busy(self, text: str) -> Iterator[None]:
+        """Show that something is going on, on a terminal only."""
+        if self.quiet or not sys.stderr.isatty():
+            yield
+            return
+        from rich.console import Console
+
+        with Console(stderr=True).status(text) as self.status:
+            yield
+        self.status = None
+
+
+@contextlib.contextmanager
+def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice) -> Iterator[Job]:
+    """The campaign as a job: manifest checked, inputs digested, executor open; nothing written yet."""
+    from nearlift import campaign as manifests
+    from nearlift.executors import open_executor
+    from nearlift.stages.inputs import digests
+    from nearlift.stages.job import Job
+
+    loaded = manifests.load(campaign)
+    processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
+    inputs = digests(campaign, loaded, processed)
+    with open_executor(executor) as pool:
+        yield Job(root=campaign, campaign=loaded, processed=processed, reports=reports, executor=pool, inputs=inputs, seed=seed, say=voice.progress)
+
+
+def execute(
+    campaign: Path,
+    stages: tuple[Stage, ...] | None,
+    out: Path,
+    executor: str,
+    seed: int,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+    force: bool = False,
+) -> None:
+    """Run stages on a campaign and end with the contract's exit code."""
+    from nearlift.stages import graph
+
+    voice = Voice(quiet, verbose, as_json)
+    told: list[dict[str, Any]] = []
+    rejected: list[tuple[str, str]] = []
+    with open_job(campaign, out, executor, seed, voice) as job:
+        wanted = graph.STAGES if stages is None else stages
+        steps = graph.run(job, wanted, begin=lambda s, why: voice.line(f"{s.name:<9}{s.summary} ({why})"), force=force)
+        with voice.busy(f"nearlift: {job.campaign.name}"):
+            for step in steps:
+                if not step.why:
+                    voice.line(f"{step.stage.name:<9}up to date")
+                for note in step.outcome.notes:
+                    voice.line(f"  note: {note}")
+                rejected += step.outcome.rejected
+                told.append(
+                    {"stage": step.stage.name, "why": step.why, "notes": step.outcome.notes, "rejected": step.outcome.rejected, "wall_s": step.wall_s}
+                )
+        report = job.reports / "index.html"
+    code = SOME_TRIALS_REJECTED if rejected else 0
+    if rejected:
+        voice.line(f"{len(rejected)} trials rejected:")
+        for trial, reason in rejected if verbose else rejected[:10]:
+            voice.line(f"  {trial}: {reason}")
+        if len(rejected) > 10 and not verbose:
+            voice.line(f"  ... and {len(rejected) - 10} more (-v lists all)")
+    if as_json:
+        click.echo(
+            json.dumps({"campaign": job.campaign.name, "exit_code": code, "report": str(report) if report.is_file() else None, "stages": told})
+        )
+    elif report.is_file() and not quiet and wanted[-1].report:
+        click.echo(str(report))
+    sys.exit(code)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="nearlift")
+def main() -> None:
+    """Near-boundary lift of tethered rotorcraft: from load-cell records to models with honest uncertainty.
+
+    Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input unreadable or refused; 5 a fit did not
+    converge; 130 interrupted.
+    """
+
+
+CAMPAIGN = click.argument("campaign", type=click.Path(path_type=Path))
+
+
+@main.command()
+@CAMPAIGN
+@common
+def run(campaign: Path, **options: Any) -> None:
+    """Every stage of CAMPAIGN that is stale."""
+    execute(campaign, None, **options)
+
+
+@main.command()
+@common
+def demo(out: Path, **options: Any) -> None:
+    """The embedded, simulated campaign, end to end; needs nothing but the package."""
+    from nearlift.synthetic.demo import write_demo
+
+    folder = out / "demo-campaign"
+    voice = Voice(options["quiet"], options["verbose"], options["as_json"])
+    with voice.busy("nearlift: simulating the demo's records"):
+        write_demo(folder)
+    voice.line(f"simulated campaign in {folder}")
+    execute(folder, None, out, **options)
+
+
+def _stage_command(name: str, summary: str) -> None:
+    @main.command(name, help=summary + " Runs even if it is up to date; earlier stages must have run.")
+    @CAMPAIGN
+    @common
+    def command(campaign: Path, **options: Any) -> None:
+        from nearlift.stages import graph
+
+        execute(campaign, (graph.stage(name),), force=True, **options)
+
+
+for _name, _summary in STAGE_NAMES.items():
+    _stage_command(_name, _summary)
+
+
+@main.command()
+@CAMPAIGN
+@common
+def plan(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """What is stale and why; runs nothing."""
+    from nearlift.stages import graph
+
+    with open_job(campaign, out, "serial", seed, Voice(quiet, verbose, as_json)) as job:
+        steps = [(s.name, why) for s, why in graph.plan(job)]
+    if as_json:
+        click.echo(json.dumps({"campaign": job.campaign.name, "stages": [{"stage": n, "stale": bool(w), "why": w} for n, w in steps]}))
+    else:
+        for name, why in steps:
+            click.echo(f"{name:<9}{'run: ' + why if why else 'up to date'}")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@common
+def new(folder: Path, quiet: bool, **_: Any) -> None:
+    """A campaign folder to fill in, with a commented manifest."""
+    from nearlift.stages.template import write_template
+
+    if folder.exists() and any(folder.iterdir()):
+        raise UsageError(str(folder), "is not empty", "name a new folder; nothing is ever overwritten")
+    for path in write_template(folder):
+        if not quiet:
+            click.echo(str(path))
+
+
+@main.command()
+@click.argument("name", required=False)
+@common
+def describe(name: str | None, as_json: bool, **_: Any) -> None:
+    """A model, effect, product or symbol; without a name, the catalogue."""
+    from nearlift.describe import describe as text
+
+    found = text(name)
+    click.echo(json.dumps({"name": name, "text": found}) if as_json else found)

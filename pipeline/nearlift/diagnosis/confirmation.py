@@ -1,0 +1,115 @@
+"""Error on trials that took no part in choosing: the whole search repeated without some visits, scored on them."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.diagnosis.candidate import Fitted
+from nearlift.diagnosis.search import Answer, Stage, run
+from nearlift.results import Observations
+
+FOLDS = 3
+#: With no more visits than this, each is left out in turn.
+FEW_VISITS = 15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut:
+    """Relative residuals of every trial, predicted without its visit; and what was chosen in each fold."""
+
+    before: FloatArray
+    after: FloatArray
+    visit: np.ndarray
+    chosen: tuple[str, ...]
+
+
+def folds(data: Observations) -> list[np.ndarray]:
+    """Masks of the trials held out, whole visits each: every station keeps visits on both sides where it has several."""
+    visits, first = np.unique(data.visit, return_index=True)
+    if len(visits) <= FEW_VISITS:
+        return [data.visit == v for v in visits]
+    turn = np.zeros(len(visits), dtype=int)
+    z = data.z_hat[first]
+    offset = 0
+    for station in np.unique(z):
+        mine = np.flatnonzero(z == station)
+        turn[mine] = (np.arange(len(mine)) + offset) % FOLDS
+        offset += 1
+    fold = dict(zip(visits.tolist(), turn.tolist(), strict=True))
+    label = np.array([fold[v] for v in data.visit.tolist()])
+    return [label == f for f in range(FOLDS)]
+
+
+def held_out(stage: Stage) -> HeldOut:
+    """Repeat the search in every fold and predict what was left out."""
+    data = stage.data
+    before, after = np.full(data.n, np.nan), np.full(data.n, np.nan)
+    chosen = []
+    for i, test in enumerate(folds(data)):
+        train = ~test
+        # a throttle that only the held-out visits have cannot be predicted: its L_inf is unknown
+        known = test & np.isin(data.throttle, data.throttle[train])
+        part = dataclasses.replace(
+            stage,
+            data=data.take(train),
+            log_lift=stage.log_lift[train],
+            options=dataclasses.replace(stage.options, seed=stage.options.seed + 7919 * (i + 1)),
+        )
+        answer = run(part)
+        chosen.append(answer.accepted[0].name if answer.accepted else answer.verdict)
+        truth = np.log(data.lift_N[known])
+        before[known] = truth - predict(part, part.base_fit, data.take(known))
+        after[known] = truth - predict(part, answer.best, data.take(known))
+    keep = np.isfinite(before) & np.isfinite(after)
+    return HeldOut(before=before[keep], after=after[keep], visit=data.visit[keep], chosen=tuple(chosen))
+
+
+def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
+    """Log lift of other trials from a fit: its ratio, and L_inf per throttle from the fit's own trials."""
+    q, r = stage.space._levels
+    white = stage.space.covariance.whiten(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
+    levels = np.linalg.solve(r, q.T @ white)
+    vector = fitted.vector
+    index = np.searchsorted(stage.data.levels, at.throttle)
+    result: FloatArray = levels[index] + fitted.candidate.log_ratio(vector, at)
+    return result
+
+
+def rmse(residual: FloatArray, visit: np.ndarray) -> tuple[float, float, float]:
+    """Root mean square and its 90 % interval: log mean square by visits, jackknifed, with Student's t."""
+    from scipy.stats import t
+
+    _, label = np.unique(visit, return_inverse=True)
+    squares, count = np.bincount(label, residual**2), np.bincount(label)
+    blocks = len(count)
+    total = squares.sum() / count.sum()
+    if blocks < 3 or total <= 0:
+        return float(np.sqrt(total)), float("nan"), float("nan")
+    without = np.log((squares.sum() - squares) / (count.sum() - count))
+    spread = np.sqrt((blocks - 1) / blocks * np.sum((without - without.mean()) ** 2))
+    half = t.ppf(0.95, blocks - 1) * spread / 2
+    value = np.sqrt(total)
+    return float(value), float(value * np.exp(-half)), float(value * np.exp(half))
+
+
+def error(stage: Stage, answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, object]:
+    """The `error` block of diagnosis.json."""
+
+    def block(residual: FloatArray) -> dict[str, float]:
+        value, low, high = rmse(residual, scored.visit)
+        return {"held_out_rmse": value, "lo90": low, "hi90": high}
+
+    before = block(scored.before)
+    return {
+        "unit": "fraction of lift",
+        "noise_floor": noise_floor,
+        "before": before,
+        # an adequate model is left alone, so nothing is gained and nothing is lost
+        "after": before if answer.verdict != "effect" else block(scored.after),
+        "held_out_trials": len(scored.before),
+        "chosen_in_folds": list(scored.chosen),
+    }

@@ -1,0 +1,243 @@
+"""The loop, closed: find the residual, trace it to an effect, add it, and report the error before and after."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.declare import Effect, LiftModel
+from nearlift.diagnosis import coefficients, confirmation, noise_floor, separation
+from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, settle
+from nearlift.diagnosis.setting import derive, missing
+from nearlift.diagnosis.within_trial import heating
+from nearlift.errors import NotConverged
+from nearlift.fitting import budget
+from nearlift.fitting.least_squares import fit
+from nearlift.fitting.problem import usable
+from nearlift.results import Observations
+
+#: Fewer trials than this beyond the unknowns, and a noise floor cannot be told from structure.
+LEAST_TRIALS = 40
+
+
+def close_loop(
+    data: Observations,
+    base: LiftModel,
+    parts: tuple[budget.Component, ...] = (),
+    *,
+    seed: int = 0,
+    false_alarm_rate: float = 0.05,
+    effects: tuple[Effect, ...] | None = None,
+    form_sd: float | None = None,
+    multiplicity: bool = True,
+    confirm: bool = True,
+) -> dict[str, Any]:
+    """Diagnose one boundary; the result is its block of diagnosis.json.
+
+    Parameters
+    ----------
+    data : Observations
+        Accepted trials in run order.
+    base : LiftModel
+    parts : tuple of Component
+        The declared budget: an error of a declared size is not structure.
+    seed : int
+    false_alarm_rate : float
+        Chance of any claim where nothing is missing.
+    effects : tuple of Effect or None
+        The library; the catalogue's if None.
+    form_sd, multiplicity
+        Form uncertainty, and the correction for many candidates; switched off only to show what they are for.
+    confirm : bool
+        Repeat the search in folds and score held-out visits (two thirds of the time).
+
+    Raises
+    ------
+    NotConverged
+        Too few trials to tell a noise floor from structure, or the base model cannot be fitted.
+    """
+    options = Options(seed=seed, false_alarm_rate=false_alarm_rate, multiplicity=multiplicity)
+    if form_sd is not None:
+        options = dataclasses.replace(options, form_sd=form_sd)
+    stage, library, untestable = set_up(data, base, parts, options, effects)
+    answer = settle(stage)
+    stage = answer.stage
+    floor = noise_floor.floor(stage.data, stage.noise, stage.slope)
+    result = _findings(stage, answer)
+    within = heating(stage.data, library, false_alarm_rate)
+    declared = declared_sizes(parts, library)
+    if confirm:
+        scored = confirmation.held_out(stage)
+        result["error"] = confirmation.error(stage, answer, scored, floor)
+    result["noise_floor"] = {
+        "relative": stage.noise.relative, "force_N": stage.noise.force_N, "height_m": stage.noise.height_m, "source": stage.noise.source,
+    }  # fmt: skip
+    result["coefficients"] = coefficients.before_and_after(stage, answer, declared)
+    result["within_trial"] = within
+    result["untestable"] = untestable
+    result["silent"] = coefficients.silent(stage, library, SILENT)
+    result["next_experiment"] = separation.next_experiment(stage, answer)
+    return result
+
+
+def set_up(
+    data: Observations, base: LiftModel, parts: tuple[budget.Component, ...], options: Options, effects: tuple[Effect, ...] | None = None
+) -> tuple[Stage, tuple[Effect, ...], list[dict[str, Any]]]:
+    """The search's ground: usable trials with derived covariates, testable effects, base fit, noise floor."""
+    kept = data.take(usable(base, data))
+    wanted = LEAST_TRIALS + len(kept.levels) + len(base.parameters)
+    if kept.n < wanted:
+        raise NotConverged(
+            f"diagnosis of the {data.boundary}", f"{kept.n} usable trials", f"at least {wanted} are wanted to tell a noise floor from structure"
+        )
+    first = fit(base, kept, parts)
+    kept = derive(kept, np.array([first.levels[float(t)].value for t in kept.levels]))
+    library = catalogue.effects() if effects is None else effects
+    taken = {p.name for p in base.parameters}
+    library = tuple(e for e in library if data.boundary in e.boundaries and not taken & {p.name for p in e.parameters})
+    if "spacing_hat" not in data.geometry:
+        # what rotors do to each other is not missing information where there is only one
+        library = tuple(e for e in library if "spacing_hat" not in e.needs)
+    needs = {e.name: missing(e, kept) for e in library}
+    untestable = [{"effect": e.name, "needs": list(needs[e.name]), "log_next_time": list(e.log_next_time)} for e in library if needs[e.name]]
+    testable = tuple(e for e in library if not needs[e.name])
+    # effects within a trial leave no mark on trial means; they have a test of their own
+    between = tuple(e for e in testable if "drift_hat" not in e.needs)
+    stage = prepare(kept, base, between, parts, first.theta, options)
+    return stage, testable, untestable
+
+
+def declared_sizes(parts: tuple[budget.Component, ...], library: tuple[Effect, ...]) -> dict[str, float]:
+    """What the bench declares of an effect's size, in units of its physical prior: a height component bounds the datum's offset."""
+    heights = [p.standard for p in parts if p.on == "height" and p.scope in ("boundary", "campaign")]
+    sizes = {}
+    for effect in library:
+        if effect.name == "height_offset" and heights:
+            prior = next(p for p in effect.parameters if not p.grid).prior
+            sizes[effect.name] = float(np.hypot.reduce(heights)) / prior.scale
+    return sizes
+
+
+def _findings(stage: Stage, answer: Answer) -> dict[str, Any]:
+    """Verdict, effects, structure and rounds."""
+    found: dict[str, Any] = {
+        "base_model": stage.base.name,
+        "false_alarm_rate": stage.options.false_alarm_rate,
+        "verdict": answer.verdict,
+        "effects": [],
+    }
+    if answer.accepted:
+        found["effects"] = _effects(stage, answer)
+    if answer.verdict == "unexplained":
+        found["partial"] = _partial(stage, answer)
+    found["p_value"] = answer.first.p_value
+    found["threshold_log10_p"] = answer.first.threshold
+    found["structure"] = [
+        {"covariate": c, "p_value": float(10.0 ** max(p, -300.0)), "significant": p < answer.first.threshold}
+        for c, p in answer.first.by_covariate().items()
+    ]
+    found["rounds"] = _rounds(answer)
+    return found
+
+
+def _effects(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
+    """The named effects of the best explanation, each with the rivals that could stand in its place."""
+    best = answer.accepted[0]
+    listed = []
+    for effect in best.fitted.candidate.effects:
+        rivals: dict[str, float] = {}
+        for other in answer.accepted[1:]:
+            # a rival explanation of the same length stands in for what it does not share
+            for name in other.effects:
+                if name not in best.effects:
+                    others_kept = set(best.effects) - {effect.name}
+                    if len(other.effects) == 1 or others_kept & set(other.effects) or not set(other.effects) & set(best.effects):
+                        rivals[name] = max(rivals.get(name, -np.inf), other.log_evidence)
+        listed.append(
+            {
+                "name": effect.name,
+                "rivals": sorted(rivals, key=lambda n: -rivals[n]),
+                "parameters": _parameters(stage, best, effect.name),
+                "mechanism": effect.mechanism,
+            }
+        )
+    return listed
+
+
+def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str, Any]:
+    """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session where it has one each."""
+    fitted = explanation.fitted
+    _, sd = fitted.candidate.prior
+    weight2 = np.where(np.isfinite(sd), 1 / sd**2, 0.0)
+    white = stage.space.project(explanation.tube.T).T if explanation.tube.shape[1] else np.zeros((stage.data.n, 0))
+    u, s, _ = np.linalg.svd(white, full_matrices=False)
+    j = fitted.jacobian
+    j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
+    spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(j.T @ j + np.diag(weight2))), 0))
+    result = {}
+    for slot in fitted.candidate.slots:
+        if slot.effect != effect:
+            continue
+        for i in range(slot.start, slot.stop):
+            name = slot.parameter.name if slot.stop - slot.start == 1 else f"{slot.parameter.name}[{i - slot.start}]"
+            v = fitted.vector[i]
+            result[name] = {"value": v, "lo90": v - 1.645 * spread[i], "hi90": v + 1.645 * spread[i], "unit": slot.parameter.unit}
+    return result
+
+
+def _partial(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
+    """What the best single effects would explain of the structure, as shares of the chi2 that exceeds the noise."""
+    _, basis = stage.hypotheses
+    excess = max(float(np.sum((basis.T @ stage.base_fit.residual) ** 2)) - basis.shape[1], 1e-12)
+    shares = [{"name": s.name, "share": float(np.clip(s.gain / excess, 0, 1))} for s in answer.singles]
+    return sorted((s for s in shares if s["share"] > 0.05), key=lambda s: -s["share"])[:3]
+
+
+def _rounds(answer: Answer) -> list[dict[str, Any]]:
+    """What was tried, in order, with the reason for each decision."""
+    first = answer.first
+    if not first.present:
+        return [
+            {
+                "candidates": [],
+                "decision": "adequate",
+                "reason": f"nothing exceeds the threshold (p = {first.p_value:.3g} for the largest of all tests)",
+            }
+        ]
+
+    def listing(tried: tuple[Explanation, ...]) -> list[dict[str, Any]]:
+        rows = [
+            {
+                "name": e.name,
+                "gain": e.gain,
+                "p_value": e.left.p_value,
+                "accepted": e.accepted,
+                "log_evidence": e.log_evidence,
+                "left_in": next(iter(e.left.by_covariate()), None) if e.left.present else None,
+            }
+            for e in tried
+        ]
+        return sorted(rows, key=lambda r: -r["log_evidence"])
+
+    rounds = []
+    single = any(s.accepted for s in answer.singles)
+    rounds.append(
+        {
+            "candidates": listing(answer.singles),
+            "decision": f"accept {answer.accepted[0].name}" if single else "no single effect will do",
+            "reason": "nothing is left beyond the threshold" if single else "each one leaves structure beyond the threshold",
+        }
+    )
+    if not single:
+        pair = bool(answer.accepted)
+        rounds.append(
+            {
+                "candidates": listing(answer.pairs)[:12],
+                "decision": f"accept {answer.accepted[0].name}" if pair else "unexplained",
+                "reason": "nothing is left beyond the threshold" if pair else "no pair of declared effects leaves nothing either",
+            }
+        )
+    return rounds

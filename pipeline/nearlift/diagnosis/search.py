@@ -1,0 +1,325 @@
+"""One pass of the search: is there structure, which single effect or pair leaves none, and which of them are rivals."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray, LiftModel
+from nearlift.diagnosis import noise_floor, structure
+from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, search
+from nearlift.diagnosis.families import families
+from nearlift.diagnosis.noise_floor import orthonormal
+from nearlift.diagnosis.structure import Hypothesis, Structure
+from nearlift.fitting import budget
+from nearlift.fitting.noise import trial_covariance
+from nearlift.fitting.problem import Problem, height_slope
+from nearlift.results import Noise, Observations
+
+#: Twice the log evidence by which an explanation may trail the best and still be its rival.
+RIVAL = 9.0
+PAIRS = 40
+#: A column that keeps less than this share of its energy beside theta and L_inf cannot be seen.
+SILENT = 1e-4
+#: A gain in chi2 beyond this many times the number of trials is large beside the noise.
+LARGE = 0.3
+#: An effect's true form is known to about this relative, smooth deviation.
+FORM_SD = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How the search is run; the last two exist to show what breaks without them."""
+
+    seed: int = 0
+    false_alarm_rate: float = 0.05
+    form_sd: float = FORM_SD
+    multiplicity: bool = True
+
+    @property
+    def second_rate(self) -> float:
+        """Rate of the test on what an explanation leaves: stricter, or the answer becomes the truth and a passenger."""
+        return self.false_alarm_rate / 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """One candidate after the whole test was run again on what it leaves."""
+
+    fitted: Fitted
+    tube: FloatArray
+    left: Structure
+    gain: float
+    log_evidence: float
+
+    @property
+    def accepted(self) -> bool:
+        """Whether nothing is left beyond the threshold."""
+        return not self.left.present
+
+    @property
+    def name(self) -> str:
+        """Names of its effects."""
+        return self.fitted.candidate.name
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of its effects, one by one."""
+        return tuple(e.name for e in self.fitted.candidate.effects)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """Everything that one boundary's search stands on: trials, base fit, noise, whitened hypotheses."""
+
+    data: Observations
+    base: LiftModel
+    effects: tuple[Effect, ...]
+    parts: tuple[budget.Component, ...]
+    noise: Noise
+    log_lift: FloatArray
+    theta: FloatArray
+    options: Options
+
+    @cached_property
+    def space(self) -> Problem:
+        """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""
+        slope = self.slope
+        covariance = trial_covariance(
+            self.data, self.noise, slope, budget.shared(self.data, self.parts, slope), budget.own_variance(self.data, self.parts, slope)
+        )
+        return Problem(model=self.base, data=self.data, covariance=covariance)
+
+    @cached_property
+    def slope(self) -> FloatArray:
+        """D log ratio / dz of the base model."""
+        return height_slope(self.base, self.data, dict(zip((p.name for p in self.base.parameters), self.theta, strict=True)))
+
+    def candidate(self, *effects: Effect) -> Candidate:
+        """The base model with these effects."""
+        return Candidate(base=self.base, effects=effects, data=self.data)
+
+    @cached_property
+    def base_fit(self) -> Fitted:
+        """The base model alone, at the noise floor."""
+        return fit(self.candidate(), self.space, self.log_lift, self.theta)
+
+    @cached_property
+    def library(self) -> tuple[tuple[Effect, FloatArray], ...]:
+        """Each effect with its first-order columns (n, k) of log lift, one entry per shape."""
+        return tuple(library_columns(self.base, self.effects, self.data, self.theta))
+
+    @cached_property
+    def hypotheses(self) -> tuple[tuple[Hypothesis, ...], FloatArray]:
+        """Families and library in the reduced space, and the space's orthonormal basis (n, d)."""
+        found = families(self.data)
+        named = [(f.name, f.covariate, f.columns) for f in found]
+        named += [(f"effect {e.name}", e.varies_with, columns) for e, columns in self.library]
+        white = [self.space.project(c.T).T for _, _, c in named]
+        basis = orthonormal(np.hstack([self.base_fit.jacobian, *white]))
+        reduced = tuple(Hypothesis(name=n, covariate=_plain(c), columns=basis.T @ w) for (n, c, _), w in zip(named, white, strict=True))
+        return reduced, basis
+
+    def structure(self, fitted: Fitted, tube: FloatArray, rate: float, purpose: int) -> tuple[Structure, float]:
+        """The whole test on what `fitted` leaves, its form uncertain by `tube`; also its log evidence.
+
+        The coefficients of the base model are projected out. The effects' parameters have priors, so they are integrated over,
+        linearised about the fit: as columns of prior size in the covariance, with the residual taken at the priors' centres.
+        """
+        hypotheses, basis = self.hypotheses
+        p = len(self.theta)
+        mean, sd = fitted.candidate.prior
+        white_tube = self.space.project(tube.T).T if tube.shape[1] else tube
+        # an entry held at its bound is known, not free on both sides
+        low, high = fitted.candidate.bounds
+        free = np.flatnonzero((fitted.vector > low) & (fitted.vector < high) & (np.arange(len(mean)) >= p))
+        model, unknown = fitted.jacobian[:, :p], np.hstack([fitted.jacobian[:, free] * sd[free], white_tube])
+        residual = fitted.residual + fitted.jacobian[:, free] @ (fitted.vector - mean)[free]
+        both = np.hstack([model, unknown])
+        outside = both - basis @ (basis.T @ both)
+        scale = np.linalg.norm(both, axis=0)
+        outside = outside[:, np.linalg.norm(outside, axis=0) > 1e-6 * np.maximum(scale, 1e-300)]
+        extra = orthonormal(outside) if outside.shape[1] else np.zeros((self.data.n, 0))
+
+        def reduce(x: FloatArray) -> FloatArray:
+            return np.concatenate([basis.T @ x, extra.T @ x])
+
+        deform = _Deform(reduce(unknown))
+        remove = orthonormal(deform(reduce(model))) if p else np.zeros((basis.shape[1] + extra.shape[1], 0))
+        raw = reduce(residual)
+        scores = deform(raw)
+        scores = scores - remove @ (remove.T @ scores)
+        padded = tuple(
+            dataclasses.replace(h, columns=deform(np.vstack([h.columns, np.zeros((extra.shape[1], h.columns.shape[1]))]))) for h in hypotheses
+        )
+        rng = np.random.default_rng([self.options.seed, purpose])
+        found = structure.test(scores, padded, remove, rng, rate, self.noise.dof, self.options.multiplicity)
+        chi2 = float(scores @ scores) + float(residual @ residual) - float(raw @ raw)
+        log_evidence = -0.5 * (chi2 + deform.log_det)
+        return found, log_evidence
+
+    def explain(self, effects: tuple[Effect, ...], purpose: int) -> Explanation:
+        """Fit one candidate and test what it leaves."""
+        spreads = SESSION_SPREADS if any(p.per == "session" for e in effects for p in e.parameters) else (1.0,)
+        tried = [self._explain(dataclasses.replace(self.candidate(*effects), session_spread=s), purpose) for s in spreads]
+        return max(tried, key=lambda e: e.log_evidence)
+
+    def _explain(self, candidate: Candidate, purpose: int) -> Explanation:
+        fitted = search(candidate, self.space, self.log_lift, self.base_fit.vector)
+        tube = candidate.tube(fitted.vector, self.options.form_sd)
+        left, log_evidence = self.structure(fitted, tube, self.options.second_rate, purpose)
+        return Explanation(fitted=fitted, tube=tube, left=left, gain=self.base_fit.chi2 - fitted.chi2, log_evidence=log_evidence)
+
+
+class _Deform:
+    """(1 + T T')^(-1/2) for a few columns T."""
+
+    def __init__(self, tube: FloatArray) -> None:
+        if tube.shape[1]:
+            self.basis, s, _ = np.linalg.svd(tube, full_matrices=False)
+            self.length2 = s**2
+        else:
+            self.basis, self.length2 = np.zeros((len(tube), 0)), np.zeros(0)
+        self.log_det = float(np.log1p(self.length2).sum())
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        shrink = 1 - 1 / np.sqrt(1 + self.length2)
+        along = self.basis.T @ x
+        result: FloatArray = x - self.basis @ (shrink[:, None] * along if x.ndim == 2 else shrink * along)
+        return result
+
+
+def _plain(covariate: str) -> str:
+    """The schedule's word for a covariate."""
+    return {
+        "z_hat": "distance",
+        "supply_V": "supply",
+        "temperature_K": "temperature",
+        "tilt_rad": "tilt",
+        "start_s": "start",
+        "since_start_s": "start",
+    }.get(covariate, covariate)
+
+
+def library_columns(base: LiftModel, effects: tuple[Effect, ...], data: Observations, theta: FloatArray) -> list[tuple[Effect, FloatArray]]:
+    """Each effect's first-order columns at its null, one entry per combination of shapes."""
+    found = []
+    for effect in effects:
+        candidate = Candidate(base=base, effects=(effect,), data=data)
+        for vector in candidate.shapes():
+            vector = vector.copy()
+            vector[: len(theta)] = theta
+            columns = candidate.jacobian(vector)[:, candidate.sizes()]
+            if np.any(columns):
+                found.append((effect, columns))
+    return found
+
+
+def prepare(
+    data: Observations,
+    base: LiftModel,
+    effects: tuple[Effect, ...],
+    parts: tuple[budget.Component, ...],
+    theta: FloatArray,
+    options: Options,
+    about: Fitted | None = None,
+) -> Stage:
+    """Noise floor first, from what no model and no effect touches; then everything else.
+
+    The floor is taken about the base model at `theta`, or about the explanation `about`: beside an effect of many times the
+    noise, the base model's slope and the families' curvature are not good enough to tell noise and outliers by.
+    """
+    candidate, vector = (Candidate(base=base, effects=(), data=data), theta) if about is None else (about.candidate, about.vector)
+    log_ratio = candidate.log_ratio(vector)
+    theta = vector[: len(theta)]
+    level = np.eye(len(data.levels))[data.level]
+    flexible = [level, candidate.jacobian(vector)]
+    flexible += [f.columns for f in families(data)]
+    flexible += [c for _, c in library_columns(base, effects, data, theta)]
+    slope = height_slope(base, data, dict(zip((p.name for p in base.parameters), theta, strict=True)))
+    noise, target = noise_floor.estimate(data, np.log(data.lift_N) - log_ratio, np.hstack(flexible), slope)
+    return Stage(data=data, base=base, effects=effects, parts=parts, noise=noise, log_lift=target + log_ratio, theta=theta, options=options)
+
+
+def settle(stage: Stage) -> Answer:
+    """Search; where the structure is large beside the noise, take the noise floor about the best explanation and search again."""
+    answer = run(stage)
+    for _ in range(2):
+        tried = answer.accepted or sorted((*answer.singles, *answer.pairs), key=lambda e: -e.log_evidence)
+        if not tried or tried[0].gain < LARGE * stage.data.n:
+            break
+        stage = prepare(stage.data, stage.base, stage.effects, stage.parts, stage.theta, stage.options, about=tried[0].fitted)
+        answer = run(stage)
+    return answer
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What one pass found. `accepted` is ordered, best first; `singles` and `pairs` are all that were tried."""
+
+    stage: Stage
+    first: Structure
+    singles: tuple[Explanation, ...]
+    pairs: tuple[Explanation, ...]
+    accepted: tuple[Explanation, ...]
+
+    @property
+    def verdict(self) -> str:
+        """adequate, effect or unexplained."""
+        if not self.first.present:
+            return "adequate"
+        return "effect" if self.accepted else "unexplained"
+
+    @property
+    def best(self) -> Fitted:
+        """The model to predict with: the best explanation, else the base model."""
+        return self.accepted[0].fitted if self.accepted else self.stage.base_fit
+
+
+def run(stage: Stage) -> Answer:
+    """Test, then single effects, then pairs if no single one will do."""
+    none = np.zeros((stage.data.n, 0))
+    first, _ = stage.structure(stage.base_fit, none, stage.options.false_alarm_rate, 0)
+    if not first.present:
+        return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
+    seen = {e.name: e for e, _ in stage.library}
+    visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
+    singles = tuple(stage.explain((e,), 1 + i) for i, e in enumerate(visible))
+    accepted = [s for s in singles if s.accepted]
+    pairs: tuple[Explanation, ...] = ()
+    if not accepted:
+        ranked = sorted(combinations(visible, 2), key=lambda p: -_pair_gain(stage, p))[:PAIRS]
+        pairs = tuple(stage.explain(p, 1000 + i) for i, p in enumerate(ranked))
+        accepted = [p for p in pairs if p.accepted]
+    accepted.sort(key=lambda e: -e.log_evidence)
+    rivals = tuple(e for e in accepted if 2 * (accepted[0].log_evidence - e.log_evidence) <= RIVAL)
+    return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=rivals)
+
+
+def visibility(stage: Stage, effect: Effect) -> float:
+    """Largest share of the energy of an effect's columns that theta and L_inf leave, over its shapes."""
+    shares = []
+    for e, columns in stage.library:
+        if e.name == effect.name:
+            whole = stage.space.covariance.whiten(columns.T).T
+            white = stage.space.project(columns.T).T
+            basis = orthonormal(stage.base_fit.jacobian) if stage.base_fit.jacobian.shape[1] else np.zeros((len(white), 0))
+            left = white - basis @ (basis.T @ white)
+            shares.append(float(np.sum(left**2) / max(np.sum(whole**2), 1e-300)))
+    return max(shares, default=0.0)
+
+
+def _pair_gain(stage: Stage, pair: tuple[Effect, Effect]) -> float:
+    """Drop of chi2 that two effects could give to first order, over their shapes."""
+    residual = stage.base_fit.residual
+    best = 0.0
+    for one in (c for e, c in stage.library if e is pair[0]):
+        for two in (c for e, c in stage.library if e is pair[1]):
+            white = stage.space.project(np.hstack([one, two]).T).T
+            q = orthonormal(np.hstack([stage.base_fit.jacobian, white]))
+            best = max(best, float(np.sum((q.T @ residual) ** 2)))
+    return best

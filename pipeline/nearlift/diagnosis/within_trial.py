@@ -1,0 +1,44 @@
+"""Effects within a trial: does lift change during the record, early against late?
+
+A change that is the same in every trial moves all means alike and is absorbed by L_inf; only the records show it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Effect
+from nearlift.results import Observations
+
+#: A mean change within the record below this fraction of lift harms nobody, however significant.
+HARMLESS = 5e-4
+
+
+def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> dict[str, Any] | None:
+    """Mean relative change of lift over a record, tested against the scatter between visits; None where records are unknown.
+
+    Visits, not trials, are the independent units: the trials of one visit follow each other within a minute.
+    """
+    from scipy.stats import t
+
+    drift = data.covariates.get("drift_hat")
+    if drift is None or not np.isfinite(drift).all() or not np.any(drift):
+        return None
+    _, visit = np.unique(data.visit, return_inverse=True)
+    means = np.bincount(visit, drift) / np.bincount(visit)
+    blocks = len(means)
+    if blocks < 5:
+        return None
+    value, u = float(means.mean()), float(means.std(ddof=1) / np.sqrt(blocks))
+    p_value = float(2 * t.sf(abs(value) / u, blocks - 1)) if u > 0 else 0.0
+    half = float(t.ppf(0.95, blocks - 1)) * u
+    significant = p_value < rate and abs(value) > HARMLESS
+    names = [e.name for e in library if "drift_hat" in e.needs]
+    return {
+        "change_over_record": {"value": value, "lo90": value - half, "hi90": value + half},
+        "p_value": p_value,
+        "significant": significant,
+        "candidates": names if significant else [],
+    }

@@ -1,0 +1,68 @@
+"""Refusals. Each says where, what, and what to do, and knows the exit code that the command line ends with."""
+
+from __future__ import annotations
+
+
+class NearliftError(Exception):
+    """Base of every refusal.
+
+    Parameters
+    ----------
+    where : str
+        The file, key or trial at fault, as the user knows it.
+    what : str
+        What is wrong, with the value found.
+    remedy : str
+        What to do about it; with the number that would have been enough where there is one.
+    """
+
+    exit_code = 4
+
+    def __init__(self, where: str, what: str, remedy: str = "") -> None:
+        super().__init__(where, what, remedy)
+        self.where, self.what, self.remedy = where, what, remedy
+
+    def __str__(self) -> str:
+        tail = f"\n  {self.remedy}" if self.remedy else ""
+        return f"{self.where}: {self.what}{tail}"
+
+
+class UsageError(NearliftError):
+    """The command line asks for something that does not exist."""
+
+    exit_code = 2
+
+
+class ManifestError(NearliftError):
+    """campaign.toml or the schedule breaks the contract."""
+
+    exit_code = 2
+
+
+class DeclarationError(NearliftError):
+    """A model, effect or reader contradicts itself; raised at import."""
+
+    exit_code = 2
+
+
+class InputRefused(NearliftError):
+    """A file that cannot be read, or numbers that cannot be true."""
+
+    exit_code = 4
+
+
+class ProductError(NearliftError):
+    """A product on disk is missing, damaged or of another schema."""
+
+    exit_code = 4
+
+
+class NotConverged(NearliftError):
+    """A fit or a chain did not reach what was asked of it."""
+
+    exit_code = 5
+
+
+#: Exit code of a run that finished although some trials were rejected.
+SOME_TRIALS_REJECTED = 3
+INTERRUPTED = 130

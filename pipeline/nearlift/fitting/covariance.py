@@ -1,0 +1,115 @@
+"""The covariance of the trials' log lift, held as what it is made of, and an inverse square root of it applied in O(n).
+
+Layers: a variance of each trial's own; what the trials of one visit of the traverse share (its height; noise that neighbours in
+time have in common); and a few shared unknowns (a budget's components), each with its column of sensitivities. Visits are short,
+so their part is a stack of small matrices; nothing n x n is ever formed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.results import IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Covariance:
+    """``diag(variance) + sum_v (h_v h_v' + serial^2 exp(-|i - j| / serial_length)) + shared shared'``, `h_v` of visit v.
+
+    Attributes
+    ----------
+    variance : (n,)
+        Each trial's own variance; positive.
+    visit : (n,) int
+        Which visit a trial belongs to; any labels.
+    per_visit : (n,)
+        Sensitivity to the visit's shared unknown of unit variance; zeros where there is none.
+    shared : (n, m)
+        Sensitivities to m further unknowns of unit variance.
+    serial, serial_length : float
+        Standard deviation of noise common to neighbours within a visit, and the number of trials over which it fades.
+    """
+
+    variance: FloatArray
+    visit: IntArray
+    per_visit: FloatArray
+    shared: FloatArray
+    serial: float = 0.0
+    serial_length: float = 1.0
+
+    @cached_property
+    def _blocks(self) -> tuple[tuple[IntArray, FloatArray], ...]:
+        """For each size b of visit: trials (m, b) and the lower-triangular whitener of each visit (m, b, b)."""
+        found = []
+        for index in visits_by_size(self.visit):
+            block = visit_blocks(index, self.variance, self.per_visit, self.serial, self.serial_length)
+            found.append((index, np.linalg.inv(np.linalg.cholesky(block))))
+        return tuple(found)
+
+    def _whiten_visits(self, x: FloatArray) -> FloatArray:
+        result = np.empty(np.broadcast_shapes(x.shape, self.variance.shape))
+        for index, whitener in self._blocks:
+            if index.shape[1] == 1:
+                result[..., index[:, 0]] = x[..., index[:, 0]] * whitener[:, 0, 0]
+            else:
+                result[..., index] = np.einsum("mij,...mj->...mi", whitener, x[..., index])
+        return result
+
+    @cached_property
+    def _shared_part(self) -> tuple[FloatArray, FloatArray]:
+        """Orthonormal directions (n, k) of the whitened shared unknowns, and their squared lengths."""
+        basis, length, _ = np.linalg.svd(self._whiten_visits(self.shared.T).T, full_matrices=False)
+        return basis, length**2
+
+    def whiten(self, x: FloatArray) -> FloatArray:
+        """Apply a W with W C W' = 1 along the last axis, shape (..., n)."""
+        x = self._whiten_visits(x)
+        if self.shared.shape[1]:
+            basis, length2 = self._shared_part
+            x = x - ((x @ basis) * (1 - 1 / np.sqrt(1 + length2))) @ basis.T
+        return x
+
+    @cached_property
+    def log_det(self) -> float:
+        """Logarithm of the determinant."""
+        total = -2.0 * sum(float(np.log(np.diagonal(whitener, axis1=1, axis2=2)).sum()) for _, whitener in self._blocks)
+        if self.shared.shape[1]:
+            total += float(np.log1p(self._shared_part[1]).sum())
+        return total
+
+    def dense(self) -> FloatArray:
+        """The (n, n) matrix, for tests and small reports."""
+        result = self.shared @ self.shared.T
+        for index in visits_by_size(self.visit):
+            blocks = visit_blocks(index, self.variance, self.per_visit, self.serial, self.serial_length)
+            for trials, block in zip(index, blocks, strict=True):
+                result[np.ix_(trials, trials)] += block
+        return result
+
+
+def visits_by_size(visit: IntArray) -> list[NDArray[np.int64]]:
+    """Trials of each visit in run order, visits of one size stacked: arrays (m, b), b ascending."""
+    _, label, count = np.unique(visit, return_inverse=True, return_counts=True)
+    order = np.argsort(label, kind="stable")
+    first = np.r_[0, np.cumsum(count)[:-1]]
+    return [order[first[count == size][:, None] + np.arange(size)] for size in np.unique(count)]
+
+
+def serial_block(size: int, length: float) -> FloatArray:
+    """exp(-|i - j| / length), (size, size)."""
+    i = np.arange(size)
+    result: FloatArray = np.exp(-np.abs(i[:, None] - i) / length)
+    return result
+
+
+def visit_blocks(index: IntArray, variance: FloatArray, per_visit: FloatArray, serial: float, serial_length: float) -> FloatArray:
+    """The covariance within each visit of `index` (m, b): (m, b, b)."""
+    size = index.shape[1]
+    h = per_visit[index]
+    result: FloatArray = variance[index][:, :, None] * np.eye(size) + h[:, :, None] * h[:, None, :]
+    return result + serial**2 * serial_block(size, serial_length) if serial else result

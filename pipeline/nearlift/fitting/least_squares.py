@@ -1,0 +1,261 @@
+"""Generalised least squares of one lift model, by lmfit, at the level of trials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray, LiftModel
+from nearlift.errors import NotConverged
+from nearlift.fitting import budget, noise
+from nearlift.fitting.problem import Problem, height_slope
+from nearlift.results import Estimate, Noise, Observations
+
+NEAR_GROUND = (1.0, 3.0)
+#: A pair is called degenerate above this correlation.
+DEGENERATE = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Degeneracy:
+    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second were unknown."""
+
+    pair: tuple[str, str]
+    r: float
+    text: str
+    u_if_free: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """A model fitted to the trials of one boundary.
+
+    `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle. `rmse` is the root mean square
+    of relative lift residuals over trials; `r2` is of cell means of Delta L, `r2_near` the same over 1 < z_hat < 3.
+    `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model, not the noise, is at fault.
+    """
+
+    model: LiftModel
+    theta: FloatArray
+    covariance: FloatArray
+    estimates: dict[str, Estimate]
+    levels: dict[float, Estimate]
+    chi2: float
+    dof: int
+    n: int
+    rmse: float
+    r2: float
+    r2_near: float | None
+    log_likelihood: float
+    aic: float
+    bic: float
+    degeneracies: tuple[Degeneracy, ...]
+    excluded: tuple[tuple[str, str], ...]
+    noise: Noise
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters, in the order of `theta`."""
+        return tuple(p.name for p in self.model.parameters)
+
+
+def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
+    """The theta of least chi2 within the parameters' bounds.
+
+    Raises
+    ------
+    NotConverged
+        lmfit stopped for another reason than convergence, or the model has no value at its own starting point.
+    """
+    import lmfit
+
+    declared = problem.model.parameters
+    if not declared:
+        return np.zeros(0)
+    first = np.array([p.value for p in declared]) if start is None else np.asarray(start, dtype=float)
+    if not np.isfinite(problem.chi2(first)):
+        raise NotConverged(f"fit of {problem.model.name}", f"the model has no value at its start {dict(zip(problem.names, first, strict=True))}")
+    parameters = lmfit.Parameters()
+    for p, value in zip(declared, first, strict=True):
+        inset = 1e-9 * (p.bounds[1] - p.bounds[0])
+        parameters.add(p.name, value=float(np.clip(value, p.bounds[0] + inset, p.bounds[1] - inset)), min=p.bounds[0], max=p.bounds[1])
+
+    def residuals(values: lmfit.Parameters) -> FloatArray:
+        r = problem.residuals(np.array([values[n].value for n in problem.names]))
+        # a step over a pole must cost more than any real misfit, or the optimiser would stop there
+        return np.where(np.isfinite(r), r, 1e3)
+
+    scale = np.array([max(abs(p.value), 0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10))) for p in declared])
+    found = lmfit.minimize(residuals, parameters, method="least_squares", x_scale=scale, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=2000)
+    if not found.success:
+        raise NotConverged(
+            f"fit of {problem.model.name}", f"lmfit stopped: {found.message}", "look at the residuals, or tighten the parameters' bounds"
+        )
+    return np.array([found.params[n].value for n in problem.names])
+
+
+def assemble(model: LiftModel, data: Observations, parts: tuple[budget.Component, ...], scatter: Noise, theta: FloatArray) -> Problem:
+    """The likelihood with every height error carried by the model's slope at `theta`."""
+    slope = height_slope(model, data, dict(zip((p.name for p in model.parameters), theta, strict=True)))
+    covariance = noise.trial_covariance(data, scatter, slope, budget.shared(data, parts, slope), budget.own_variance(data, parts, slope))
+    return Problem(model=model, data=data, covariance=covariance)
+
+
+def fit(model: LiftModel, data: Observations, parts: tuple[budget.Component, ...] = (), scatter: Noise | None = None) -> Fit:
+    """Fit `model` to the trials that it can speak about.
+
+    Parameters
+    ----------
+    model : LiftModel
+    data : Observations
+        Accepted trials of one boundary, free-air trials included.
+    parts : tuple of Component
+        The budget; see `fitting.budget`.
+    scatter : Noise or None
+        Variance components of trials; estimated from the repeats if None.
+
+    Raises
+    ------
+    NotConverged
+        Too few trials, or the optimiser failed.
+    """
+    from nearlift.fitting.problem import usable
+
+    keep = usable(model, data)
+    low, high = model.valid_z_hat
+    excluded = tuple(
+        (str(t), f"z_hat = {z:.4g} is outside {low:g} < z_hat <= {high:g} where {model.name} holds")
+        for t, z in zip(data.trial[~keep], data.z_hat[~keep], strict=True)
+    )
+    data = data.take(keep)
+    p, levels = len(model.parameters), len(data.levels)
+    if data.n < p + levels + 2:
+        raise NotConverged(f"fit of {model.name}", f"{data.n} usable trials for {p + levels} unknowns", f"at least {p + levels + 2} are wanted")
+    theta = np.array([q.value for q in model.parameters])
+    settled = scatter
+    # the slope that carries height errors depends on theta: two rounds settle it to second order
+    for _ in range(3):
+        if scatter is None:
+            trial = Problem(model=model, data=data, covariance=noise.trial_covariance(data, settled or Noise(relative=0.01), np.zeros(data.n)))
+            jacobian = trial.jacobian(theta) if p else None
+            settled = noise.estimate(data, model, dict(zip(trial.names, theta, strict=True)), jacobian)
+        assert settled is not None
+        problem = assemble(model, data, parts, settled, theta)
+        before, theta = theta, minimise(problem, theta)
+        if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
+            break
+    return _describe(problem, theta, settled, excluded)
+
+
+def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tuple[tuple[str, str], ...]) -> Fit:
+    data, model = problem.data, problem.model
+    p, k = len(theta), len(data.levels)
+    jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
+    covariance = np.linalg.pinv((j := problem.project(jacobian.T)) @ j.T) if p else np.zeros((0, 0))
+    quantile = _t90(scatter.dof)
+    estimates = {
+        q.name: _estimate(t, np.sqrt(c), quantile, q.unit, q.bounds) for q, t, c in zip(model.parameters, theta, np.diag(covariance), strict=True)
+    }
+    log_levels, given = problem.log_levels(theta)
+    toll = problem.level_sensitivity(jacobian) if p else np.zeros((k, 0))
+    level_covariance = given + toll @ covariance @ toll.T
+    level_values = np.exp(log_levels)
+    levels = {
+        float(t): _estimate(v, v * u, quantile, "N", (0.0, np.inf))
+        for t, v, u in zip(data.levels, level_values, np.sqrt(np.diag(level_covariance)), strict=True)
+    }
+    chi2 = float(problem.chi2(theta))
+    log_likelihood = float(problem.log_likelihood(theta))
+    relative = np.log(data.lift_N) - problem.log_ratio(theta) - log_levels[data.level]
+    ratio = np.exp(problem.log_ratio(theta))
+    measured = data.lift_N / level_values[data.level] - 1
+    ground = data.boundary == "ground"
+    near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
+    return Fit(
+        model=model,
+        theta=theta,
+        covariance=covariance,
+        estimates=estimates,
+        levels=levels,
+        chi2=chi2,
+        dof=data.n - k - p,
+        n=data.n,
+        rmse=float(np.sqrt(np.mean(relative**2))),
+        r2=_r2(measured, ratio - 1, noise.cells(data)),
+        r2_near=_r2(measured[near], ratio[near] - 1, noise.cells(data)[near]) if ground and near.any() else None,
+        log_likelihood=log_likelihood,
+        aic=2 * (p + k) - 2 * log_likelihood,
+        bic=(p + k) * float(np.log(data.n)) - 2 * log_likelihood,
+        degeneracies=degeneracies(problem, theta, jacobian, covariance),
+        excluded=excluded,
+        noise=scatter,
+    )
+
+
+def _t90(dof: float) -> float:
+    from scipy.stats import norm, t
+
+    return float(t.ppf(0.95, dof) if np.isfinite(dof) else norm.ppf(0.95))
+
+
+def _estimate(value: float, u: float, quantile: float, unit: str, bounds: tuple[float, float]) -> Estimate:
+    width = bounds[1] - bounds[0]
+    at_bound = bool(np.isfinite(width) and min(value - bounds[0], bounds[1] - value) < 1e-6 * width)
+    return Estimate(value=float(value), u=float(u), lo90=float(value - quantile * u), hi90=float(value + quantile * u), unit=unit, at_bound=at_bound)
+
+
+def _r2(measured: FloatArray, predicted: FloatArray, cell: FloatArray) -> float:
+    """Coefficient of determination of cell means, as papers quote it."""
+    _, label = np.unique(cell, return_inverse=True)
+    count = np.bincount(label)
+    means, model = np.bincount(label, measured) / count, np.bincount(label, predicted) / count
+    total = float(((means - means.mean()) ** 2).sum())
+    return 1.0 - float(((means - model) ** 2).sum()) / total if total > 0 else float("nan")
+
+
+def degeneracies(problem: Problem, theta: FloatArray, jacobian: FloatArray, covariance: FloatArray) -> tuple[Degeneracy, ...]:
+    """Pairs that the data cannot part: parameters with each other and with L_inf, and, were they unknown, with a height offset or the exponent."""
+    if not len(theta):
+        return ()
+    data, names = problem.data, problem.names
+    found = []
+    sd = np.sqrt(np.diag(covariance))
+    for i, a in enumerate(names):
+        for j in range(i):
+            r = covariance[i, j] / (sd[i] * sd[j])
+            if abs(r) > DEGENERATE:
+                found.append(Degeneracy(pair=(names[j], a), r=float(r), text=f"{names[j]} and {a} trade places: r = {r:+.3f}"))
+    toll = problem.level_sensitivity(jacobian)
+    _, given = problem.log_levels(theta)
+    total = given + toll @ covariance @ toll.T
+    cross = toll @ covariance
+    for level, throttle in enumerate(data.levels):
+        for i, a in enumerate(names):
+            r = cross[level, i] / (np.sqrt(total[level, level]) * sd[i])
+            if abs(r) > DEGENERATE:
+                found.append(
+                    Degeneracy(
+                        pair=(a, f"L_inf at {throttle:.0%}"), r=float(r), text=f"{a} and L_inf at {throttle:.0%} throttle trade places: r = {r:+.3f}"
+                    )
+                )
+    slope = problem.height_slope(theta)
+    for name, unit, column in (("height offset", "mm", slope / 1000), ("exponent n", "", problem.log_ratio(theta))):
+        if "n" in names and name == "exponent n":
+            continue
+        wide = problem.project(np.hstack([jacobian, column[:, None]]).T)
+        alone = problem.project(column)
+        information = wide @ wide.T
+        if not alone @ alone > 0 or np.linalg.cond(information / np.sqrt(np.outer(np.diag(information), np.diag(information)))) > 1e12:
+            if alone @ alone > 0:
+                found.append(Degeneracy(pair=(names[0], name), r=1.0, text=f"{names[0]} and the {name} cannot be told apart at all by these trials"))
+            continue
+        joint = np.linalg.inv(information)
+        for i, a in enumerate(names):
+            r = joint[i, -1] / np.sqrt(joint[i, i] * joint[-1, -1])
+            if abs(r) > DEGENERATE:
+                u = float(np.sqrt(joint[i, i]))
+                own = f"{np.sqrt(joint[-1, -1]):.2g} {unit}".strip()
+                text = f"{a} and an unknown {name} would trade places: r = {r:+.3f}; with the {name} free, u({a}) would grow from {sd[i]:.2g} to {u:.2g}, and the {name} would be known to {own}"
+                found.append(Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u))
+    return tuple(found)

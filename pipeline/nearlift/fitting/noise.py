@@ -1,0 +1,109 @@
+"""How trials scatter, from repeats that no model touches.
+
+Restricted maximum likelihood of three variance components - in proportion to lift, additive, height of a visit - about the
+mean of each (distance, throttle) cell. A height error of one visit moves all its throttles together, in proportion to the
+slope of the curve; that slope is the only thing taken from a model, and only to first order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.declare import FloatArray, LiftModel
+from nearlift.fitting.covariance import Covariance
+from nearlift.fitting.problem import height_slope
+from nearlift.results import Noise, Observations
+
+#: Repeats must leave this many degrees of freedom, or the scatter is taken about the model instead.
+ENOUGH = 12
+
+
+def trial_covariance(
+    data: Observations, noise: Noise, slope: FloatArray, shared: FloatArray | None = None, extra: FloatArray | float = 0.0
+) -> Covariance:
+    """The covariance of log lift that a `Noise` implies; `slope` is d log ratio / dz per metre, `extra` a further variance."""
+    own = (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2 + extra
+    floor = 1e-12  # a campaign of exact numbers still needs a positive variance
+    return Covariance(
+        variance=np.maximum(own, floor),
+        visit=data.visit,
+        per_visit=noise.height_m * slope,
+        shared=np.zeros((data.n, 0)) if shared is None else shared,
+        serial=noise.serial,
+        serial_length=noise.serial_length,
+    )
+
+
+def cells(data: Observations) -> FloatArray:
+    """Index of each trial's (distance, throttle) cell."""
+    _, cell = np.unique(np.stack([data.z_hat, data.throttle]), axis=1, return_inverse=True)
+    return cell
+
+
+def estimate(data: Observations, model: LiftModel, parameters: dict[str, float], jacobian: FloatArray | None = None) -> Noise:
+    """Variance components of the trials.
+
+    Parameters
+    ----------
+    data : Observations
+    model, parameters
+        Whose slope carries a height error into lift.
+    jacobian : (n, p) or None
+        d log ratio / d theta; used only where repeats are too few, when the scatter is taken about the fitted model. Pass
+        the target already reduced by the model's prediction in `data` then.
+
+    Returns
+    -------
+    Noise
+    """
+    from scipy.optimize import minimize
+
+    slope = height_slope(model, data, parameters)
+    cell = cells(data)
+    repeats = data.n - len(np.unique(cell))
+    log_lift = np.log(data.lift_N)
+    if repeats >= ENOUGH:
+        mean = np.eye(cell.max() + 1)[cell]
+        source = f"scatter of repeats about cell means ({repeats} degrees of freedom)"
+    else:
+        known = {n: data.geometry[n] if n in data.geometry else data.covariates[n] for n in model.needs}
+        log_lift = log_lift - np.log(np.asarray(model.evaluate(data.z_hat, **parameters, **known), dtype=float))
+        mean = np.eye(len(data.levels))[data.level]
+        if jacobian is not None:
+            mean = np.hstack([mean, jacobian])
+        source = "scatter about the fitted model (too few repeats)"
+    rank = np.linalg.matrix_rank(mean)
+    dof = max(data.n - rank, 1)
+    start = max(_spread(log_lift, mean), 1e-6)
+
+    def deviance(log_sizes: FloatArray) -> float:
+        relative, force, height = np.exp(np.append(log_sizes, [-60.0] * (3 - len(log_sizes))))
+        covariance = trial_covariance(data, Noise(relative=relative, force_N=force, height_m=height), slope)
+        x = covariance.whiten(mean.T).T
+        q, r = np.linalg.qr(x)
+        white = covariance.whiten(log_lift)
+        white = white - q @ (q.T @ white)
+        diagonal = np.abs(np.diag(r))
+        return float(covariance.log_det + 2 * np.log(np.maximum(diagonal, 1e-30)).sum() + white @ white)
+
+    # a height error of a visit shows only where a distance is visited again
+    stations = np.unique(np.stack([data.z_hat, data.visit]), axis=1)[0]
+    revisited = len(stations) - len(np.unique(stations)) >= ENOUGH
+    typical_slope = np.sqrt(np.mean(slope**2))
+    guess = [np.log(start), np.log(0.3 * start * np.median(data.lift_N))]
+    if repeats >= ENOUGH and revisited and typical_slope > 0:
+        guess.append(np.log(0.5 * start / typical_slope))
+    if repeats < ENOUGH:
+        guess = guess[:1]
+    bounds = [(g - 9, g + 4) for g in guess]
+    found = minimize(deviance, guess, method="L-BFGS-B", bounds=bounds)
+    sizes = np.exp(np.append(found.x, [-np.inf] * (3 - len(found.x))))
+    # a component at the bottom of its range is indistinguishable from none
+    at_floor = np.append(found.x <= np.array([b[0] for b in bounds]) + 0.5, [True] * (3 - len(found.x)))
+    relative, force, height = np.where(at_floor, 0.0, sizes)
+    return Noise(relative=float(relative), force_N=float(force), height_m=float(height), source=source, dof=float(dof))
+
+
+def _spread(y: FloatArray, mean: FloatArray) -> float:
+    residual = y - mean @ np.linalg.lstsq(mean, y, rcond=None)[0]
+    return float(np.sqrt(np.mean(residual**2)))

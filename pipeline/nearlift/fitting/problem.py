@@ -1,0 +1,145 @@
+"""The likelihood of one model at one boundary.
+
+Forces are measured, ratios are not: the unit is the trial, ``log lift = a[throttle] + log ratio(z_hat; theta) + error``. The
+levels a = log L_inf are nuisances, one per throttle; they are linear, so they are eliminated in closed form and never divided
+by. Working in the logarithm makes a gain error additive and lets one covariance serve all throttles; trials scatter by
+a percent or less, so the difference to a likelihood in force is of second order in that percent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import FloatArray, LiftModel
+from nearlift.errors import InputRefused
+from nearlift.fitting.covariance import Covariance
+from nearlift.results import Observations
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A model, the trials, and how the trials' errors hang together.
+
+    Parameter vectors are shape (p,) or (m, p); predictions (n,) or (m, n).
+    """
+
+    model: LiftModel
+    data: Observations
+    covariance: Covariance
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters, in the order of every vector here."""
+        return tuple(p.name for p in self.model.parameters)
+
+    @cached_property
+    def known(self) -> dict[str, Any]:
+        """What the model needs besides its parameters: geometry, and per-trial covariates."""
+        return {name: need(self.data, name, self.model.name) for name in self.model.needs}
+
+    def log_ratio(self, theta: FloatArray) -> FloatArray:
+        """Log L / L_inf of each trial; nan where the model has no value."""
+        columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
+        ratio = np.asarray(self.model.evaluate(self.data.z_hat, **columns, **self.known), dtype=float)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            log: FloatArray = np.log(np.where(ratio > 0, ratio, np.nan))
+        return np.broadcast_to(log, (*np.shape(theta)[:-1], self.data.n))
+
+    @cached_property
+    def _levels(self) -> tuple[FloatArray, FloatArray]:
+        """QR of the whitened indicator of each throttle: what eliminates L_inf."""
+        indicator = np.eye(len(self.data.levels))[self.data.level]
+        q, r = np.linalg.qr(self.covariance.whiten(indicator.T).T)
+        return q, r
+
+    def project(self, x: FloatArray) -> FloatArray:
+        """Whiten along the last axis and remove what a free L_inf per throttle absorbs."""
+        white = self.covariance.whiten(x)
+        q, _ = self._levels
+        return white - (white @ q) @ q.T
+
+    @cached_property
+    def _target(self) -> FloatArray:
+        return self.project(np.log(self.data.lift_N))
+
+    def residuals(self, theta: FloatArray) -> FloatArray:
+        """Whitened residuals with L_inf eliminated; their sum of squares is chi2."""
+        return self._target - self.project(self.log_ratio(theta))
+
+    def chi2(self, theta: FloatArray) -> FloatArray:
+        """Sum of squared whitened residuals; inf where the model has no value."""
+        r = self.residuals(theta)
+        total = np.einsum("...i,...i->...", r, r)
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def log_likelihood(self, theta: FloatArray) -> FloatArray:
+        """Log likelihood, L_inf at its best value given theta."""
+        constant = self.covariance.log_det + self.data.n * np.log(2 * np.pi) + 2 * np.log(self.data.lift_N).sum()
+        result: FloatArray = -0.5 * (self.chi2(theta) + constant)
+        return result
+
+    def log_levels(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
+        q, r = self._levels
+        white = self.covariance.whiten(np.log(self.data.lift_N) - self.log_ratio(theta))
+        inverse = np.linalg.inv(r)
+        return inverse @ (white @ q), inverse @ inverse.T
+
+    def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
+        """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p) of log ratio."""
+        q, r = self._levels
+        return -np.linalg.solve(r, q.T @ self.covariance.whiten(jacobian.T).T)
+
+    def jacobian(self, theta: FloatArray) -> FloatArray:
+        """D log ratio / d theta at one theta, shape (n, p), by central differences in one broadcast call."""
+        theta = np.asarray(theta, dtype=float)
+        steps = np.array([1e-4 * max(abs(t), 1e-2 * (p.bounds[1] - p.bounds[0]), 1e-6) for t, p in zip(theta, self.model.parameters, strict=True)])
+        low = np.array([p.bounds[0] for p in self.model.parameters])
+        high = np.array([p.bounds[1] for p in self.model.parameters])
+        up, down = np.minimum(theta + steps, high), np.maximum(theta - steps, low)
+        at = np.concatenate([np.where(np.eye(len(theta), dtype=bool), up, theta), np.where(np.eye(len(theta), dtype=bool), down, theta)])
+        value = self.log_ratio(at)
+        p = len(theta)
+        result: FloatArray = ((value[:p] - value[p:]) / (up - down)[:, None]).T
+        return result
+
+    def height_slope(self, theta: FloatArray) -> FloatArray:
+        """D log ratio / d z at one theta, per metre, shape (n,); 0 in free air."""
+        return height_slope(self.model, self.data, dict(zip(self.names, np.asarray(theta), strict=True)))
+
+
+def need(data: Observations, name: str, model: str) -> Any:
+    """Geometry or covariate `name` of the trials, or a refusal that says what to record."""
+    if name in data.geometry:
+        return data.geometry[name]
+    own = {"throttle": data.throttle, "session": data.session, "z_hat": data.z_hat}
+    if name in own:
+        return own[name]
+    if name in data.covariates:
+        return data.covariates[name]
+    raise InputRefused(
+        f"model {model}", f"needs {name}, which this campaign does not know", "add it to [vehicle] or to the schedule, or choose another model"
+    )
+
+
+def height_slope(model: LiftModel, data: Observations, parameters: dict[str, float]) -> FloatArray:
+    """D log ratio / d z of each trial, per metre, at given parameter values."""
+    known = {name: need(data, name, model.name) for name in model.needs}
+    step = 1e-4
+    inside = np.isfinite(data.z_hat)
+    z_hat = np.where(inside, data.z_hat, 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        up = np.log(model.evaluate(z_hat * (1 + step), **parameters, **known))
+        down = np.log(model.evaluate(z_hat * (1 - step), **parameters, **known))
+        slope = (up - down) / (2 * step * z_hat) / data.radius_m
+    return np.where(inside & np.isfinite(slope), slope, 0.0)
+
+
+def usable(model: LiftModel, data: Observations) -> FloatArray:
+    """Which trials the model can speak about: inside `valid_z_hat` (its lower end excluded), or in free air."""
+    low, high = model.valid_z_hat
+    return (data.z_hat > low) & ((data.z_hat <= high) | np.isinf(data.z_hat))

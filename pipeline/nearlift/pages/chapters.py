@@ -1,0 +1,55 @@
+"""The chapters of index.html, in order. A new chapter is one more entry and its template."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from nearlift.pages import diagnosis, models, records, verdict
+from nearlift.products import DIAGNOSIS, FIT, TRIALS, Product
+from nearlift.summaries.evidence import Evidence
+
+
+def nothing(evidence: Evidence) -> dict[str, Any]:
+    """No facts: the chapter is its figures."""
+    return {}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chapter:
+    """One chapter. It stands on the page when every product in `needs` exists.
+
+    Attributes
+    ----------
+    name : str
+        Anchor, and the template ``templates/<name>.html.j2`` unless it has only figures.
+    title : str
+    facts : callable
+        Evidence to what the template prints.
+    needs : tuple of Product
+    figures : tuple of str
+        Names of figures shown beneath, those that were made.
+    template : bool
+        Whether there is a template.
+    """
+
+    name: str
+    title: str
+    facts: Callable[[Evidence], dict[str, Any]] = nothing
+    needs: tuple[Product, ...] = ()
+    figures: tuple[str, ...] = ()
+    template: bool = True
+
+
+CHAPTERS: tuple[Chapter, ...] = (
+    Chapter(name="verdict", title="Verdict", facts=verdict.facts, needs=(FIT,)),
+    Chapter(name="fig2", title="Lift change near each boundary", needs=(FIT,), figures=("fig2",), template=False),
+    Chapter(name="diagnosis", title="What the residuals say", facts=diagnosis.facts, needs=(DIAGNOSIS,), figures=("diagnosis",)),
+    Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
+    Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), template=False),
+    Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
+    Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),
+    Chapter(name="quality", title="Quality ledger", facts=records.ledger, needs=(TRIALS, FIT)),
+    Chapter(name="provenance", title="Provenance", facts=records.provenance),
+)

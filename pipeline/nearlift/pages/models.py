@@ -1,0 +1,92 @@
+"""The models side by side, L_inf, and the noise."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from nearlift.declare import Boundary
+from nearlift.fitting import budget
+from nearlift.pages.number import Number, cite, pointer, quote
+from nearlift.pages.verdict import reduced
+from nearlift.products import FIT
+from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.rounding import fixed, plain
+
+
+def comparison(evidence: Evidence) -> dict[str, Any]:
+    """A table of models for each boundary: the base first, then by AIC."""
+    return {"tables": [_table(evidence, b) for b in evidence.boundaries]}
+
+
+def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
+    content = evidence.document(FIT)
+    fits = content["boundaries"][boundary]
+    base = content["base"][boundary]
+    trials = fits[base]["n_trials"]
+    comparable = [n for n in fits if fits[n]["n_trials"] == trials]
+    names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n]["aic"]))
+    near = any(fits[n].get("r2_near") is not None for n in fits)
+    rows = []
+    for name in names:
+        path = ("boundaries", boundary, name)
+        rows.append(
+            {
+                "title": fits[name]["title"],
+                "name": name,
+                "base": name == base,
+                "parameters": [quote(evidence, FIT, *path, "parameters", p) for p in fits[name]["parameters"]],
+                "reduced": reduced(evidence, boundary, name),
+                "rmse": cite(evidence, FIT, *path, "rmse", places=2, scale=100, how="in percent"),
+                "r2": cite(evidence, FIT, *path, "r2", places=4),
+                "r2_near": cite(evidence, FIT, *path, "r2_near", places=4) if near else None,
+                "daic": _over_least(evidence, path, "aic", min(fits[n]["aic"] for n in comparable)) if name in comparable else None,
+                "dbic": _over_least(evidence, path, "bic", min(fits[n]["bic"] for n in comparable)) if name in comparable else None,
+                "n": cite(evidence, FIT, *path, "n_trials", digits=6),
+                "fewer": name not in comparable,
+                "degeneracies": [d["text"] for d in fits[name]["degeneracies"]],
+            }
+        )
+    return {"boundary": boundary, "rows": rows, "near": near, "failed": sorted(content.get("failed", {}).get(boundary, {}).items())}
+
+
+def _over_least(evidence: Evidence, path: tuple[str, ...], key: str, least: float) -> Number:
+    value = float(cite(evidence, FIT, *path, key).value) - least
+    return Number(text=fixed(value, 1), value=value, source=pointer(FIT, *path, key), how="less the smallest of this boundary")
+
+
+def levels(evidence: Evidence) -> dict[str, Any]:
+    """L_inf of the base model per throttle and boundary."""
+    rows: dict[float, dict[str, Any]] = {}
+    for boundary in evidence.boundaries:
+        model, entry = evidence.base(boundary)
+        for key in entry["L_inf_N"]:
+            rows.setdefault(float(key), {})[boundary] = quote(evidence, FIT, "boundaries", boundary, model.name, "L_inf_N", key)
+    return {"boundaries": evidence.boundaries, "rows": [(f"{100 * t:.4g} %", cells) for t, cells in sorted(rows.items())]}
+
+
+def noise(evidence: Evidence) -> dict[str, Any]:
+    """How trials scatter, and what the manifest declares that repeats cannot show."""
+    rows = []
+    for boundary in evidence.boundaries:
+        dof = evidence.document(FIT)["noise"][boundary]["dof"]
+        rows.append(
+            {
+                "boundary": boundary,
+                "relative": cite(evidence, FIT, "noise", boundary, "relative", digits=3, scale=100, how="in percent"),
+                "force": cite(evidence, FIT, "noise", boundary, "force_N", digits=3, scale=1000, how="in mN"),
+                "height": cite(evidence, FIT, "noise", boundary, "height_m", digits=3, scale=1000, how="in mm"),
+                "source": evidence.document(FIT)["noise"][boundary]["source"],
+                "dof": cite(evidence, FIT, "noise", boundary, "dof", digits=6) if dof is not None and math.isfinite(dof) else None,
+            }
+        )
+    return {"rows": rows, "declared": [_declared(c) for c in budget.components(evidence.campaign)]}
+
+
+def _declared(part: budget.Component) -> dict[str, Any]:
+    """One line of the budget, in the unit that a bench talks in."""
+    scale, unit = {"height": (1e3, "mm"), "gain": (1e2, "%")}.get(part.on, (1e3, "mN"))
+    standard = Number(
+        text=plain(scale * part.standard, 3), value=float(part.standard), source="campaign.toml", how=f"standard uncertainty, in {unit}"
+    )
+    return {"name": part.name, "on": part.on, "standard": standard, "unit": unit, "distribution": part.distribution, "scope": part.scope}

@@ -1,0 +1,163 @@
+"""The columns of a schedule: what each is called outside and inside, and how its cells become SI numbers."""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import units
+from nearlift.errors import ManifestError
+
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+#: What a cell without a value may hold.
+BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """A column that the contract names: `name` in trials.csv, `inside` in products, and its dimension or kind."""
+
+    name: str
+    inside: str
+    dimension: str = ""
+    kind: Literal["quantity", "plain", "text"] = "quantity"
+    own_unit: str = ""
+
+
+KNOWN = (
+    Known(name="trial", inside="trial", kind="text"),
+    Known(name="boundary", inside="boundary", kind="text"),
+    Known(name="distance", inside="distance_m", dimension="length"),
+    Known(name="throttle", inside="throttle", dimension="fraction"),
+    Known(name="start", inside="start_s", dimension="time"),
+    Known(name="session", inside="session", kind="text"),
+    Known(name="supply", inside="supply_V", dimension="voltage"),
+    Known(name="current", inside="current_A", dimension="current"),
+    # the only column whose name is its unit
+    Known(name="rpm", inside="speed_Hz", dimension="rotation", own_unit="rpm"),
+    Known(name="power", inside="power_W", dimension="power"),
+    Known(name="temperature", inside="temperature_K", dimension="temperature"),
+    Known(name="pressure", inside="pressure_Pa", dimension="pressure"),
+    Known(name="humidity", inside="humidity", dimension="fraction"),
+    Known(name="approach", inside="approach", kind="plain"),
+    Known(name="tilt", inside="tilt_rad", dimension="angle"),
+    Known(name="orientation", inside="orientation", kind="text"),
+    Known(name="tare_after", inside="tare_after_N", dimension="force"),
+    Known(name="lift", inside="lift_N", dimension="force"),
+    Known(name="lift_sd", inside="lift_sd_N", dimension="force"),
+    Known(name="n", inside="n", kind="plain"),
+)
+BY_NAME = {k.name: k for k in KNOWN}
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """One column as read: its name, its texts, and where each stands (``trials.csv, line 7``)."""
+
+    name: str
+    texts: Sequence[str]
+    file: str
+    lines: Sequence[int]
+
+    def at(self, i: int) -> str:
+        """Where cell `i` stands."""
+        return f"{self.file}, line {self.lines[i]}, column {self.name!r}" if self.lines else f"{self.file}, constant {self.name!r}"
+
+
+def near(name: str, among: Sequence[str]) -> str:
+    """``did you mean 'supply'?`` or an empty text."""
+    close = difflib.get_close_matches(name, list(among), n=1)
+    return f"did you mean {close[0]!r}?" if close else ""
+
+
+def numbers(cells: Cells, *, blank: bool) -> NDArray[np.float64]:
+    """The cells as plain numbers, NaN where blank.
+
+    Raises
+    ------
+    ManifestError
+        A cell is no number, or is blank where `blank` is False.
+    """
+    out = np.empty(len(cells.texts))
+    for i, text in enumerate(cells.texts):
+        value = text.strip()
+        if NUMBER.fullmatch(value):
+            out[i] = float(value)
+        elif value.lower() in BLANK:
+            if not blank:
+                raise ManifestError(cells.at(i), "is empty", "every trial needs this number")
+            out[i] = math.nan
+        else:
+            comma = (
+                "write decimals with a point"
+                if re.fullmatch(r"[-+]?\d+,\d+", value)
+                else "write a number; leave the cell empty where it is not known"
+            )
+            raise ManifestError(cells.at(i), f"{text!r} is not a number", comma)
+    return out
+
+
+def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True) -> NDArray[np.float64]:
+    """The cells in SI, NaN where blank. `unit` is what the manifest says, None where it says nothing.
+
+    Raises
+    ------
+    ManifestError
+        There is no unit, it is of the wrong dimension, or a cell is no number.
+    """
+    unit = unit or known.own_unit
+    if not unit:
+        si = "percent" if known.dimension == "fraction" else units.SI[known.dimension]
+        raise ManifestError(
+            "trials.units", f"the column {known.name!r} has no unit", f'add {known.name} = "..." (such as "{si}") under [trials.units]'
+        )
+    factor, offset = units.to_si(unit, known.dimension, f"trials.units.{known.name}")
+    return factor * numbers(cells, blank=blank) + offset
+
+
+def seconds(cells: Cells, unit: str | None) -> NDArray[np.float64]:
+    """Start times: numbers in `unit`, or ISO 8601 texts, which become seconds since the first trial.
+
+    Raises
+    ------
+    ManifestError
+        A text is neither, or stamps with and without a time zone are mixed.
+    """
+    if unit is not None:
+        return quantity(cells, BY_NAME["start"], unit)
+    stamps: list[datetime.datetime | None] = []
+    for i, text in enumerate(cells.texts):
+        if text.strip().lower() in BLANK:
+            stamps.append(None)
+            continue
+        try:
+            # fromisoformat takes bare digits for a date such as 20260101: those want a unit
+            if NUMBER.fullmatch(text.strip()):
+                raise ValueError
+            stamps.append(datetime.datetime.fromisoformat(text.strip()))
+        except ValueError:
+            raise ManifestError(
+                cells.at(i),
+                f"{text!r} is not ISO 8601 time, and start has no unit",
+                'add start = "s" under [trials.units], or write 2026-03-01T14:05:00',
+            ) from None
+    known = [s for s in stamps if s is not None]
+    if len({s.tzinfo is None for s in known}) > 1:
+        raise ManifestError(f"{cells.file}, column 'start'", "mixes times with and without a time zone", "write all of them alike")
+    return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
+
+
+def further(cells: Cells) -> NDArray[Any]:
+    """A column that the contract does not name: numbers if every filled cell is one, else the texts."""
+    filled = [t.strip() for t in cells.texts if t.strip().lower() not in BLANK]
+    if filled and all(NUMBER.fullmatch(t) for t in filled):
+        return numbers(cells, blank=True)
+    return np.array([t.strip() for t in cells.texts], dtype=object)

@@ -1,0 +1,100 @@
+"""Whether a schedule's distances and throttles can be true in the rig that the manifest describes.
+
+A distance outside the arena or a blade in the wall is refused, with the unit that would make sense if one does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import units
+from nearlift.campaign import Campaign
+from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import columns
+from nearlift.readers.columns import BY_NAME, Cells
+
+FloatArray = NDArray[np.float64]
+
+
+def distances(campaign: Campaign, cells: Cells | None, boundary: NDArray[np.object_]) -> FloatArray:
+    """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air; refuses what cannot be."""
+    free = boundary == "none"
+    if cells is None:
+        return np.full(len(boundary), np.inf)
+    recorded = columns.numbers(cells, blank=True)
+    for i in np.flatnonzero(np.isfinite(recorded) == free):
+        if free[i]:
+            raise ManifestError(cells.at(int(i)), "free air (boundary none) has no distance", "leave the cell empty")
+        raise ManifestError(cells.at(int(i)), "is empty", "every trial at a boundary needs its distance; free air is boundary none")
+    unit = campaign.trials.units.get("distance")
+    z_m = np.where(free, np.inf, columns.quantity(cells, BY_NAME["distance"], unit))
+    for side in BOUNDARIES:
+        here = np.flatnonzero(boundary == side)
+        if len(here):
+            offset = _offset(campaign, side)
+            z_m[here] += offset
+            _inside_the_arena(campaign, cells, recorded, z_m, here, side, offset)
+    return z_m
+
+
+def _offset(campaign: Campaign, side: Boundary) -> float:
+    """The datum's offset, m, checked against the datum's name."""
+    rig, r = campaign.rig, campaign.vehicle.rotor_radius
+    offset = rig.offset(side)
+    if rig.datum(side) != "rotor axis":
+        return offset
+    if side != "sidewall":
+        raise ManifestError(
+            "rig.distance_datum",
+            f"the rotor axis is no datum for the {side}: it stands at right angles to it",
+            'give each boundary its own, such as { ground = "rotor plane", sidewall = "rotor axis" }',
+        )
+    if abs(offset + r) > 0.1 * r:
+        raise ManifestError(
+            "rig.distance_offset",
+            f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis",
+            f'z_hat counts from the nearest blade tip: make it minus one rotor radius, {{ sidewall = "{-1e3 * r:g} mm", ... }}',
+        )
+    return offset
+
+
+def _inside_the_arena(
+    campaign: Campaign, cells: Cells, recorded: FloatArray, z_m: FloatArray, here: NDArray[np.intp], side: Boundary, offset: float
+) -> None:
+    """Refuse distances beyond the arena or behind the boundary.
+
+    A unit is proposed only if it makes *every* distance to this boundary possible: within the arena, and no closer than a
+    fiftieth of a radius (0.5 mm on a Crazyflie), which no traverse approaches on purpose.
+    """
+    arena, r, unit = campaign.rig.arena, campaign.vehicle.rotor_radius, campaign.trials.units.get("distance", "")
+    worst = int(here[np.argmax(z_m[here])])
+    if arena is not None and z_m[worst] > arena:
+        low, high = r / 50 - offset, arena - offset
+        ends = [units.plausible(float(v), "length", low, high) for v in (recorded[here].min(), recorded[here].max())]
+        fitting = [u for u in ends[0] if u in ends[1] and u != unit]
+        raise InputRefused(
+            cells.at(worst),
+            f"{cells.texts[worst].strip()} {unit} is outside the {arena:g} m arena" + (f"; {' or '.join(fitting)}?" if fitting else ""),
+            "mend distance under [trials.units], the schedule, or [rig] arena",
+        )
+    worst = int(here[np.argmin(z_m[here])])
+    if z_m[worst] <= 0:
+        raise InputRefused(
+            cells.at(worst),
+            f"{cells.texts[worst].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the rotor {-1e3 * z_m[worst]:.3g} mm into the {side}",
+            "mend [rig] distance_datum and distance_offset, or the schedule",
+        )
+
+
+def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None:
+    """Refuse a throttle outside 0 to 1, with the unit that would bring it there."""
+    for i, value in enumerate(throttle):
+        if not 0 <= value <= 1 + 1e-9:
+            other = [u for u in units.plausible(float(cells.texts[i]), "fraction", 0.0, 1.0) if u != unit]
+            raise InputRefused(
+                cells.at(i),
+                f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
+                f"{other[0]}?" if other else "throttle is a fraction of full throttle",
+            )

@@ -1,0 +1,42 @@
+"""Mean lifts without samples, as in a published table: columns `lift` and (optional) `lift_sd` and `n` of the schedule."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from nearlift.campaign import Campaign
+from nearlift.readers.schedule import Schedule
+from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record
+
+
+def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
+    """`lift_N`, `u_lift_N`, `n` and `sd_N` of every trial.
+
+    `n` is 1 where it is not given. ``u_lift_N = lift_sd / sqrt(n)``, and 0 where no spread is given: then only the scatter
+    between trials tells how well they repeat.
+    """
+    if schedule.means is None:
+        raise ValueError("the schedule holds no means")
+    lift = schedule.means["lift_N"]
+    sd = schedule.means.get("lift_sd_N", np.full(len(lift), np.nan))
+    n = schedule.means.get("n", np.ones(len(lift)))
+    n = np.where(np.isfinite(n), n, 1.0)
+    return {"lift_N": lift, "u_lift_N": np.where(np.isfinite(sd), np.abs(sd) / np.sqrt(n), 0.0), "n": n, "sd_N": sd}
+
+
+def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
+    return []
+
+
+def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
+    return Plan(pieces=())
+
+
+def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
+    return iter(())
+
+
+MEANS = Reader(name="means", title="mean lift per trial in the schedule, no samples", files=_files, plan=_plan, read_piece=_read_piece, series=False)

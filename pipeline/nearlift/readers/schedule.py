@@ -1,0 +1,305 @@
+"""trials.csv to SI columns: which trial ran where, at which throttle, under which conditions, in which order.
+
+Strict: a column that the contract knows needs its unit, a cell that is no number is named with its line. Any further column is
+kept under its own name. Whether the distances can be true is `geometry`'s matter.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import units
+from nearlift.campaign import Campaign
+from nearlift.declare import BOUNDARIES
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.products import TRIALS
+from nearlift.readers import columns
+from nearlift.readers.columns import BY_NAME, KNOWN, Cells
+from nearlift.readers.geometry import distances, throttle_is_plausible
+from nearlift.readers.seam import inside
+
+FloatArray = NDArray[np.float64]
+REQUIRED = ("trial", "boundary", "distance", "throttle")
+MEANS = ("lift", "lift_sd", "n")
+_CONTROL = "".join(chr(c) for c in range(32))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """The trials of a campaign in run order; every array has one entry per trial.
+
+    Attributes
+    ----------
+    trial, boundary : object arrays of str
+    z_m : float array
+        Recorded distance plus the datum's offset: rotor plane (sidewall: nearest blade tip) to boundary; inf in free air.
+    z_hat : float array
+        The same over rotor radius.
+    throttle : float array
+        As a fraction.
+    visit : int array
+        Counts the traverse's stops: consecutive trials at one boundary and distance, approached from one side, in one session.
+    covariates : dict of arrays
+        SI, the unit in the name (`supply_V`); columns that the contract does not name under their own name. NaN where blank.
+    means : dict of arrays or None
+        `lift_N`, `lift_sd_N` and `n`, for ``reader = "means"`` only.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    trial: NDArray[Any]
+    boundary: NDArray[Any]
+    z_m: FloatArray
+    z_hat: FloatArray
+    throttle: FloatArray
+    visit: NDArray[np.int64]
+    covariates: Mapping[str, NDArray[Any]]
+    means: Mapping[str, NDArray[Any]] | None = None
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.trial)
+
+
+def schedule_file(campaign: Campaign, root: Path) -> Path:
+    """The schedule's path, checked to lie under `root`."""
+    return inside(root, campaign.trials.file, "trials.file")
+
+
+def read_schedule(campaign: Campaign, root: Path) -> Schedule:
+    """Read and check the schedule of a campaign.
+
+    Raises
+    ------
+    InputRefused
+        The file is missing or no CSV text, or a distance cannot be true.
+    ManifestError
+        A column is missing, without a unit, or holds what it may not; two trials share an id.
+    """
+    path = schedule_file(campaign, root)
+    cells = _cells(campaign, path)
+    given = campaign.trials.units
+    _units_name_columns(given, list(cells))
+    for name in REQUIRED:
+        if name not in cells and name not in _only_free_air(cells):
+            hint = columns.near(name, [c for c in cells if c not in BY_NAME])
+            raise ManifestError(
+                str(path),
+                f"has no column {name!r}",
+                hint.replace("did you mean", "is it") or f"add it, or set it for all under [trials.constants]: {name} = ...",
+            )
+
+    trial = _ids(cells["trial"])
+    boundary = _boundaries(cells["boundary"])
+    throttle = columns.quantity(cells["throttle"], BY_NAME["throttle"], given.get("throttle"), blank=False)
+    throttle_is_plausible(throttle, cells["throttle"], given.get("throttle", ""))
+    z_m = distances(campaign, cells.get("distance"), boundary)
+
+    covariates: dict[str, NDArray[Any]] = {}
+    means: dict[str, NDArray[Any]] = {}
+    notes: list[str] = []
+    for name, column in cells.items():
+        known = BY_NAME.get(name)
+        if name in REQUIRED:
+            continue
+        if known is None:
+            if name in _reserved():
+                raise ManifestError(str(path), f"the column {name!r} has the name of a result", "rename it")
+            covariates[name] = columns.further(column)
+            hint = columns.near(name, [k.name for k in KNOWN if k.name not in cells])
+            notes += [f"{path.name}: column {name!r} is kept as it is; {hint}"] if hint else []
+        elif name in MEANS:
+            means[known.inside] = _plain(column, name) if name == "n" else columns.quantity(column, known, given.get(name), blank=name != "lift")
+        elif name == "start":
+            covariates[known.inside] = columns.seconds(column, given.get("start"))
+        elif name == "tare_after" and given.get("tare_after") == "count":
+            covariates[known.inside] = _counts(campaign, column)
+        elif known.kind == "text":
+            covariates[known.inside] = np.array([t.strip() for t in column.texts], dtype=object)
+        else:
+            covariates[known.inside] = _plain(column, name) if known.kind == "plain" else columns.quantity(column, known, given.get(name))
+    means_wanted = campaign.records.reader == "means"
+    if means_wanted and "lift_N" not in means:
+        raise ManifestError(
+            str(path),
+            "has no column 'lift'",
+            'reader = "means" takes the mean lift of every trial from it; add lift, and its unit under [trials.units]',
+        )
+    if means and not means_wanted:
+        raise ManifestError(
+            str(path),
+            f'the column {next(n for n in MEANS if n in cells)!r} belongs to reader = "means"',
+            f"rename it; here the lift comes from the {campaign.records.reader} records",
+        )
+    approach = covariates.get("approach")
+    if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
+        notes.append('sidewall distances are taken as wall to nearest blade tip; say so with distance_datum = { sidewall = "blade tip" }')
+    return Schedule(
+        trial=trial,
+        boundary=boundary,
+        z_m=z_m,
+        z_hat=z_m / campaign.vehicle.rotor_radius,
+        throttle=throttle,
+        visit=visits(boundary, z_m, approach, covariates.get("session")),
+        covariates=covariates,
+        means=means if means_wanted else None,
+        notes=tuple(notes),
+    )
+
+
+def visits(boundary: NDArray[Any], z_m: FloatArray, approach: FloatArray | None = None, session: NDArray[Any] | None = None) -> NDArray[np.int64]:
+    """Counter of the traverse's stops, from 0: it moves on where boundary, distance, side of approach or session change."""
+    if len(boundary) == 0:
+        return np.zeros(0, dtype=np.int64)
+    moved = (boundary[1:] != boundary[:-1]) | (z_m[1:] != z_m[:-1])
+    if approach is not None:
+        moved = moved | ((approach[1:] != approach[:-1]) & np.isfinite(approach[1:]) & np.isfinite(approach[:-1]))
+    if session is not None:
+        # a new session is a new approach to the distance, even to the same one
+        moved = moved | (session[1:] != session[:-1])
+    return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
+
+
+def _cells(campaign: Campaign, path: Path) -> dict[str, Cells]:
+    """Every column's texts, constants included, in the file's order."""
+    if not path.is_file():
+        raise InputRefused(str(path), "is missing", "the schedule lists every trial; name it under [trials] file = ...")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as fault:
+        raise InputRefused(str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8") from None
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    reader = csv.reader(text.splitlines(), strict=True)
+    try:
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                rows.append(row)
+                lines.append(reader.line_num)
+    except csv.Error as fault:
+        raise InputRefused(f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "mend that line") from None
+    if not rows:
+        raise InputRefused(str(path), "is empty", "the first line names the columns, then one line per trial")
+    header = [name.strip() for name in rows[0]]
+    if len(header) == 1 and any(d in header[0] for d in ";\t"):
+        raise InputRefused(str(path), "is not separated by commas", "save it with commas between cells and points in decimals")
+    twice = sorted({n for n in header if header.count(n) > 1})
+    if twice:
+        raise InputRefused(f"{path}, line {lines[0]}", f"the column {twice[0]!r} stands twice", "rename or drop one of them")
+    if "" in header:
+        raise InputRefused(f"{path}, line {lines[0]}", f"column {header.index('') + 1} has no name", "name it, or take the stray comma away")
+    for row, line in zip(rows[1:], lines[1:], strict=True):
+        if len(row) != len(header):
+            raise InputRefused(
+                f"{path}, line {line}",
+                f"has {len(row)} cells under {len(header)} column names",
+                "mend that line (a decimal comma makes two cells of one)",
+            )
+    if len(rows) == 1:
+        raise InputRefused(str(path), "lists no trial", "one line per trial, in the order in which they were run")
+    cells = {name: Cells(name, [row[i] for row in rows[1:]], path.name, lines[1:]) for i, name in enumerate(header)}
+    for name, value in campaign.trials.constants.items():
+        if name in cells:
+            raise ManifestError(f"trials.constants.{name}", f"stands beside a column {name!r} of {path.name}", "keep one of them")
+        cells[name] = _constant(campaign, name, value, len(rows) - 1)
+    return cells
+
+
+def _constant(campaign: Campaign, name: str, value: object, n: int) -> Cells:
+    """A constant as a column of texts; a text with its own unit is brought to the unit of the column."""
+    known = BY_NAME.get(name)
+    text = str(value)
+    if (
+        known is not None
+        and known.kind == "quantity"
+        and isinstance(value, str)
+        and not columns.NUMBER.fullmatch(text.strip())
+        and not (name == "start" and "T" in text)
+    ):
+        si = units.quantity(value, known.dimension, f"trials.constants.{name}")
+        unit = campaign.trials.units.get(name)
+        if unit is None:
+            raise ManifestError(
+                f"trials.constants.{name}",
+                "has a unit of its own, but the column has none",
+                f'add {name} = "{units.SI[known.dimension]}" under [trials.units]',
+            )
+        factor, offset = units.to_si(unit, known.dimension, f"trials.units.{name}")
+        text = repr((si - offset) / factor)
+    return Cells(name, [text] * n, "campaign.toml", [])
+
+
+def _units_name_columns(given: Mapping[str, str], present: Sequence[str]) -> None:
+    """A unit for a column that neither exists nor is known is a slip of the pen."""
+    for name in given:
+        if name not in present and name not in BY_NAME:
+            raise ManifestError(
+                f"trials.units.{name}", "no column has that name", columns.near(name, [*present, *BY_NAME]) or f"columns are {', '.join(present)}"
+            )
+
+
+def _only_free_air(cells: Mapping[str, Cells]) -> tuple[str, ...]:
+    """Columns that a campaign of nothing but free-air trials may leave out."""
+    boundary = cells.get("boundary")
+    return ("distance",) if boundary is not None and all(t.strip() == "none" for t in boundary.texts) else ()
+
+
+def _reserved() -> set[str]:
+    return {c.name for c in TRIALS.columns} | {k.inside for k in KNOWN} | {"u_height_m"}
+
+
+def _ids(cells: Cells) -> NDArray[Any]:
+    first: dict[str, int] = {}
+    for i, text in enumerate(cells.texts):
+        name = text.strip()
+        if not name or any(c in _CONTROL for c in name):
+            raise ManifestError(
+                cells.at(i), "holds no trial id" if not name else f"{name!r} holds a control character", "give every trial an id of its own"
+            )
+        if name in first:
+            raise ManifestError(
+                cells.at(i), f"trial {name!r} stands already in {cells.at(first[name]).split(', column')[0]}", "give every trial an id of its own"
+            )
+        first[name] = i
+    return np.array(list(first), dtype=object)
+
+
+def _boundaries(cells: Cells) -> NDArray[Any]:
+    allowed = (*BOUNDARIES, "none")
+    names = [t.strip() for t in cells.texts]
+    for i, name in enumerate(names):
+        if name not in allowed:
+            raise ManifestError(
+                cells.at(i), f"{name!r} is not a boundary", columns.near(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}"
+            )
+    return np.array(names, dtype=object)
+
+
+def _plain(cells: Cells, name: str) -> FloatArray:
+    """A column of plain numbers: approach (+1, -1, or 0 where the traverse did not move) and n (whole, from 1)."""
+    values = columns.numbers(cells, blank=True)
+    for i, value in enumerate(values):
+        if name == "approach" and not (np.isnan(value) or value in (-1.0, 0.0, 1.0)):
+            raise ManifestError(
+                cells.at(i),
+                f"{cells.texts[i].strip()!r} is not a side",
+                "approach is +1 when the last move was away from the boundary, -1 towards it",
+            )
+        if name == "n" and not (np.isnan(value) or (value >= 1 and value == int(value))):
+            raise ManifestError(cells.at(i), f"{cells.texts[i].strip()!r} is not a number of samples", "n is a whole number from 1")
+    return values
+
+
+def _counts(campaign: Campaign, cells: Cells) -> FloatArray:
+    """A zero reading in counts, through the force channel's calibration."""
+    if campaign.records.force is None:
+        raise ManifestError("trials.units.tare_after", "is in counts, but [records] has no force channel", "give it in a unit of force")
+    factor, zero = campaign.records.force.linear()
+    return factor * (columns.numbers(cells, blank=True) - zero)

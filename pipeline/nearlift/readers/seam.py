@@ -1,0 +1,184 @@
+"""Where outside formats meet nearlift: a reader is a frozen value that turns files into records.
+
+A reader first *plans* (which trials stand in which files, and in which rows of them) without reading samples, then reads one
+`Piece` of the plan at a time. Pieces are small values that can be sent to another process, and no two of them share state:
+`stages.ingest` maps them over an executor. A new format is one file with one `Reader` in it.
+"""
+
+from __future__ import annotations
+
+import errno
+import functools
+import stat
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.campaign import Campaign, ForceChannel
+from nearlift.errors import InputRefused, ManifestError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """The load-cell series of one trial.
+
+    Attributes
+    ----------
+    trial : str
+        Id, as in the schedule.
+    force_N : (n,) float array
+        Lift in N, up positive: sign and calibration applied, tare *not* removed. NaN where the file holds no number.
+    time_s : (n,) float array or None
+        The clock column, where the manifest names one.
+    source : str
+        File, relative to the campaign's folder.
+    codes : tuple of str
+        What the reader noticed (names in `reduction.quality.CODES`).
+    """
+
+    trial: str
+    force_N: FloatArray
+    source: str
+    time_s: FloatArray | None = None
+    codes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """What one task reads: some trials, their files, and (where a file holds many trials) their rows.
+
+    `paths` has one entry per trial, or a single one for all; `rows` one (first, end) pair per trial, or none. `bytes` is what
+    the task will read, so that a reader may choose its means.
+    """
+
+    trials: tuple[str, ...]
+    paths: tuple[Path, ...]
+    rows: tuple[tuple[int, int], ...] = ()
+    bytes: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """The pieces of a campaign, and what the user should know about the files. Trials in no piece have no record."""
+
+    pieces: tuple[Piece, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reader:
+    """One outside format.
+
+    Attributes
+    ----------
+    name, title : str
+        What ``[records] reader`` says, and one line for the catalogue.
+    files : callable
+        ``files(campaign, root, trials)``: every record file there is, checked to be a regular file under `root`. Staleness is
+        judged by these.
+    plan : callable
+        ``plan(campaign, root, trials)``: the `Plan`; reads no samples.
+    read_piece : callable
+        ``read_piece(campaign, root, piece)``: the piece's records in the plan's order, one in memory at a time.
+    series : bool
+        False for a format without samples (`means`), which takes its lift from the schedule.
+    """
+
+    name: str
+    title: str
+    files: Callable[[Campaign, Path, Sequence[str]], list[Path]]
+    plan: Callable[[Campaign, Path, Sequence[str]], Plan]
+    read_piece: Callable[[Campaign, Path, Piece], Iterator[Record]]
+    series: bool = True
+
+    def read(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> Iterator[Record]:
+        """Every record of these trials, streamed, in the plan's order."""
+        for piece in self.plan(campaign, root, trials).pieces:
+            yield from self.read_piece(campaign, root, piece)
+
+
+def inside(root: Path, relative: str, key: str) -> Path:
+    """The path of a file that a manifest names, checked to stay in the campaign's folder.
+
+    Raises
+    ------
+    InputRefused
+        It leads outside `root` (by ``..`` or by a symbolic link), or is there but is no regular file.
+    """
+    return _checked(root, relative, key)[0]
+
+
+def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
+    """The path that `inside` gives, and the file's size: None where there is no file."""
+    path = root / relative
+    try:
+        # the folder's own links are followed once for all its files; a file is followed only if it is a link itself
+        status = path.lstat()
+        resolved = _resolved(path.parent) / path.name
+        if stat.S_ISLNK(status.st_mode):
+            resolved = path.resolve()
+            status = resolved.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        resolved, status = path.resolve(), None
+    except (OSError, RuntimeError) as fault:  # Python before 3.13 raises RuntimeError on a loop of links
+        what = "is a loop of symbolic links" if isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP else f"cannot be read: {fault.strerror}"
+        raise InputRefused(f"{key} = {relative!r}", what, "put a readable file into the campaign's folder") from None
+    if not resolved.is_relative_to(_resolved(root)) or ".." in path.parts[len(root.parts) :]:
+        raise InputRefused(f"{key} = {relative!r}", f"leads outside the campaign's folder, to {resolved}", "put the file itself into the folder")
+    if status is not None and not stat.S_ISREG(status.st_mode):
+        raise InputRefused(str(path), "is not a regular file", "a record is a plain file, no folder, pipe or device")
+    return path, None if status is None else status.st_size
+
+
+@functools.lru_cache(maxsize=256)
+def _resolved(folder: Path) -> Path:
+    return folder.resolve()
+
+
+def files_pattern(campaign: Campaign) -> str:
+    """``[records] files``; the manifest's own check has made sure that it is there."""
+    if campaign.records.files is None:
+        raise ManifestError("records.files", "is missing", 'name the file, or a pattern such as "trials/{trial}.csv"')
+    return campaign.records.files
+
+
+def force_channel(campaign: Campaign) -> ForceChannel:
+    """``[records] force``; the manifest's own check has made sure that it is there."""
+    if campaign.records.force is None:
+        raise ManifestError("records.force", "is missing", 'such as { column = "force", unit = "mN", sign = 1 }')
+    return campaign.records.force
+
+
+def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
+    """File and size in bytes of each trial that has one, where the manifest's pattern gives one file to every trial.
+
+    Raises
+    ------
+    ManifestError
+        The pattern has no ``{trial}``, or a trial's id cannot stand in a file name.
+    InputRefused
+        A file leads outside the folder or is not a regular file.
+    """
+    pattern = files_pattern(campaign)
+    if "{trial}" not in pattern:
+        raise ManifestError(
+            "records.files", f"{pattern!r} does not say where the trial's id stands", 'write {trial} in it, as in "trials/{trial}.csv"'
+        )
+    found = {}
+    for trial in trials:
+        if any(c in trial for c in "/\\\0") or trial in (".", ".."):
+            raise ManifestError(f"trial {trial!r}", "has an id that cannot stand in a file name", "use letters, digits, '-', '_' and '.'")
+        path, size = _checked(root, pattern.replace("{trial}", trial), "records.files")
+        if size is not None:
+            found[trial] = path, size
+    return found
+
+
+def source_of(root: Path, path: Path) -> str:
+    """A file's name relative to the campaign's folder, with forward slashes."""
+    return path.relative_to(root).as_posix()

@@ -1,0 +1,1 @@
+"""Samples to trials, trials to cells: pure functions on arrays."""

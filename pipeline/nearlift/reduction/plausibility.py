@@ -1,0 +1,120 @@
+"""What only a whole campaign can show: lengths of records, the weight, and whether lift rises with throttle.
+
+A force a hundred times the weight is refused, with the unit that would make sense. A far lift that does not rise with throttle
+is flagged and kept: it may be the battery.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import units
+from nearlift.errors import InputRefused
+from nearlift.reduction.quality import rejected
+
+FloatArray = NDArray[np.float64]
+TOO_HEAVY = 100.0
+
+
+def lengths(n: NDArray[np.int64], codes: list[list[str]], missing: float) -> None:
+    """Add `short` or `SHORT` to the codes of records with fewer samples than the campaign's median.
+
+    Below half of it a trial was aborted; between there and ``1 - missing`` it is rejected only if its file is cut off, since
+    a lab may well measure for different times.
+    """
+    whole = n[n > 0]
+    if len(whole) == 0:
+        return
+    usual = float(np.median(whole))
+    for i, samples in enumerate(n):
+        if 0 < samples < (1 - missing) * usual:
+            codes[i].append("SHORT" if samples < 0.5 * usual or "truncated" in codes[i] else "short")
+
+
+def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Boundary -> (throttles rising, median lift in N of the good trials farthest from it).
+
+    Farthest per (boundary, throttle), since not every throttle is run at every station.
+    """
+    good = ~rejected(table["quality"]) & np.isfinite(table["lift_N"])
+    found = {}
+    for side in dict.fromkeys(table["boundary"][good]):
+        here = good & (table["boundary"] == side)
+        throttles = np.unique(table["throttle"][here])
+        lifts = np.empty(len(throttles))
+        for i, throttle in enumerate(throttles):
+            level = here & (table["throttle"] == throttle)
+            lifts[i] = np.median(table["lift_N"][level & (table["z_hat"] == table["z_hat"][level].max())])
+        found[side] = throttles, lifts
+    return found
+
+
+def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str) -> None:
+    """Refuse forces that cannot belong to this vehicle.
+
+    Parameters
+    ----------
+    weight_N : float
+        Mass times gravity of the manifest.
+    unit : str
+        The unit that the forces were read in, to propose another; ``"count"`` where a calibration made them.
+    key : str
+        Where that unit stands, for the refusal.
+
+    Raises
+    ------
+    InputRefused
+        The largest far lift is more than a hundred times the weight, less than a hundredth, or negative.
+    """
+    peaks = [(side, throttles[i], lifts[i]) for side, (throttles, lifts) in far_lifts(table).items() for i in [int(np.argmax(np.abs(lifts)))]]
+    if not peaks:
+        return
+    side, throttle, lift = max(peaks, key=lambda p: abs(p[2]))
+    place = f"far from the {side}" if side != "none" else "in free air"
+    ratio = lift / weight_N
+    if abs(ratio) > TOO_HEAVY or abs(ratio) < 1 / TOO_HEAVY:
+        raise InputRefused(
+            key,
+            f"{place} at {100 * throttle:.0f} % throttle the lift is {lift:.4g} N, {abs(ratio):.3g} times the weight of {weight_N:.4g} N",
+            _other_unit(lift, weight_N, unit),
+        )
+    if ratio < 0:
+        raise InputRefused(
+            key,
+            f"{place} at {100 * throttle:.0f} % throttle the lift is negative ({lift:.4g} N)",
+            "lift pulls the cell the other way: change the sign of [records] force",
+        )
+
+
+def _other_unit(lift: float, weight: float, unit: str) -> str:
+    """The units in which the same numbers would be 0.3 to 10 times the weight, and what they would then be."""
+    if unit == "count":
+        return f"check the calibration's gain (off by about {abs(lift) / weight:.2g}?) and [vehicle] mass"
+    mass = "or mend [vehicle] mass"
+    here, _ = units.to_si(unit, "force", "force")
+    number = abs(lift) / here
+    fitting = [u for u in units.plausible(number, "force", 0.3 * weight, 10 * weight) if u != unit]
+    if not fitting:
+        return f"no usual unit makes sense of it; check the unit {mass}"
+    ratios = [units.to_si(u, "force", "force")[0] * number / weight for u in fitting]
+    said = ", or ".join(f'"{u}" ({r:.2g} times the weight)' for u, r in zip(fitting, ratios, strict=True))
+    return f'is the unit {said}, rather than "{unit}"? {mass}'
+
+
+def implausible(lift_N: FloatArray, weight_N: float) -> NDArray[np.bool_]:
+    """Mask of single trials beyond a hundred times the weight, in a campaign that is plausible as a whole."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(lift_N) > TOO_HEAVY * weight_N)
+
+
+def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float, float]]:
+    """Steps of throttle over which the far lift does not rise: (boundary, lower, upper, lift below, lift above)."""
+    return [
+        (side, float(throttles[i]), float(throttles[i + 1]), float(lifts[i]), float(lifts[i + 1]))
+        for side, (throttles, lifts) in far_lifts(table).items()
+        for i in np.flatnonzero(np.diff(lifts) <= 0)
+    ]

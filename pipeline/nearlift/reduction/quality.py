@@ -1,0 +1,74 @@
+"""Quality codes of trials. CAPITALS reject the trial from every fit, lower case only warns; nothing is dropped silently."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.errors import DeclarationError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Code:
+    """One code: its name, whether it rejects the trial, and what it says."""
+
+    name: str
+    rejects: bool
+    meaning: str
+
+    def __post_init__(self) -> None:
+        if self.rejects != self.name.isupper() or self.rejects == self.name.islower():
+            raise DeclarationError(f"quality code {self.name}", "breaks the convention", "CAPITALS reject, lower case warns")
+
+
+CODES = (
+    Code(name="MISSING", rejects=True, meaning="the schedule lists the trial, but there is no record of it"),
+    Code(name="EMPTY", rejects=True, meaning="the file is empty"),
+    Code(name="NO_DATA", rejects=True, meaning="no sample is left once tare and settle are taken off"),
+    Code(name="SHORT", rejects=True, meaning="cut off with less than 95 % of the campaign's usual samples, or less than half of them in any case"),
+    Code(name="OUT_OF_RANGE", rejects=True, meaning="too many samples hold no number (NaN, OVER, #NV)"),
+    Code(name="SATURATED", rejects=True, meaning="the load cell was at the end of its range"),
+    Code(name="STUCK", rejects=True, meaning="the channel stood still: it repeats one value"),
+    Code(name="GAPS", rejects=True, meaning="the clock column shows that too many samples are missing"),
+    Code(name="DRIFT", rejects=True, meaning="the force drifts within the record by more than the limit"),
+    Code(name="TARE", rejects=True, meaning="the force changes within the tare: the rotors were not at rest all through it"),
+    Code(name="IMPLAUSIBLE", rejects=True, meaning="the lift is more than a hundred times the vehicle's weight"),
+    Code(name="DUPLICATE", rejects=True, meaning="the record is byte for byte that of an earlier trial"),
+    Code(name="truncated", rejects=False, meaning="the file ends within a line; the cut sample was left out"),
+    Code(name="short", rejects=False, meaning="less than 95 % of the campaign's usual samples"),
+    Code(name="out_of_range", rejects=False, meaning="some samples hold no number and were left out"),
+    Code(name="gaps", rejects=False, meaning="the clock column shows missing samples"),
+    Code(name="clock", rejects=False, meaning="the clock column stands still or runs backwards somewhere; the samples' order was kept"),
+    Code(name="drift", rejects=False, meaning="the force drifts within the record, by less than the limit"),
+    Code(name="spikes", rejects=False, meaning="single samples stand far from their neighbours; they were kept"),
+    Code(name="unsettled", rejects=False, meaning="the first samples averaged differ from the rest: `settle` may be too short"),
+    Code(name="not_rising", rejects=False, meaning="far from the boundary, this throttle lifts no more than the next lower one"),
+)
+_BY_NAME = {c.name: c for c in CODES}
+
+
+def code(name: str) -> Code:
+    """The code of that name."""
+    return _BY_NAME[name]
+
+
+def joined(names: list[str] | tuple[str, ...]) -> str:
+    """The text of a `quality` column: codes in the order of `CODES`, each once."""
+    present = set(names)
+    unknown = present - _BY_NAME.keys()
+    if unknown:
+        raise KeyError(f"not quality codes: {sorted(unknown)}")
+    return " ".join(c.name for c in CODES if c.name in present)
+
+
+def rejected(quality: NDArray[Any]) -> NDArray[np.bool_]:
+    """Mask of the trials that fits leave out, from a `quality` column."""
+    return np.array([any(name.isupper() for name in text.split()) for text in quality], dtype=bool)
+
+
+def reason(text: str) -> str:
+    """Why a trial was rejected, in words, from its `quality` text; empty where it was not."""
+    return "; ".join(f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects)

@@ -1,0 +1,295 @@
+"""One record to one number: tare removed, settling dropped, mean, its standard error, and what is wrong with the samples.
+
+The standard error is made from batch means. A rotor tone (61 Hz and its like) is no noise of the mean: it averages out within
+each batch, while estimators that add up autocorrelations are fooled by it. Three choices make the batches right:
+
+* they are long, a sixteenth of the record (an eighth of the tare) and at least 60 ms, so that slow noise is counted: u is
+  4 % low where the noise remembers for a twelfth of the tare's batch, 13 % for a fifth (measured in tests/unit/test_record.py);
+* each is weighted with a Hann window, so that a tone which does not fit a whole number of times leaks 30 dB less than from
+  plain batches. For white noise the weighted means have ``sum(w^2) / sum(w)^2`` of the samples' variance, which is divided out;
+* they overlap by half, which wins back the efficiency that the window costs.
+
+What results is the noise's spectral density at frequency zero, S0 (N^2 per sample), and u^2 = S0 / n.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.errors import InputRefused
+
+FloatArray = NDArray[np.float64]
+
+BATCHES = 16
+TARE_BATCHES = 8
+SHORTEST_BATCH_S = 0.06
+SHORTEST_BATCH = 8
+FEWEST_BATCHES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What the quality codes are judged by.
+
+    Attributes
+    ----------
+    drift, missing, out_of_range : float
+        Fractions, from ``[quality]``: of the trial's lift that the drift over the record may reach; of the samples that may
+        be absent; of the samples that may hold no number.
+    range_N : float or None
+        Capacity of the load cell.
+    """
+
+    drift: float = 0.05
+    missing: float = 0.05
+    out_of_range: float = 0.01
+    range_N: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduced:
+    """One trial's mean lift and how well the record alone knows it; columns of trials.parquet by the same names.
+
+    NaN (and n = 0) where no sample was left. `n_eff` = variance of a sample over variance of the mean of the live part, at
+    most n; `u_lift_N` has the tare's standard error in it.
+    """
+
+    lift_N: float = math.nan
+    u_lift_N: float = math.nan
+    n: int = 0
+    n_eff: float = math.nan
+    drift_N_s: float = math.nan
+    sd_N: float = math.nan
+    codes: tuple[str, ...] = ()
+
+
+def reduce_record(
+    force_N: FloatArray,
+    *,
+    rate_Hz: float,
+    tare_s: float = 0.0,
+    settle_s: float = 0.0,
+    time_s: FloatArray | None = None,
+    tare_after_N: float = math.nan,
+    limits: Limits = Limits(),
+    codes: tuple[str, ...] = (),
+    where: str = "record",
+) -> Reduced:
+    """Reduce one record.
+
+    Parameters
+    ----------
+    force_N : (n,) float array
+        Lift, up positive, tare included; NaN where unreadable.
+    rate_Hz, tare_s, settle_s : float
+        Nominal sample rate; rotors-stopped head; what is discarded after it.
+    time_s : (n,) float array, optional
+        The record's clock. Gaps are seen by it, and tare and settle then end by it; else by counting samples.
+    tare_after_N : float
+        Zero reading after the trial. It only judges the drift of the zero; the tare subtracted is that of the head.
+    codes : tuple of str
+        What the reader noticed.
+
+    Raises
+    ------
+    InputRefused
+        The clock runs at another rate than the manifest says (by more than 1 %).
+    """
+    found = list(codes)
+    if "EMPTY" in found or "NO_DATA" in found:
+        return Reduced(codes=tuple(found))
+    head = len(force_N[: round(tare_s * rate_Hz)])
+    start = head + round(settle_s * rate_Hz)
+    if time_s is not None and len(time_s) > 2:
+        found += _clock(time_s, rate_Hz, limits, where)
+        if not {"gaps", "GAPS"}.isdisjoint(found) and "clock" not in found:
+            # a hole moves every later sample: only the clock knows where the tare ends
+            since = time_s - time_s[0]
+            head = int(np.count_nonzero(since < tare_s - 0.5 / rate_Hz))
+            start = int(np.count_nonzero(since < tare_s + settle_s - 0.5 / rate_Hz))
+    tare, live = force_N[:head], force_N[start:]
+    whole = len(live)
+    if not math.isfinite(float(tare.sum()) + float(live.sum())):
+        tare, live = tare[np.isfinite(tare)], live[np.isfinite(live)]
+        lost = 1.0 - (len(tare) + len(live)) / (head + whole)
+        found.append("OUT_OF_RANGE" if lost > limits.out_of_range else "out_of_range")
+    n = len(live)
+    if n < 2 or (tare_s > 0 and len(tare) < 2):
+        return Reduced(codes=(*found, "NO_DATA"))
+    mean = float(live.mean())
+    zero = float(tare.mean()) if len(tare) else 0.0
+    lift = mean - zero
+    away = live - mean
+    variance = float(away @ away) / (n - 1)
+    density, batches = spectral_density_at_zero(away, rate_Hz)
+    u2 = density / n
+    if len(tare):
+        quiet, _ = spectral_density_at_zero(tare - zero, rate_Hz, tone=False)
+        u2_tare = quiet / len(tare)
+    else:
+        u2_tare = 0.0
+    slope, u_slope = _slope(away, density, rate_Hz)
+    high, low = float(live.max()), float(live.min())
+    repeats = int(np.count_nonzero(live[1:] == live[:-1]))
+    found += _stands(live, away, high - low, math.sqrt(variance), repeats)
+    found += _saturated(live, high, low, repeats, limits.range_N)
+    found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
+    found += _rotors_at_rest(tare, lift)
+    if len(batches) > 2 and abs(batches[0]) > 0.1 * abs(lift) and abs(batches[0]) > 6 * float(batches[1:].std()):
+        found.append("unsettled")
+    return Reduced(
+        lift_N=lift,
+        u_lift_N=math.sqrt(u2 + u2_tare),
+        n=n,
+        n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
+        drift_N_s=slope,
+        sd_N=math.sqrt(variance),
+        codes=tuple(found),
+    )
+
+
+def spectral_density_at_zero(away: FloatArray, rate_Hz: float, *, tone: bool = True) -> tuple[float, FloatArray]:
+    """Variance of the mean times n, N^2, and the batch means that it was made from.
+
+    Parameters
+    ----------
+    away : (n,) float array
+        Samples less their mean.
+    tone : bool
+        Whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer batches to keep them long.
+
+    Notes
+    -----
+    Biased low by noise whose correlation time is not short beside a batch, as every estimate from one record is.
+    """
+    n = len(away)
+    shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
+    length = max(n // (BATCHES if tone else TARE_BATCHES), min(shortest, n // FEWEST_BATCHES))
+    half = length // 2
+    if half < 2:
+        return float(away @ away) / max(n - 1, 1), away
+    rising, falling, gain = _window(half)
+    pieces = away[: n - n % half].reshape(-1, half)
+    means = (pieces @ rising)[:-1] + (pieces @ falling)[1:]
+    # each mean is taken from the record's own mean, which shares 1/n of its variance
+    return float(means @ means) / len(means) / (gain - 1.0 / n), means
+
+
+@functools.lru_cache(maxsize=64)
+def _window(half: int) -> tuple[FloatArray, FloatArray, float]:
+    """The two halves of a Hann window of unit sum, and its sum of squares."""
+    window = np.sin(np.pi * (np.arange(2 * half) + 0.5) / (2 * half)) ** 2
+    window /= window.sum()
+    return window[:half].copy(), window[half:].copy(), float(window @ window)
+
+
+@functools.lru_cache(maxsize=64)
+def _ramp(n: int) -> tuple[FloatArray, float]:
+    """Sample numbers less their mean, and their sum of squares."""
+    ramp: FloatArray = np.arange(n, dtype=np.float64) - (n - 1) / 2
+    return ramp, float(ramp @ ramp)
+
+
+def _slope(away: FloatArray, density: float, rate_Hz: float) -> tuple[float, float]:
+    """Least-squares slope, N/s, and its standard error from the noise at low frequency."""
+    ramp, power = _ramp(len(away))
+    return float(ramp @ away) / power * rate_Hz, math.sqrt(density / power) * rate_Hz
+
+
+def _drifts(lift: float, change: float, u_change: float, tare_change: float, limits: Limits) -> list[str]:
+    """Drift of the force over the record, if it is no chance (4 standard errors), and of the zero."""
+    allowed = limits.drift * abs(lift)
+    found = []
+    if abs(change) > 4 * u_change:
+        found += ["DRIFT"] if abs(change) > allowed else ["drift"] if abs(change) > 0.2 * allowed else []
+    if math.isfinite(tare_change):
+        found += ["DRIFT"] if abs(tare_change) > allowed else ["drift"] if abs(tare_change) > 0.2 * allowed else []
+    return found
+
+
+def _stands(live: FloatArray, away: FloatArray, width: float, sd: float, repeats: int) -> list[str]:
+    """A channel that repeats one value, and single samples far from their neighbours. `width` is from lowest to highest."""
+    n = len(live)
+    if width == 0.0:
+        return ["STUCK"]
+    found = []
+    # a coarse cell repeats itself all the time: then a long run means nothing
+    if repeats > 0.1 * n:
+        changes = np.flatnonzero(live[1:] != live[:-1])
+        longest = int(np.diff(np.concatenate([[-1], changes, [n - 1]])).max())
+        elsewhere = len(changes) / max(n - longest, 1)
+        if longest >= 20 and longest > 0.1 * n and elsewhere > 0.5:
+            found.append("STUCK")
+    if width > 6 * sd and len(bad := np.flatnonzero(np.abs(away) > 6 * sd)):
+        beside = np.abs(away[np.concatenate([np.maximum(bad - 1, 0), np.minimum(bad + 1, n - 1)])])
+        if float(np.median(beside)) < 3 * sd:
+            found.append("spikes")
+    return found
+
+
+def _saturated(live: FloatArray, high: float, low: float, repeats: int, range_N: float | None) -> list[str]:
+    """At the end of the cell's range (98 % of it), or clipped.
+
+    Clipped is a record that stays at its own extreme for ten samples in a row, or, where the tone brings it there and back,
+    for one sample in two hundred while hardly any other value occurs twice. A coarse cell repeats itself anywhere.
+    """
+    n = len(live)
+    if range_N is not None and max(high, -low) >= 0.98 * range_N and np.count_nonzero(np.abs(live) >= 0.98 * range_N) > 0.001 * n:
+        return ["SATURATED"]
+    if repeats < 9:
+        return []
+    for extreme in (high, low):
+        at = np.flatnonzero(live == extreme)
+        if 10 <= len(at) < 0.9 * n:
+            held = _longest_run(at) >= 10 and repeats < len(at) + 0.2 * n
+            often = len(at) >= 0.005 * n and repeats < len(at) + 0.02 * n
+            if held or often:
+                return ["SATURATED"]
+    return []
+
+
+def _longest_run(at: NDArray[np.intp]) -> int:
+    breaks = np.concatenate([[-1], np.flatnonzero(np.diff(at) > 1), [len(at) - 1]])
+    return int(np.diff(breaks).max())
+
+
+def _rotors_at_rest(tare: FloatArray, lift: float) -> list[str]:
+    """Whether the tare's ends differ by a tenth of the lift, and by more than its noise."""
+    n = len(tare)
+    if n < 20:
+        return []
+    tenth = max(n // 10, 5)
+    middle = tare[tenth:-tenth]
+    zero, noise = float(middle.mean()), float(middle.std())
+    for end in (tare[:tenth], tare[-tenth:]):
+        if abs(float(end.mean()) - zero) > max(0.1 * abs(lift), 6 * noise / math.sqrt(tenth)):
+            return ["TARE"]
+    return []
+
+
+def _clock(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
+    """Gaps and stumbles of a clock column; refuses one that runs at another rate."""
+    steps = np.diff(time_s) * rate_Hz
+    shortest, longest = float(steps.min()), float(steps.max())
+    if shortest > 0.99 and longest < 1.01:
+        return []
+    usual = float(np.median(steps))
+    if not abs(usual - 1.0) <= 0.01:
+        rate = f"{rate_Hz / usual:.6g} Hz" if usual > 0 else "no steady rate"
+        raise InputRefused(
+            where,
+            f"the clock column runs at {rate}, the manifest says {rate_Hz:g} Hz",
+            "mend [load_cell] sample_rate, or the unit under [records] time",
+        )
+    found = []
+    if shortest <= 0.0:
+        found.append("clock")
+    lost = round(float(time_s[-1] - time_s[0]) * rate_Hz / usual) + 1 - len(time_s)
+    if lost > 0 and longest > 1.5:
+        found.append("GAPS" if lost > limits.missing * (len(time_s) + lost) else "gaps")
+    return found

@@ -1,0 +1,120 @@
+"""Frozen values that the cores exchange: what was observed, what was estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary, FloatArray
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observations:
+    """The accepted trials of one boundary, in run order; all arrays have shape (n,).
+
+    Attributes
+    ----------
+    boundary : str
+    trial : object array of str
+    z_hat : array
+        Distance over rotor radius; inf in free air.
+    lift_N, u_lift_N : array
+        Mean lift and its standard error from within the record (0 where unknown).
+    n_eff : array
+        Effectively independent samples behind each mean.
+    throttle : array
+        Fraction.
+    visit : int array
+        The traverse's stops, counted from 0.
+    session : int array
+        Session index from 0; all 0 where not recorded.
+    radius_m : float
+        Rotor radius.
+    geometry : mapping
+        What models may need: `spacing_hat`, `diagonal_hat`, `layout_hat`.
+    covariates : mapping of str to array
+        Further columns of the trials, SI; nan where missing.
+    """
+
+    boundary: Boundary
+    trial: NDArray[Any]
+    z_hat: FloatArray
+    lift_N: FloatArray
+    u_lift_N: FloatArray
+    n_eff: FloatArray
+    throttle: FloatArray
+    visit: IntArray
+    session: IntArray
+    radius_m: float
+    geometry: Mapping[str, Any] = field(default_factory=dict)
+    covariates: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of trials."""
+        return len(self.lift_N)
+
+    @property
+    def levels(self) -> FloatArray:
+        """The distinct throttles, ascending."""
+        return np.unique(self.throttle)
+
+    @property
+    def level(self) -> IntArray:
+        """Index into `levels` of each trial."""
+        return np.searchsorted(self.levels, self.throttle).astype(np.int64)
+
+    def take(self, keep: NDArray[Any]) -> Observations:
+        """The trials selected by a mask or an index array."""
+        import dataclasses
+
+        arrays = {f.name: getattr(self, f.name)[keep] for f in dataclasses.fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
+        return dataclasses.replace(self, **arrays, covariates={k: v[keep] for k, v in self.covariates.items()})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """A number with its standard uncertainty and 90 % interval, in `unit`."""
+
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+    unit: str = "1"
+    at_bound: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """How trials scatter about any smooth curve.
+
+    Attributes
+    ----------
+    relative : float
+        Standard deviation in proportion to lift, beyond what the records themselves show.
+    force_N : float
+        Standard deviation of an additive force.
+    height_m : float
+        Standard deviation of the height of one visit of the traverse, shared by the visit's trials.
+    serial, serial_length : float
+        Standard deviation, in proportion to lift, of noise that neighbouring trials of one visit have in common, and the number
+        of trials over which it fades.
+    source : str
+        What they were estimated from.
+    dof : float
+        Degrees of freedom behind them.
+    """
+
+    relative: float
+    force_N: float = 0.0
+    height_m: float = 0.0
+    serial: float = 0.0
+    serial_length: float = 1.0
+    source: str = "declared"
+    dof: float = np.inf

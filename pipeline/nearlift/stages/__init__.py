@@ -1,0 +1,1 @@
+"""The thin shell: each stage reads products, calls the core, writes products. Only stages touch the disk."""

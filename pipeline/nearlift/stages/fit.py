@@ -1,0 +1,107 @@
+"""fit: every lift model that suits each boundary and the vehicle, by least squares on trials, to fit.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.campaign import Campaign
+from nearlift.declare import Boundary, LiftModel
+from nearlift.errors import InputRefused, ManifestError, NotConverged
+from nearlift.fitting import budget
+from nearlift.fitting.least_squares import Fit, fit
+from nearlift.products import FIT, TRIALS
+from nearlift.results import Estimate, Observations
+from nearlift.stages.job import Job, Outcome
+from nearlift.stages.observe import boundaries, observe
+
+
+def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[LiftModel, ...]]:
+    """Base model and rivals of one boundary: the manifest's, else the vehicle's defaults."""
+    chosen = campaign.fit.get(boundary)
+    vehicle, geometry = campaign.vehicle, campaign.vehicle.geometry()
+    base = catalogue.model(chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors))
+    if chosen and chosen.rivals is not None:
+        rivals = tuple(catalogue.model(name) for name in chosen.rivals)
+    else:
+        rivals = tuple(catalogue.model(name) for name in catalogue.default_rivals(boundary, vehicle.rotors, geometry))
+    for model in (base, *rivals):
+        if model.boundary != boundary:
+            raise ManifestError(f"fit.{boundary}", f"{model.name} is a {model.boundary} model", f"`nearlift describe` lists those of the {boundary}")
+        lacking = [n for n in model.needs if n not in geometry]
+        if lacking and model is base:
+            raise ManifestError(f"fit.{boundary}", f"{model.name} needs {', '.join(lacking)}", "give rotor_spacing in [vehicle], or another `base`")
+    return base, tuple(m for m in rivals if m.name != base.name)
+
+
+def run(job: Job) -> Outcome:
+    """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends the run with exit code 5."""
+    trials = job.read(TRIALS)
+    parts = budget.components(job.campaign)
+    content: dict[str, Any] = {"schema": FIT.schema, "base": {}, "noise": {}, "boundaries": {}, "failed": {}}
+    notes = []
+    present = boundaries(trials)
+    if not present:
+        raise InputRefused(job.campaign.name, "no trial was accepted, so there is nothing to fit", "trials.parquet gives the reason for each")
+    for boundary in present:
+        data = observe(trials, job.campaign, boundary)
+        base, rivals = choice(job.campaign, boundary)
+        fits: dict[str, Any] = {}
+        scatter = None
+        for model in (base, *rivals):
+            job.say(f"fit {boundary}: {model.name}")
+            try:
+                result = fit(model, data, parts, scatter)
+            except NotConverged as fault:
+                if model is base:
+                    raise
+                content["failed"].setdefault(boundary, {})[model.name] = fault.what
+                notes.append(f"{boundary}: {model.name} was not fitted: {fault.what}")
+                continue
+            # one noise for all models, or their likelihoods could not be compared
+            scatter = scatter or result.noise
+            fits[model.name] = record(result, data)
+        content["base"][boundary] = base.name
+        content["boundaries"][boundary] = fits
+        assert scatter is not None
+        content["noise"][boundary] = {
+            "relative": scatter.relative,
+            "force_N": scatter.force_N,
+            "height_m": scatter.height_m,
+            "source": scatter.source,
+            "dof": scatter.dof,
+        }
+    job.write_json(FIT, content)
+    return Outcome(notes=tuple(notes))
+
+
+def record(result: Fit, data: Observations) -> dict[str, Any]:
+    """One model's entry in fit.json."""
+    return {
+        "title": result.model.title,
+        "parameters": {name: _estimate(e) for name, e in result.estimates.items()},
+        "covariance": {"names": list(result.names), "values": result.covariance},
+        "chi2": result.chi2,
+        "dof": result.dof,
+        "n_trials": result.n,
+        "rmse": result.rmse,
+        "r2": result.r2,
+        **({"r2_near": result.r2_near, "r2_near_range": [1.0, 3.0]} if data.boundary == "ground" else {}),
+        "log_likelihood": result.log_likelihood,
+        "aic": result.aic,
+        "bic": result.bic,
+        "L_inf_N": {f"{t:g}": _estimate(e) for t, e in result.levels.items()},
+        "degeneracies": [{"pair": list(d.pair), "r": d.r, "text": d.text, "u_if_free": d.u_if_free} for d in result.degeneracies],
+        "excluded": [{"trial": t, "reason": why} for t, why in result.excluded],
+    }
+
+
+def _estimate(e: Estimate) -> dict[str, Any]:
+    return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit, "at_bound": e.at_bound}
+
+
+def theta_of(entry: dict[str, Any], model: LiftModel) -> np.ndarray:
+    """The fitted parameters of one entry of fit.json, in the model's order."""
+    return np.array([entry["parameters"][p.name]["value"] for p in model.parameters])

@@ -1,0 +1,235 @@
+"""The stages in order, what makes one stale, and the run that brings them up to date.
+
+A stage is stale when what it read has changed in content: the manifest's sections that concern it, the raw files, the products
+of earlier stages, the seed, or the code. Times do not count. What a stage wrote is checked by digest too, so a damaged or
+deleted product is made again. `provenance.json`, written last after each stage, is what commits it.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import json
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import nearlift
+from nearlift import store
+from nearlift.errors import UsageError
+from nearlift.products import DIAGNOSIS, FIT, LIFT, LIFT_COVARIANCE, PROVENANCE, TRIALS, Product
+from nearlift.stages.job import Job, Outcome
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """One verb: what it reads and writes, and the module whose `run(job)` does it (imported only when it runs)."""
+
+    name: str
+    summary: str
+    reads: tuple[Product, ...] = ()
+    writes: tuple[Product, ...] = ()
+    sections: tuple[str, ...] = ()
+    raw: bool = False
+    report: bool = False
+
+    def run(self, job: Job) -> Outcome:
+        """Do it."""
+        module = importlib.import_module(f"nearlift.stages.{self.name}")
+        outcome: Outcome = module.run(job)
+        return outcome
+
+
+STAGES = (
+    Stage(
+        name="ingest",
+        summary="raw records to one row per trial",
+        writes=(TRIALS,),
+        sections=("name", "simulated", "vehicle", "rig", "load_cell", "records", "trials", "quality"),
+        raw=True,
+    ),
+    Stage(
+        name="reduce",
+        summary="trials to Delta L per cell, with its covariance",
+        reads=(TRIALS,),
+        writes=(LIFT, LIFT_COVARIANCE),
+        sections=("vehicle",),
+    ),
+    Stage(
+        name="fit",
+        summary="lift models by least squares",
+        reads=(TRIALS,),
+        writes=(FIT,),
+        sections=("vehicle", "rig", "load_cell", "uncertainty", "fit"),
+    ),
+    Stage(
+        name="diagnose",
+        summary="the residual, traced to what the model lacks",
+        reads=(TRIALS,),
+        writes=(DIAGNOSIS,),
+        sections=("vehicle", "rig", "load_cell", "uncertainty", "fit", "diagnose"),
+    ),
+    Stage(
+        name="report",
+        summary="figures, tables and index.html",
+        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, DIAGNOSIS),
+        sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty"),
+        raw=True,
+        report=True,
+    ),
+)
+#: Packages whose version can change a number.
+NUMERICAL = ("numpy", "scipy", "lmfit", "emcee", "pyarrow", "matplotlib", "pint", "pydantic")
+
+
+def stage(name: str) -> Stage:
+    """The stage of that name."""
+    for item in STAGES:
+        if item.name == name:
+            return item
+    raise UsageError("stage", f"{name!r} is not a stage", f"stages are {', '.join(s.name for s in STAGES)}")
+
+
+@functools.cache
+def code_digest() -> str:
+    """Digest of nearlift's own source, so that products of older code are stale."""
+    package = Path(nearlift.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(p for p in package.rglob("*") if p.is_file() and "__pycache__" not in p.parts):
+        digest.update(str(path.relative_to(package)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages whose version can change a number."""
+    return {"python": platform.python_version(), **{name: metadata.version(name) for name in NUMERICAL}}
+
+
+@dataclass(kw_only=True)
+class Ledger:
+    """provenance.json of one campaign: what was read, what was made of it, by what."""
+
+    job: Job
+    content: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def open(cls, job: Job) -> Ledger:
+        """The ledger on disk, or an empty one."""
+        path = job.processed / PROVENANCE.file
+        content = store.read_json(path) if path.is_file() else {}
+        return cls(job=job, content=content if content.get("schema") == PROVENANCE.schema else {})
+
+    def material(self, stage: Stage) -> dict[str, Any]:
+        """Everything that decides the stage's output, by content."""
+        sections = {s: _digest(self.job.campaign.model_dump(mode="json", by_alias=True)[s]) for s in stage.sections}
+        made = {file: sha for record in self.content.get("stages", {}).values() for file, sha in record["outputs"].items()}
+        return {
+            "code": code_digest(),
+            "versions": versions(),
+            "seed": self.job.seed,
+            "manifest": sections,
+            "inputs": dict(self.job.inputs) if stage.raw else {},
+            "products": {p.file: made[f"processed/{p.file}"] for p in stage.reads if f"processed/{p.file}" in made},
+        }
+
+    def why_stale(self, stage: Stage) -> str:
+        """Why the stage must run, in words; empty if it need not."""
+        record = self.content.get("stages", {}).get(stage.name)
+        if record is None:
+            return "has not run yet"
+        for file, sha in record["outputs"].items():
+            path = self._path(file)
+            if not path.is_file():
+                return f"{file} is missing"
+            if store.sha256(path) != sha:
+                return f"{file} was changed after it was written"
+        before, now = record["material"], self.material(stage)
+        if before["code"] != now["code"]:
+            return "nearlift itself has changed"
+        for name, meaning in (("versions", "version of {}"), ("manifest", "[{}] of the manifest"), ("inputs", "{}"), ("products", "{}")):
+            changed = sorted(k for k in before[name].keys() | now[name].keys() if before[name].get(k) != now[name].get(k))
+            if changed:
+                more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
+                return f"{meaning.format(changed[0])} has changed{more}"
+        return "the seed has changed" if before["seed"] != now["seed"] else ""
+
+    def _path(self, file: str) -> Path:
+        kind, _, rest = file.partition("/")
+        return {"processed": self.job.processed, "reports": self.job.reports}[kind] / rest
+
+    def commit(self, stage: Stage, outcome: Outcome, material: dict[str, Any], wall_s: float) -> None:
+        """Record that the stage is done; the last write of a stage."""
+        outputs = {f"processed/{p.file}": store.sha256(self.job.processed / p.file) for p in stage.writes}
+        if stage.report:
+            files = sorted(p for p in self.job.reports.rglob("*") if p.is_file())
+            outputs |= {f"reports/{p.relative_to(self.job.reports).as_posix()}": store.sha256(p) for p in files}
+        stages = dict(self.content.get("stages", {}))
+        stages[stage.name] = {
+            "material": material,
+            "outputs": outputs,
+            "rejected": [list(r) for r in outcome.rejected],
+            "notes": list(outcome.notes),
+            "wall_s": wall_s,
+        }
+        self.content = {
+            "schema": PROVENANCE.schema,
+            "campaign": self.job.campaign.name,
+            "nearlift": nearlift.__version__,
+            "platform": platform.platform(),
+            "versions": versions(),
+            "options": {"seed": self.job.seed},
+            "inputs": {name: {"sha256": sha} for name, sha in self.job.inputs.items()},
+            "stages": {s.name: stages[s.name] for s in STAGES if s.name in stages},
+        }
+        store.write_json(self.job.processed / PROVENANCE.file, self.content)
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """What happened to one stage: `why` it was stale (empty: it was not), and its outcome."""
+
+    stage: Stage
+    why: str
+    outcome: Outcome
+    wall_s: float = 0.0
+
+
+def plan(job: Job, wanted: Sequence[Stage] = STAGES) -> Iterator[tuple[Stage, str]]:
+    """Each stage with the reason for which it is stale, empty if it is up to date; runs nothing."""
+    ledger = Ledger.open(job)
+    upstream: dict[str, str] = {}
+    for item in wanted:
+        why = ledger.why_stale(item)
+        late = next((upstream[p.file] for p in item.reads if p.file in upstream), "")
+        why = why or (f"{late} will run" if late else "")
+        if why:
+            upstream |= {p.file: item.name for p in item.writes}
+        yield item, why
+
+
+def run(job: Job, wanted: Sequence[Stage] = STAGES, begin: Callable[[Stage, str], None] = lambda s, w: None, force: bool = False) -> Iterator[Step]:
+    """Bring the wanted stages up to date, in order; yields what happened to each."""
+    ledger = Ledger.open(job)
+    for item in wanted:
+        why = ledger.why_stale(item) or ("asked for" if force else "")
+        if not why:
+            record = ledger.content["stages"][item.name]
+            yield Step(stage=item, why="", outcome=Outcome(rejected=tuple((t, r) for t, r in record["rejected"]), notes=tuple(record["notes"])))
+            continue
+        begin(item, why)
+        material = ledger.material(item)
+        start = time.perf_counter()
+        outcome = item.run(job)
+        wall_s = time.perf_counter() - start
+        ledger.commit(item, outcome, material, wall_s)
+        yield Step(stage=item, why=why, outcome=outcome, wall_s=wall_s)

@@ -1,0 +1,222 @@
+"""Ingest: records to one row per trial. Every trial of the schedule has a row; a rejected one says why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nearlift import readers, store
+from nearlift.campaign import Campaign
+from nearlift.errors import InputRefused
+from nearlift.executors import ordered
+from nearlift.products import TRIALS
+from nearlift.readers import Piece, Reader, Schedule, means
+from nearlift.readers.schedule import read_schedule, schedule_file
+from nearlift.reduction import plausibility, quality
+from nearlift.reduction.record import Limits, Reduced, reduce_record
+from nearlift.stages.job import Job, Outcome
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What one worker is sent: a piece of the plan, and what it needs to reduce it."""
+
+    root: Path
+    campaign: Campaign
+    piece: Piece
+    tare_after_N: Mapping[str, float]
+    inputs: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What one worker answers for one trial."""
+
+    trial: str
+    reduced: Reduced
+    source_sha256: str
+
+
+def inputs(root: Path, campaign: Campaign) -> list[str]:
+    """Every file that trials.parquet is made from, relative to the campaign's folder: manifest, schedule, records.
+
+    Raises
+    ------
+    NearliftError
+        As `run` does for a manifest or a schedule that cannot be read.
+    """
+    reader = readers.reader(campaign.records.reader)
+    schedule = read_schedule(campaign, root)
+    records = reader.files(campaign, root, list(schedule.trial))
+    return [path.relative_to(root).as_posix() for path in (root / "campaign.toml", schedule_file(campaign, root), *records)]
+
+
+def run(job: Job) -> Outcome:
+    """Write trials.parquet.
+
+    Raises
+    ------
+    NearliftError
+        The schedule or the records are refused, no trial has a record, or none is good. Nothing is written then.
+    """
+    campaign = job.campaign
+    reader = readers.reader(campaign.records.reader)
+    schedule = read_schedule(campaign, job.root)
+    notes = list(schedule.notes)
+    if reader.series:
+        rows, more = _from_records(job, reader, schedule)
+        notes += more
+    else:
+        rows = _from_means(job, schedule)
+    table = _table(schedule, rows, campaign)
+    notes += _judge(table, campaign)
+    bad = quality.rejected(table["quality"])
+    if bad.all():
+        told = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
+        reasons = ", ".join(f"{code} {count}" for code, count in told.most_common())
+        worst = quality.code(told.most_common(1)[0][0])
+        raise InputRefused(str(job.root), f"all {len(bad)} trials are rejected ({reasons})", f"{worst.name}: {worst.meaning}")
+    job.write(TRIALS, table)
+    rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i])) for i in np.flatnonzero(bad))
+    return Outcome(rejected=rejected, notes=tuple(notes))
+
+
+def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[dict[str, Row], list[str]]:
+    """Rows by trial, from as many workers as the executor has; a trial without a record has none."""
+    plan = reader.plan(job.campaign, job.root, list(schedule.trial))
+    if not any(piece.trials for piece in plan.pieces):
+        raise InputRefused(
+            str(job.root / (job.campaign.records.files or "")),
+            f"none of the {len(schedule)} trials has a record",
+            f"the first would be that of trial {schedule.trial[0]!r}; check [records] files",
+        )
+    after = dict(zip(schedule.trial, schedule.covariates["tare_after_N"], strict=True)) if "tare_after_N" in schedule.covariates else {}
+    rows: dict[str, Row] = {}
+    for answer in ordered(job.executor, reduce_piece, _tasks(job, plan.pieces, after)):
+        rows.update((row.trial, row) for row in answer)
+        job.say(f"ingest {len(rows)} of {len(schedule)} trials")
+    notes = list(plan.notes)
+    if job.campaign.load_cell.tare == "none":
+        notes.append('the records have no tare: the zero of the force is unknown and wants an [[uncertainty]] on = "force"')
+    return rows, notes
+
+
+def _tasks(job: Job, pieces: Sequence[Piece], after: Mapping[str, float]) -> Iterator[Task]:
+    whole = {piece.paths[0]: "" for piece in pieces if len(piece.paths) == 1 and len(piece.trials) > 1}
+    # a file that many trials share is hashed once, here, and not by every worker
+    shared = {source: job.inputs.get(source) or store.sha256(path) for path in whole for source in [path.relative_to(job.root).as_posix()]}
+    for piece in pieces:
+        sources = [path.relative_to(job.root).as_posix() for path in piece.paths]
+        yield Task(
+            root=job.root,
+            campaign=job.campaign,
+            piece=piece,
+            tare_after_N={trial: after[trial] for trial in piece.trials if trial in after},
+            inputs={s: digest for s in sources if (digest := shared.get(s) or job.inputs.get(s))},
+        )
+
+
+def reduce_piece(task: Task) -> list[Row]:
+    """Read and reduce the trials of one piece; runs in any thread or process."""
+    cell, choice = task.campaign.load_cell, task.campaign.quality
+    limits = Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=cell.range)
+    digests = dict(task.inputs)
+    rows = []
+    for record in readers.reader(task.campaign.records.reader).read_piece(task.campaign, task.root, task.piece):
+        reduced = reduce_record(
+            record.force_N,
+            rate_Hz=cell.sample_rate or 1.0,
+            tare_s=task.campaign.tare_s,
+            settle_s=cell.settle,
+            time_s=record.time_s,
+            tare_after_N=task.tare_after_N.get(record.trial, np.nan),
+            limits=limits,
+            codes=record.codes,
+            where=f"{record.source}, trial {record.trial!r}",
+        )
+        if record.source not in digests:
+            digests[record.source] = store.sha256(task.root / record.source)
+        rows.append(Row(trial=record.trial, reduced=reduced, source_sha256=digests[record.source]))
+    return rows
+
+
+def _from_means(job: Job, schedule: Schedule) -> dict[str, Row]:
+    path = schedule_file(job.campaign, job.root)
+    digest = job.inputs.get(path.relative_to(job.root).as_posix()) or store.sha256(path)
+    lift = means.lift_of(schedule)
+    return {
+        trial: Row(
+            trial=trial,
+            reduced=Reduced(
+                lift_N=float(lift["lift_N"][i]),
+                u_lift_N=float(lift["u_lift_N"][i]),
+                n=int(lift["n"][i]),
+                n_eff=float(lift["n"][i]),
+                sd_N=float(lift["sd_N"][i]),
+            ),
+            source_sha256=digest,
+        )
+        for i, trial in enumerate(schedule.trial)
+    }
+
+
+def _table(schedule: Schedule, rows: Mapping[str, Row], campaign: Campaign) -> store.Table:
+    """The columns of trials.parquet in run order, with the codes that need no other trial and those of length."""
+    missing = Row(trial="", reduced=Reduced(codes=("MISSING",)), source_sha256="")
+    found = [rows.get(trial, missing) for trial in schedule.trial]
+    codes = [list(row.reduced.codes) for row in found]
+    n = np.array([row.reduced.n for row in found], dtype=np.int64)
+    if campaign.records.reader != "means":
+        plausibility.lengths(n, codes, campaign.quality.missing)
+        _duplicates(found, codes)
+    real = {name: np.array([getattr(row.reduced, name) for row in found]) for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")}
+    return {
+        "trial": schedule.trial,
+        "boundary": schedule.boundary,
+        "z_hat": schedule.z_hat,
+        "z_m": schedule.z_m,
+        "throttle": schedule.throttle,
+        **real,
+        "n": n,
+        "quality": np.array([quality.joined(c) for c in codes], dtype=object),
+        "visit": schedule.visit,
+        "source_sha256": np.array([row.source_sha256 for row in found], dtype=object),
+        **schedule.covariates,
+    }
+
+
+def _duplicates(rows: Sequence[Row], codes: Sequence[list[str]]) -> None:
+    """Reject a trial whose file is that of an earlier one; trials of one long table are told apart by their numbers."""
+    seen: set[tuple[str, float, float]] = set()
+    for row, own in zip(rows, codes, strict=True):
+        if row.reduced.n == 0:
+            continue
+        key = (row.source_sha256, row.reduced.lift_N, row.reduced.sd_N)
+        if key in seen:
+            own.append("DUPLICATE")
+        seen.add(key)
+
+
+def _judge(table: store.Table, campaign: Campaign) -> list[str]:
+    """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
+    weight = campaign.vehicle.mass * campaign.rig.gravity
+    series = campaign.records.force
+    unit, key = (series.unit, "records.force.unit") if series is not None else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
+    plausibility.against_weight(table, weight, unit, key)
+    heavy = plausibility.implausible(table["lift_N"], weight)
+    table["quality"] = np.array(
+        [quality.joined([*text.split(), "IMPLAUSIBLE"]) if h else text for text, h in zip(table["quality"], heavy, strict=True)], dtype=object
+    )
+    notes = []
+    for side, lower, upper, below, above in plausibility.not_rising(table):
+        here = (table["boundary"] == side) & (table["throttle"] == upper)
+        far = here & (table["z_hat"] == table["z_hat"][here].max())
+        table["quality"][far] = [quality.joined([*text.split(), "not_rising"]) for text in table["quality"][far]]
+        place = f"far from the {side}" if side != "none" else "in free air"
+        step = f"{below:.4g} N at {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} %"
+        notes.append(f"{place} the lift does not rise with throttle: {step} (battery, order of the sweep, or a wrong label?)")
+    return notes

@@ -1,0 +1,70 @@
+"""What a stage is given and what it answers."""
+
+from __future__ import annotations
+
+import concurrent.futures
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from nearlift import store
+from nearlift.campaign import Campaign
+from nearlift.products import Product
+
+
+def _silent(_: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One campaign being worked on.
+
+    Attributes
+    ----------
+    root : Path
+        The campaign's folder, never written.
+    campaign : Campaign
+    processed, reports : Path
+        Where this campaign's products and figures go.
+    inputs : mapping of str to str
+        Every input file under `root`, relative path to SHA-256.
+    seed : int
+    executor : Executor
+    say : callable
+        Takes a short progress text, such as ``"ingest 120 of 3600 trials"``.
+    """
+
+    root: Path
+    campaign: Campaign
+    processed: Path
+    reports: Path
+    executor: concurrent.futures.Executor
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    seed: int = 0
+    say: Callable[[str], None] = _silent
+
+    def read(self, product: Product) -> store.Table:
+        """A table product of this campaign."""
+        return store.read_table(self.processed / product.file, product)
+
+    def write(self, product: Product, table: Mapping[str, Any]) -> None:
+        """Write a table product of this campaign."""
+        store.write_table(self.processed / product.file, table, product)
+
+    def read_json(self, product: Product) -> dict[str, Any]:
+        """A JSON product of this campaign."""
+        return store.read_json(self.processed / product.file)
+
+    def write_json(self, product: Product, content: Mapping[str, Any]) -> None:
+        """Write a JSON product of this campaign."""
+        store.write_json(self.processed / product.file, content)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What a stage has to say when it is done: trials it rejected with the reason, and notes for the user."""
+
+    rejected: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()

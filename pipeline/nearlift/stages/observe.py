@@ -1,0 +1,53 @@
+"""trials.parquet to what the cores work on: the accepted trials of one boundary."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.campaign import Campaign
+from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.products import TRIALS
+from nearlift.reduction.quality import rejected
+from nearlift.results import Observations
+from nearlift.store import Table
+
+
+def boundaries(trials: Table) -> list[Boundary]:
+    """The boundaries with at least one accepted trial, in the house's order."""
+    good = set(trials["boundary"][~rejected(trials["quality"])])
+    return [b for b in BOUNDARIES if b in good]
+
+
+def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observations:
+    """The accepted trials of `boundary`, those in free air included, in run order."""
+    mine = np.isin(trials["boundary"], [boundary, "none"]) & ~rejected(trials["quality"])
+    declared = {c.name for c in TRIALS.columns}
+    covariates = {
+        name: np.asarray(values[mine], dtype=float)
+        for name, values in trials.items()
+        if (name not in declared or name == "drift_N_s") and values.dtype.kind in "fiu"
+    }
+    if campaign.load_cell.sample_rate is not None and "n" in trials:
+        covariates["record_s"] = trials["n"][mine] / campaign.load_cell.sample_rate
+    session = trials["session"][mine].astype(str) if "session" in trials else np.zeros(int(mine.sum()))
+    return Observations(
+        boundary=boundary,
+        trial=trials["trial"][mine],
+        z_hat=np.asarray(trials["z_hat"][mine], dtype=float),
+        lift_N=np.asarray(trials["lift_N"][mine], dtype=float),
+        u_lift_N=np.nan_to_num(np.asarray(trials["u_lift_N"][mine], dtype=float)),
+        n_eff=np.nan_to_num(np.asarray(trials["n_eff"][mine], dtype=float), nan=1.0),
+        throttle=np.asarray(trials["throttle"][mine], dtype=float),
+        visit=np.asarray(trials["visit"][mine], dtype=np.int64),
+        session=_in_order(session),
+        radius_m=campaign.vehicle.rotor_radius,
+        geometry=campaign.vehicle.geometry(),
+        covariates=covariates,
+    )
+
+
+def _in_order(labels: np.ndarray) -> np.ndarray:
+    """Labels counted 0, 1, ... in the order in which they first appear."""
+    _, first, index = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return rank[index].astype(np.int64)

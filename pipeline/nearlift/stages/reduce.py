@@ -1,0 +1,38 @@
+"""reduce: trials.parquet to lift.parquet and lift_covariance.parquet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
+from nearlift.reduction import cells
+from nearlift.stages.job import Job, Outcome
+from nearlift.stages.observe import boundaries, observe
+
+
+def run(job: Job) -> Outcome:
+    """Average the accepted trials of each (boundary, distance, throttle); write the cells and the covariance of Delta L."""
+    trials = job.read(TRIALS)
+    found = {}
+    for boundary in boundaries(trials):
+        data = observe(trials, job.campaign, boundary)
+        found[boundary] = cells.reduce(data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit)
+    columns = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L")
+    table = {name: np.concatenate([getattr(c, name) for c in found.values()]) for name in columns}
+    table["boundary"] = np.concatenate([np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()])
+    covariance = _block_diagonal([c.covariance for c in found.values()])
+    table["u_delta_L"] = np.sqrt(np.maximum(np.diag(covariance), 0))
+    job.write(LIFT, table)
+    job.write(LIFT_COVARIANCE, {f"c{i}": column for i, column in enumerate(covariance.T)})
+    return Outcome()
+
+
+def _block_diagonal(blocks: list[FloatArray]) -> FloatArray:
+    size = sum(len(b) for b in blocks)
+    result = np.zeros((size, size))
+    at = 0
+    for block in blocks:
+        result[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return result

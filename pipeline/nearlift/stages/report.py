@@ -1,0 +1,88 @@
+"""report: every figure as .pdf, .png and .csv, tables for papers, and index.html. matplotlib is imported only here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from nearlift import store
+from nearlift.products import FIT, PRODUCTS, TRIALS
+from nearlift.stages import overlays
+from nearlift.stages.job import Job, Outcome
+from nearlift.stages.observe import boundaries, observe
+from nearlift.summaries.evidence import Evidence
+
+if TYPE_CHECKING:
+    from nearlift.stages.gallery import FigureSpec
+
+#: Products without which there is nothing to report.
+NEEDED = (TRIALS, FIT)
+
+
+def run(job: Job) -> Outcome:
+    """Make the whole report anew. A figure whose products are missing is not made, and what an earlier run left of it is removed."""
+    from nearlift.figures.render import render
+    from nearlift.figures.style import style
+    from nearlift.pages.latex import coefficients, table
+    from nearlift.pages.render import Picture, page
+    from nearlift.stages.gallery import FIGURES
+    from nearlift.summaries.tidy import to_csv
+
+    look = style(job.campaign.report.style)
+    evidence = gather(job)
+    pictures, left_out = [], []
+    for spec in FIGURES:
+        rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
+        if not any(len(column) for column in rows.values()):
+            left_out.append(spec.name)
+            _remove(job, spec)
+            continue
+        job.say(f"report {spec.name}")
+        files = render(spec.draw, rows, look)
+        for kind in ("pdf", "png"):
+            store.write_bytes(job.reports / f"{spec.name}.{kind}", files[kind])
+        store.write_bytes(job.reports / f"{spec.name}.csv", to_csv(rows))
+        caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
+        pictures.append(Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"]))
+    store.write_bytes(job.reports / "tables" / "coefficients.tex", table(evidence).encode())
+    store.write_bytes(job.reports / "tables" / "coefficients.csv", to_csv(coefficients(evidence)))
+    store.write_bytes(job.reports / "index.html", page(evidence, pictures))
+    return Outcome(notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out))
+
+
+def gather(job: Job) -> Evidence:
+    """Everything that some figure or chapter reads, in memory; provenance.json is not among it, since times stand there."""
+    from nearlift.pages.chapters import CHAPTERS
+    from nearlift.stages.gallery import FIGURES
+    from nearlift.stages.graph import versions
+
+    read = {p for spec in FIGURES for p in spec.needs} | {p for chapter in CHAPTERS for p in chapter.needs}
+    tables: dict[str, Any] = {}
+    documents: dict[str, Any] = {}
+    digests = {}
+    for product in PRODUCTS:
+        path = job.processed / product.file
+        if product not in read or (product not in NEEDED and not path.is_file()):
+            continue
+        if path.suffix == ".json":
+            documents[product.file] = job.read_json(product)
+        else:
+            tables[product.file] = job.read(product)
+        digests[product.file] = store.sha256(path)
+    trials = tables[TRIALS.file]
+    fitted = documents[FIT.file]["boundaries"]
+    return Evidence(
+        campaign=job.campaign,
+        tables=tables,
+        documents=documents,
+        observations={b: observe(trials, job.campaign, b) for b in boundaries(trials) if b in fitted},
+        overlays=overlays.read(job.root, job.campaign),
+        digests=digests,
+        inputs=dict(job.inputs),
+        versions=versions(),
+        seed=job.seed,
+    )
+
+
+def _remove(job: Job, spec: FigureSpec) -> None:
+    for kind in ("pdf", "png", "csv"):
+        (job.reports / f"{spec.name}.{kind}").unlink(missing_ok=True)

@@ -1,0 +1,178 @@
+"""Products on disk: written whole or not at all, read back only if intact.
+
+Every write goes to a temporary file in the same folder, is flushed to the disk, renamed, and the folder is flushed too: a
+reader sees the old bytes or the new ones. Tables are Parquet with page checksums, which a flipped bit cannot pass.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.errors import ProductError
+from nearlift.products import Product
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+#: Column name -> values, all of one length; text columns are object arrays of str.
+Table = dict[str, NDArray[Any]]
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Replace `path` by `content` in one step that survives a crash."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, streamed."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
+    """An Arrow table with the product's columns first, their units and meanings in the fields' metadata.
+
+    Raises
+    ------
+    ProductError
+        A declared column is missing, lengths differ, or an undeclared column stands in a closed product.
+    """
+    import pyarrow as pa
+
+    declared = {c.name: c for c in product.columns}
+    missing = declared.keys() - table.keys()
+    extra = table.keys() - declared.keys()
+    if missing or (extra and not product.open_ended):
+        raise ProductError(product.file, f"lacks {sorted(missing)}, has undeclared {sorted(extra)}", "this is a defect of the stage that writes it")
+    if len({len(v) for v in table.values()}) > 1:
+        raise ProductError(product.file, "has columns of different lengths", "this is a defect of the stage that writes it")
+    kinds = {"text": pa.string(), "real": pa.float64(), "integer": pa.int64()}
+    fields, arrays = [], []
+    for name in (*declared, *(n for n in table if n not in declared)):
+        values = np.asarray(table[name])
+        column = declared.get(name)
+        kind = kinds[column.kind] if column else _arrow_type(values)
+        meta = {"unit": column.unit, "meaning": column.meaning} if column else {}
+        fields.append(pa.field(name, kind, metadata=meta or None))
+        arrays.append(_arrow(values, kind))
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={"schema": product.schema}))
+
+
+def _arrow(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
+    """A column from its bytes; `pyarrow.array` would import pandas to see whether it was given a Series, which takes 0.3 s."""
+    import pyarrow as pa
+
+    if kind != pa.string():
+        plain_values = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
+        return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(plain_values)])
+    texts = [str(text).encode() for text in values.tolist()]
+    ends = np.cumsum([0, *map(len, texts)], dtype=np.int64)
+    if ends[-1] >= 2**31:
+        raise ProductError("text column", f"holds {ends[-1]} bytes", "shorten the texts: a column takes 2 GiB")
+    return pa.StringArray.from_buffers(len(texts), pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(texts)))
+
+
+def _arrow_type(values: NDArray[Any]) -> Any:
+    import pyarrow as pa
+
+    if values.dtype.kind in "OUS":
+        return pa.string()
+    return pa.int64() if values.dtype.kind in "iu" else pa.float64()
+
+
+def write_table(path: Path, table: Mapping[str, NDArray[Any]], product: Product) -> None:
+    """Write a table product: schema checked, pages checksummed, in one atomic step."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = pa.BufferOutputStream()
+    pq.write_table(to_arrow(table, product), sink, compression="zstd", write_page_checksum=True)
+    write_bytes(path, sink.getvalue().to_pybytes())
+
+
+def read_table(path: Path, product: Product) -> Table:
+    """Read a table product back, its pages verified.
+
+    Raises
+    ------
+    ProductError
+        The file is missing, damaged, or of another schema.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if not path.is_file():
+        raise ProductError(str(path), "is missing", "run the stage that writes it (`nearlift plan CAMPAIGN` says which)")
+    try:
+        table = pq.read_table(path, page_checksum_verification=True)
+    except (pa.ArrowException, OSError) as fault:
+        raise ProductError(str(path), f"is damaged: {str(fault).splitlines()[0]}", "delete it and run again") from None
+    found = (table.schema.metadata or {}).get(b"schema", b"none").decode()
+    if found != product.schema:
+        raise ProductError(str(path), f"has schema {found}, not {product.schema}", "it was written by another version: run again")
+    return {name: _numpy(table[name]) for name in table.column_names}
+
+
+def _numpy(column: pa.ChunkedArray) -> NDArray[Any]:
+    import pyarrow as pa
+
+    if pa.types.is_string(column.type):
+        return np.asarray(column.to_pylist(), dtype=object)
+    return np.asarray(column.to_numpy())
+
+
+def plain(value: Any) -> Any:
+    """The JSON form of a value: numpy unwrapped, what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON product in one atomic step; numbers keep all their digits."""
+    write_bytes(path, (json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON product; raises `ProductError` where it is missing or damaged."""
+    if not path.is_file():
+        raise ProductError(str(path), "is missing", "run the stage that writes it (`nearlift plan CAMPAIGN` says which)")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as fault:
+        raise ProductError(str(path), f"is damaged: {fault}", "delete it and run again") from None
+    if not isinstance(content, dict):
+        raise ProductError(str(path), "is not a JSON object", "delete it and run again")
+    return content

@@ -1,0 +1,178 @@
+"""Figure 2: Delta L against distance at each boundary, with theory and the fitted base model.
+
+Data are the cells of lift.parquet, whose L_inf is the farthest station (or free air); curves are the models' own L / L_inf - 1,
+whose reference is infinitely far. The caption gives the fit's value at the farthest station, which is the difference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.declare import Boundary, FloatArray
+from nearlift.products import LIFT
+from nearlift.summaries import curves
+from nearlift.summaries.evidence import Columns, Evidence, stack, text_column, values
+from nearlift.summaries.rounding import fixed, plain, plus_minus
+
+POINTS = 240
+#: A departure of this much at the farthest station can be seen in the figure, and is explained.
+VISIBLE = 0.002
+#: The PQuad's rotor radius is published (120 mm), its rotor spacing is not: adjacent axes are assumed this many radii apart.
+PQUAD_SPACING_HAT = 3.0
+#: What other spacings would be plausible, for the caption.
+PQUAD_RANGE = (2.5, 4.0)
+SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattananon": "H-C"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """A curve of the literature, drawn beside the data; `rotors` restricts it to vehicles of several."""
+
+    boundary: Boundary
+    model: str
+    label: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    several_only: bool = False
+
+
+def pquad(spacing_hat: float = PQUAD_SPACING_HAT) -> dict[str, float]:
+    """Arguments of the Sanchez-Cuevas model for the PQuad with an assumed rotor spacing; its rotors form a square."""
+    return {"K_b": 2.0, "spacing_hat": spacing_hat, "diagonal_hat": math.sqrt(2) * spacing_hat}
+
+
+REFERENCES = (
+    Reference(boundary="ground", model="cheeseman_bennett", label="C-B (theory)", arguments={"k": 1.0}),
+    Reference(boundary="ground", model="sanchez_cuevas", label="S-C (PQuad)", arguments=pquad(), several_only=True),
+    Reference(boundary="ceiling", model="hsiao_chirarattananon", label="H-C (theory)", arguments={"alpha": 0.125}),
+)
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `kind` (data, model, band or overlay), `label`, `throttle_fraction` (data only), `z_hat`,
+        `delta_L_percent`, `u_delta_L_percent` (one standard uncertainty), `lo90_percent`, `hi90_percent` (band only).
+    """
+    cells = evidence.table(LIFT)
+    rows = []
+    for boundary in evidence.boundaries:
+        mine = cells["boundary"] == boundary
+        if not mine.any():
+            continue
+        cell = {name: np.asarray(values[mine], dtype=float) for name, values in cells.items() if name != "boundary"}
+        labels = np.array([f"{100 * t:.3g} %" for t in cell["throttle"]], dtype=object)
+        rows.append(_rows(boundary, "data", labels, cell["z_hat"], 100 * cell["delta_L"], throttle=cell["throttle"], u=100 * cell["u_delta_L"]))
+        for overlay, points in evidence.overlays:
+            if overlay.boundary == boundary:
+                rows.append(_rows(boundary, "overlay", overlay.label, points["z_hat"], 100 * points["delta_L"], u=100 * points["u"]))
+        positive = cell["z_hat"][cell["z_hat"] > 0]
+        grid = np.geomspace(positive.min(), positive.max(), POINTS)
+        for reference in references(evidence, boundary):
+            curve = curves.ratio(catalogue.model(reference.model), grid, reference.arguments)
+            rows.append(_rows(boundary, "model", reference.label, grid, 100 * (curve - 1)))
+        rows.append(_fit(evidence, boundary, grid))
+    table = stack(rows)
+    keep = np.isfinite(table["delta_L_percent"]) & (table["z_hat"] > 0)
+    return {name: column[keep] for name, column in table.items()}
+
+
+def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
+    """The curves of the literature that belong beside this vehicle's data."""
+    several = evidence.campaign.vehicle.rotors > 1
+    return [r for r in REFERENCES if r.boundary == boundary and (several or not r.several_only)]
+
+
+def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> Columns:
+    model, entry = evidence.base(boundary)
+    known = evidence.known(boundary, model)
+    delta = curves.ratio(model, grid, {**known, **values(entry)}) - 1
+    reach = curves.quantile90(entry) * curves.uncertainty(model, grid, known, entry)
+    label = f"{SHORT.get(model.name, model.title)} (fit)"
+    return _rows(boundary, "band", label, grid, 100 * delta, lo90=100 * (delta - reach), hi90=100 * (delta + reach))
+
+
+def _rows(boundary: str, kind: str, label: Any, z_hat: FloatArray, delta: FloatArray, **more: FloatArray) -> Columns:
+    n = len(z_hat)
+    empty = np.full(n, np.nan)
+    return {
+        "panel": text_column(boundary, n),
+        "kind": text_column(kind, n),
+        "label": label if isinstance(label, np.ndarray) else text_column(label, n),
+        "throttle_fraction": more.get("throttle", empty),
+        "z_hat": np.asarray(z_hat, dtype=float),
+        "delta_L_percent": np.asarray(delta, dtype=float),
+        "u_delta_L_percent": more.get("u", empty),
+        "lo90_percent": more.get("lo90", empty),
+        "hi90_percent": more.get("hi90", empty),
+    }
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know to read the figure, numbers included."""
+    parts = ["Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius."]
+    parts.append("Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which a throttle's cells share through L∞.")
+    parts.append("Solid line and shade: base model fitted to the trials, with the 90 % band that the covariance of its parameters implies.")
+    drawn = {r.label for b in evidence.boundaries for r in references(evidence, b)}
+    if "C-B (theory)" in drawn:
+        parts.append("C-B: Cheeseman and Bennett, one rotor.")
+    if "S-C (PQuad)" in drawn:
+        ends = [f"{100 * (float(curves.ratio(catalogue.model('sanchez_cuevas'), np.array([1.0]), pquad(d))[0]) - 1):.1f} %" for d in PQUAD_RANGE]
+        parts.append(
+            f"S-C (PQuad): Sanchez-Cuevas et al. with r = 120 mm and K_b = 2; its rotor spacing is not published, drawn for adjacent axes "
+            f"{PQUAD_SPACING_HAT:g} r = {PQUAD_SPACING_HAT * 120:.0f} mm apart (assumed; from {PQUAD_RANGE[0]:g} r to {PQUAD_RANGE[1]:g} r "
+            f"the curve at ẑ = 1 goes from {ends[0]} to {ends[1]})."
+        )
+    if "H-C (theory)" in drawn:
+        parts.append("H-C: Hsiao and Chirarattananon with α = 0.125.")
+    for boundary in evidence.boundaries:
+        parts.append(_reference_note(evidence, boundary, table))
+    return " ".join(p for p in parts if p)
+
+
+def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> str:
+    model, entry = evidence.base(boundary)
+    coefficients = ", ".join(f"{_name(n)} = {plus_minus(e['value'], e['u'] or math.nan)}" for n, e in entry["parameters"].items())
+    of = f" ({coefficients})" if coefficients else ""
+    mine = (table["panel"] == boundary) & (table["kind"] == "data")
+    if not mine.any():
+        return ""
+    if np.isinf(evidence.observations[boundary].z_hat).any():
+        return f"{boundary.capitalize()}: {model.title}{of}; L∞ of the data from trials in free air."
+    far = float(table["z_hat"][mine].max())
+    there = float(curves.ratio(model, np.array([far]), {**evidence.known(boundary, model), **values(entry)})[0] - 1)
+    apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
+    return (
+        f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, "
+        f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}."
+    )
+
+
+def _name(parameter: str) -> str:
+    return {"alpha": "α", "lambda_": "λ"}.get(parameter, parameter)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = []
+    for boundary in dict.fromkeys(table["panel"].tolist()):
+        mine = (table["panel"] == boundary) & (table["kind"] == "data")
+        z, delta = table["z_hat"][mine], table["delta_L_percent"][mine]
+        if not len(z):
+            continue
+        top, levels = int(np.argmax(np.abs(delta))), len(set(table["label"][mine].tolist()))
+        parts.append(
+            f"Near the {boundary}, {levels} throttle{'s' if levels > 1 else ''}, ẑ from {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}: "
+            f"ΔL runs from {plain(float(delta.min()), 3)} % to {plain(float(delta.max()), 3)} %, strongest at ẑ = {plain(float(z[top]), 3)}."
+        )
+    lines = list(dict.fromkeys(table["label"][np.isin(table["kind"], ["model", "band", "overlay"])].tolist()))
+    panels = f"{len(parts)} panel{'s' if len(parts) != 1 else ''}"
+    return f"Lift change against distance, {panels}. {' '.join(parts)} Drawn beside the data: {'; '.join(lines)}."

@@ -1,0 +1,53 @@
+"""Numbers as they are printed: rounded where their uncertainty begins."""
+
+from __future__ import annotations
+
+import math
+
+
+def decimals(u: float) -> int:
+    """Decimal places that show an uncertainty by one significant digit, by two if it begins with 1."""
+    exponent = math.floor(math.log10(u))
+    leading = round(u / 10**exponent, 6)
+    return -exponent + (1 if leading < 1.95 else 0)
+
+
+def plus_minus(value: float, u: float) -> str:
+    """``2.06 ± 0.08``; without an uncertainty the value alone."""
+    if not (math.isfinite(u) and u > 0):
+        return plain(value)
+    places = max(decimals(u), 0)
+    return f"{fixed(value, places)} ± {u:.{places}f}"
+
+
+def siunitx(value: float, u: float) -> str:
+    """``2.06(8)``, as siunitx reads it; the uncertainty in units of the last digit."""
+    if not (math.isfinite(u) and u > 0):
+        return f"{value:.6g}"
+    places = decimals(u)
+    if places <= 0:
+        return f"{value:.0f}({round(u)})"
+    return f"{value:.{places}f}({round(u * 10**places)})"
+
+
+def like(value: float, u: float) -> str:
+    """A number that belongs to an uncertainty `u`, such as an end of its interval, with the same decimals."""
+    if not (math.isfinite(u) and u > 0):
+        return plain(value)
+    return fixed(value, max(decimals(u), 0))
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """A number to so many significant digits, with a true minus sign."""
+    if not math.isfinite(value):
+        return "–"
+    text = f"{value:.{digits}g}"
+    return text.replace("-", "−") if "e" not in text else text
+
+
+def fixed(value: float, places: int) -> str:
+    """A number with so many decimals and a true minus sign; zero has no sign."""
+    text = f"{value:.{places}f}"
+    if float(text) == 0:
+        text = text.lstrip("-")
+    return text.replace("-", "−")

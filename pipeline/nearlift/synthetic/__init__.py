@@ -1,0 +1,1 @@
+"""Campaigns with known truth, written at record level from the declarations: for the demo, for planning, for tests."""

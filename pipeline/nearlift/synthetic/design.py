@@ -1,0 +1,156 @@
+"""Schedules: which station, throttle and side of approach, in which order, when, and on which battery."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary
+from nearlift.randomness import generator
+from nearlift.synthetic.presets import TABLE_1, Preset
+
+FloatArray = NDArray[np.float64]
+#: The paper's: percent of full throttle as fractions, and visits of each station.
+THROTTLES = (0.25, 0.5, 0.75, 0.92)
+VISITS = 15
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Design:
+    """A schedule in run order, one entry per trial, SI.
+
+    Attributes
+    ----------
+    trial, boundary : object arrays of str
+    recorded_m : float array
+        What the traverse shows; `z_m` is that plus the datum's offset.
+    throttle : float array
+    visit : int array
+        Counter of the traverse's stops.
+    approach : float array
+        +1 where the last move was away from the boundary, -1 towards it.
+    session : int array
+        From 1; a battery each, where there are batteries.
+    start_s : float array
+    further : dict of float arrays
+        Covariates that are logged, SI and by their inside names (`supply_V`).
+    """
+
+    trial: NDArray[Any]
+    boundary: NDArray[Any]
+    recorded_m: FloatArray
+    z_m: FloatArray
+    throttle: FloatArray
+    visit: NDArray[np.int64]
+    approach: FloatArray
+    session: NDArray[np.int64]
+    start_s: FloatArray
+    further: dict[str, FloatArray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.trial)
+
+
+def randomised(
+    recorded_m: Mapping[Boundary, Sequence[float] | FloatArray],
+    *,
+    seed: int,
+    offset_m: Mapping[Boundary, float] | None = None,
+    throttles: Sequence[float] = THROTTLES,
+    visits: int = VISITS,
+    sessions: int = 5,
+    trial_s: float = 20.0,
+    move_s: float = 8.0,
+) -> Design:
+    """Each station visited so many times in a random order, every throttle run at each visit in a random order.
+
+    Boundaries follow one another, and each is run in `sessions` sessions of equal length, changed between visits. `trial_s`
+    and `move_s` are the usual times from trial to trial and for a move of the traverse; starts scatter by a twentieth about
+    them.
+
+    Returns
+    -------
+    Design
+        Never two visits of one station in a row, which would be one visit.
+    """
+    sides, stations, levels, stops, ways, batteries, starts = [], [], [], [], [], [], []
+    clock, stop, battery = 0.0, 0, 0
+    for side, distances in recorded_m.items():
+        rng = generator(seed, "design", side)
+        order = _order(np.asarray(distances, dtype=float), visits, rng)
+        # the traverse comes from its far end
+        before = np.inf
+        per_session = -(-len(order) // sessions)
+        for i, distance in enumerate(order):
+            clock += move_s * (1 + 0.05 * rng.standard_normal())
+            if i % per_session == 0:
+                battery += 1
+                clock += 300.0
+            for level in rng.permutation(np.asarray(throttles, dtype=float)):
+                sides.append(side)
+                stations.append(distance)
+                levels.append(level)
+                stops.append(stop)
+                ways.append(1.0 if distance > before else -1.0)
+                batteries.append(battery)
+                starts.append(clock)
+                clock += trial_s * (1 + 0.05 * rng.standard_normal())
+            before = distance
+            stop += 1
+    boundary = np.array(sides, dtype=object)
+    shown = np.array(stations)
+    shift = np.array([(offset_m or {}).get(side, 0.0) for side in sides])
+    width = max(4, len(str(len(sides) - 1)))
+    return Design(
+        trial=np.array([f"t{i:0{width}d}" for i in range(len(sides))], dtype=object),
+        boundary=boundary,
+        recorded_m=shown,
+        z_m=shown + shift,
+        throttle=np.array(levels),
+        visit=np.array(stops, dtype=np.int64),
+        approach=np.array(ways),
+        session=np.array(batteries, dtype=np.int64),
+        start_s=np.round(starts, 2),
+    )
+
+
+def _order(distances: FloatArray, visits: int, rng: np.random.Generator) -> FloatArray:
+    """Rounds over all stations, each in a random order; the end of one never meets itself at the start of the next."""
+    rounds: list[FloatArray] = []
+    for _ in range(visits):
+        turn = rng.permutation(distances)
+        if rounds and len(turn) > 1 and turn[0] == rounds[-1][-1]:
+            turn[[0, -1]] = turn[[-1, 0]]
+        rounds.append(turn)
+    return np.concatenate(rounds)
+
+
+def battery_V(design: Design, *, seed: int, full_V: float = 4.0, falls_V: float = 0.15, scatter_V: float = 0.02) -> FloatArray:
+    """Supply of each trial, a battery per session: it falls by `falls_V`, fast at both ends, and each starts a little differently."""
+    rng = generator(seed, "battery")
+    volts = np.empty(len(design))
+    for session in np.unique(design.session):
+        here = design.session == session
+        t = design.start_s[here] - design.start_s[here][0]
+        x = t / max(t[-1], 1.0)
+        start = full_V + scatter_V * rng.standard_normal()
+        volts[here] = start - falls_V * (0.35 * (1 - np.exp(-6 * x)) + 0.35 * x + 0.3 * x**4) + 0.1 * scatter_V * rng.standard_normal(len(t))
+    return np.round(volts, 4)
+
+
+def bench_V(design: Design, *, seed: int, volts: float = 4.0, scatter_V: float = 0.001) -> FloatArray:
+    """Supply of each trial on a bench supply, which holds its voltage."""
+    return np.round(volts + scatter_V * generator(seed, "bench").standard_normal(len(design)), 4)
+
+
+def of_preset(preset: Preset, *, seed: int, visits: int = VISITS, sessions: int = 86) -> Design:
+    """The paper's campaign under one reading of Table 1: 3 boundaries, 20 stations, 4 throttles, 15 visits.
+
+    86 batteries of seven minutes are what its ten hours of running take; the paper does not say what it ran on.
+    """
+    recorded: dict[Boundary, FloatArray] = {side: preset.recorded_m(side) for side in TABLE_1}
+    return randomised(recorded, seed=seed, offset_m=preset.offset_m, visits=visits, sessions=-(-sessions // len(recorded)))

@@ -1,0 +1,105 @@
+"""What is true in a synthetic campaign: a lift model, effects on it, and noise of every kind that a bench has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Effect, LiftModel, compose
+from nearlift.errors import DeclarationError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noise:
+    """Sizes of everything random; all but `quantum_N` may be zero.
+
+    Attributes
+    ----------
+    sample_N : float
+        White noise of a sample, sd.
+    tone_N, tone_Hz : float
+        Rotor tone at the largest throttle: amplitude (it grows with lift) and frequency (with the root of lift, as a rotor's does).
+        There is none while the rotors stand.
+    drift_N : float
+        Slow drift of the zero over a record, sd of the change from its head to its end.
+    zero_N : float
+        Zero of the cell at the start of a trial, sd; the tare removes it.
+    trial : float
+        Of a trial's lift, relative sd.
+    height_m : float
+        Of a visit's distance, sd; its trials share it.
+    quantum_N : float
+        One count of the cell's converter.
+    """
+
+    sample_N: float = 2e-3
+    tone_N: float = 4e-3
+    tone_Hz: float = 130.0
+    drift_N: float = 1e-4
+    zero_N: float = 5e-3
+    trial: float = 0.005
+    height_m: float = 0.05e-3
+    quantum_N: float = 9.8e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """One boundary's truth.
+
+    Attributes
+    ----------
+    model : LiftModel
+    parameters : mapping of str to float
+        Of the model; what is left out stands at its declared value.
+    effects : tuple of (Effect, values)
+        What acts besides. An effect whose values are left out does nothing.
+    lift_inf_N : mapping of float to float
+        Throttle (a fraction) to lift far away, N.
+    geometry : mapping of str to value
+        What the model needs of the vehicle (`spacing_hat`, `diagonal_hat`).
+    constants : mapping of str to value
+        What effects need besides columns of the design, such as a reference voltage.
+    noise : Noise
+    """
+
+    model: LiftModel
+    lift_inf_N: Mapping[float, float]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
+    geometry: Mapping[str, Any] = field(default_factory=dict)
+    constants: Mapping[str, Any] = field(default_factory=dict)
+    noise: Noise = Noise()
+
+    def lift_N(self, z_hat: FloatArray, throttle: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
+        """Expected lift of trials, N, without noise.
+
+        Parameters
+        ----------
+        z_hat, throttle : (n,) float arrays
+        columns : mapping of str to (n,) array
+            Whatever effects may need: covariates by their inside names.
+
+        Raises
+        ------
+        DeclarationError
+            A throttle has no `lift_inf_N`, or an effect needs what neither `columns`, `geometry` nor `constants` has.
+        """
+        far = self.far_N(throttle)
+        whole = compose(self.model, *(effect for effect, _ in self.effects))
+        values = dict(self.parameters) | {name: value for _, given in self.effects for name, value in given.items()}
+        known = {"throttle": throttle, "lift_inf_N": far, "z_hat": z_hat, **columns, **self.geometry, **self.constants}
+        needs = {name: known[name] for name in whole.needs if name in known}
+        return np.asarray(far * whole(z_hat, **needs, **values), dtype=np.float64)
+
+    def far_N(self, throttle: FloatArray) -> FloatArray:
+        """`lift_inf_N` of each trial."""
+        unknown = sorted(set(np.unique(throttle)) - set(self.lift_inf_N))
+        if unknown:
+            raise DeclarationError("truth", f"has no lift_inf_N for the throttles {unknown}", f"it has {sorted(self.lift_inf_N)}")
+        return np.array([self.lift_inf_N[t] for t in throttle])

@@ -1,0 +1,167 @@
+"""The one place that knows millimetres, gram-force and percent.
+
+Everything inside nearlift is float SI; quantities become SI here, once, when a manifest, a schedule or a record is read.
+pint does the conversions and is imported only then (it takes 0.3 s).
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from typing import TYPE_CHECKING, Any
+
+from nearlift.errors import ManifestError
+
+if TYPE_CHECKING:
+    import pint
+
+#: Dimension -> the SI unit that carries it inside nearlift.
+SI = {
+    "length": "m",
+    "mass": "kg",
+    "time": "s",
+    "force": "N",
+    "frequency": "Hz",
+    "rotation": "Hz",
+    "voltage": "V",
+    "current": "A",
+    "power": "W",
+    "temperature": "K",
+    "pressure": "Pa",
+    "density": "kg/m^3",
+    "acceleration": "m/s^2",
+    "angle": "rad",
+    "fraction": "dimensionless",
+    "velocity": "m/s",
+}
+
+#: Units a lab is likely to have meant, in the order in which they are proposed.
+USUAL = {
+    "length": ("mm", "cm", "m", "in", "um"),
+    "force": ("N", "mN", "gf", "kgf", "lbf", "ozf"),
+    "fraction": ("fraction", "percent"),
+    "rotation": ("rpm", "Hz", "rad/s"),
+}
+
+#: Turns per second in one of each. Apart from pint, to which a turn is 2 pi radians and a radian is 1, so that "rpm" in "Hz" is 0.105 and not 1/60.
+ROTATION = {"Hz": 1.0, "rev/s": 1.0, "rps": 1.0, "rpm": 1 / 60, "rev/min": 1 / 60, "1/min": 1 / 60, "rad/s": 1 / (2 * math.pi)}
+
+#: (unit, dimension) -> factor and offset to SI of the units that most manifests use, so that most runs need not load pint (0.4 s).
+#: A test holds them equal to pint's.
+COMMON: dict[tuple[str, str], tuple[float, float]] = {
+    ("mm", "length"): (1e-3, 0.0),
+    ("cm", "length"): (1e-2, 0.0),
+    ("m", "length"): (1.0, 0.0),
+    ("in", "length"): (0.0254, 0.0),
+    ("um", "length"): (1e-6, 0.0),
+    ("g", "mass"): (1e-3, 0.0),
+    ("kg", "mass"): (1.0, 0.0),
+    ("s", "time"): (1.0, 0.0),
+    ("ms", "time"): (1e-3, 0.0),
+    ("N", "force"): (1.0, 0.0),
+    ("mN", "force"): (1e-3, 0.0),
+    ("gf", "force"): (9.80665e-3, 0.0),
+    ("kgf", "force"): (9.80665, 0.0),
+    ("Hz", "frequency"): (1.0, 0.0),
+    ("kHz", "frequency"): (1e3, 0.0),
+    ("V", "voltage"): (1.0, 0.0),
+    ("mV", "voltage"): (1e-3, 0.0),
+    ("A", "current"): (1.0, 0.0),
+    ("W", "power"): (1.0, 0.0),
+    ("K", "temperature"): (1.0, 0.0),
+    ("degC", "temperature"): (1.0, 273.15),
+    ("Pa", "pressure"): (1.0, 0.0),
+    ("hPa", "pressure"): (1e2, 0.0),
+    ("kPa", "pressure"): (1e3, 0.0),
+    ("kg/m^3", "density"): (1.0, 0.0),
+    ("m/s^2", "acceleration"): (1.0, 0.0),
+    ("rad", "angle"): (1.0, 0.0),
+    ("deg", "angle"): (math.pi / 180, 0.0),
+    ("fraction", "fraction"): (1.0, 0.0),
+    ("percent", "fraction"): (1e-2, 0.0),
+    ("m/s", "velocity"): (1.0, 0.0),
+}
+
+_QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+
+
+@functools.cache
+def registry() -> pint.UnitRegistry[Any]:
+    """The unit registry: pint's own units, with the few that load cells and ESCs use."""
+    import pint
+
+    units: pint.UnitRegistry[Any] = pint.UnitRegistry(cache_folder=None, autoconvert_offset_to_baseunit=True)
+    units.define("fraction = 1")
+    if "gf" not in units:
+        units.define("gram_force = gram * standard_gravity = gf")
+    if "kgf" not in units:
+        units.define("kilogram_force = kilogram * standard_gravity = kgf")
+    return units
+
+
+def to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
+    """Factor and offset that take a number in `unit` to SI: ``si = factor * number + offset``.
+
+    Raises
+    ------
+    ManifestError
+        The unit is unknown, or is not one of `dimension`.
+    """
+    return _to_si(unit.strip(), dimension, where)
+
+
+@functools.cache
+def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
+    target = SI[dimension]
+    usual = ", ".join(USUAL.get(dimension, (target,)))
+    if dimension == "rotation":
+        if unit not in ROTATION:
+            raise ManifestError(where, f"{unit!r} is not a unit of rotation", f"use one of: {', '.join(ROTATION)}")
+        return ROTATION[unit], 0.0
+    if (unit, dimension) in COMMON:
+        return COMMON[unit, dimension]
+    import pint
+
+    units = registry()
+    try:
+        zero = units.Quantity(0.0, unit).to(target).magnitude
+        one = units.Quantity(1.0, unit).to(target).magnitude
+    except pint.DimensionalityError:
+        raise ManifestError(where, f"{unit!r} is not a unit of {dimension}", f"use one of: {usual}") from None
+    except Exception:  # pint raises many kinds on a malformed unit text
+        raise ManifestError(where, f"unknown unit {unit!r}", f"a {dimension} is wanted; use one of: {usual}") from None
+    factor = one - zero
+    return (float(factor), 0.0) if abs(zero) < 1e-12 * abs(factor) else (float(factor), float(zero))
+
+
+def quantity(text: object, dimension: str, where: str) -> float:
+    """SI value of a text such as ``"23 mm"``.
+
+    Raises
+    ------
+    ManifestError
+        `text` is not a number with a unit, or its unit is not one of `dimension`.
+    """
+    example = {"length": "23 mm", "force": "1.5 gf", "time": "2 s", "frequency": "1000 Hz"}.get(dimension, f"1 {SI[dimension]}")
+    if not isinstance(text, str):
+        raise ManifestError(where, f"{text!r} has no unit", f'write it as text with a unit, such as "{example}"')
+    match = _QUANTITY.match(text)
+    if match is None or (not match[2] and dimension != "fraction"):
+        raise ManifestError(where, f"{text!r} is not a number with a unit", f'write it as "{example}"')
+    value = float(match[1])
+    factor, offset = to_si(match[2] or "fraction", dimension, where)
+    result = factor * value + offset
+    if not math.isfinite(result):
+        raise ManifestError(where, f"{text!r} is not finite")
+    return result
+
+
+def plausible(value: float, dimension: str, low: float, high: float) -> list[str]:
+    """The usual units in which the bare number `value` would lie within [`low`, `high`] (SI)."""
+    found = []
+    for unit in USUAL.get(dimension, ()):
+        factor, offset = to_si(unit, dimension, "")
+        if low <= factor * value + offset <= high:
+            found.append(unit)
+    return found

@@ -1,0 +1,142 @@
+"""Scores a diagnosis on simulated campaigns: every row of method.md's "Figures to reach", with exact binomial intervals.
+
+    python -m tests.calibration.harness --kinds null,weak,one,two,outside,within --n 40 --boundaries ground,ceiling,sidewall --out file.json
+
+writes file.json (figures and rows), file.md (tables) and, as it goes, file.jsonl (a row per campaign; --resume continues it).
+What each figure counts is said in docs/calibration.md. Seeds from 600000 on are for reporting; tune on others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.calibration import forms
+from tests.calibration.assess import Diagnose, Row, assess, engine
+from tests.calibration.draws import KINDS, REPORTED
+from tests.calibration.figures import figures, markdown, peer_table
+
+
+def score(
+    kind: str,
+    n: int,
+    seeds: int | Iterable[int] = REPORTED,
+    diagnose: Diagnose | None = engine,
+    *,
+    boundaries: tuple[str, ...] = forms.BOUNDARIES,
+    workers: int | None = None,
+    peers: bool = False,
+) -> dict[str, Any]:
+    """Run `n` campaigns of one kind, the boundaries in turn, and return {"rows": [...], "figures": [...]}.
+
+    Parameters
+    ----------
+    seeds : int or iterable of int
+        The first of n consecutive seeds, or the seeds themselves.
+    diagnose : callable or None
+        Campaign to the diagnosis of its boundary; it must be importable by name (or a `functools.partial` of such).
+    """
+    wanted = list(range(seeds, seeds + n)) if isinstance(seeds, int) else list(seeds)[:n]
+    jobs = [(kind, boundaries[i % len(boundaries)], seed) for i, seed in enumerate(wanted)]
+    rows = sorted(run(jobs, diagnose, workers=workers, peers=peers), key=lambda r: r["seed"])
+    return {"rows": rows, "figures": [asdict(f) | {"passed": f.passed} for f in figures(rows)]}
+
+
+def run(jobs: list[tuple[str, str, int]], diagnose: Diagnose | None, *, workers: int | None = None, peers: bool = False) -> Iterator[Row]:
+    """Rows of (kind, boundary, seed) jobs as they are done, over processes of one thread each."""
+    workers = workers or (1 if "PYTEST_XDIST_WORKER" in os.environ else min(2, os.cpu_count() or 1))
+    with one_thread(), ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        waiting = [pool.submit(assess, *job, diagnose, peers) for job in jobs]
+        for done in as_completed(waiting):
+            yield done.result()
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Processes started inside have one BLAS thread each."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    before = {n: os.environ.get(n) for n in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name)
+            else:
+                os.environ[name] = value
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run kinds of campaigns and write figures; exit code 1 if a promise is broken."""
+    parser = argparse.ArgumentParser(prog="python -m tests.calibration.harness", description=__doc__.split("\n")[0])
+    parser.add_argument("--kinds", default=",".join(KINDS), help="comma separated, of " + ", ".join(KINDS))
+    parser.add_argument("--n", type=int, default=40, help="campaigns of each kind at each boundary")
+    parser.add_argument("--boundaries", default=",".join(forms.BOUNDARIES))
+    parser.add_argument("--seed", type=int, default=REPORTED, help=f"first seed; {REPORTED} and above are for reporting")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--peers", action="store_true", help="run the rival methods too")
+    parser.add_argument("--only-peers", action="store_true", help="run nothing but the rival methods")
+    parser.add_argument("--no-multiplicity", action="store_true", help="break the correction for many candidates")
+    parser.add_argument("--form-sd", type=float, default=None, help="form uncertainty; 0 breaks it")
+    parser.add_argument("--resume", action="store_true", help="keep the rows of an earlier, interrupted run")
+    parser.add_argument("--out", type=Path, required=True)
+    given = parser.parse_args(arguments)
+    kinds, boundaries = given.kinds.split(","), given.boundaries.split(",")
+    if unknown := {*kinds} - {*KINDS} | {*boundaries} - {*forms.BOUNDARIES}:
+        parser.error(f"unknown: {', '.join(sorted(unknown))}")
+    options: dict[str, Any] = {"multiplicity": False} if given.no_multiplicity else {}
+    if given.form_sd is not None:
+        options["form_sd"] = given.form_sd
+    diagnose = None if given.only_peers else partial(engine, **options) if options else engine
+    log = given.out.with_suffix(".jsonl")
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    rows = [json.loads(line) for line in log.read_text().splitlines()] if given.resume and log.exists() else []
+    done = {(r["kind"], r["boundary"], r["seed"]) for r in rows}
+    # boundaries share no seed, so that their campaigns are independent
+    jobs = [(k, b, given.seed + 3 * i + forms.BOUNDARIES.index(b)) for i in range(given.n) for k in kinds for b in boundaries]
+    jobs = [j for j in jobs if j not in done]
+    begun = time.perf_counter()
+    with log.open("a" if given.resume else "w") as stream_out:
+        for i, row in enumerate(run(jobs, diagnose, workers=given.workers, peers=given.peers or given.only_peers), 1):
+            rows.append(row)
+            stream_out.write(json.dumps(row, default=_plain) + "\n")
+            stream_out.flush()
+            if i % 20 == 0 or i == len(jobs):
+                print(f"{i} of {len(jobs)}, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
+    rows.sort(key=lambda r: (r["kind"], r["boundary"], r["seed"]))
+    found = figures(rows)
+    report = {
+        "command": vars(given) | {"out": str(given.out)},
+        "figures": [asdict(f) | {"passed": f.passed} for f in found],
+        "peers": peer_table(rows),
+        "rows": rows,
+    }
+    given.out.write_text(json.dumps(report, indent=1, default=_plain) + "\n")
+    text = markdown(rows)
+    given.out.with_suffix(".md").write_text(text)
+    print(text)
+    return 1 if any(f.passed is False for f in found) else 0
+
+
+def _plain(value: Any) -> Any:
+    """numpy's scalars as Python's."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} in a row")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

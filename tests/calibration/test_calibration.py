@@ -1,0 +1,63 @@
+"""The promises of docs/calibration.md on simulated records. Slow: `make calibrate`, or pytest -m calibration.
+
+NEARLIFT_CALIBRATION_N campaigns of each kind (201), boundaries in turn. A promise counts as broken only where the whole 95 % interval
+of its figure lies on the wrong side, so an engine that just keeps it fails here once in forty.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+
+import pytest
+from scipy.stats import binomtest
+from tests.calibration.assess import engine
+from tests.calibration.draws import REPORTED
+from tests.calibration.figures import markdown
+from tests.calibration.harness import score
+
+pytestmark = pytest.mark.calibration
+N = int(os.environ.get("NEARLIFT_CALIBRATION_N", "201"))
+PROMISED = {
+    "null": ("null", "worse"),
+    "weak": ("weak_seen", "worse"),
+    "one": ("one_right", "one_inside", "one_wrong", "foreign_right", "foreign_inside", "gain", "worse", "cover_union"),
+    "two": ("two_inside", "worse"),
+    "outside": ("outside_faint", "outside_loud", "worse"),
+    "within": ("worse",),
+}
+
+
+@pytest.mark.parametrize("kind", PROMISED)
+def test_promises_hold(kind):
+    scored = score(kind, N, REPORTED)
+    found = {f["key"]: f for f in scored["figures"]}
+    print(markdown(scored["rows"]))
+    assert found["failed"]["k"] == 0, [r["failed"] for r in scored["rows"] if r["failed"]]
+    assert {*PROMISED[kind], "time"} <= found.keys()
+    broken = [f"{f['title']}: {f['value']:.3g} ({f['lo95']:.3g} to {f['hi95']:.3g}, n = {f['n']})" for f in found.values() if f["passed"] is False]
+    assert not broken, "\n".join(broken)
+
+
+def test_heating_is_found_in_records():
+    found = {f["key"]: f for f in score("within", max(N // 3, 12), REPORTED)["figures"]}
+    assert found["within_seen"]["hi95"] >= 0.8
+
+
+def test_without_the_correction_for_many_candidates_nulls_are_accused():
+    """A referee that passes a broken engine is worth nothing."""
+    scored = score("null", max(N // 3, 30), REPORTED, partial(engine, multiplicity=False, confirm=False))
+    null = next(f for f in scored["figures"] if f["key"] == "null")
+    assert null["passed"] is False, null
+
+
+def test_without_form_uncertainty_strange_forms_are_missed():
+    """Paired: same campaigns, all of foreign form; kept means truth within the set and the coefficient within its interval."""
+    seeds = [s for s in range(REPORTED, REPORTED + 9 * N) if s // 3 % 3 == 2][:N]
+    granted, denied = (
+        score("one", len(seeds), seeds, d)["rows"] for d in (partial(engine, confirm=False), partial(engine, confirm=False, form_sd=0.0))
+    )
+    assert all(r["foreign"] for r in granted)
+    pairs = [(a["inside"] and a["cover_union"], b["inside"] and b["cover_union"]) for a, b in zip(granted, denied, strict=True)]
+    lost, won = pairs.count((True, False)), pairs.count((False, True))
+    assert binomtest(lost, lost + won, alternative="greater").pvalue < 0.05, (lost, won)

@@ -1,0 +1,89 @@
+"""What is printed about declarations, and that the committed pages say the same."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from nearlift import catalogue
+from nearlift.describe import describe, reference_pages
+from nearlift.errors import UsageError
+from nearlift.nomenclature import SYMBOLS, label, symbol
+from nearlift.products import PRODUCTS
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
+
+
+@pytest.mark.parametrize("item", [*catalogue.models(), *catalogue.effects()], ids=lambda d: d.name)
+def test_page_says_everything_that_is_declared(item):
+    page = describe(item.name)
+    assert item.formula in page
+    for p in item.parameters:
+        assert f"`{p.name}`" in page
+        assert p.meaning in page
+    for doubt in item.source.doubts:
+        assert doubt in page
+    for check in item.checks:
+        assert f"{check.expected:.7g}" in page
+
+
+def test_listing_names_everything():
+    text = describe()
+    for item in (*catalogue.models(), *catalogue.effects(), *SYMBOLS):
+        assert f"`{item.name}`" in text
+    for product in PRODUCTS:
+        assert product.file in text
+
+
+def test_product_is_found_by_file_and_by_name():
+    assert describe("lift.parquet") == describe("lift")
+    assert "`delta_L`" in describe("lift")
+
+
+def test_unknown_name_proposes_the_nearest():
+    with pytest.raises(UsageError, match=r"there is no model, effect, product or symbol 'sanches_cuevas'(.|\n)*did you mean sanchez_cuevas"):
+        describe("sanches_cuevas")
+
+
+def test_names_of_all_kinds_are_distinct():
+    names = [d.name for d in (*catalogue.models(), *catalogue.effects(), *PRODUCTS, *SYMBOLS)]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_symbols():
+    assert symbol("z_hat").paper_symbol == r"\hat{z}"
+    assert symbol("u_lift_N").unit == "N"
+    with pytest.raises(UsageError, match=r"there is no symbol 'z_hatt'\n  did you mean z_hat"):
+        symbol("z_hatt")
+    with pytest.raises(UsageError, match="there is no symbol 'u_nothing'"):
+        symbol("u_nothing")
+    assert label("z_hat") == r"$\hat{z}$"
+    assert label("z_m") == "$z$ (m)"
+    assert label("delta_L", "%") == r"$\Delta L$ (%)"
+
+
+def test_units_stand_in_names():
+    units = {"m": "m", "N": "N", "V": "V", "A": "A", "W": "W", "K": "K", "Pa": "Pa", "Hz": "Hz", "rad": "rad", "s": "s", "kg": "kg"}
+    for s in SYMBOLS:
+        tail = s.name.rsplit("_", 1)[-1]
+        if s.unit in units.values():
+            assert tail == s.unit, f"{s.name} has unit {s.unit}"
+
+
+@pytest.mark.parametrize(("name", "text"), reference_pages().items(), ids=lambda v: v if v.endswith(".md") else "")
+def test_committed_page_is_up_to_date(name, text):
+    path = REFERENCE / name
+    assert path.is_file(), f"docs/reference/{name} is missing: run docs/build_reference.py"
+    assert path.read_text(encoding="utf-8") == text, f"docs/reference/{name} is out of date: run docs/build_reference.py"
+
+
+def test_no_page_of_something_that_is_gone():
+    on_disk = {p.relative_to(REFERENCE).as_posix() for p in REFERENCE.rglob("*.md")}
+    assert on_disk == set(reference_pages())
+
+
+def test_tables_are_whole():
+    for name, text in reference_pages().items():
+        for block in re.findall(r"(?:^\|.*\n?)+", text, flags=re.M):
+            counts = {len(re.findall(r"(?<!\\)\|", line)) for line in block.strip().splitlines()}
+            assert len(counts) == 1, f"{name}: rows of different length"

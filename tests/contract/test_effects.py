@@ -1,0 +1,278 @@
+"""What every declared effect owes: nothing at its null, a slope there, shapes that broadcast, names of its own."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nearlift.declare import Effect, LiftModel, Parameter, compose
+from nearlift.effects import EFFECTS, STAND_INS
+from nearlift.models import MODELS, hsiao_chirarattananon, sanchez_cuevas, sidewall_decay
+
+NAMES = [
+    "height_offset",
+    "height_scale",
+    "approach_backlash",
+    "near_wall_saturation",
+    "held_quantity",
+    "airframe_stagnation",
+    "fountain_shape",
+    "image_strength",
+    "plate_edge",
+    "tilt",
+    "reynolds",
+    "room_recirculation",
+    "session_gain",
+    "gain_drift",
+    "warm_up",
+    "supply_sag",
+    "air_density",
+    "zero_offset",
+    "zero_drift",
+    "zero_temperature",
+    "cell_nonlinearity",
+    "cell_creep",
+    "tether_stiffness",
+    "motor_heating",
+]
+
+#: What each effect may ask for: covariates of trials, what is derived from them, geometry.
+ARRAYS = {
+    "throttle", "supply_V", "temperature_K", "pressure_Pa", "humidity", "approach", "tilt_rad", "start_s", "session",
+    "since_start_s", "elapsed_hat", "previous_lift_N", "rest_s", "drift_hat", "z_hat",
+}  # fmt: skip
+SCALARS = {"supply_ref_V", "temperature_ref_K", "pressure_ref_Pa", "throttle_ref", "radius_m", "spacing_hat", "diagonal_hat"}
+GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
+
+every = pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
+
+
+def trials(n: int = 24) -> dict[str, Any]:
+    """What was recorded of n trials, the last of them in free air."""
+    draw = np.random.default_rng(11)
+    z_hat = np.append(np.geomspace(0.1, 12.0, n - 1), np.inf)
+    return {
+        "z_hat": z_hat,
+        "throttle": draw.choice([0.25, 0.5, 0.75, 0.92], n),
+        "supply_V": draw.uniform(3.3, 4.0, n),
+        "temperature_K": draw.uniform(290.0, 300.0, n),
+        "pressure_Pa": draw.uniform(99e3, 102e3, n),
+        "humidity": draw.uniform(0.2, 0.8, n),
+        "approach": draw.choice([-1.0, 0.0, 1.0], n),
+        "tilt_rad": draw.uniform(-0.08, 0.08, n),
+        "start_s": 20.0 * np.arange(n),
+        "session": np.arange(n) // 8,
+        "since_start_s": 20.0 * (np.arange(n) % 8),
+        "elapsed_hat": np.linspace(-1.0, 1.0, n),
+        "previous_lift_N": draw.uniform(0.0, 0.55, n),
+        "rest_s": draw.uniform(3.0, 60.0, n),
+        "drift_hat": draw.uniform(-0.03, 0.0, n),
+        "supply_ref_V": 3.65,
+        "temperature_ref_K": 294.0,
+        "pressure_ref_Pa": 100.5e3,
+        "throttle_ref": 0.6,
+        "radius_m": 0.023,
+        **GEOMETRY,
+    }
+
+
+def of(effect: Effect, known: dict[str, Any]) -> dict[str, Any]:
+    return {name: known[name] for name in effect.needs}
+
+
+def argument(effect: Effect, known: dict[str, Any]) -> Any:
+    """A height, ratio or force that the effect might meet at these trials."""
+    z_hat = known["z_hat"]
+    ratio = 0.5 + 0.5 * np.sqrt(1.0 + 0.125 / np.square(z_hat))
+    return {"height": z_hat, "ratio": ratio, "force": 0.6 * known["throttle"] * ratio}[effect.acts_on]
+
+
+def sizes(effect: Effect) -> tuple[Parameter, ...]:
+    return tuple(p for p in effect.parameters if not p.grid)
+
+
+def shapes(effect: Effect) -> tuple[Parameter, ...]:
+    return tuple(p for p in effect.parameters if p.grid)
+
+
+def test_the_library_is_the_agreed_one_in_its_order() -> None:
+    assert [e.name for e in EFFECTS] == NAMES
+
+
+def test_no_two_parameters_share_a_name() -> None:
+    names = [p.name for e in EFFECTS for p in e.parameters]
+    assert len(set(names)) == len(names)
+    assert not set(names) & {p.name for m in MODELS for p in m.parameters}
+    assert not set(names) & (ARRAYS | SCALARS | {n for m in MODELS for n in m.needs})
+
+
+@every
+def test_declares_what_it_is(effect: Effect) -> None:
+    assert effect.mechanism
+    assert effect.mechanism[0].islower()
+    assert effect.notes.count("Convention:") == 1
+    assert "Confounded with" in effect.notes
+    assert effect.source.citation
+    assert effect.varies_with in ARRAYS
+    assert set(effect.needs) <= ARRAYS | SCALARS
+    assert sizes(effect)
+    assert len(shapes(effect)) <= 1
+    assert any(c.quoted_by == "null" for c in effect.checks)
+    assert len(effect.checks) > 1
+    if effect.additive:
+        assert effect.acts_on == "force"
+
+
+@every
+def test_what_may_be_missing_says_what_to_log(effect: Effect) -> None:
+    always = {"z_hat", "throttle", "previous_lift_N"} | SCALARS | set(STAND_INS)
+    if set(effect.needs) - always:
+        assert effect.log_next_time
+
+
+@every
+def test_needs_the_session_where_it_depends_on_it(effect: Effect) -> None:
+    if "since_start_s" in effect.needs or any(p.per == "session" for p in effect.parameters):
+        assert "session" in effect.needs
+
+
+@every
+def test_grids_lie_within_bounds_and_around_the_value(effect: Effect) -> None:
+    for p in shapes(effect):
+        assert 2 <= len(p.grid) <= 5
+        assert all(p.bounds[0] <= g <= p.bounds[1] for g in p.grid)
+        assert p.value in p.grid
+        assert list(p.grid) == sorted(p.grid)
+    for p in effect.parameters:
+        assert math.isfinite(float(p.prior.frozen().logpdf(p.value)))
+
+
+@every
+def test_does_nothing_at_its_null_exactly(effect: Effect) -> None:
+    known = trials()
+    x = argument(effect, known)
+    np.testing.assert_array_equal(effect(x, **of(effect, known)), x)
+
+
+@every
+def test_shapes_do_not_matter_at_the_null(effect: Effect) -> None:
+    known = trials()
+    x = argument(effect, known)
+    for p in shapes(effect):
+        for value in (*p.grid, *p.bounds):
+            np.testing.assert_array_equal(effect(x, **of(effect, known), **{p.name: value}), x)
+
+
+@every
+def test_every_size_has_a_slope_at_the_null(effect: Effect) -> None:
+    known = trials()
+    x = argument(effect, known)
+    finite = np.isfinite(x)
+    for p in sizes(effect):
+        step = 1e-6 * (p.bounds[1] - p.bounds[0])
+        for shape in [{}, *({s.name: g} for s in shapes(effect) for g in s.grid)]:
+            slope = (effect(x, **of(effect, known), **shape, **{p.name: p.value + step})[finite] - x[finite]) / step
+            twice = (effect(x, **of(effect, known), **shape, **{p.name: p.value + 2 * step})[finite] - x[finite]) / (2 * step)
+            assert np.isfinite(slope).all()
+            assert np.abs(slope).max() > 1e-4
+            np.testing.assert_allclose(twice, slope, rtol=2e-3, atol=1e-6 * np.abs(slope).max())
+
+
+@every
+def test_parameters_broadcast_against_trials(effect: Effect) -> None:
+    known = trials()
+    x = argument(effect, known)
+    m, n = 5, len(x)
+    grid = {p.name: np.linspace(0.9 * p.value + 0.1 * p.bounds[0], 0.9 * p.value + 0.1 * p.bounds[1], m)[:, None] for p in effect.parameters}
+    got = effect(x, **of(effect, known), **grid)
+    assert got.shape == (m, n)
+    for i in range(m):
+        np.testing.assert_allclose(got[i], effect(x, **of(effect, known), **{name: float(v[i, 0]) for name, v in grid.items()}), rtol=1e-14)
+    if any(p.per for p in effect.parameters):
+        spread = {p.name: np.linspace(0.0, 0.1 * p.bounds[1], n) for p in effect.parameters}
+        assert effect(x, **of(effect, known), **spread).shape == (n,)
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.acts_on == "force" and not e.additive], ids=lambda e: e.name)
+def test_relative_force_effects_are_factors(effect: Effect) -> None:
+    known = trials()
+    x = argument(effect, known)
+    moved = {p.name: p.bounds[0] + 0.8 * (p.bounds[1] - p.bounds[0]) for p in effect.parameters}
+    np.testing.assert_allclose(effect(7.0 * x, **of(effect, known), **moved), 7.0 * effect(x, **of(effect, known), **moved), rtol=1e-13)
+
+
+@every
+def test_free_air_stays_free_air(effect: Effect) -> None:
+    known = trials()
+    known["approach"][-1] = known["tilt_rad"][-1] = np.nan
+    moved = {p.name: p.bounds[0] + 0.8 * (p.bounds[1] - p.bounds[0]) for p in effect.parameters}
+    x = argument(effect, known)
+    got = effect(x, **of(effect, known), **moved)[-1]
+    if effect.acts_on == "force":
+        assert np.isfinite(got)
+    else:
+        assert got == x[-1]
+
+
+@every
+@pytest.mark.parametrize("model", [sanchez_cuevas.MODEL, hsiao_chirarattananon.MODEL, sidewall_decay.MODEL], ids=lambda m: m.name)
+def test_composed_with_a_model_it_is_that_model_at_the_null(effect: Effect, model: LiftModel) -> None:
+    known = trials()
+    near = {n: (v[6:] if isinstance(v, np.ndarray) else v) for n, v in known.items()}
+    both = compose(model, effect)
+    assert isinstance(both, LiftModel)
+    values = {n: near[n] if n != "lift_inf_N" else 0.6 * near["throttle"] for n in both.needs}
+    alone = model(near["z_hat"], **{n: near[n] for n in model.needs})
+    np.testing.assert_allclose(both(near["z_hat"], **values), alone, rtol=1e-14)
+
+
+def test_all_effects_together_are_a_model_again() -> None:
+    known = {n: (v[12:] if isinstance(v, np.ndarray) else v) for n, v in trials().items()}
+    both = compose(sanchez_cuevas.MODEL, *EFFECTS)
+    values = {n: known[n] if n != "lift_inf_N" else 0.6 * known["throttle"] for n in both.needs}
+    np.testing.assert_allclose(both(known["z_hat"], **values), sanchez_cuevas.MODEL(known["z_hat"], **GEOMETRY), rtol=1e-13)
+
+
+@every
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_is_finite_within_its_bounds(effect: Effect, data: st.DataObject) -> None:
+    known = trials()
+    drawn = {p.name: data.draw(st.floats(*p.bounds), label=p.name) for p in effect.parameters}
+    x = argument(effect, known)
+    got = effect(x, **of(effect, known), **drawn)
+    assert not np.isnan(got).any()
+    assert np.isfinite(got[np.isfinite(x)]).all()
+
+
+@pytest.mark.parametrize("z_hat", [0.0, -0.05])
+@pytest.mark.parametrize(
+    "name", ["near_wall_saturation", "airframe_stagnation", "fountain_shape", "plate_edge", "room_recirculation", "tether_stiffness", "tilt"]
+)
+def test_contact_does_not_break_an_effect(name: str, z_hat: float) -> None:
+    effect = next(e for e in EFFECTS if e.name == name)
+    known = {**trials(), "z_hat": z_hat}
+    moved = {p.name: p.value + 0.5 * (p.bounds[1] - p.value) for p in effect.parameters}
+    assert np.isfinite(effect(0.95, **of(effect, known), **moved)).all()
+
+
+def test_stand_ins_change_nothing() -> None:
+    density = next(e for e in EFFECTS if e.name == "air_density")
+    plain = {"temperature_K": 294.0, "temperature_ref_K": 294.0, **{n: STAND_INS[n] for n in density.needs if n in STAND_INS}}
+    assert density(0.3, **plain, density_exponent=1.0) == 0.3
+    creep = next(e for e in EFFECTS if e.name == "cell_creep")
+    assert creep(0.3, previous_lift_N=0.5, rest_s=STAND_INS["rest_s"], creep=0.01) == pytest.approx(0.305)
+    with pytest.raises(TypeError):
+        STAND_INS["rest_s"] = 1.0  # type: ignore[index]
+
+
+def test_what_cannot_be_is_refused_with_nan() -> None:
+    held, image = (next(e for e in EFFECTS if e.name == n) for n in ("held_quantity", "image_strength"))
+    assert np.isnan(held(-0.1, held_exponent=0.5))
+    assert np.isnan(image(3.0, strength=1.6))
+    assert np.isfinite(image(2.3, strength=1.7))

@@ -1,0 +1,169 @@
+"""The manifest: what a good one becomes, and what each broken one is told.
+
+broken_manifests/ holds one manifest per fault. Its first lines, comments, are what the refusal must say, line by line.
+"""
+
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nearlift import campaign
+from nearlift.errors import ManifestError
+
+FOLDER = Path(__file__).with_name("broken_manifests")
+GOOD = (FOLDER / "good.txt").read_text(encoding="utf-8")
+
+
+def good(**vehicle) -> campaign.Campaign:
+    raw = tomllib.loads(GOOD)
+    raw["vehicle"] |= vehicle
+    return campaign.parse({**raw, "vehicle": {k: v for k, v in raw["vehicle"].items() if v is not None}})
+
+
+# --- a good one
+
+
+def test_quantities_are_si():
+    c = good()
+    assert c.vehicle.rotor_radius == pytest.approx(0.023)
+    assert c.vehicle.mass == pytest.approx(0.027)
+    assert c.rig.gravity == 9.8
+    assert c.load_cell.accuracy == pytest.approx(1.5e-3 * 9.80665)
+    assert c.load_cell.sample_rate == 1000
+    assert c.tare_s == 2.0
+
+
+def test_it_is_frozen():
+    with pytest.raises(ValueError, match="frozen"):
+        good().vehicle.mass = 1.0  # type: ignore[misc]
+
+
+def test_geometry_of_four_rotors():
+    known = good().vehicle.geometry()
+    assert known["spacing_hat"] == pytest.approx(65 / 23)
+    assert known["diagonal_hat"] == pytest.approx(math.sqrt(2) * 65 / 23)
+    layout = known["layout_hat"]
+    sides = np.linalg.norm(layout - np.roll(layout, 1, axis=0), axis=1)
+    np.testing.assert_allclose(sides, 65 / 23)
+    assert np.linalg.norm(layout[0] - layout[2]) == pytest.approx(known["diagonal_hat"])
+
+
+def test_given_diagonal_wins():
+    assert good(rotor_diagonal="92 mm").vehicle.geometry()["diagonal_hat"] == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("rotors", [2, 6, 8])
+def test_opposite_spacing_of_other_rings(rotors):
+    known = good(rotors=rotors).vehicle.geometry()
+    layout = known["layout_hat"]
+    assert layout.shape == (rotors, 2)
+    assert np.linalg.norm(layout[0] - layout[rotors // 2]) == pytest.approx(known["diagonal_hat"])
+
+
+def test_one_rotor_has_a_layout_and_no_spacing():
+    assert set(good(rotors=1, rotor_spacing=None).vehicle.geometry()) == {"layout_hat"}
+
+
+def test_positions_are_taken_as_they_are():
+    known = good(rotors=2, rotor_spacing=None, rotor_positions=[["0 mm", "0 mm"], ["46 mm", "23 mm"]]).vehicle.geometry()
+    np.testing.assert_allclose(known["layout_hat"], [[0, 0], [2, 1]])
+    assert "spacing_hat" not in known
+
+
+def test_no_geometry_is_invented():
+    assert good(rotor_spacing=None).vehicle.geometry() == {}
+
+
+def test_offset_and_datum_by_boundary():
+    raw = tomllib.loads(GOOD)
+    raw["rig"] |= {"distance_offset": {"ground": "3 mm", "sidewall": "-23 mm"}, "distance_datum": {"ground": "airframe", "sidewall": "rotor axis"}}
+    rig = campaign.parse(raw).rig
+    assert rig.offset("sidewall") == pytest.approx(-0.023)
+    assert rig.datum("ground") == "airframe"
+    with pytest.raises(ManifestError, match=r"rig.distance_offset: says nothing about the ceiling\n  add ceiling = "):
+        rig.offset("ceiling")
+    assert good().rig.offset("ceiling") == 0.0
+
+
+def test_counts_become_newtons_of_lift():
+    raw = tomllib.loads(GOOD)
+    raw["records"]["force"] = {"column": "f", "unit": "count", "sign": -1, "calibration": {"gain": "9.8e-3 mN/count", "offset": "120 count"}}
+    force = campaign.parse(raw).records.force
+    assert force is not None
+    assert force.linear() == (pytest.approx(-9.8e-6), 120.0)
+
+
+def test_uniform_component_is_a_half_width():
+    raw = tomllib.loads(GOOD)
+    raw["uncertainty"] = [
+        {"name": "datum", "on": "height", "value": "0.2 mm", "scope": "boundary"},
+        {"name": "gain", "on": "gain", "value": "0.5 percent", "scope": "session", "distribution": "uniform"},
+    ]
+    datum, gain = campaign.parse(raw).uncertainty
+    assert datum.standard() == pytest.approx(2e-4)
+    assert gain.standard() == pytest.approx(0.005 / math.sqrt(3))
+
+
+def test_means_need_neither_records_nor_tare():
+    raw = tomllib.loads(GOOD)
+    raw["records"] = {"reader": "means"}
+    del raw["load_cell"]
+    assert campaign.parse(raw).tare_s == 0.0
+
+
+@pytest.mark.parametrize(("tare", "seconds"), [("0 s", 0.0), ("none", 0.0), ("1500 ms", 1.5)])
+def test_tare(tare, seconds):
+    raw = tomllib.loads(GOOD)
+    raw["load_cell"]["tare"] = tare
+    assert campaign.parse(raw).tare_s == seconds
+
+
+def test_boundaries_in_house_order():
+    assert campaign.boundaries_of(["none", "sidewall", "ground", "ground"]) == ["ground", "sidewall"]
+
+
+# --- broken ones
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda p: p.stem)
+def test_broken_manifest_is_told_what_is_wrong(path):
+    text = path.read_text(encoding="utf-8")
+    told = [line.removeprefix("#").strip() for line in text.splitlines() if line.startswith("#")]
+    assert told, "a broken manifest must say what it expects to be told"
+    with pytest.raises(ManifestError) as refusal:
+        campaign.parse(tomllib.loads(text), path.name)
+    for line in told:
+        assert line in str(refusal.value)
+    assert refusal.value.exit_code == 2
+
+
+def test_every_fault_is_listed_at_once():
+    raw = tomllib.loads(GOOD)
+    raw["vehicle"] |= {"rotor_radius": 23, "mass": "27 mm"}
+    del raw["rig"]["gravity"]
+    with pytest.raises(ManifestError) as refusal:
+        campaign.parse(raw)
+    assert all(key in str(refusal.value) for key in ("vehicle.rotor_radius", "vehicle.mass", "rig.gravity: is missing"))
+
+
+def test_load_reads_the_folder(tmp_path):
+    (tmp_path / "campaign.toml").write_text(GOOD, encoding="utf-8")
+    assert campaign.load(tmp_path).name == "good"
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (None, r"holds no campaign.toml\n  `nearlift new DIR` writes one to fill in"),
+        (b"name = ", r"campaign.toml: is not valid TOML: .*\n  mend that line"),
+        (b'name = "caf\xe9"', r"campaign.toml: is not UTF-8 text \(.* at byte 11\)\n  save it as UTF-8"),
+    ],
+)
+def test_unreadable_manifest_is_refused(tmp_path, content, told):
+    if content is not None:
+        (tmp_path / "campaign.toml").write_bytes(content)
+    with pytest.raises(ManifestError, match=told):
+        campaign.load(tmp_path)

@@ -1,0 +1,142 @@
+"""Figures: told apart in colour and in grey, the same bytes each time, no trace in matplotlib's settings."""
+
+from __future__ import annotations
+
+import io
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+from nearlift.errors import ManifestError
+from nearlift.figures import fig2 as draw_fig2
+from nearlift.figures import residuals as draw_residuals
+from nearlift.figures import style
+from nearlift.figures.render import render
+from nearlift.stages.gallery import FIGURES
+from nearlift.stages.report import gather
+from nearlift.summaries import fig2, residuals
+
+
+@pytest.fixture(scope="module")
+def table(small_job):
+    return fig2.summarise(gather(small_job))
+
+
+def drawn(draw, table, name="aiaa"):
+    look = style.style(name)
+    with style.context(look):
+        return draw(table, look)
+
+
+def test_series_differ_in_colour_and_marker():
+    colours, markers = zip(*style.SERIES, strict=True)
+    assert len(set(colours)) == len(set(markers)) == len(style.SERIES)
+
+
+def test_four_throttles_are_told_apart_by_marker_and_colour(table):
+    figure = drawn(draw_fig2.draw, table)
+    for ax in figure.axes:
+        lines = [c.lines[0] for c in ax.containers]
+        assert len({line.get_marker() for line in lines}) == 4
+        assert len({line.get_color() for line in lines}) == 4
+
+
+def test_theory_is_told_apart_without_colour(table):
+    ground = drawn(draw_fig2.draw, table).axes[0]
+    styles = [str(line._dash_pattern) for line in ground.lines if len(line.get_xdata()) > 100]
+    assert len(styles) == len(set(styles)) == 3
+
+
+def test_panels_are_labelled_with_units_and_curves_named(table):
+    figure = drawn(draw_fig2.draw, table)
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["a) ground", "b) ceiling", "c) sidewall"]
+    assert figure.axes[0].get_ylabel() == r"$\Delta L$ (%)"
+    assert all(ax.get_xlabel() == r"$\hat{z}$" for ax in figure.axes)
+    named = [t.get_text() for t in figure.axes[0].get_legend().get_texts()]
+    assert named == ["S-C (fit), 90 % band", "C-B (theory)", "S-C (PQuad)"]
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["throttle:", "25 %", "50 %", "75 %", "92 %"]
+
+
+def test_data_lie_inside_the_panel_with_their_bars(table):
+    figure = drawn(draw_fig2.draw, table)
+    for boundary, ax in zip(("ground", "ceiling", "sidewall"), figure.axes, strict=True):
+        mine = (table["panel"] == boundary) & (table["kind"] == "data")
+        low, high = ax.get_ylim()
+        assert np.all(table["delta_L_percent"][mine] - table["u_delta_L_percent"][mine] > low)
+        assert np.all(table["delta_L_percent"][mine] + table["u_delta_L_percent"][mine] < high)
+
+
+@pytest.mark.parametrize("name", [s.name for s in style.STYLES])
+def test_every_style_has_its_column_width(table, name):
+    look = style.style(name)
+    assert drawn(draw_fig2.draw, table, name).get_figwidth() == pytest.approx(look.double_in)
+    one = {k: v[table["panel"] == "ground"] for k, v in table.items()}
+    assert drawn(draw_fig2.draw, one, name).get_figwidth() == pytest.approx(look.single_in)
+
+
+def test_many_throttles_get_a_colour_bar(make_job):
+    levels = tuple(float(t) for t in np.round(np.linspace(0.2, 0.9, 12), 3))
+    job = make_job(boundaries=("ground",), throttles=levels, repeats=2)
+    figure = drawn(draw_fig2.draw, fig2.summarise(gather(job)))
+    assert figure.axes[-1].get_ylabel() == "throttle (%)"
+    assert not figure.legends
+
+
+@pytest.mark.parametrize("spec", FIGURES, ids=lambda s: s.name)
+def test_the_same_table_gives_the_same_bytes(small_job, spec):
+    rows = spec.summarise(gather(small_job))
+    first, second = (render(spec.draw, rows, style.style("aiaa")) for _ in range(2))
+    assert first == second
+    assert b"CreationDate" not in first["pdf"]
+    assert first["pdf"].startswith(b"%PDF")
+    picture = Image.open(io.BytesIO(first["png"]))
+    assert "Software" not in picture.info
+    assert picture.width == pytest.approx(6.75 * 600, abs=1)
+    assert Image.open(io.BytesIO(first["page"])).width == pytest.approx(6.75 * 200, abs=1)
+
+
+def test_settings_are_put_back_and_the_users_own_have_no_part(table):
+    matplotlib.rcParams["lines.linewidth"] = 7.0
+    try:
+        before = dict(matplotlib.rcParams)
+        mine = render(draw_fig2.draw, table, style.style("aiaa"))
+        assert dict(matplotlib.rcParams) == before
+    finally:
+        matplotlib.rcParams["lines.linewidth"] = matplotlib.rcParamsDefault["lines.linewidth"]
+    assert mine == render(draw_fig2.draw, table, style.style("aiaa"))
+
+
+def test_unknown_style_is_refused_with_the_nearest():
+    with pytest.raises(ManifestError, match=r"no style 'elsevire'\n  did you mean 'elsevier'\?"):
+        style.style("elsevire")
+
+
+@pytest.mark.parametrize("label", ["$", r"\frac{", "a $x_1", "tab\there", r"\$"])
+def test_hostile_labels_are_set_as_text(table, label):
+    edited = {**table, "label": np.where(table["label"] == "C-B (theory)", label, table["label"])}
+    render(draw_fig2.draw, edited, style.style("aiaa"))
+
+
+def test_residuals_fill_a_grid_or_columns(small_job, make_job):
+    three = drawn(draw_residuals.draw, residuals.summarise(gather(small_job)))
+    assert [ax.get_title() for ax in three.axes[:3]] == ["ground", "ceiling", "sidewall"]
+    one = drawn(draw_residuals.draw, residuals.summarise(gather(make_job(boundaries=("ground",)))))
+    labels = [ax.get_xlabel() for ax in one.axes if ax.axison]
+    assert labels == [
+        r"$\hat{z}$",
+        r"throttle $\tau$ (%)",
+        "run order (trial)",
+        "start $t_0$ (s)",
+        "session",
+        "supply $U$ (V)",
+        "approach",
+        r"drift $\dot{L}$ (N/s)",
+    ]
+    assert one._supylabel.get_text() == "relative residual (%)"
+
+
+def test_an_unknown_covariate_keeps_its_name():
+    assert style.quantity("rig_$_colour") == r"rig \$ colour"
+    assert style.quantity("tilt_rad") == r"tilt $\theta$ (rad)"

@@ -1,0 +1,244 @@
+"""Ingest: every trial has its row, refusals write nothing, raw stays as it is."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nearlift import executors
+from nearlift.errors import InputRefused, ManifestError, NearliftError
+from nearlift.products import TRIALS
+from nearlift.stages import ingest
+from nearlift.stages.job import Job
+from nearlift.store import sha256
+
+from .bench_campaign import HEAD, LIVE, UNITS, force_mN, manifest, run_ingest, small_campaign, write_record, write_schedule
+
+GIVEN: dict[str, Any] = {"trials": {"units": {**UNITS, "supply": "V"}}}
+
+
+def snapshot(folder: Path) -> dict[str, tuple[int, int, str]]:
+    return {str(p): (p.stat().st_mtime_ns, p.stat().st_mode, sha256(p)) for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    folder = tmp_path / "raw"
+    folder.mkdir()
+    small_campaign(folder)
+    (folder / "campaign.toml").touch()
+    return folder
+
+
+def test_trials_have_their_columns_and_numbers(root: Path, tmp_path: Path) -> None:
+    before = snapshot(root)
+    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN))
+    table = job.read(TRIALS)
+    assert outcome.rejected == ()
+    assert outcome.notes == ()
+    np.testing.assert_allclose(table["lift_N"], np.concatenate([[0.11, 0.275, 0.44, 0.55], [0.1, 0.25, 0.4, 0.5]]), atol=5e-4)
+    np.testing.assert_allclose(table["u_lift_N"], 1e-3 * np.sqrt(1 / HEAD + 1 / LIVE), rtol=0.5)
+    assert set(table["n"]) == {LIVE}
+    assert set(table["quality"]) == {""}
+    assert list(table["visit"]) == [0, 0, 0, 0, 1, 1, 1, 1]
+    np.testing.assert_allclose(table["supply_V"], [4, 3.9, 3.8, 3.7] * 2)
+    assert table["source_sha256"][3] == sha256(root / "trials" / "t03.csv")
+    assert snapshot(root) == before
+
+
+@pytest.mark.parametrize("text", ["serial", "threads:2", "processes:2"])
+def test_the_executor_changes_nothing(root: Path, tmp_path: Path, text: str) -> None:
+    _, job = run_ingest(root, tmp_path / "one", manifest(**GIVEN))
+    with executors.open_executor(text) as executor:
+        other = Job(root=root, campaign=manifest(**GIVEN), processed=tmp_path / "two", reports=tmp_path, executor=executor)
+        ingest.run(other)
+    assert (job.processed / TRIALS.file).read_bytes() == (other.processed / TRIALS.file).read_bytes()
+
+
+def test_digests_that_are_known_are_not_made_again(root: Path, tmp_path: Path) -> None:
+    known = {"trials/t00.csv": "f" * 64}
+    job = Job(root=root, campaign=manifest(**GIVEN), processed=tmp_path, reports=tmp_path, executor=executors.SerialExecutor(), inputs=known)
+    ingest.run(job)
+    assert job.read(TRIALS)["source_sha256"][0] == "f" * 64
+
+
+def test_inputs_are_what_the_product_is_made_from(root: Path) -> None:
+    (root / "trials" / "t01.csv").unlink()
+    names = ingest.inputs(root, manifest(**GIVEN))
+    assert names[:3] == ["campaign.toml", "trials.csv", "trials/t00.csv"]
+    assert "trials/t01.csv" not in names
+    assert len(names) == 2 + 7
+
+
+def damaged(root: Path, trial: str, kind: str) -> None:
+    path = root / "trials" / f"{trial}.csv"
+    force = force_mN(250.0, seed=99)
+    if kind == "MISSING":
+        path.unlink()
+    elif kind == "EMPTY":
+        path.write_bytes(b"")
+    elif kind == "NO_DATA":
+        path.write_text("force\n")
+    elif kind == "SHORT":
+        path.write_bytes(path.read_bytes()[: len(path.read_bytes()) // 2])
+    elif kind == "DUPLICATE":
+        path.write_bytes((root / "trials" / "t00.csv").read_bytes())
+    elif kind == "OUT_OF_RANGE":
+        path.write_text("force\n" + "".join("OVER\n" if i % 20 == 0 else f"{f:.4f}\n" for i, f in enumerate(force)))
+    elif kind == "SATURATED":
+        write_record(root, trial, np.minimum(force_mN(9500.0, noise=300.0, seed=98), 9807.0))
+    elif kind == "STUCK":
+        force[HEAD:] = 250.0
+        write_record(root, trial, force)
+    elif kind == "DRIFT":
+        write_record(root, trial, force + np.linspace(0, 30, len(force)))
+    elif kind == "IMPLAUSIBLE":
+        write_record(root, trial, 1e3 * force)
+
+
+@pytest.mark.parametrize("kind", ["MISSING", "EMPTY", "NO_DATA", "SHORT", "DUPLICATE", "OUT_OF_RANGE", "SATURATED", "STUCK", "DRIFT", "IMPLAUSIBLE"])
+def test_a_bad_record_is_kept_with_its_reason_and_the_rest_goes_on(root: Path, tmp_path: Path, kind: str) -> None:
+    damaged(root, "t01", kind)
+    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"range": None} if kind == "IMPLAUSIBLE" else {}))
+    table = job.read(TRIALS)
+    assert len(table["trial"]) == 8
+    assert kind in table["quality"][1].split()
+    assert [trial for trial, _ in outcome.rejected] == ["t01"]
+    assert kind in outcome.rejected[0][1]
+    assert all(q == "" for i, q in enumerate(table["quality"]) if i != 1)
+
+
+def test_a_far_lift_that_does_not_rise_is_flagged_and_kept(tmp_path: Path) -> None:
+    root = tmp_path / "raw"
+    root.mkdir()
+    small_campaign(root, (100.0, 250.0, 400.0, 380.0))
+    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN))
+    assert outcome.rejected == ()
+    (note,) = outcome.notes
+    assert re.match(r"far from the ground the lift does not rise with throttle: 0\.(4|3999|4001) N at 75 %, 0\.3[78]\d* N at 92 %", note)
+    assert list(job.read(TRIALS)["quality"]) == [""] * 7 + ["not_rising"]
+
+
+def refused(root: Path, tmp_path: Path, kind: type[NearliftError], match: str, **changes: Any) -> None:
+    before = snapshot(root)
+    with pytest.raises(kind, match=match):
+        run_ingest(root, tmp_path / "out", manifest(**{**GIVEN, **changes}))
+    assert not (tmp_path / "out").exists()
+    assert snapshot(root) == before
+
+
+def test_grams_read_as_newtons_are_refused_and_nothing_is_written(root: Path, tmp_path: Path) -> None:
+    for path in (root / "trials").iterdir():
+        values = np.loadtxt(path, skiprows=1) / 9.80665
+        path.write_text("force\n" + "".join(f"{v:.6f}\n" for v in values))
+    refused(
+        root,
+        tmp_path,
+        InputRefused,
+        r'times the weight.*\n  is the unit "gf"',
+        records={"force": {"column": "force", "unit": "N", "sign": 1}},
+        load_cell={"range": None},
+    )
+
+
+def test_no_record_at_all_is_refused(root: Path, tmp_path: Path) -> None:
+    for path in (root / "trials").iterdir():
+        path.unlink()
+    refused(root, tmp_path, InputRefused, r"none of the 8 trials has a record\n.*'t00'")
+
+
+def test_nothing_but_rejected_trials_is_refused(root: Path, tmp_path: Path) -> None:
+    for path in (root / "trials").iterdir():
+        path.write_text("force\n")
+    refused(root, tmp_path, InputRefused, r"all 8 trials are rejected \(NO_DATA 8\)")
+
+
+def test_a_line_that_is_no_number_is_refused(root: Path, tmp_path: Path) -> None:
+    path = root / "trials" / "t03.csv"
+    path.write_text(path.read_text().replace("\n", "\nx", 3).replace("x", "", 2))
+    refused(root, tmp_path, InputRefused, r"t03\.csv, line 4: 'x.*is not a number")
+
+
+def test_an_unknown_reader_is_refused(root: Path, tmp_path: Path) -> None:
+    refused(root, tmp_path, ManifestError, "did you mean 'csv'", records={"reader": "cvs"})
+
+
+def test_records_without_a_tare_are_noted(root: Path, tmp_path: Path) -> None:
+    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"tare": "none"}))
+    assert "no tare" in outcome.notes[0]
+    assert set(job.read(TRIALS)["n"]) == {HEAD + LIVE}
+
+
+def test_raw_may_be_read_only(root: Path, tmp_path: Path) -> None:
+    for path in [*root.rglob("*"), root]:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    try:
+        run_ingest_read_only(root, tmp_path / "out")
+    finally:
+        for path in [root, *root.rglob("*")]:
+            path.chmod(0o755)
+
+
+def run_ingest_read_only(root: Path, out: Path) -> None:
+    job = Job(root=root, campaign=manifest(**GIVEN), processed=out, reports=out, executor=executors.SerialExecutor())
+    ingest.run(job)
+    assert (out / TRIALS.file).is_file()
+
+
+# ---- means
+
+MEANS: dict[str, Any] = {"records": {"reader": "means", "files": None, "force": None}, "trials": {"units": {**UNITS, "lift": "gf", "lift_sd": "gf"}}}
+
+
+def means(tmp_path: Path, text: str) -> tuple[Any, dict[str, Any]]:
+    root = tmp_path / "raw"
+    root.mkdir()
+    write_schedule(root, text)
+    outcome, job = run_ingest(root, tmp_path, manifest(**MEANS))
+    return outcome, job.read(TRIALS)
+
+
+def test_means_take_their_lift_from_the_schedule(tmp_path: Path) -> None:
+    _, table = means(tmp_path, "trial,boundary,distance,throttle,lift,lift_sd,n\na,ground,43,25,10,0.4,16\nb,ground,43,50,24,,\n")
+    np.testing.assert_allclose(table["lift_N"], [0.0980665, 0.2353596])
+    np.testing.assert_allclose(table["u_lift_N"], [9.80665e-4, 0.0])
+    assert list(table["n"]) == [16, 1]
+    assert table["source_sha256"][0] == sha256(tmp_path / "raw" / "trials.csv")
+
+
+def test_means_without_spread_know_no_error(tmp_path: Path) -> None:
+    _, table = means(tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,10\nb,ground,43,50,24\n")
+    assert list(table["u_lift_N"]) == [0, 0]
+    assert np.all(np.isnan(table["sd_N"]))
+
+
+def test_means_need_a_lift(tmp_path: Path) -> None:
+    with pytest.raises(ManifestError, match="has no column 'lift'"):
+        means(tmp_path, "trial,boundary,distance,throttle\na,ground,43,25\n")
+    write_schedule(tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,\n")
+    with pytest.raises(ManifestError, match="line 2, column 'lift': is empty"):
+        run_ingest(tmp_path, tmp_path / "out", manifest(**MEANS))
+
+
+def test_memory_does_not_grow_with_the_number_of_trials(root: Path, tmp_path: Path) -> None:
+    """At most so many pieces are in flight, whatever their number: counted, since resident memory is noise on this scale."""
+
+    class Counting(executors.SerialExecutor):
+        open = 0
+        most = 0
+
+        def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
+            self.open += 1
+            self.most = max(self.most, self.open)
+            return super().submit(fn, *args, **kwargs)
+
+    counting = Counting()
+    pieces = []
+    for _ in executors.ordered(counting, pieces.append, range(100)):
+        counting.open -= 1
+    assert counting.most <= 8

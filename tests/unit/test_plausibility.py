@@ -1,0 +1,102 @@
+"""What only the whole campaign shows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nearlift.errors import InputRefused
+from nearlift.reduction import plausibility
+
+WEIGHT = 0.027 * 9.8
+FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}
+
+
+def table(factor: float = 1.0, **changes: Any) -> dict[str, Any]:
+    """Two stations at each throttle, the near one with more lift."""
+    rows = [("ground", z, t, factor * lift * gain, "") for t, lift in FAR.items() for z, gain in ((2.0, 1.1), (20.0, 1.0))]
+    names = ("boundary", "z_hat", "throttle", "lift_N", "quality")
+    columns = {n: np.array(v, dtype=object if isinstance(v[0], str) else float) for n, v in zip(names, zip(*rows, strict=True), strict=True)}
+    return {**columns, **changes}
+
+
+def test_far_lifts_are_those_of_the_farthest_station() -> None:
+    throttles, lifts = plausibility.far_lifts(table())["ground"]
+    np.testing.assert_allclose(throttles, list(FAR))
+    np.testing.assert_allclose(lifts, list(FAR.values()))
+
+
+def test_rejected_trials_do_not_judge() -> None:
+    bad = table()
+    bad["lift_N"][-1] = 1e6
+    bad["quality"][-1] = "SATURATED"
+    plausibility.against_weight(bad, WEIGHT, "N", "k")
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit", "match"),
+    [
+        (1 / 9.80665e-3, "N", r'212 times the weight of 0\.2646 N\n  is the unit "gf" \(2\.1 times the weight\)'),
+        (1e3, "N", r'2.08e\+03 times the weight.*\n  is the unit "mN" \(2\.1 times the weight\)'),
+        (9.80665e-3 / 9.80665, "kgf", r'is the unit .*"lbf".*rather than "kgf"|no usual unit'),
+        (1e-3, "mN", r'0.00208 times the weight.*\n  is the unit "N"'),
+        (1e3, "count", "check the calibration's gain .off by about 2.1e.03"),
+        (1e9, "N", "no usual unit makes sense of it"),
+    ],
+)
+def test_a_force_that_cannot_be_this_vehicles_is_refused(factor: float, unit: str, match: str) -> None:
+    with pytest.raises(InputRefused, match=match):
+        plausibility.against_weight(table(factor), WEIGHT, unit, "records.force.unit")
+
+
+@pytest.mark.parametrize("factor", [0.02, 1.0, 40.0])
+def test_what_a_vehicle_may_lift_passes(factor: float) -> None:
+    plausibility.against_weight(table(factor), WEIGHT, "N", "k")
+
+
+def test_a_wrong_sign_is_refused() -> None:
+    with pytest.raises(InputRefused, match=r"far from the ground at 92 % throttle the lift is negative.*\n.*change the sign"):
+        plausibility.against_weight(table(-1.0), WEIGHT, "N", "k")
+
+
+def test_free_air_judges_too() -> None:
+    with pytest.raises(InputRefused, match="in free air"):
+        plausibility.against_weight(table(1e3, boundary=np.array(["none"] * 8, dtype=object)), WEIGHT, "N", "k")
+
+
+def test_nothing_good_is_no_judge() -> None:
+    plausibility.against_weight(table(quality=np.array(["STUCK"] * 8, dtype=object)), WEIGHT, "N", "k")
+
+
+def test_single_trials_beyond_reason() -> None:
+    assert plausibility.implausible(np.array([0.3, 30.0, np.nan, -30.0]), WEIGHT).tolist() == [False, True, False, True]
+
+
+def test_lift_that_does_not_rise_is_named() -> None:
+    assert plausibility.not_rising(table()) == []
+    flat = table()
+    flat["lift_N"][(flat["z_hat"] == 20) & (flat["throttle"] == 0.92)] = FAR[0.75]
+    assert plausibility.not_rising(flat) == [("ground", 0.75, 0.92, FAR[0.75], FAR[0.75])]
+
+
+@pytest.mark.parametrize(
+    ("samples", "before", "after"),
+    [
+        (1000, [], []),
+        (960, ["truncated"], ["truncated"]),
+        (900, ["truncated"], ["truncated", "SHORT"]),
+        (900, [], ["short"]),
+        (499, [], ["SHORT"]),
+        (0, ["EMPTY"], ["EMPTY"]),
+    ],
+)
+def test_lengths_are_judged_by_the_median(samples: int, before: list[str], after: list[str]) -> None:
+    codes: list[list[str]] = [[], [], [], list(before)]
+    plausibility.lengths(np.array([1000, 1000, 1000, samples]), codes, 0.05)
+    assert codes == [[], [], [], after]
+
+
+def test_no_records_no_lengths() -> None:
+    plausibility.lengths(np.array([0]), [[]], 0.05)

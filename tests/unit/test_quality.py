@@ -1,0 +1,41 @@
+"""Quality codes keep their convention."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nearlift.errors import DeclarationError
+from nearlift.reduction.quality import CODES, Code, code, joined, reason, rejected
+
+
+def test_names_are_unique_and_capitals_reject() -> None:
+    assert len({c.name for c in CODES}) == len(CODES)
+    for c in CODES:
+        assert c.rejects == c.name.isupper()
+        assert c.meaning
+        assert code(c.name) is c
+
+
+@pytest.mark.parametrize(("name", "rejects"), [("Mixed", True), ("Mixed", False), ("low", True), ("HIGH", False)])
+def test_a_code_against_the_convention_is_refused(name: str, rejects: bool) -> None:
+    with pytest.raises(DeclarationError, match="CAPITALS reject"):
+        Code(name=name, rejects=rejects, meaning="x")
+
+
+def test_mask_of_rejected_trials() -> None:
+    quality = np.array(["", "drift", "SATURATED", "truncated SHORT", "NO_DATA", "out_of_range"], dtype=object)
+    assert rejected(quality).tolist() == [False, False, True, True, True, False]
+    assert rejected(np.array([], dtype=object)).tolist() == []
+
+
+def test_codes_are_joined_in_one_order_each_once() -> None:
+    assert joined(["drift", "STUCK", "drift"]) == "STUCK drift"
+    assert joined([]) == ""
+    with pytest.raises(KeyError, match="not quality codes"):
+        joined(["nonsense"])
+
+
+def test_the_reason_names_only_what_rejects() -> None:
+    assert reason("STUCK drift") == f"STUCK ({code('STUCK').meaning})"
+    assert reason("drift") == ""

@@ -1,0 +1,305 @@
+"""Readers: every road to the same bits, damage named, nothing read outside the folder."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import READERS, csv_trial, parquet, reader
+from nearlift.readers.seam import Record
+
+from .bench_campaign import manifest
+
+PARQUET: dict[str, Any] = {"records": {"reader": "parquet", "files": "records.parquet", "force": {"column": "force", "unit": "mN", "sign": 1}}}
+
+
+def parse(text: str | bytes, *, compiled: bool = False, time: str | None = None) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
+    return csv_trial.parse(text if isinstance(text, bytes) else text.encode(), "t.csv", "force", time, compiled=compiled)
+
+
+# ---- CSV
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_columns_are_found_by_name(compiled: bool) -> None:
+    force, time, codes = parse("note,t,force\nx,0.000,1.5\ny,0.001,-2.25e1\n", compiled=compiled, time="t")
+    np.testing.assert_array_equal(force, [1.5, -22.5])
+    assert time is not None
+    np.testing.assert_array_equal(time, [0.0, 0.001])
+    assert codes == ()
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "force\r\n1\r\n2\r\n",
+        "\ufeffforce\n1\n2\n",
+        'force\n"1"\n2\n',
+        "force\n 1 \n+2.\n",
+        "force\n1\n\n2\n",
+        "a,force,b\n,1,\n,2,\n",
+        "force\n1e0\n20E-1\n",
+    ],
+)
+def test_harmless_dialects(text: str, compiled: bool) -> None:
+    np.testing.assert_array_equal(parse(text, compiled=compiled)[0], [1.0, 2.0])
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(
+        st.one_of(
+            st.floats(allow_nan=False, allow_infinity=False).map(repr),
+            st.integers(-(10**18), 10**18).map(str),
+            st.decimals(-1000, 1000, places=4).map(str),
+        ),
+        min_size=1,
+    )
+)
+def test_all_roads_give_the_bits_of_float(texts: list[str]) -> None:
+    want = np.array([float(t) for t in texts])
+    content = ("force\n" + "\n".join(texts) + "\n").encode()
+    roads = [
+        csv_trial._scanned(content, 6, 1, [0]),
+        csv_trial._by_arrow(content, 6, 1, [0]),
+        csv_trial._explained(content[6:], "t.csv", ["force"], [0]),
+    ]
+    assert roads[1] is not None
+    for road in roads:
+        if road is not None:
+            np.testing.assert_array_equal(road[0].view(np.int64), want.view(np.int64))
+
+
+def test_the_scanner_takes_what_loggers_write() -> None:
+    content = b"t,force\n" + b"".join(b"%.3f,%.4f\n" % (i / 1000, 123.4567 * np.sin(i)) for i in range(1000))
+    assert csv_trial._scanned(content, 8, 2, [1, 0]) is not None
+
+
+@pytest.mark.parametrize("word", ["nan", "NaN", "OVER", "#NV", "1.#INF", "-1.#IND", "inf", ""])
+def test_no_number_is_nan_and_counted_later(word: str) -> None:
+    force, _, codes = parse(f"t,force\n0,1\n1,{word}\n2,3\n")
+    np.testing.assert_array_equal(force, [1, np.nan, 3])
+    assert codes == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "force", "codes"),
+    [
+        (b"", [], ("EMPTY",)),
+        (b"\0\0\0", [], ("EMPTY",)),
+        (b"force\n", [], ("NO_DATA",)),
+        (b"force\n\n\n", [], ("NO_DATA",)),
+        (b"forc", [], ("NO_DATA", "truncated")),
+        (b"force\n1\n2\n3", [1, 2], ("truncated",)),
+        (b"force\n1\n2\n3.1\0\0\0\0", [1, 2], ("truncated",)),
+        (b"force\n1\n2\n\0\0\0\0", [1, 2], ("truncated",)),
+        (b"force\n12", [], ("truncated", "NO_DATA")),
+    ],
+)
+def test_half_written_files(text: bytes, force: list[float], codes: tuple[str, ...]) -> None:
+    got, _, found = parse(text)
+    np.testing.assert_array_equal(got, force)
+    assert found == codes
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("force\n1\n2x\n3\n", r"t\.csv, line 3: '2x' in column 'force' is not a number"),
+        ("force\n1\n1_000\n", "line 3: '1_000'"),
+        ("force\n1\n0x10\n", "line 3: '0x10'"),
+        ('t,force\n0,"1,5"\n', "line 2: '1,5'.*\n  write decimals with a point"),
+        ("t,force\n0,1,5\n", "line 2: has 3 cells under 2 column names"),
+        ("t,force\n0,1\n1\n", "line 3: has 1 cells under 2 column names"),
+        ("t;force\n0;1\n", "line 1: is not separated by commas"),
+        ("0,1\n1,2\n", "line 1: holds numbers where the columns' names should stand"),
+        ("t,forze\n0,1\n", "line 1: no column 'force'\n  records.force.column = \"forze\"?"),
+        ("t,lift\n0,1\n", "no column 'force'\n  it has 't', 'lift'"),
+        ("force,force\n0,1\n", "more than one column 'force'"),
+        ("force\n1\nforce\n2\n", "line 3: repeats the header"),
+        ("t,force\ns,mN\n0,1\n", "line 2: 'mN' in column 'force' is not a number"),
+        ("force\n1\n\0\n2\n", "line 3: holds NUL bytes"),
+    ],
+)
+def test_the_first_bad_line_is_named(text: str, match: str, compiled: bool) -> None:
+    with pytest.raises(InputRefused, match=match):
+        parse(text, compiled=compiled)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("force\n1\n".encode("utf-16"), "UTF-16"),
+        (b"kr\xe4fte,force\n1,1\n", "line 1: is not UTF-8"),
+        (b"x,force\na,1\n\xe4,2x\n", "line 3: is not UTF-8"),
+    ],
+)
+def test_other_encodings_are_refused(text: bytes, match: str) -> None:
+    with pytest.raises(InputRefused, match=match):
+        parse(text)
+
+
+def test_sign_calibration_and_clock(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("ms,counts\n0,130\n5,140\n")
+    force = {"column": "counts", "unit": "count", "sign": -1, "calibration": {"gain": "2 mN/count", "offset": "120 count"}}
+    given = manifest(records={"files": "{trial}.csv", "force": force, "time": {"column": "ms", "unit": "ms"}})
+    (record,) = reader("csv").read(given, tmp_path, ["a"])
+    np.testing.assert_allclose(record.force_N, [-0.02, -0.04])
+    np.testing.assert_allclose(record.time_s, [0, 0.005])
+    assert record.source == "a.csv"
+
+
+def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
+    for trial in "ac":
+        (tmp_path / f"{trial}.csv").write_text("force\n1\n")
+    given = manifest(records={"files": "{trial}.csv"})
+    assert [r.trial for r in reader("csv").read(given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
+    assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == ["a.csv", "c.csv"]
+
+
+def test_much_to_read_takes_the_compiled_road_to_the_same_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    (tmp_path / "a.csv").write_text("force\n" + "".join(f"{x:.4f}\n" for x in rng.normal(size=500)))
+    given = manifest(records={"files": "{trial}.csv"})
+    slow = next(reader("csv").read(given, tmp_path, ["a"]))
+    monkeypatch.setattr(csv_trial, "WORTH_COMPILING", 0)
+    fast = next(reader("csv").read(given, tmp_path, ["a"]))
+    np.testing.assert_array_equal(slow.force_N, fast.force_N)
+
+
+# ---- what may be read at all
+
+
+def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
+    root = tmp_path / "campaign"
+    root.mkdir()
+    (tmp_path / "secret.csv").write_text("force\n1\n")
+    (root / "linked.csv").symlink_to(tmp_path / "secret.csv")
+    (root / "loop.csv").symlink_to(root / "loop.csv")
+    (root / "folder.csv").mkdir()
+    os.mkfifo(root / "pipe.csv")
+    given = manifest(records={"files": "{trial}.csv"})
+    for trial, match in (
+        ("linked", "leads outside"),
+        ("loop", "loop of symbolic links"),
+        ("folder", "not a regular file"),
+        ("pipe", "not a regular file"),
+    ):
+        with pytest.raises(InputRefused, match=match):
+            reader("csv").files(given, root, [trial])
+    with pytest.raises(InputRefused, match="leads outside"):
+        reader("csv").files(manifest(records={"files": "../{trial}.csv"}), root, ["secret"])
+    with pytest.raises(ManifestError, match="cannot stand in a file name"):
+        reader("csv").files(given, root, ["../secret"])
+
+
+def test_a_link_within_the_folder_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "real.csv").write_text("force\n1\n")
+    (tmp_path / "a.csv").symlink_to(tmp_path / "real.csv")
+    assert len(reader("csv").files(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])) == 1
+
+
+def test_a_pattern_without_the_trial_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ManifestError, match=r"write \{trial\} in it"):
+        reader("csv").files(manifest(records={"files": "all.csv"}), tmp_path, ["a"])
+
+
+def test_an_unknown_reader_gets_the_nearest_name() -> None:
+    with pytest.raises(ManifestError, match="did you mean 'parquet'"):
+        reader("parket")
+    assert [reader(r.name) for r in READERS] == list(READERS)
+
+
+# ---- Parquet
+
+
+def write_table(folder: Path, columns: dict[str, Any], row_group_size: int = 7) -> None:
+    pq.write_table(pa.table(columns), folder / "records.parquet", row_group_size=row_group_size)
+
+
+def records(folder: Path, trials: list[str], **changes: Any) -> list[Record]:
+    return list(reader("parquet").read(manifest(**{**PARQUET, **changes}), folder, trials))
+
+
+@pytest.mark.parametrize("row_group_size", [1, 3, 7, 100])
+@pytest.mark.parametrize("batch", [2, 1 << 16])
+@pytest.mark.parametrize("kind", ["text", "dictionary", "integer"])
+def test_records_do_not_depend_on_the_files_layout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, row_group_size: int, batch: int, kind: str
+) -> None:
+    monkeypatch.setattr(parquet, "BATCH", batch)
+    lengths = {"0": 4, "1": 9, "2": 1, "3": 12}
+    names = [t for t, n in lengths.items() for _ in range(n)]
+    trial = {"text": pa.array(names), "dictionary": pa.array(names).dictionary_encode(), "integer": pa.array([int(t) for t in names])}[kind]
+    force = np.arange(26.0)
+    write_table(tmp_path, {"trial": trial, "force": pa.array(force)}, row_group_size)
+    got = records(tmp_path, ["3", "0", "2"])
+    assert [r.trial for r in got] == ["0", "2", "3"]
+    for record, want in zip(got, (force[:4], force[13:14], force[14:]), strict=True):
+        np.testing.assert_allclose(record.force_N, 1e-3 * want)
+
+
+def test_pieces_are_independent(tmp_path: Path) -> None:
+    names = [f"t{i}" for i in range(6) for _ in range(5)]
+    write_table(tmp_path, {"trial": names, "force": np.arange(30)})
+    given = manifest(**PARQUET)
+    plan = reader("parquet").plan(given, tmp_path, [f"t{i}" for i in range(6)])
+    assert len(plan.pieces) > 2
+    backwards = [r for piece in reversed(plan.pieces) for r in reader("parquet").read_piece(given, tmp_path, piece)]
+    assert {r.trial: r.force_N[0] for r in backwards} == {f"t{i}": pytest.approx(5e-3 * i) for i in range(6)}
+
+
+def test_a_missing_sample_is_nan_and_a_clock_is_read(tmp_path: Path) -> None:
+    write_table(tmp_path, {"trial": ["a"] * 3, "force": pa.array([1, None, 3]), "t": [0.0, 5.0, 10.0]})
+    given = {"records": {**PARQUET["records"], "time": {"column": "t", "unit": "ms"}}}
+    (record,) = records(tmp_path, ["a"], **given)
+    np.testing.assert_allclose(record.force_N, [1e-3, np.nan, 3e-3])
+    np.testing.assert_allclose(record.time_s, [0, 0.005, 0.01])
+
+
+def test_trials_that_the_schedule_does_not_list_are_noted(tmp_path: Path) -> None:
+    write_table(tmp_path, {"trial": ["a", "b"], "force": [1, 2]})
+    plan = reader("parquet").plan(manifest(**PARQUET), tmp_path, ["a"])
+    assert "1 trials that the schedule does not list, such as 'b'" in plan.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("columns", "match"),
+    [
+        ({"trial": ["a", "b", "a"], "force": [1, 2, 3]}, r"trial 'a' stands in two places, at rows 1 and 3"),
+        ({"trial": ["a", None], "force": [1, 2]}, "row 2 has no trial"),
+        ({"tril": ["a"], "force": [1]}, "no column 'trial'"),
+        ({"trial": ["a"], "forze": [1]}, r"no column 'force'\n  records.force.column = 'forze'\?"),
+        ({"trial": ["a"], "force": ["1"]}, "holds string, not numbers"),
+    ],
+)
+def test_tables_that_cannot_be_meant(tmp_path: Path, columns: dict[str, Any], match: str) -> None:
+    write_table(tmp_path, columns)
+    with pytest.raises(InputRefused, match=match):
+        records(tmp_path, ["a", "b"])
+
+
+def test_damage_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="is missing"):
+        records(tmp_path, ["a"])
+    write_table(tmp_path, {"trial": ["a"] * 100, "force": np.arange(100)})
+    content = (tmp_path / "records.parquet").read_bytes()
+    (tmp_path / "records.parquet").write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputRefused, match="cannot be read as Parquet"):
+        records(tmp_path, ["a"])
+
+
+def test_a_pattern_is_no_long_table(tmp_path: Path) -> None:
+    with pytest.raises(ManifestError, match="takes one long table"):
+        records(tmp_path, ["a"], records={**PARQUET["records"], "files": "{trial}.parquet"})

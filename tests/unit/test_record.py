@@ -1,0 +1,243 @@
+"""One record: its mean, and a standard error that a rotor tone does not fool."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nearlift.errors import InputRefused
+from nearlift.reduction.record import Limits, Reduced, reduce_record, spectral_density_at_zero
+
+RATE = 1000.0
+
+
+def record(
+    rng: np.random.Generator,
+    *,
+    tare: int = 2000,
+    live: int = 10000,
+    lift: float = 0.2,
+    noise: float = 2e-3,
+    tone: float = 0.0,
+    tone_Hz: float = 61.0,
+    memory: float = 0.0,
+) -> np.ndarray:
+    """White or first-order noise of the given sd, a tone of random phase while the rotors run, a zero of 7 mN."""
+    white = noise * rng.standard_normal(tare + live)
+    if memory:
+        from scipy.signal import lfilter
+
+        white = lfilter([np.sqrt(1 - memory**2)], [1, -memory], white)
+    force = 7e-3 + white
+    force[tare:] += lift + tone * np.sin(2 * np.pi * (rng.random() + tone_Hz / RATE * np.arange(live)))
+    return force
+
+
+def reduced(force: np.ndarray, **given: Any) -> Reduced:
+    return reduce_record(force, **{"rate_Hz": RATE, "tare_s": 2.0, **given})
+
+
+def test_tare_settle_and_mean_are_exact() -> None:
+    force = np.concatenate([np.tile([1.0, 3.0], 1000), np.full(500, 50.0), np.tile([7.0, 9.0], 2000)])
+    got = reduced(force, settle_s=0.5)
+    assert got.lift_N == 6.0
+    assert got.n == 4000
+    assert got.sd_N == pytest.approx(1.0, rel=1e-3)
+    # the wave is fast and regular: it leaves the mean alone
+    assert got.u_lift_N < 1e-3
+
+
+CASES: list[tuple[str, dict[str, Any], float]] = [
+    ("white", {}, 1.0),
+    ("tone", {"tone": 1e-2}, 1.0),
+    ("strong tone", {"tone": 4e-2}, 1.0),
+    ("tone off the grid", {"tone": 1e-2, "tone_Hz": 63.7}, 1.0),
+    ("low tone", {"tone": 1e-2, "tone_Hz": 37.3}, 1.0),
+    ("short", {"tone": 5e-3, "live": 1000, "tare": 200}, 1.0),
+    ("noise of 20 ms", {"memory": 0.95}, 0.96),
+    ("noise of 20 ms and tone", {"memory": 0.95, "tone": 1e-2}, 0.96),
+    ("noise of 50 ms and tone", {"memory": 0.98, "tone": 1e-2}, 0.87),
+]
+
+
+@pytest.mark.parametrize(("given", "ratio"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
+def test_standard_error_is_the_scatter_of_the_mean(given: dict[str, Any], ratio: float) -> None:
+    """Root mean square u against the scatter of 600 lifts, and coverage of u's 95 % interval.
+
+    The scatter is known to 2.9 % and the mean square u to 0.7 %, so that 4 standard errors are 0.12; coverage is a binomial of
+    600 about 0.93 (a t of some 15 degrees of freedom at 1.96; 0.89 where u is 13 % low) with a standard error of 0.011. The
+    chance of crying wolf is below 0.1 % for each case.
+    """
+    rng = np.random.default_rng(1)
+    tare_s = given.get("tare", 2000) / RATE
+    got = [reduced(record(rng, **given), tare_s=tare_s) for _ in range(600)]
+    lift, u = np.array([g.lift_N for g in got]), np.array([g.u_lift_N for g in got])
+    assert abs(lift.mean() - 0.2) < 4 * lift.std() / np.sqrt(600)
+    assert abs(np.sqrt(np.mean(u**2)) / lift.std() / ratio - 1) < 0.12
+    assert 0.885 - 2 * (1 - ratio) * 0.3 < np.mean(np.abs(lift - 0.2) < 1.96 * u) < 0.98
+
+
+def test_a_windowed_estimator_would_be_fooled() -> None:
+    """What is avoided: summing autocorrelations up to a window of five times themselves stops within the tone's first half wave.
+
+    The noise has 39 times the variance of the mean that its samples' variance suggests; hidden under a tone, the window finds next to none.
+    """
+    rng = np.random.default_rng(1)
+    live = record(rng, memory=0.95, tone=1e-2)[2000:]
+    away = live - live.mean()
+    power = np.abs(np.fft.rfft(away, 2 * len(away))) ** 2
+    rho = np.fft.irfft(power)[: len(away)] / (away @ away)
+    taus = 2.0 * np.cumsum(rho) - 1.0
+    fooled = taus[np.argmax(np.arange(len(taus)) >= 5.0 * taus)]
+    density, _ = spectral_density_at_zero(away, RATE)
+    true_density = 4e-6 * 39
+    assert fooled * away.var() / true_density < 0.5
+    assert density / true_density == pytest.approx(1.0, abs=0.7)
+
+
+def test_effective_samples_of_slow_noise() -> None:
+    rng = np.random.default_rng(2)
+    memory = 0.9
+    tau = (1 + memory) / (1 - memory)
+    n_eff = [reduced(record(rng, memory=memory)).n_eff for _ in range(200)]
+    assert np.median(n_eff) == pytest.approx(10000 / tau, rel=0.15)
+
+
+def test_white_noise_has_no_more_effective_samples_than_samples() -> None:
+    rng = np.random.default_rng(3)
+    assert all(reduced(record(rng, tone=2e-2)).n_eff <= 10000 for _ in range(20))
+
+
+def test_the_tares_own_error_counts() -> None:
+    rng = np.random.default_rng(4)
+    with_short_tare = reduced(record(rng, tare=100), tare_s=0.1).u_lift_N
+    assert with_short_tare == pytest.approx(2e-3 / np.sqrt(100), rel=0.4)
+    assert reduced(record(rng, tare=0), tare_s=0.0).u_lift_N == pytest.approx(2e-3 / np.sqrt(10000), rel=0.5)
+
+
+def test_density_of_few_samples_is_their_variance() -> None:
+    away = np.array([1.0, -1.0, 1.0, -1.0, 0.0])
+    assert spectral_density_at_zero(away, RATE)[0] == pytest.approx(1.0)
+
+
+def test_slope_and_its_codes() -> None:
+    rng = np.random.default_rng(5)
+    ramp = np.concatenate([np.zeros(2000), np.linspace(-0.5, 0.5, 10000)])
+    steady = record(rng)
+    for change, codes in ((0.0, ()), (0.004, ("drift",)), (0.02, ("DRIFT",)), (-0.02, ("DRIFT",))):
+        got = reduced(steady + change * ramp)
+        assert got.drift_N_s == pytest.approx(change / 10, abs=5e-5)
+        assert got.codes == codes
+    # a slope within the noise is none, however large the limit makes it
+    assert reduced(record(rng, lift=1e-3, noise=1e-2)).codes == ()
+
+
+def test_zero_after_the_trial_judges_the_drift() -> None:
+    force = record(np.random.default_rng(6))
+    for after, codes in ((7e-3, ()), (7e-3 + 4e-3, ("drift",)), (7e-3 - 0.02, ("DRIFT",)), (np.nan, ())):
+        assert reduced(force, tare_after_N=after).codes == codes
+
+
+@pytest.mark.parametrize(
+    ("where", "codes"),
+    [(np.s_[:0], ()), (np.s_[5000:5050], ("out_of_range",)), (np.s_[5000:5200], ("OUT_OF_RANGE",)), (np.s_[2000:], ("OUT_OF_RANGE", "NO_DATA"))],
+)
+def test_samples_without_a_number(where: slice, codes: tuple[str, ...]) -> None:
+    force = record(np.random.default_rng(7))
+    force[where] = np.nan
+    got = reduced(force)
+    assert got.codes == codes
+    if "NO_DATA" not in codes:
+        assert got.n == 10000 - len(force[where])
+        assert got.lift_N == pytest.approx(0.2, abs=2e-4)
+    else:
+        assert np.isnan(got.lift_N)
+
+
+def test_nothing_after_the_tare_and_nothing_in_it() -> None:
+    assert reduced(np.zeros(1500)).codes == ("NO_DATA",)
+    assert reduced(np.zeros(0), codes=("EMPTY",)).codes == ("EMPTY",)
+    force = record(np.random.default_rng(8))
+    force[:2000] = np.nan
+    assert reduced(force).codes == ("OUT_OF_RANGE", "NO_DATA")
+
+
+def test_a_stuck_channel() -> None:
+    force = record(np.random.default_rng(9))
+    flat = force.copy()
+    flat[2000:] = 0.2
+    assert reduced(flat).codes == ("STUCK",)
+    part = force.copy()
+    part[5000:6500] = part[5000]
+    assert reduced(part).codes == ("STUCK",)
+    brief = force.copy()
+    brief[5000:5500] = brief[5000]
+    assert reduced(brief).codes == ()
+
+
+def test_a_coarse_cell_is_not_stuck() -> None:
+    force = np.round(record(np.random.default_rng(10)) / 8e-3) * 8e-3
+    assert reduced(force).codes == ()
+
+
+def test_saturation_by_range_and_by_rail() -> None:
+    rng = np.random.default_rng(11)
+    force = record(rng, tone=0.1)
+    assert reduced(force, limits=Limits(range_N=9.8)).codes == ()
+    assert reduced(force, limits=Limits(range_N=0.25)).codes == ("SATURATED",)
+    assert reduced(np.minimum(force, 0.29)).codes == ("SATURATED",)
+    assert reduced(np.maximum(force, 0.12)).codes == ("SATURATED",)
+    assert reduced(force - 1.0, limits=Limits(range_N=0.8)).codes == ("SATURATED",)
+
+
+def test_spikes_are_kept_and_flagged() -> None:
+    force = record(np.random.default_rng(12))
+    force[[4000, 7000]] += 0.1
+    got = reduced(force)
+    assert got.codes == ("spikes",)
+    assert got.n == 10000
+
+
+def test_rotors_that_ran_in_the_tare() -> None:
+    force = record(np.random.default_rng(13))
+    assert "TARE" in reduced(force, tare_s=2.15).codes
+    assert reduced(force, tare_s=1.999).codes == ()
+
+
+def test_a_spin_up_that_settle_should_have_covered() -> None:
+    force = record(np.random.default_rng(14))
+    force[2000:2500] *= np.linspace(0.2, 1, 500)
+    assert "unsettled" in reduced(force).codes
+    assert reduced(force, settle_s=0.5).codes == ()
+
+
+# ---- the clock
+
+
+def test_gaps_are_seen_and_the_tare_ends_by_the_clock() -> None:
+    force = record(np.random.default_rng(15))
+    time = np.arange(12000) / RATE
+    for lost, code in ((100, "gaps"), (1000, "GAPS")):
+        keep = np.r_[0:1000, 1000 + lost : 12000] if lost < 1000 else np.r_[0:1000, 1999:12000]
+        got = reduced(force[keep], time_s=time[keep], limits=Limits(missing=0.05))
+        assert got.codes == (code,)
+        assert got.n == 10000
+        assert got.lift_N == pytest.approx(0.2, abs=3e-4)
+
+
+def test_a_stumbling_clock() -> None:
+    force = record(np.random.default_rng(16))
+    time = np.arange(12000) / RATE
+    time[6000] = time[5999]
+    assert reduced(force, time_s=time).codes == ("clock",)
+    assert reduced(force, time_s=np.round(np.arange(12000) / RATE, 3)).codes == ()
+
+
+@pytest.mark.parametrize(
+    ("clock", "match"), [(np.arange(12000) / 500, "runs at 500 Hz, the manifest says 1000 Hz"), (np.zeros(12000), "no steady rate")]
+)
+def test_another_rate_is_refused(clock: np.ndarray, match: str) -> None:
+    with pytest.raises(InputRefused, match=match):
+        reduced(record(np.random.default_rng(17)), time_s=clock, where="a.csv")

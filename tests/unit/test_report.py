@@ -1,0 +1,286 @@
+"""The report: self-contained, escaped, traceable to the last number, the same bytes each time."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import hashlib
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from nearlift.pages.chapters import CHAPTERS, Chapter
+from nearlift.pages.latex import escape
+from nearlift.pages.render import Picture, page
+from nearlift.products import DIAGNOSIS, FIT, LIFT
+from nearlift.stages import report
+
+HOSTILE = '<script>alert("x")</script>{{ 7*7 }}\' & \\input{x}'
+
+
+class Elements(HTMLParser):
+    """Tags with their attributes, and all text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.numbers: list[tuple[dict[str, str | None], str]] = []
+        self.inside: dict[str, str | None] | None = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+        if tag == "data":
+            self.inside = dict(attrs)
+
+    def handle_endtag(self, tag):
+        if tag == "data":
+            self.inside = None
+
+    def handle_data(self, data):
+        if self.inside is not None:
+            self.numbers.append((self.inside, data))
+
+    def every(self, tag):
+        return [attributes for name, attributes in self.found if name == tag]
+
+
+def digests(folder):
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def made(make_job):
+    job = make_job(simulated=True)
+    outcome = report.run(job)
+    return job, outcome, (job.reports / "index.html").read_text(encoding="utf-8")
+
+
+def follow(content, pointer):
+    for key in pointer.split("/")[1:]:
+        key = key.replace("~1", "/").replace("~0", "~")
+        content = content[int(key)] if isinstance(content, list) else content[key]
+    return content
+
+
+def test_files_of_the_contract(made):
+    job, outcome, _ = made
+    names = set(digests(job.reports))
+    assert names == {"index.html", "tables/coefficients.tex", "tables/coefficients.csv"} | {
+        f"{n}.{k}" for n in ("fig2", "residuals") for k in ("pdf", "png", "csv")
+    }
+    assert outcome.notes == ()
+
+
+def test_running_twice_gives_the_same_bytes(made):
+    job, _, _ = made
+    before = digests(job.reports)
+    report.run(job)
+    assert digests(job.reports) == before
+
+
+def test_the_page_fetches_nothing(made):
+    _, _, text = made
+    assert not re.findall(r"https?://(?!www\.w3\.org/)", text)
+    assert not re.findall(r"@import|url\(|<script|<link[^>]+stylesheet", text)
+    elements = Elements(text)
+    assert all(a["src"].startswith("data:image/png;base64,") for a in elements.every("img"))
+    assert all(re.fullmatch(r"#[a-z0-9]+|[a-z0-9]+\.(pdf|png|csv)", a["href"]) for a in elements.every("a"))
+    assert "default-src 'none'" in text
+
+
+def test_links_lead_somewhere(made):
+    job, _, text = made
+    elements = Elements(text)
+    ids = {a["id"] for _, a in elements.found if "id" in a}
+    for a in elements.every("a"):
+        assert a["href"][1:] in ids if a["href"].startswith("#") else (job.reports / a["href"]).is_file()
+
+
+def test_pictures_are_described_with_numbers(made):
+    _, _, text = made
+    pictures = Elements(text).every("img")
+    assert len(pictures) == 2
+    assert all(len(a["alt"]) > 100 and re.search(r"\d", a["alt"]) for a in pictures)
+    assert "ground" in pictures[0]["alt"]
+
+
+def test_simulated_is_said(made, make_job):
+    _, _, text = made
+    assert "SIMULATED" in text
+    job = make_job(boundaries=("ground",))
+    report.run(job)
+    assert "SIMULATED" not in (job.reports / "index.html").read_text()
+
+
+def test_every_number_says_where_it_stands_and_it_stands_there(made):
+    job, _, text = made
+    documents = {FIT.file: job.read_json(FIT)}
+    numbers = [(a, t) for a, t in Elements(text).numbers if a["data-source"].split("#")[0] in documents]
+    assert len(numbers) > 100
+    plain = 0
+    for attributes, shown in numbers:
+        file, _, pointer = attributes["data-source"].partition("#")
+        stored = follow(documents[file], pointer)
+        how = attributes.get("data-how")
+        if how is None:
+            assert float(attributes["value"]) == stored
+            digits = shown.replace("−", "-")
+            assert float(digits) == pytest.approx(stored, rel=0.05, abs=10.0 ** -len(digits.partition(".")[2]))
+            plain += 1
+        elif not how.startswith(("over", "less")):
+            assert float(attributes["value"]) == stored
+    assert plain > 60
+
+
+def test_verdict_comes_first_with_the_headline(made):
+    job, _, text = made
+    e = job.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
+    assert text.index('id="verdict"') < text.index('id="fig2"')
+    first = next(t for a, t in Elements(text).numbers if a["data-source"].endswith("/sanchez_cuevas/parameters/K_b/value"))
+    assert float(first) == pytest.approx(e["value"], abs=0.01)
+    assert "90 % interval" in text
+
+
+def test_every_rejected_trial_is_listed_with_its_reason(made):
+    _, _, text = made
+    assert "t0003" in text
+    assert "SATURATED (the load cell was at the end of its range)" in text
+    assert "t0011" not in text  # only a remark
+
+
+def test_a_model_that_repeats_reject_is_called_rejected(make_job):
+    def bend(table):
+        table["lift_N"] = table["lift_N"] * (1 + 0.02 * np.cos(3 * table["z_hat"]))
+
+    job = make_job(boundaries=("ground",), edit=bend)
+    report.run(job)
+    text = (job.reports / "index.html").read_text()
+    assert "rejected: cells stray from the curve" in text
+    assert 'class="card bad"' in text
+
+
+def test_hostile_names_are_shown_and_do_nothing(make_job):
+    def rename(table):
+        table["trial"][3] = HOSTILE
+        table["trial"][11] = "=cmd()"
+
+    job = make_job(
+        boundaries=("ground",),
+        edit=rename,
+        note=HOSTILE,
+        vehicle={"name": HOSTILE, "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
+        uncertainty=[{"name": HOSTILE, "on": "gain", "value": "0.1 percent", "scope": "session"}],
+    )
+    report.run(job)
+    text = (job.reports / "index.html").read_text()
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    assert "{{ 7*7 }}" in text
+    assert b"\nground,z_hat,trial,'=cmd()," in (job.reports / "residuals.csv").read_bytes()
+
+
+def test_coefficient_tables_agree_with_the_fit(made):
+    job, _, _ = made
+    e = job.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
+    lines = list(csv.DictReader(io.StringIO((job.reports / "tables" / "coefficients.csv").read_text())))
+    row = next(r for r in lines if r["model"] == "sanchez_cuevas" and r["parameter"] == "K_b")
+    assert float(row["value"]) == pytest.approx(e["value"], rel=1e-8)
+    assert row["base"] == "yes"
+    tex = (job.reports / "tables" / "coefficients.tex").read_text()
+    assert re.search(rf"\$K_b = \\num{{{e['value']:.2f}\(\d+\)}}\$ & \\numrange", tex)
+    assert tex.count(r"\begin") == tex.count(r"\end") == 1
+    body = [line for line in tex.splitlines() if line.endswith(r"\\")]
+    assert {line.count("&") - line.count(r"\&") for line in body} == {5}
+    assert escape(r"a_b & 50 % \x") == r"a\_b \& 50 \% \textbackslash{}x"
+
+
+def test_no_time_of_day_on_the_page(made):
+    _, _, text = made
+    assert not re.search(r"\b20\d\d-\d\d-\d\d|\b\d\d:\d\d:\d\d\b", text)
+
+
+def test_provenance_lists_inputs_and_products(made):
+    job, _, text = made
+    for name, sha in job.inputs.items():
+        assert name in text
+        assert sha in text
+    assert hashlib.sha256((job.processed / FIT.file).read_bytes()).hexdigest() in text
+    assert "nearlift run small" in text
+
+
+def test_a_figure_without_products_is_not_made_and_old_files_go(make_job):
+    job = make_job(boundaries=("ground",))
+    report.run(job)
+    (job.processed / LIFT.file).unlink()
+    outcome = report.run(job)
+    assert not list(job.reports.glob("fig2.*"))
+    assert (job.reports / "residuals.png").is_file()
+    assert outcome.notes == ("fig2 was not drawn: its products are missing or empty",)
+
+
+DIAGNOSED = {
+    "schema": "nearlift.diagnosis/1",
+    "boundaries": {
+        "ground": {
+            "base_model": "sanchez_cuevas",
+            "verdict": "effect",
+            "effects": [{"name": "supply_sag", "rivals": ["session_gain"], "parameters": {"p": {"value": 2.1, "lo90": 1.9, "hi90": 2.3}}}],
+            "structure": [{"covariate": "supply", "p_value": 1e-90}, {"covariate": "tilt", "p_value": 0.03, "significant": False}],
+            "error": {
+                "unit": "fraction of lift",
+                "noise_floor": 0.0041,
+                "before": {"held_out_rmse": 0.0122, "lo90": 0.0117, "hi90": 0.0128},
+                "after": {"held_out_rmse": 0.0043, "lo90": 0.0041, "hi90": 0.0045},
+            },
+            "coefficients": {
+                "before": {"K_b": {"value": 1.2, "lo90": 1.1, "hi90": 1.3}},
+                "after": {"K_b": {"value": 2.0, "lo90": 1.8, "hi90": 2.2, "conditional": [1.9, 2.1], "constrained": [1.5, 2.5]}},
+            },
+            "rounds": [{"candidates": [], "decision": "added supply_sag", "reason": "nothing is left"}],
+            "untestable": [{"effect": "air_density", "needs": ["temperature"]}],
+            "silent": [{"effect": "height_scale", "absorbed_by": "alpha", "bias_at_detection_limit": 0.0}],
+            "next_experiment": [{"separates": ["height_offset", "near_wall_saturation"], "measure": "both directions"}],
+        }
+    },
+}
+
+
+def test_diagnosis_is_a_chapter_once_it_exists(make_job):
+    job = make_job(boundaries=("ground",))
+    job.write_json(DIAGNOSIS, DIAGNOSED)
+    report.run(job)
+    text = (job.reports / "index.html").read_text()
+    words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text))
+    assert "An effect explains what the base model leaves: supply_sag (or session_gain, which this design cannot tell from it)" in words
+    assert "With it, Kb = 2.00" in words
+    assert "90 % interval 1.5 to 2.5" in words
+    assert "noise floor 0.41 %" in words
+    assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
+    assert "Next: both directions, which would part height_offset and near_wall_saturation." in words
+    for attributes, _ in Elements(text).numbers:
+        file, _, pointer = attributes["data-source"].partition("#")
+        if file == DIAGNOSIS.file:
+            assert float(attributes["value"]) == follow(DIAGNOSED, pointer)
+
+
+def test_a_new_figure_needs_no_chapter(small_job):
+    evidence = report.gather(small_job)
+    extra = Picture(name="posterior", title="Posterior", caption="c", alt="a", png=b"x")
+    text = page(evidence, [extra]).decode()
+    assert "Further figures" in text
+    assert 'href="posterior.pdf"' in text
+
+
+def test_chapters_are_a_plain_tuple(small_job):
+    assert isinstance(CHAPTERS, tuple)
+    lone = Chapter(name="levels", title="Only this", facts=CHAPTERS[5].facts, needs=(FIT,))
+    text = page(report.gather(small_job), [], [lone]).decode()
+    assert "Only this" in text
+    assert 'id="verdict"' not in text
+    empty = dataclasses.replace(report.gather(small_job), documents={}, tables={})
+    assert json.dumps([c.name for c in CHAPTERS if empty.has(*c.needs)]) == '["provenance"]'

@@ -1,0 +1,260 @@
+"""The schedule: SI columns, strictness, and geometry that can be true."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers.schedule import Schedule, read_schedule, visits
+
+from .bench_campaign import UNITS, manifest, write_schedule
+
+
+def read(folder: Path, text: str, **changes: Any) -> Schedule:
+    return read_schedule(manifest(**changes), write_schedule(folder, text))
+
+
+def units(**more: str) -> dict[str, Any]:
+    return {"units": {**UNITS, **more}}
+
+
+def test_every_known_column_becomes_si(tmp_path: Path) -> None:
+    text = (
+        "trial,boundary,distance,throttle,start,session,supply,current,rpm,power,temperature,pressure,humidity,approach,tilt,orientation,tare_after\n"
+        "a,ground,43.0,25,1,s1,3900,500,12000,2,20,101.3,50,-1,1,upright,0.5\n"
+        "b,ceiling,10,92,2,s2,3800,,15000,3,,101.4,51,+1,-1,inverted,\n"
+    )
+    more = units(
+        start="min", supply="mV", current="mA", power="W", temperature="degC", pressure="kPa", humidity="percent", tilt="deg", tare_after="mN"
+    )
+    got = read(tmp_path, text, trials=more)
+    assert list(got.trial) == ["a", "b"]
+    assert list(got.boundary) == ["ground", "ceiling"]
+    np.testing.assert_allclose(got.z_m, [0.043, 0.010])
+    np.testing.assert_allclose(got.z_hat, [43 / 23, 10 / 23])
+    np.testing.assert_allclose(got.throttle, [0.25, 0.92])
+    want = {
+        "start_s": [60, 120],
+        "supply_V": [3.9, 3.8],
+        "current_A": [0.5, np.nan],
+        "speed_Hz": [200, 250],
+        "power_W": [2, 3],
+        "temperature_K": [293.15, np.nan],
+        "pressure_Pa": [101300, 101400],
+        "humidity": [0.5, 0.51],
+        "approach": [-1, 1],
+        "tilt_rad": [np.pi / 180, -np.pi / 180],
+        "tare_after_N": [5e-4, np.nan],
+    }
+    for name, values in want.items():
+        np.testing.assert_allclose(got.covariates[name], values, err_msg=name)
+    assert list(got.covariates["session"]) == ["s1", "s2"]
+    assert list(got.covariates["orientation"]) == ["upright", "inverted"]
+    assert got.notes == ()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("rpm", 1 / 60), ("Hz", 1.0), ("rad/s", 1 / (2 * np.pi))])
+def test_a_turn_is_a_turn(tmp_path: Path, unit: str, factor: float) -> None:
+    got = read(tmp_path, "trial,boundary,distance,throttle,rpm\na,ground,43,25,600\n", trials=units(rpm=unit))
+    np.testing.assert_allclose(got.covariates["speed_Hz"], [600 * factor])
+
+
+def test_further_columns_are_kept_and_a_likely_slip_is_noted(tmp_path: Path) -> None:
+    got = read(tmp_path, "trial,boundary,distance,throttle,propeller,nut torque,suply\na,ground,43,25,A,1.5,4\nb,ground,43,50,B,,4\n")
+    assert list(got.covariates["propeller"]) == ["A", "B"]
+    np.testing.assert_array_equal(got.covariates["nut torque"], [1.5, np.nan])
+    assert got.notes == ("trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",)
+
+
+def test_constants_stand_for_columns(tmp_path: Path) -> None:
+    trials = {"units": {**UNITS, "temperature": "K", "supply": "V"}, "constants": {"boundary": "ground", "temperature": "20 degC", "supply": 4.0}}
+    got = read(tmp_path, "trial,distance,throttle\na,43,25\nb,43,50\n", trials=trials)
+    assert list(got.boundary) == ["ground", "ground"]
+    np.testing.assert_allclose(got.covariates["temperature_K"], [293.15, 293.15])
+    np.testing.assert_allclose(got.covariates["supply_V"], [4.0, 4.0])
+
+
+def test_iso_times_count_from_the_first_trial(tmp_path: Path) -> None:
+    text = "trial,boundary,distance,throttle,start\na,ground,43,25,2026-03-01T14:05:00\nb,ground,43,50,2026-03-01T14:05:20.5\n"
+    np.testing.assert_allclose(read(tmp_path, text).covariates["start_s"], [0, 20.5])
+
+
+def test_free_air_has_no_distance(tmp_path: Path) -> None:
+    got = read(tmp_path, "trial,boundary,distance,throttle\na,none,,25\nb,ground,43,25\n")
+    assert got.z_hat[0] == np.inf
+    assert np.isfinite(got.z_hat[1])
+
+
+def test_a_campaign_of_free_air_needs_no_distance_column(tmp_path: Path) -> None:
+    assert np.all(np.isinf(read(tmp_path, "trial,boundary,throttle\na,none,25\n").z_m))
+
+
+def test_visits_count_the_stops_of_the_traverse() -> None:
+    side = np.array(["ground", "ground", "ground", "ceiling", "ceiling", "ceiling"], dtype=object)
+    z = np.array([1.0, 1.0, 2.0, 2.0, 2.0, 2.0])
+    assert visits(side, z).tolist() == [0, 0, 1, 2, 2, 2]
+    # the same station from the other side is another stop; an unknown side is not
+    assert visits(side, z, np.array([1.0, 1.0, -1.0, -1.0, 1.0, np.nan])).tolist() == [0, 0, 1, 2, 3, 3]
+    # so is the same station in another session
+    assert visits(side, z, None, np.array(["1", "2", "2", "2", "2", "2"], dtype=object)).tolist() == [0, 1, 2, 3, 3, 3]
+
+
+def test_offsets_add_to_the_distance_by_boundary(tmp_path: Path) -> None:
+    rig = {"distance_datum": {"ground": "airframe", "sidewall": "rotor axis"}, "distance_offset": {"ground": "24 mm", "sidewall": "-23 mm"}}
+    got = read(tmp_path, "trial,boundary,distance,throttle\na,ground,10,25\nb,sidewall,33,25\n", rig=rig)
+    np.testing.assert_allclose(got.z_m, [0.034, 0.010])
+
+
+REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
+    ("no unit", "trial,boundary,distance,throttle,supply\na,ground,43,25,4\n", {}, ManifestError, r"column 'supply' has no unit\n.*add supply = "),
+    (
+        "no unit of distance",
+        "trial,boundary,distance,throttle\na,ground,43,25\n",
+        {"trials": {"units": {"throttle": "percent"}}},
+        ManifestError,
+        "'distance' has no unit",
+    ),
+    (
+        "wrong dimension",
+        "trial,boundary,distance,throttle\na,ground,43,25\n",
+        {"trials": {"units": {**UNITS, "distance": "s"}}},
+        ManifestError,
+        "'s' is not a unit of length",
+    ),
+    (
+        "unit of nothing",
+        "trial,boundary,distance,throttle\na,ground,43,25\n",
+        {"trials": units(suply="V")},
+        ManifestError,
+        "trials.units.suply: no column has that name\n  did you mean 'supply'",
+    ),
+    (
+        "boundary",
+        "trial,boundary,distance,throttle\na,groud,43,25\n",
+        {},
+        ManifestError,
+        "line 2, column 'boundary': 'groud' is not a boundary\n  did you mean 'ground'",
+    ),
+    (
+        "duplicate",
+        "trial,boundary,distance,throttle\na,ground,43,25\nb,ground,43,25\na,ground,43,50\n",
+        {},
+        ManifestError,
+        "line 4.*'a' stands already in trials.csv, line 2",
+    ),
+    ("no id", "trial,boundary,distance,throttle\n,ground,43,25\n", {}, ManifestError, "line 2, column 'trial': holds no trial id"),
+    ("column missing", "trial,boundary,distanze,throttle\na,ground,43,25\n", {}, ManifestError, "no column 'distance'\n  is it 'distanze'"),
+    ("not a number", "trial,boundary,distance,throttle\na,ground,4x3,25\n", {}, ManifestError, "line 2, column 'distance': '4x3' is not a number"),
+    ("decimal comma", 'trial,boundary,distance,throttle\na,ground,"43,5",25\n', {}, ManifestError, "write decimals with a point"),
+    ("empty distance", "trial,boundary,distance,throttle\na,ground,,25\n", {}, ManifestError, "line 2, column 'distance': is empty"),
+    ("distance in free air", "trial,boundary,distance,throttle\na,none,43,25\n", {}, ManifestError, "free air .* has no distance"),
+    ("cells", "trial,boundary,distance,throttle\na,ground,43,5,25\n", {}, InputRefused, "line 2: has 5 cells under 4 column names"),
+    ("twice", "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n", {}, InputRefused, "'throttle' stands twice"),
+    ("nameless", "trial,boundary,distance,throttle,\na,ground,43,25,\n", {}, InputRefused, "column 5 has no name"),
+    ("semicolons", "trial;boundary;distance;throttle\na;ground;43;25\n", {}, InputRefused, "not separated by commas"),
+    ("empty", "", {}, InputRefused, "is empty"),
+    ("no trial", "trial,boundary,distance,throttle\n", {}, InputRefused, "lists no trial"),
+    ("quote", 'trial,boundary,distance,throttle\na,"ground,43,25\n', {}, InputRefused, "is not CSV"),
+    (
+        "throttle",
+        "trial,boundary,distance,throttle\na,ground,43,25\n",
+        {"trials": units(throttle="fraction")},
+        InputRefused,
+        "25 fraction is not between 0 and 1\n  percent",
+    ),
+    ("approach", "trial,boundary,distance,throttle,approach\na,ground,43,25,2\n", {}, ManifestError, "'2' is not a side"),
+    ("time", "trial,boundary,distance,throttle,start\na,ground,43,25,12.5\n", {}, ManifestError, "not ISO 8601 time, and start has no unit"),
+    (
+        "zones",
+        "trial,boundary,distance,throttle,start\na,ground,43,25,2026-01-01T00:00:00\nb,ground,43,25,2026-01-01T00:00:00+01:00\n",
+        {},
+        ManifestError,
+        "with and without a time zone",
+    ),
+    (
+        "lift beside records",
+        "trial,boundary,distance,throttle,lift\na,ground,43,25,1\n",
+        {"trials": units(lift="N")},
+        ManifestError,
+        'belongs to reader = "means"',
+    ),
+    ("result's name", "trial,boundary,distance,throttle,z_hat\na,ground,43,25,1\n", {}, ManifestError, "'z_hat' has the name of a result"),
+    (
+        "constant beside column",
+        "trial,boundary,distance,throttle\na,ground,43,25\n",
+        {"trials": {"constants": {"boundary": "ground"}}},
+        ManifestError,
+        "stands beside a column",
+    ),
+    (
+        "constant's unit",
+        "trial,distance,throttle\na,43,25\n",
+        {"trials": {"constants": {"boundary": "ground", "supply": "4 V"}}},
+        ManifestError,
+        "the column has none",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "changes", "kind", "match"), [r[1:] for r in REFUSED], ids=[r[0] for r in REFUSED])
+def test_refusals(tmp_path: Path, text: str, changes: dict[str, Any], kind: type[Exception], match: str) -> None:
+    with pytest.raises(kind, match=match):
+        read(tmp_path, text, **changes)
+
+
+def test_the_literal_table_is_refused_with_the_unit_that_fits(tmp_path: Path) -> None:
+    text = "trial,boundary,distance,throttle\na,ceiling,5,25\nb,ceiling,525,25\n"
+    with pytest.raises(InputRefused, match=r"line 3, column 'distance': 525 cm is outside the 1\.5 m arena; mm\?"):
+        read(tmp_path, text, trials=units(distance="cm"))
+
+
+def test_no_unit_is_proposed_where_none_fits(tmp_path: Path) -> None:
+    # 0.05 to 4000 can be no unit's: whichever brings 4000 into the room takes 0.05 to nothing
+    with pytest.raises(InputRefused, match=r"4000 mm is outside the 1\.5 m arena\n"):
+        read(tmp_path, "trial,boundary,distance,throttle\na,ground,0.05,25\nb,ground,4000,25\n")
+
+
+@pytest.mark.parametrize(("distance", "offset", "fits"), [(23, "-23 mm", False), (22, "-23 mm", False), (24, "-23 mm", True), (0, "0 mm", False)])
+def test_a_blade_in_the_wall_is_refused(tmp_path: Path, distance: float, offset: str, fits: bool) -> None:
+    text = f"trial,boundary,distance,throttle\na,sidewall,{distance},25\n"
+    rig = {"distance_datum": "rotor axis", "distance_offset": offset} if offset != "0 mm" else {"distance_datum": "blade tip"}
+    if fits:
+        assert read(tmp_path, text, rig=rig).z_m[0] > 0
+    else:
+        with pytest.raises(InputRefused, match=r"puts the rotor .* into the sidewall"):
+            read(tmp_path, text, rig=rig)
+
+
+def test_the_rotor_axis_wants_minus_one_radius(tmp_path: Path) -> None:
+    with pytest.raises(ManifestError, match='sidewall = "-23 mm"'):
+        read(tmp_path, "trial,boundary,distance,throttle\na,sidewall,33,25\n", rig={"distance_datum": "rotor axis"})
+    with pytest.raises(ManifestError, match="no datum for the ground"):
+        read(tmp_path, "trial,boundary,distance,throttle\na,ground,33,25\n", rig={"distance_datum": "rotor axis", "distance_offset": "-23 mm"})
+
+
+def test_a_sidewall_from_the_rotor_plane_is_noted(tmp_path: Path) -> None:
+    got = read(tmp_path, "trial,boundary,distance,throttle\na,sidewall,33,25\n")
+    assert "wall to nearest blade tip" in got.notes[0]
+
+
+def test_a_schedule_outside_the_folder_is_refused(tmp_path: Path) -> None:
+    inner = tmp_path / "campaign"
+    inner.mkdir()
+    write_schedule(tmp_path, "trial,boundary,distance,throttle\na,ground,43,25\n")
+    with pytest.raises(InputRefused, match="leads outside the campaign's folder"):
+        read_schedule(manifest(trials={"file": "../trials.csv"}), inner)
+
+
+def test_a_missing_schedule_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match=r"trials\.csv: is missing"):
+        read_schedule(manifest(), tmp_path)
+
+
+def test_a_schedule_in_another_encoding_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "trials.csv").write_bytes("trial,boundary,distance,throttle,Prüfer\na,ground,43,25,x\n".encode("latin-1"))
+    with pytest.raises(InputRefused, match="is not UTF-8 text"):
+        read_schedule(manifest(), tmp_path)

@@ -1,0 +1,181 @@
+"""What Figure 2 says, read from its table: the same numbers as lift.parquet and the models, in percent."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.products import FIT, LIFT
+from nearlift.stages.report import gather
+from nearlift.summaries import curves, fig2, residuals
+from nearlift.summaries.rounding import decimals, plus_minus, siunitx
+from nearlift.summaries.tidy import to_csv
+
+
+@pytest.fixture(scope="module")
+def evidence(small_job):
+    return gather(small_job)
+
+
+@pytest.fixture(scope="module")
+def table(evidence):
+    return fig2.summarise(evidence)
+
+
+def rows(table, **wanted):
+    keep = np.all([table[k] == v for k, v in wanted.items()], axis=0)
+    return {k: v[keep] for k, v in table.items()}
+
+
+def test_data_are_the_cells_of_lift_parquet_in_percent(evidence, table):
+    cells = evidence.table(LIFT)
+    for boundary in ("ground", "ceiling", "sidewall"):
+        drawn, mine = rows(table, panel=boundary, kind="data"), cells["boundary"] == boundary
+        np.testing.assert_allclose(drawn["delta_L_percent"], 100 * cells["delta_L"][mine])
+        np.testing.assert_allclose(drawn["u_delta_L_percent"], 100 * cells["u_delta_L"][mine])
+        np.testing.assert_allclose(drawn["z_hat"], cells["z_hat"][mine])
+        assert set(drawn["label"]) == {"25 %", "50 %", "75 %", "92 %"}
+
+
+def test_theory_curves_take_the_published_values(table):
+    line = rows(table, panel="ground", label="C-B (theory)")
+    np.testing.assert_allclose(line["delta_L_percent"], 100 * (1 / (1 - 1 / (16 * line["z_hat"] ** 2)) - 1))
+    line = rows(table, panel="ceiling", label="H-C (theory)")
+    np.testing.assert_allclose(line["delta_L_percent"], 50 * (np.sqrt(1 + 1 / (8 * line["z_hat"] ** 2)) - 1))
+    line = rows(table, panel="ground", label="S-C (PQuad)")
+    model = catalogue.model("sanchez_cuevas")
+    np.testing.assert_allclose(line["delta_L_percent"], 100 * (model(line["z_hat"], K_b=2.0, spacing_hat=3.0, diagonal_hat=3 * np.sqrt(2)) - 1))
+
+
+def test_band_holds_90_percent_of_draws_from_the_parameters(evidence, table):
+    _, entry = evidence.base("sidewall")
+    rng = np.random.default_rng(3)
+    draws = rng.multivariate_normal([e["value"] for e in entry["parameters"].values()], entry["covariance"]["values"], 4000)
+    band = rows(table, panel="sidewall", kind="band")
+    curve = 100 * (catalogue.model("sidewall_decay").evaluate(band["z_hat"], a=draws[:, :1], lambda_=draws[:, 1:]) - 1)
+    inside = ((curve >= band["lo90_percent"]) & (curve <= band["hi90_percent"])).mean(axis=0)
+    near = band["z_hat"] < 1
+    assert np.all(np.abs(inside[near] - 0.9) < 0.03)
+
+
+def test_no_curve_is_drawn_beyond_the_stations(table):
+    for boundary in ("ground", "ceiling", "sidewall"):
+        data, mine = rows(table, panel=boundary, kind="data"), rows(table, panel=boundary)
+        assert mine["z_hat"].min() >= data["z_hat"].min() * (1 - 1e-9)
+        assert mine["z_hat"].max() <= data["z_hat"].max() * (1 + 1e-9)
+
+
+def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table):
+    text = fig2.caption(evidence, table)
+    for words in ("± 1 standard uncertainty", "90 % band", "spacing is not published", "360 mm", "K_b = 2", "farthest station"):
+        assert words in text
+    model, entry = evidence.base("ground")
+    far = float(rows(table, panel="ground", kind="data")["z_hat"].max())
+    there = 100 * float(curves.ratio(model, np.array([far]), {**evidence.known("ground", model), "K_b": entry["parameters"]["K_b"]["value"]})[0] - 1)
+    assert f"stands at {there:.2f} %" in text
+
+
+def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):
+    job = make_job(boundaries=("ground",), vehicle={"name": "one", "rotors": 1, "rotor_radius": "23 mm", "mass": "27 g"})
+    table = fig2.summarise(gather(job))
+    assert set(table["label"][table["kind"] == "model"]) == {"C-B (theory)"}
+    assert "PQuad" not in fig2.caption(gather(job), table)
+
+
+def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
+    overlay = {"file": "other.csv", "label": "=Other group", "boundary": "ground"}
+    job = make_job(boundaries=("ground",), report={"overlay": [overlay]})
+    with pytest.raises(ManifestError, match=r"there is no file 'other\.csv'"):
+        gather(job)
+    file = job.root / "other.csv"
+    file.write_text("# digitised\nz_hat,delta_L,u\n1.5,0.1,0.01\n2,0.05,\n")
+    table = fig2.summarise(gather(job))
+    drawn = rows(table, kind="overlay")
+    np.testing.assert_allclose(drawn["delta_L_percent"], [10, 5])
+    np.testing.assert_allclose(drawn["u_delta_L_percent"], [1, np.nan])
+    assert b"\nground,overlay,'=Other group," in to_csv(table)
+    file.write_text("z_hat,delta_L\n1,2\n")
+    with pytest.raises(InputRefused, match="lacks u"):
+        gather(job)
+    file.write_text("z_hat,delta_L,u\n1,0.1,0.01\n-1,0.1,0.01\n")
+    with pytest.raises(InputRefused, match=r"line 3: z_hat = '-1' is not a distance"):
+        gather(job)
+    (tmp_path / "outside.csv").write_text("z_hat,delta_L,u\n1,0.1,0.01\n")
+    file.unlink()
+    file.symlink_to(tmp_path / "outside.csv")
+    with pytest.raises(ManifestError, match="outside the campaign's folder"):
+        gather(job)
+
+
+def test_csv_holds_what_is_drawn_and_no_formula(table):
+    text = to_csv(table).decode()
+    read = list(csv.DictReader(io.StringIO(text)))
+    assert len(read) == len(table["panel"])
+    assert list(read[0]) == list(table)
+    np.testing.assert_allclose([float(r["delta_L_percent"]) for r in read], table["delta_L_percent"], rtol=1e-8)
+    hostile = {"label": np.array(["=1+1", "+x", "-x", "@x", "fine", None], dtype=object), "x": np.array([-1.0, np.nan, np.inf, 0, 1, 2])}
+    assert to_csv(hostile).decode().splitlines() == ["label,x", "'=1+1,-1", "'+x,", "'-x,", "'@x,0", "fine,1", ",2"]
+
+
+def test_residuals_are_those_of_the_fit(evidence):
+    for boundary in ("ground", "ceiling", "sidewall"):
+        _, entry = evidence.base(boundary)
+        _, residual, sigma = residuals.residuals(evidence, boundary)
+        assert np.sqrt(np.mean(residual**2)) == pytest.approx(entry["rmse"], rel=1e-6)
+        assert 0.7 < np.mean((residual / sigma) ** 2) < 1.3
+
+
+def test_bins_hold_every_trial_once_and_their_means_are_right(evidence):
+    table = residuals.summarise(evidence)
+    mine = rows(table, panel="ground", covariate="supply_V")
+    trials, means = rows(mine, kind="trial"), rows(mine, kind="bin")
+    assert means["n_trials"].sum() == len(trials["x"])
+    weighted = np.sum(means["residual_percent"] * means["n_trials"]) / means["n_trials"].sum()
+    assert weighted == pytest.approx(trials["residual_percent"].mean(), abs=1e-12)
+    assert set(rows(table, panel="ground", kind="trial")["trial"]) <= set(evidence.observations["ground"].trial)
+    assert "t0003" not in set(table["trial"])
+
+
+def test_a_mean_never_stands_in_a_gap_of_its_covariate():
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.uniform(0, 1, 300), rng.uniform(9, 10, 300)])
+    label = residuals.bins(x)
+    centres = np.bincount(label, x) / np.bincount(label)
+    assert not np.any((centres > 1) & (centres < 9))
+    assert set(label) == set(range(label.max() + 1))
+    assert residuals.bins(np.array([1.0, -1.0, 1.0])).tolist() == [1, 0, 1]
+
+
+def test_captions_count_the_rejected(evidence):
+    text = residuals.caption(evidence, residuals.summarise(evidence))
+    assert "1 rejected (not shown)" in text
+
+
+def test_fit_and_table_agree_on_the_base(evidence):
+    assert {b: evidence.base(b)[0].name for b in evidence.boundaries} == evidence.document(FIT)["base"]
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "text"),
+    [
+        (2.0561, 0.0812, "2.06(8)"),
+        (2.0561, 0.0149, "2.056(15)"),
+        (1234.5, 21.0, "1234(21)"),
+        (-0.00123, 0.0004, "-0.0012(4)"),
+        (3.0, float("nan"), "3"),
+    ],
+)
+def test_siunitx(value, u, text):
+    assert siunitx(value, u) == text
+
+
+def test_rounding():
+    assert decimals(0.0195) == 2
+    assert decimals(0.098) == 2
+    assert plus_minus(-0.0001, 0.02) == "0.00 ± 0.02"
+    assert plus_minus(-4.2, 29.0) == "−4 ± 29"

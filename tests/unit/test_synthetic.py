@@ -1,0 +1,266 @@
+"""Synthetic campaigns: what is written is what is true, and the demo is small, labelled and reproducible."""
+
+from __future__ import annotations
+
+import time
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nearlift import campaign, declare
+from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
+from nearlift.errors import DeclarationError, InputRefused, UsageError
+from nearlift.executors import SerialExecutor
+from nearlift.products import TRIALS
+from nearlift.readers import read_schedule
+from nearlift.stages import ingest
+from nearlift.stages.job import Job
+from nearlift.store import sha256
+from nearlift.synthetic import demo, design, presets, records
+from nearlift.synthetic.records import Bench
+from nearlift.synthetic.truth import Noise, Truth
+
+FAR = {0.25: 0.1, 0.5: 0.24, 0.75: 0.41, 0.92: 0.55}
+BENCH = Bench(rate_Hz=500.0, tare_s=0.4, record_s=1.0)
+
+
+def gain(z_hat: Any, /, *, k: Any) -> Any:
+    return 1 + k / np.asarray(z_hat) ** 2
+
+
+MODEL = LiftModel(
+    name="test_gain",
+    title="a gain",
+    formula="1 + k / z^2",
+    evaluate=gain,
+    boundary="ground",
+    parameters=(Parameter(name="k", unit="1", value=0.1, bounds=(0.0, 1.0), prior=uniform(0.0, 1.0), meaning="gain at one radius"),),
+    source=Source(citation="this test"),
+    checks=(Check(x=1.0, expected=1.1, quoted_by="by hand"),),
+)
+
+
+def truth(**changes: Any) -> Truth:
+    return Truth(**{"model": MODEL, "parameters": {"k": 0.2}, "lift_inf_N": FAR, **changes})
+
+
+def plan(**changes: Any) -> design.Design:
+    return design.randomised({"ground": [0.03, 0.05, 0.3]}, **{"seed": 1, "visits": 3, "sessions": 2, **changes})
+
+
+def ingested(folder: Path, out: Path) -> dict[str, Any]:
+    job = Job(root=folder, campaign=campaign.load(folder), processed=out, reports=out, executor=SerialExecutor())
+    assert ingest.run(job).rejected == ()
+    return job.read(TRIALS)
+
+
+# ---- design
+
+
+def test_every_station_throttle_and_visit_is_there_in_random_order() -> None:
+    got = plan()
+    assert len(got) == 3 * 4 * 3
+    for z in (0.03, 0.05, 0.3):
+        for throttle in design.THROTTLES:
+            assert np.sum((got.recorded_m == z) & (got.throttle == throttle)) == 3
+    assert np.all(np.diff(got.start_s) > 0)
+    assert got.visit.max() == 8
+    # four trials a visit, one station, one side
+    for visit in range(9):
+        assert np.sum(got.visit == visit) == 4
+        assert len(np.unique(got.recorded_m[got.visit == visit])) == 1
+    assert sorted(np.unique(got.session)) == [1, 2]
+
+
+def test_approach_is_the_sign_of_the_last_move() -> None:
+    got = plan(visits=20)
+    station = got.recorded_m[::4]
+    assert np.all(np.diff(station) != 0)
+    np.testing.assert_array_equal(got.approach[::4][1:], np.sign(np.diff(station)))
+    assert got.approach[0] == -1
+
+
+def test_another_boundary_changes_no_order() -> None:
+    both = design.randomised({"ground": [0.03, 0.05, 0.3], "ceiling": [0.01, 0.3]}, seed=1, visits=3, sessions=2)
+    np.testing.assert_array_equal(both.recorded_m[:36], plan().recorded_m)
+    np.testing.assert_array_equal(both.throttle[:36], plan().throttle)
+
+
+def test_a_battery_falls_within_its_session_and_a_bench_supply_does_not() -> None:
+    got = plan(visits=10)
+    volts = design.battery_V(got, seed=1)
+    for session in (1, 2):
+        own = volts[got.session == session]
+        assert own[0] - own[-1] == pytest.approx(0.15, abs=0.02)
+    assert np.std(design.bench_V(got, seed=1)) < 0.002
+
+
+def test_the_papers_campaign_has_3600_trials() -> None:
+    got = design.of_preset(presets.PERCENT_DIAMETER, seed=1)
+    assert len(got) == 3600
+    assert {side: int(np.sum(got.boundary == side)) for side in presets.TABLE_1} == {"ground": 1200, "ceiling": 1200, "sidewall": 1200}
+
+
+# ---- Table 1
+
+
+@pytest.mark.parametrize("preset", [*presets.PRESETS, presets.AS_PRINTED], ids=lambda p: p.name)
+def test_each_reading_contradicts_what_it_says_it_does(preset: presets.Preset) -> None:
+    assert preset.contradicted() == preset.contradicts
+
+
+def test_one_list_of_commands() -> None:
+    ceiling = np.array(presets.TABLE_1["ceiling"])
+    assert set(np.array(presets.TABLE_1["ground"]) - ceiling) <= {52, 53}
+    assert set(np.array(presets.TABLE_1["sidewall"]) - ceiling) <= {10, 11}
+
+
+@pytest.mark.parametrize(
+    ("preset", "near", "far"), [(presets.MM, 2.48, 25.1), (presets.PERCENT_DIAMETER, 1.14, 11.5), (presets.FEET_DATUM, 1.25, 23.9)]
+)
+def test_ground_stations_of_the_readings(preset: presets.Preset, near: float, far: float) -> None:
+    z_hat = preset.z_m("ground") / presets.RADIUS_M
+    assert z_hat[0] == pytest.approx(near, abs=0.005)
+    assert z_hat[-1] == pytest.approx(far, abs=0.06)
+
+
+def test_the_printed_unit_is_refused_and_each_preset_is_not(tmp_path: Path) -> None:
+    far = {side: truth() for side in presets.TABLE_1}
+    for preset in (*presets.PRESETS, presets.AS_PRINTED):
+        folder = tmp_path / preset.name
+        stations = {side: preset.recorded_m(side)[-2:] for side in presets.TABLE_1}
+        bench = Bench(rate_Hz=100.0, tare_s=0.2, record_s=0.2, offset_m=preset.offset_m, distance_unit=preset.unit)
+        scheduled = design.randomised(stations, seed=1, visits=1, sessions=1, offset_m=preset.offset_m)
+        records.write_campaign(folder, scheduled, far, name="table-1", note="", seed=1, bench=bench)
+        if preset is presets.AS_PRINTED:
+            with pytest.raises(InputRefused, match=r"(525|535|577) cm is outside the 1\.5 m arena; mm\?"):
+                read_schedule(campaign.load(folder), folder)
+        else:
+            got = read_schedule(campaign.load(folder), folder)
+            np.testing.assert_allclose(got.z_m, scheduled.z_m, rtol=1e-5)
+
+
+# ---- truth and records
+
+
+def test_expected_lift_is_the_models_times_far_lift() -> None:
+    z, throttle = np.array([1.0, 2.0]), np.array([0.25, 0.92])
+    np.testing.assert_allclose(truth().lift_N(z, throttle, {}), [0.12, 0.5775])
+
+
+def test_effects_act_and_take_columns() -> None:
+    sag = truth(effects=((demo.SUPPLY, {"exponent": 2.0}),))
+    got = sag.lift_N(np.array([1e6, 1e6]), np.array([0.25, 0.25]), {"supply_V": np.array([3.9, 3.51])})
+    np.testing.assert_allclose(got, [0.1, 0.081])
+    null = truth(effects=((demo.SUPPLY, {}),))
+    np.testing.assert_allclose(null.lift_N(np.array([1e6]), np.array([0.25]), {"supply_V": np.array([3.0])}), [0.1])
+
+
+def test_what_a_truth_does_not_know_is_refused() -> None:
+    with pytest.raises(DeclarationError, match="no lift_inf_N for the throttles"):
+        truth().lift_N(np.array([1.0]), np.array([0.3]), {})
+    with pytest.raises(DeclarationError, match="supply_V"):
+        truth(effects=((demo.SUPPLY, {}),)).lift_N(np.array([1.0]), np.array([0.25]), {})
+
+
+@pytest.mark.parametrize("form", ["parquet", "csv", "csv_with_time"])
+def test_ingest_gives_back_the_truth(tmp_path: Path, form: records.Form) -> None:
+    """Lift within its own u: 36 trials, so the reduced chi-square is within 1 +- 0.8 with a chance of crying wolf below 0.1 %."""
+    true = records.write_campaign(tmp_path / "c", plan(), {"ground": truth()}, name="c", note="", seed=1, bench=BENCH, form=form)
+    got = ingested(tmp_path / "c", tmp_path / "out")
+    pull = (got["lift_N"] - true.lift_N) / got["u_lift_N"]
+    assert np.mean(pull**2) < 1.8
+    np.testing.assert_allclose(got["z_m"], plan().z_m, rtol=1e-6)
+    np.testing.assert_allclose(got["n"], 500)
+    assert list(got["visit"]) == list(plan().visit)
+
+
+def test_forms_hold_the_same_numbers(tmp_path: Path) -> None:
+    tables = []
+    for form in ("parquet", "csv"):
+        records.write_campaign(tmp_path / form, plan(), {"ground": truth()}, name="c", note="", seed=1, bench=BENCH, form=form)
+        tables.append(ingested(tmp_path / form, tmp_path / f"out-{form}"))
+    np.testing.assert_allclose(tables[0]["lift_N"], tables[1]["lift_N"], atol=2e-8)
+
+
+def test_noise_has_the_sizes_that_were_asked_for(tmp_path: Path) -> None:
+    noise = Noise(sample_N=2e-3, tone_N=0.0, drift_N=0.0, trial=0.01, height_m=0.2e-3)
+    many = design.randomised({"ground": [0.03, 0.3]}, seed=1, visits=150, sessions=1)
+    true = records.simulate(many, {"ground": truth(noise=noise)}, bench=BENCH, seed=1)
+    assert np.std(true.lift_N / true.expected_N - 1) == pytest.approx(0.01, rel=0.1)
+    away = true.z_m - many.z_m
+    assert np.std(away) == pytest.approx(0.2e-3, rel=0.2)
+    for visit in range(5):
+        assert len(np.unique(away[many.visit == visit].round(12))) == 1
+    counts = records.record("t", 0.1, 0.25, truth(noise=noise), BENCH, 1)
+    assert counts.dtype == np.int32
+    assert np.std(noise.quantum_N * counts[:200]) == pytest.approx(2e-3, rel=0.2)
+
+
+def test_the_tone_turns_with_the_rotor() -> None:
+    noise = Noise(sample_N=0.0, drift_N=0.0, tone_N=1e-2, tone_Hz=100.0)
+    bench = Bench(rate_Hz=1000.0, tare_s=1.0, record_s=2.0)
+    for throttle, lift in FAR.items():
+        live = noise.quantum_N * records.record("t", lift, throttle, truth(noise=noise), bench, 1)[1000:]
+        power = np.abs(np.fft.rfft(live - live.mean()))
+        assert np.argmax(power) / 2.0 == pytest.approx(100 * np.sqrt(lift / FAR[0.92]), abs=0.5)
+        assert np.ptp(live) / 2 == pytest.approx(1e-2 * lift / FAR[0.92], rel=0.05)
+
+
+def test_a_trials_samples_depend_on_nothing_else() -> None:
+    one = records.record("t0001", 0.1, 0.25, truth(), BENCH, 1)
+    np.testing.assert_array_equal(one, records.record("t0001", 0.1, 0.25, truth(), BENCH, 1))
+    assert np.any(one != records.record("t0002", 0.1, 0.25, truth(), BENCH, 1))
+    assert np.any(one != records.record("t0001", 0.1, 0.25, truth(), BENCH, 2))
+
+
+def test_foreign_folders_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work")
+    with pytest.raises(UsageError, match="holds something other than a simulated campaign"):
+        demo.write_demo(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+# ---- the demo
+
+
+@pytest.fixture(scope="module")
+def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    start = time.perf_counter()
+    folder = demo.write_demo(tmp_path_factory.mktemp("demo") / "demo-campaign")
+    # ten seconds is the promise; it takes under one
+    assert time.perf_counter() - start < 10
+    return folder
+
+
+def test_the_demo_is_small_and_says_what_it_is(demo_folder: Path) -> None:
+    assert sum(p.stat().st_size for p in demo_folder.iterdir()) < 8e6
+    text = (demo_folder / "campaign.toml").read_text()
+    assert tomllib.loads(text)["simulated"] is True
+    assert text.startswith("# SIMULATED")
+    assert "supply" not in tomllib.loads(text)["note"]
+
+
+def test_the_demo_has_its_effect_at_the_ground_only(demo_folder: Path, tmp_path: Path) -> None:
+    table = ingested(demo_folder, tmp_path)
+    assert set(table["boundary"]) == set(declare.BOUNDARIES)
+    assert set(table["quality"]) == {""}
+    spread = {side: float(np.std(np.log(table["supply_V"][table["boundary"] == side]))) for side in declare.BOUNDARIES}
+    assert spread["ground"] > 0.008
+    assert max(spread["ceiling"], spread["sidewall"]) < 0.0005
+    # far from the ground, lift over its throttle's mean goes with the supply squared
+    far = (table["boundary"] == "ground") & (table["z_hat"] > 10)
+    y, x = np.log(table["lift_N"][far]), np.log(table["supply_V"][far])
+    levels = (table["throttle"][far][:, None] == np.array(design.THROTTLES)).astype(float)
+    exponent = np.linalg.lstsq(np.column_stack([levels, x]), y, rcond=None)[0][-1]
+    assert exponent == pytest.approx(2.0, abs=0.6)
+
+
+def test_the_demo_is_the_same_each_time(demo_folder: Path, tmp_path: Path) -> None:
+    demo.write_demo(tmp_path / "again")
+    demo.write_demo(tmp_path / "again")
+    for path in demo_folder.iterdir():
+        assert sha256(path) == sha256(tmp_path / "again" / path.name), path.name
