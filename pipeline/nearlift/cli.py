@@ -5,15 +5,20 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from nearlift import __version__
-from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, UsageError
+# small fits are slowed down many times by BLAS threads that wait for each other; set before numpy is first imported
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from nearlift import __version__  # noqa: E402
+from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, UsageError  # noqa: E402
 
 if TYPE_CHECKING:
     from nearlift.stages.graph import Stage
@@ -49,17 +54,25 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def guarded(*args: Any, **kwargs: Any) -> None:
-        as_json = bool(kwargs.get("as_json"))
+        def end(refusal: NearliftError, code: int, told: str) -> NoReturn:
+            if kwargs.get("as_json"):
+                click.echo(json.dumps({"exit_code": code, "where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}))
+            click.echo(told, err=True)
+            sys.exit(code)
+
         try:
             command(*args, **kwargs)
         except NearliftError as refusal:
-            if as_json:
-                click.echo(json.dumps({"exit_code": refusal.exit_code, "where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}))
-            click.echo(f"error: {refusal}", err=True)
-            sys.exit(refusal.exit_code)
+            end(refusal, refusal.exit_code, f"error: {refusal}")
         except (KeyboardInterrupt, click.Abort):
-            click.echo("interrupted; finished products stand, and the same command goes on from there", err=True)
-            sys.exit(INTERRUPTED)
+            stopped = NearliftError("nearlift", "interrupted", "finished products stand, and the same command goes on from there")
+            end(stopped, INTERRUPTED, f"{stopped.what}; {stopped.remedy}")
+        except BrokenPipeError:
+            raise
+        except OSError as fault:
+            what, remedy = (fault.strerror or str(fault)).lower(), "check that it exists, who may read and write it, and the space on the disk"
+            failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
+            end(failed, failed.exit_code, f"error: {failed}")
 
     return guarded
 
@@ -97,8 +110,8 @@ class Voice:
 
 
 @contextlib.contextmanager
-def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice) -> Iterator[Job]:
-    """The campaign as a job: manifest checked, inputs digested, executor open; nothing written yet."""
+def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice, keep: bool = True) -> Iterator[Job]:
+    """The campaign as a job: manifest checked, inputs digested (`keep`: and the digests kept beside the products), executor open."""
     from nearlift import campaign as manifests
     from nearlift.executors import open_executor
     from nearlift.stages.inputs import digests
@@ -106,7 +119,7 @@ def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice) 
 
     loaded = manifests.load(campaign)
     processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
-    inputs = digests(campaign, loaded, processed)
+    inputs = digests(campaign, loaded, processed, keep)
     with open_executor(executor) as pool:
         yield Job(root=campaign, campaign=loaded, processed=processed, reports=reports, executor=pool, inputs=inputs, seed=seed, say=voice.progress)
 
@@ -214,7 +227,7 @@ def plan(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, qui
     """What is stale and why; runs nothing."""
     from nearlift.stages import graph
 
-    with open_job(campaign, out, "serial", seed, Voice(quiet, verbose, as_json)) as job:
+    with open_job(campaign, out, "serial", seed, Voice(quiet, verbose, as_json), keep=False) as job:
         steps = [(s.name, why) for s, why in graph.plan(job)]
     if as_json:
         click.echo(json.dumps({"campaign": job.campaign.name, "stages": [{"stage": n, "stale": bool(w), "why": w} for n, w in steps]}))
@@ -226,15 +239,17 @@ def plan(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, qui
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @common
-def new(folder: Path, quiet: bool, **_: Any) -> None:
+def new(folder: Path, quiet: bool, as_json: bool, **_: Any) -> None:
     """A campaign folder to fill in, with a commented manifest."""
     from nearlift.stages.template import write_template
 
-    if folder.exists() and any(folder.iterdir()):
-        raise UsageError(str(folder), "is not empty", "name a new folder; nothing is ever overwritten")
-    for path in write_template(folder):
-        if not quiet:
-            click.echo(str(path))
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(str(folder), "is not empty" if folder.is_dir() else "is a file", "name a new folder; nothing is ever overwritten")
+    written = [str(path) for path in write_template(folder)]
+    if as_json:
+        click.echo(json.dumps({"written": written}))
+    elif not quiet:
+        click.echo("\n".join(written))
 
 
 @main.command()

@@ -49,10 +49,11 @@ def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
                 yield pool
     elif kind == "dask" and rest:
         try:
-            from distributed import Client
+            import distributed
         except ImportError:
             raise UsageError("--executor", f"{text!r} needs the package distributed", 'pip install "nearlift[dask]"') from None
-        with Client(rest) as client:
+        cluster: Any = distributed.Client
+        with cluster(rest) as client:
             # pure=False: dask would otherwise return one cached result for equal calls
             yield client.get_executor(pure=False, retries=2)
     else:

@@ -106,9 +106,22 @@ POSTERIOR = Product(
     ),
 )
 DIAGNOSIS = Product(file="diagnosis.json", title="The closed loop's findings", row="boundary")
+LOOP_RESIDUALS = Product(
+    file="loop_residuals.parquet",
+    title="Residuals before and after the loop",
+    row="an accepted trial at a boundary that was diagnosed; a free-air trial once per boundary",
+    columns=(
+        Column(name="boundary", kind="text", meaning="the boundary diagnosed"),
+        Column(name="trial", kind="text", meaning="id, as in the schedule"),
+        Column(name="before", unit="1", meaning="log lift less the base model's, fitted to all trials"),
+        Column(name="after", unit="1", meaning="the same with the accepted effect added; equal to before where there is none"),
+        Column(name="held_out_before", unit="1", meaning="the same as before, fitted without the trial's visit; nan where it cannot be predicted"),
+        Column(name="held_out_after", unit="1", meaning="the whole search repeated without the trial's visit"),
+    ),
+)
 PROVENANCE = Product(file="provenance.json", title="What made these products", row="stage")
 
-PRODUCTS = (TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, PROVENANCE)
+PRODUCTS = (TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, PROVENANCE)
 
 
 def product(file: str) -> Product:

@@ -176,3 +176,11 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ProductError(str(path), "is not a JSON object", "delete it and run again")
     return content
+
+
+def read_json_if_whole(path: Path) -> dict[str, Any]:
+    """A JSON file that can be made again from everything else: empty where it is missing or damaged."""
+    try:
+        return read_json(path)
+    except ProductError:
+        return {}

@@ -6,11 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.search import Answer, Stage, run
-from nearlift.results import Observations
+from nearlift.results import IntArray, Observations
 
 FOLDS = 3
 #: With no more visits than this, each is left out in turn.
@@ -19,26 +20,24 @@ FEW_VISITS = 15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """Relative residuals of every trial, predicted without its visit; and what was chosen in each fold."""
+    """Relative residuals of every trial, predicted without its visit (nan where that is impossible); what each fold chose."""
 
     before: FloatArray
     after: FloatArray
-    visit: np.ndarray
+    visit: IntArray
     chosen: tuple[str, ...]
 
 
-def folds(data: Observations) -> list[np.ndarray]:
+def folds(data: Observations) -> list[NDArray[np.bool_]]:
     """Masks of the trials held out, whole visits each: every station keeps visits on both sides where it has several."""
     visits, first = np.unique(data.visit, return_index=True)
     if len(visits) <= FEW_VISITS:
         return [data.visit == v for v in visits]
     turn = np.zeros(len(visits), dtype=int)
     z = data.z_hat[first]
-    offset = 0
-    for station in np.unique(z):
+    for offset, station in enumerate(np.unique(z)):
         mine = np.flatnonzero(z == station)
         turn[mine] = (np.arange(len(mine)) + offset) % FOLDS
-        offset += 1
     fold = dict(zip(visits.tolist(), turn.tolist(), strict=True))
     label = np.array([fold[v] for v in data.visit.tolist()])
     return [label == f for f in range(FOLDS)]
@@ -64,8 +63,7 @@ def held_out(stage: Stage) -> HeldOut:
         truth = np.log(data.lift_N[known])
         before[known] = truth - predict(part, part.base_fit, data.take(known))
         after[known] = truth - predict(part, answer.best, data.take(known))
-    keep = np.isfinite(before) & np.isfinite(after)
-    return HeldOut(before=before[keep], after=after[keep], visit=data.visit[keep], chosen=tuple(chosen))
+    return HeldOut(before=before, after=after, visit=data.visit, chosen=tuple(chosen))
 
 
 def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
@@ -79,7 +77,7 @@ def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
     return result
 
 
-def rmse(residual: FloatArray, visit: np.ndarray) -> tuple[float, float, float]:
+def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
     """Root mean square and its 90 % interval: log mean square by visits, jackknifed, with Student's t."""
     from scipy.stats import t
 
@@ -96,11 +94,13 @@ def rmse(residual: FloatArray, visit: np.ndarray) -> tuple[float, float, float]:
     return float(value), float(value * np.exp(-half)), float(value * np.exp(half))
 
 
-def error(stage: Stage, answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, object]:
+def error(answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, object]:
     """The `error` block of diagnosis.json."""
 
+    keep = np.isfinite(scored.before) & np.isfinite(scored.after)
+
     def block(residual: FloatArray) -> dict[str, float]:
-        value, low, high = rmse(residual, scored.visit)
+        value, low, high = rmse(residual[keep], scored.visit[keep])
         return {"held_out_rmse": value, "lo90": low, "hi90": high}
 
     before = block(scored.before)
@@ -110,6 +110,6 @@ def error(stage: Stage, answer: Answer, scored: HeldOut, noise_floor: float) -> 
         "before": before,
         # an adequate model is left alone, so nothing is gained and nothing is lost
         "after": before if answer.verdict != "effect" else block(scored.after),
-        "held_out_trials": len(scored.before),
+        "held_out_trials": int(keep.sum()),
         "chosen_in_folds": list(scored.chosen),
     }

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import Effect, LiftModel
@@ -23,6 +25,18 @@ from nearlift.results import Observations
 LEAST_TRIALS = 40
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnosis:
+    """What the loop found at one boundary: its block of diagnosis.json, and the residual of every trial before and after.
+
+    `residuals` holds arrays of one length: `trial`, `before` and `after` (relative, about the fit to all trials), and the same
+    `held_out_before`, `held_out_after` where the trial's visit took no part (nan if that could not be predicted).
+    """
+
+    findings: dict[str, Any]
+    residuals: dict[str, NDArray[Any]]
+
+
 def close_loop(
     data: Observations,
     base: LiftModel,
@@ -35,7 +49,23 @@ def close_loop(
     multiplicity: bool = True,
     confirm: bool = True,
 ) -> dict[str, Any]:
-    """Diagnose one boundary; the result is its block of diagnosis.json.
+    """The findings of `diagnose`, with options by keyword."""
+    options = Options(seed=seed, false_alarm_rate=false_alarm_rate, multiplicity=multiplicity)
+    if form_sd is not None:
+        options = dataclasses.replace(options, form_sd=form_sd)
+    return diagnose(data, base, parts, options, effects=effects, confirm=confirm).findings
+
+
+def diagnose(
+    data: Observations,
+    base: LiftModel,
+    parts: tuple[budget.Component, ...],
+    options: Options,
+    *,
+    effects: tuple[Effect, ...] | None = None,
+    confirm: bool = True,
+) -> Diagnosis:
+    """Diagnose one boundary.
 
     Parameters
     ----------
@@ -44,43 +74,46 @@ def close_loop(
     base : LiftModel
     parts : tuple of Component
         The declared budget: an error of a declared size is not structure.
-    seed : int
-    false_alarm_rate : float
-        Chance of any claim where nothing is missing.
+    options : Options
+        Seed, false-alarm rate; form uncertainty and the correction for many candidates, switched off only to show their use.
     effects : tuple of Effect or None
         The library; the catalogue's if None.
-    form_sd, multiplicity
-        Form uncertainty, and the correction for many candidates; switched off only to show what they are for.
     confirm : bool
-        Repeat the search in folds and score held-out visits (two thirds of the time).
+        Repeat the search in folds and score held-out visits (most of the time).
 
     Raises
     ------
     NotConverged
         Too few trials to tell a noise floor from structure, or the base model cannot be fitted.
     """
-    options = Options(seed=seed, false_alarm_rate=false_alarm_rate, multiplicity=multiplicity)
-    if form_sd is not None:
-        options = dataclasses.replace(options, form_sd=form_sd)
     stage, library, untestable = set_up(data, base, parts, options, effects)
     answer = settle(stage)
     stage = answer.stage
-    floor = noise_floor.floor(stage.data, stage.noise, stage.slope)
-    result = _findings(stage, answer)
-    within = heating(stage.data, library, false_alarm_rate)
-    declared = declared_sizes(parts, library)
+    findings = _findings(stage, answer)
+    residuals: dict[str, NDArray[Any]] = {
+        "trial": stage.data.trial,
+        "before": np.log(stage.data.lift_N) - confirmation.predict(stage, stage.base_fit, stage.data),
+        "after": np.log(stage.data.lift_N) - confirmation.predict(stage, answer.best, stage.data),
+    }
     if confirm:
         scored = confirmation.held_out(stage)
-        result["error"] = confirmation.error(stage, answer, scored, floor)
-    result["noise_floor"] = {
-        "relative": stage.noise.relative, "force_N": stage.noise.force_N, "height_m": stage.noise.height_m, "source": stage.noise.source,
-    }  # fmt: skip
-    result["coefficients"] = coefficients.before_and_after(stage, answer, declared)
-    result["within_trial"] = within
-    result["untestable"] = untestable
-    result["silent"] = coefficients.silent(stage, library, SILENT)
-    result["next_experiment"] = separation.next_experiment(stage, answer)
-    return result
+        residuals |= {"held_out_before": scored.before, "held_out_after": scored.after}
+        findings["error"] = confirmation.error(answer, scored, noise_floor.floor(stage.data, stage.noise, stage.slope))
+    floor = stage.noise
+    findings["noise_floor"] = {
+        "relative": floor.relative,
+        "force_N": floor.force_N,
+        "height_m": floor.height_m,
+        "serial": floor.serial,
+        "serial_length": floor.serial_length,
+        "source": floor.source,
+    }
+    findings["coefficients"] = coefficients.before_and_after(stage, answer, declared_sizes(parts, library))
+    findings["within_trial"] = heating(stage.data, library, options.false_alarm_rate)
+    findings["untestable"] = untestable
+    findings["silent"] = coefficients.silent(stage, library, SILENT)
+    findings["next_experiment"] = separation.next_experiment(stage, answer)
+    return Diagnosis(findings=findings, residuals=residuals)
 
 
 def set_up(

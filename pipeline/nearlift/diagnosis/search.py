@@ -124,7 +124,7 @@ class Stage:
         reduced = tuple(Hypothesis(name=n, covariate=_plain(c), columns=basis.T @ w) for (n, c, _), w in zip(named, white, strict=True))
         return reduced, basis
 
-    def structure(self, fitted: Fitted, tube: FloatArray, rate: float, purpose: int) -> tuple[Structure, float]:
+    def structure(self, fitted: Fitted, tube: FloatArray, rate: float, purpose: int, exact: bool = False) -> tuple[Structure, float]:
         """The whole test on what `fitted` leaves, its form uncertain by `tube`; also its log evidence.
 
         The coefficients of the base model are projected out. The effects' parameters have priors, so they are integrated over,
@@ -157,7 +157,7 @@ class Stage:
             dataclasses.replace(h, columns=deform(np.vstack([h.columns, np.zeros((extra.shape[1], h.columns.shape[1]))]))) for h in hypotheses
         )
         rng = np.random.default_rng([self.options.seed, purpose])
-        found = structure.test(scores, padded, remove, rng, rate, self.noise.dof, self.options.multiplicity)
+        found = structure.examine(scores, padded, remove, rng, rate, self.noise.dof, self.options.multiplicity, exact)
         chi2 = float(scores @ scores) + float(residual @ residual) - float(raw @ raw)
         log_evidence = -0.5 * (chi2 + deform.log_det)
         return found, log_evidence
@@ -283,7 +283,7 @@ class Answer:
 def run(stage: Stage) -> Answer:
     """Test, then single effects, then pairs if no single one will do."""
     none = np.zeros((stage.data.n, 0))
-    first, _ = stage.structure(stage.base_fit, none, stage.options.false_alarm_rate, 0)
+    first, _ = stage.structure(stage.base_fit, none, stage.options.false_alarm_rate, 0, exact=True)
     if not first.present:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in stage.library}

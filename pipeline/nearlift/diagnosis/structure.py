@@ -14,6 +14,8 @@ import numpy as np
 from nearlift.declare import FloatArray
 
 DRAWS = 1500
+#: Decades beyond the union bound's threshold at which a finding needs no draws.
+CLEAR = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +103,7 @@ def log10_p(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> Float
     return result
 
 
-def test(
+def examine(
     scores: FloatArray,
     hypotheses: tuple[Hypothesis, ...],
     remove: FloatArray,
@@ -109,6 +111,7 @@ def test(
     rate: float,
     dof: float,
     multiplicity: bool = True,
+    exact: bool = True,
 ) -> Structure:
     """Test all hypotheses at once.
 
@@ -124,6 +127,8 @@ def test(
         False-alarm rate of the maximum.
     dof : float
         Degrees of freedom of the noise estimate; its scale is drawn too.
+    exact : bool
+        Draw the null distribution even where the union bound already decides; the p-value is then exact.
     multiplicity : bool
         False compares each p-value with the rate as if it were alone: wrong, and here to show what that does.
     """
@@ -135,6 +140,17 @@ def test(
     observed = log10_p(scores, stacked, ranks)
     if not multiplicity:
         return Structure(names=names, covariates=covariates, log10_p=observed, p_value=float(10 ** observed.min()), threshold=float(np.log10(rate)))
+    # by the union bound the threshold lies between rate / number and rate: far outside, the draws would decide nothing
+    least_threshold = float(np.log10(rate / len(which)))
+    if not exact and (observed.min() < least_threshold - CLEAR or observed.min() > np.log10(rate)):
+        clear = observed.min() < least_threshold
+        return Structure(
+            names=names,
+            covariates=covariates,
+            log10_p=observed,
+            p_value=1 / (1 + DRAWS) if clear else 1.0,
+            threshold=least_threshold if clear else float(np.log10(rate)),
+        )
     draws = rng.standard_normal((DRAWS, len(scores)))
     draws *= np.sqrt(dof / rng.chisquare(dof, size=(DRAWS, 1)))
     least = log10_p(draws, stacked, ranks).min(axis=1)

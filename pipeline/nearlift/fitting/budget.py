@@ -13,7 +13,7 @@ import numpy as np
 
 from nearlift.campaign import Campaign
 from nearlift.declare import FloatArray
-from nearlift.results import Observations
+from nearlift.results import IntArray, Observations
 
 GROUPED = ("distance", "throttle", "session", "boundary", "campaign")
 
@@ -62,10 +62,10 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
     return tuple(listed)
 
 
-def groups(data: Observations, scope: str) -> np.ndarray:
+def groups(data: Observations, scope: str) -> IntArray:
     """Index of the scope's element that each trial belongs to, (n,)."""
     if scope == "distance":
-        return np.unique(data.z_hat, return_inverse=True)[1]
+        return np.unique(data.z_hat, return_inverse=True)[1].astype(np.int64)
     if scope == "throttle":
         return data.level
     if scope == "session":
@@ -89,7 +89,8 @@ def columns(data: Observations, part: Component, slope: FloatArray) -> FloatArra
     if part.scope not in GROUPED:
         return np.zeros((data.n, 0))
     group = groups(data, part.scope)
-    return np.eye(group.max() + 1)[group] * part.sensitivity(data, slope)[:, None]
+    result: FloatArray = np.eye(group.max() + 1)[group] * part.sensitivity(data, slope)[:, None]
+    return result
 
 
 def shared(data: Observations, parts: tuple[Component, ...], slope: FloatArray) -> FloatArray:

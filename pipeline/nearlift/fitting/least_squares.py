@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget, noise
 from nearlift.fitting.problem import Problem, height_slope
-from nearlift.results import Estimate, Noise, Observations
+from nearlift.results import Estimate, IntArray, Noise, Observations
 
 NEAR_GROUND = (1.0, 3.0)
 #: A pair is called degenerate above this correlation.
@@ -75,7 +76,12 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         return np.zeros(0)
     first = np.array([p.value for p in declared]) if start is None else np.asarray(start, dtype=float)
     if not np.isfinite(problem.chi2(first)):
-        raise NotConverged(f"fit of {problem.model.name}", f"the model has no value at its start {dict(zip(problem.names, first, strict=True))}")
+        at = ", ".join(f"{n} = {v:g}" for n, v in zip(problem.names, first, strict=True))
+        raise NotConverged(
+            f"fit of {problem.model.name}",
+            f"the model has no value at its start, {at}, for some of the {problem.data.n} trials",
+            "leave out the trials nearest to the boundary, or choose another model",
+        )
     parameters = lmfit.Parameters()
     for p, value in zip(declared, first, strict=True):
         inset = 1e-9 * (p.bounds[1] - p.bounds[0])
@@ -133,14 +139,13 @@ def fit(model: LiftModel, data: Observations, parts: tuple[budget.Component, ...
     if data.n < p + levels + 2:
         raise NotConverged(f"fit of {model.name}", f"{data.n} usable trials for {p + levels} unknowns", f"at least {p + levels + 2} are wanted")
     theta = np.array([q.value for q in model.parameters])
-    settled = scatter
+    settled = scatter or Noise(relative=0.01)
     # the slope that carries height errors depends on theta: two rounds settle it to second order
     for _ in range(3):
         if scatter is None:
-            trial = Problem(model=model, data=data, covariance=noise.trial_covariance(data, settled or Noise(relative=0.01), np.zeros(data.n)))
+            trial = Problem(model=model, data=data, covariance=noise.trial_covariance(data, settled, np.zeros(data.n)))
             jacobian = trial.jacobian(theta) if p else None
             settled = noise.estimate(data, model, dict(zip(trial.names, theta, strict=True)), jacobian)
-        assert settled is not None
         problem = assemble(model, data, parts, settled, theta)
         before, theta = theta, minimise(problem, theta)
         if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
@@ -152,11 +157,10 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
     data, model = problem.data, problem.model
     p, k = len(theta), len(data.levels)
     jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
-    covariance = np.linalg.pinv((j := problem.project(jacobian.T)) @ j.T) if p else np.zeros((0, 0))
+    covariance, determined = parameter_covariance(problem.project(jacobian.T))
     quantile = _t90(scatter.dof)
-    estimates = {
-        q.name: _estimate(t, np.sqrt(c), quantile, q.unit, q.bounds) for q, t, c in zip(model.parameters, theta, np.diag(covariance), strict=True)
-    }
+    sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
+    estimates = {q.name: _estimate(t, u, quantile, q.unit, q.bounds) for q, t, u in zip(model.parameters, theta, sd, strict=True)}
     log_levels, given = problem.log_levels(theta)
     toll = problem.level_sensitivity(jacobian) if p else np.zeros((k, 0))
     level_covariance = given + toll @ covariance @ toll.T
@@ -187,10 +191,25 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
         log_likelihood=log_likelihood,
         aic=2 * (p + k) - 2 * log_likelihood,
         bic=(p + k) * float(np.log(data.n)) - 2 * log_likelihood,
-        degeneracies=degeneracies(problem, theta, jacobian, covariance),
+        degeneracies=degeneracies(problem, theta, jacobian, covariance, determined),
         excluded=excluded,
         noise=scatter,
     )
+
+
+def parameter_covariance(white: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and which of them the trials determine at all.
+
+    What they do not determine takes no part: its variance is 0 here, and its uncertainty is infinite.
+    """
+    information = white @ white.T
+    size = np.sqrt(np.diag(information))
+    scale = np.where(size > 0, size, 1.0)
+    value, vector = np.linalg.eigh(information / np.outer(scale, scale))
+    blind = value < 1e-13
+    inverse = (vector[:, ~blind] / value[~blind]) @ vector[:, ~blind].T
+    determined = np.all(np.abs(vector[:, blind]) < 1e-6, axis=1)
+    return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
 
 
 def _t90(dof: float) -> float:
@@ -205,7 +224,7 @@ def _estimate(value: float, u: float, quantile: float, unit: str, bounds: tuple[
     return Estimate(value=float(value), u=float(u), lo90=float(value - quantile * u), hi90=float(value + quantile * u), unit=unit, at_bound=at_bound)
 
 
-def _r2(measured: FloatArray, predicted: FloatArray, cell: FloatArray) -> float:
+def _r2(measured: FloatArray, predicted: FloatArray, cell: IntArray) -> float:
     """Coefficient of determination of cell means, as papers quote it."""
     _, label = np.unique(cell, return_inverse=True)
     count = np.bincount(label)
@@ -214,12 +233,20 @@ def _r2(measured: FloatArray, predicted: FloatArray, cell: FloatArray) -> float:
     return 1.0 - float(((means - model) ** 2).sum()) / total if total > 0 else float("nan")
 
 
-def degeneracies(problem: Problem, theta: FloatArray, jacobian: FloatArray, covariance: FloatArray) -> tuple[Degeneracy, ...]:
+def degeneracies(
+    problem: Problem, theta: FloatArray, jacobian: FloatArray, covariance: FloatArray, determined: NDArray[np.bool_]
+) -> tuple[Degeneracy, ...]:
     """Pairs that the data cannot part: parameters with each other and with L_inf, and, were they unknown, with a height offset or the exponent."""
-    if not len(theta):
-        return ()
-    data, names = problem.data, problem.names
-    found = []
+    data = problem.data
+    found = [
+        Degeneracy(pair=(a, "anything"), r=1.0, text=f"{a} is not determined by these trials at all")
+        for a, known in zip(problem.names, determined, strict=True)
+        if not known
+    ]
+    names = tuple(a for a, known in zip(problem.names, determined, strict=True) if known)
+    if not names:
+        return tuple(found)
+    jacobian, covariance = jacobian[:, determined], covariance[np.ix_(determined, determined)]
     sd = np.sqrt(np.diag(covariance))
     for i, a in enumerate(names):
         for j in range(i):
@@ -256,6 +283,9 @@ def degeneracies(problem: Problem, theta: FloatArray, jacobian: FloatArray, cova
             if abs(r) > DEGENERATE:
                 u = float(np.sqrt(joint[i, i]))
                 own = f"{np.sqrt(joint[-1, -1]):.2g} {unit}".strip()
-                text = f"{a} and an unknown {name} would trade places: r = {r:+.3f}; with the {name} free, u({a}) would grow from {sd[i]:.2g} to {u:.2g}, and the {name} would be known to {own}"
+                text = (
+                    f"{a} and an unknown {name} would trade places: r = {r:+.3f}; with the {name} free, u({a}) would grow "
+                    f"from {sd[i]:.2g} to {u:.2g}, and the {name} would be known to {own}"
+                )
                 found.append(Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u))
     return tuple(found)

@@ -11,8 +11,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.fitting.covariance import Covariance
-from nearlift.fitting.problem import height_slope
-from nearlift.results import Noise, Observations
+from nearlift.fitting.problem import height_slope, need
+from nearlift.results import IntArray, Noise, Observations
 
 #: Repeats must leave this many degrees of freedom, or the scatter is taken about the model instead.
 ENOUGH = 12
@@ -34,9 +34,9 @@ def trial_covariance(
     )
 
 
-def cells(data: Observations) -> FloatArray:
+def cells(data: Observations) -> IntArray:
     """Index of each trial's (distance, throttle) cell."""
-    _, cell = np.unique(np.stack([data.z_hat, data.throttle]), axis=1, return_inverse=True)
+    cell: IntArray = np.unique(np.stack([data.z_hat, data.throttle]), axis=1, return_inverse=True)[1].astype(np.int64)
     return cell
 
 
@@ -66,7 +66,7 @@ def estimate(data: Observations, model: LiftModel, parameters: dict[str, float],
         mean = np.eye(cell.max() + 1)[cell]
         source = f"scatter of repeats about cell means ({repeats} degrees of freedom)"
     else:
-        known = {n: data.geometry[n] if n in data.geometry else data.covariates[n] for n in model.needs}
+        known = {n: need(data, n, model.name) for n in model.needs}
         log_lift = log_lift - np.log(np.asarray(model.evaluate(data.z_hat, **parameters, **known), dtype=float))
         mean = np.eye(len(data.levels))[data.level]
         if jacobian is not None:

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused
@@ -86,8 +87,10 @@ class Problem:
         """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
         q, r = self._levels
         white = self.covariance.whiten(np.log(self.data.lift_N) - self.log_ratio(theta))
-        inverse = np.linalg.inv(r)
-        return inverse @ (white @ q), inverse @ inverse.T
+        inverse: FloatArray = np.asarray(np.linalg.inv(r), dtype=np.float64)
+        level: FloatArray = inverse @ (white @ q)
+        covariance: FloatArray = inverse @ inverse.T
+        return level, covariance
 
     def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
         """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p) of log ratio."""
@@ -139,7 +142,7 @@ def height_slope(model: LiftModel, data: Observations, parameters: dict[str, flo
     return np.where(inside & np.isfinite(slope), slope, 0.0)
 
 
-def usable(model: LiftModel, data: Observations) -> FloatArray:
+def usable(model: LiftModel, data: Observations) -> NDArray[np.bool_]:
     """Which trials the model can speak about: inside `valid_z_hat` (its lower end excluded), or in free air."""
     low, high = model.valid_z_hat
     return (data.z_hat > low) & ((data.z_hat <= high) | np.isinf(data.z_hat))

@@ -50,9 +50,11 @@ def reduce(z_hat: FloatArray, throttle: FloatArray, lift_N: FloatArray, u_lift_N
     covariance = _mean_covariance(label, count, mean, z, lift_N, u_lift_N, visit)
 
     far = _reference(z, t)
-    jacobian = np.diag(1 / mean[far])
-    jacobian[np.arange(len(mean)), far] -= mean / mean[far] ** 2
     delta = mean / mean[far] - 1
+    # d delta = (d mean - (1 + delta) d mean_far) / mean_far: exactly nothing where a cell is its own reference
+    jacobian = np.eye(len(mean))
+    jacobian[np.arange(len(mean)), far] -= 1 + delta
+    jacobian /= mean[far][:, None]
     spread = jacobian @ covariance @ jacobian.T
     keep = np.isfinite(z)
     return Cells(

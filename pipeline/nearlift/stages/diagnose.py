@@ -1,13 +1,16 @@
-"""diagnose: the closed loop on every boundary, to diagnosis.json."""
+"""diagnose: the closed loop on every boundary, to diagnosis.json and loop_residuals.parquet."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from nearlift.diagnosis.loop import close_loop
+import numpy as np
+
+from nearlift.diagnosis.loop import diagnose
+from nearlift.diagnosis.search import Options
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget
-from nearlift.products import DIAGNOSIS, TRIALS
+from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
@@ -17,15 +20,24 @@ def run(job: Job) -> Outcome:
     """Diagnose each boundary; one with too few trials for it is left out, and noted."""
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
-    found: dict[str, Any] = {}
+    options = Options(seed=job.seed, false_alarm_rate=job.campaign.diagnose.false_alarm_rate)
+    findings: dict[str, Any] = {}
+    residuals: list[dict[str, Any]] = []
     notes = []
     for boundary in boundaries(trials):
         job.say(f"diagnose {boundary}")
         base, _ = choice(job.campaign, boundary)
-        data = observe(trials, job.campaign, boundary)
         try:
-            found[boundary] = close_loop(data, base, parts, seed=job.seed, false_alarm_rate=job.campaign.diagnose.false_alarm_rate)
+            found = diagnose(observe(trials, job.campaign, boundary), base, parts, options)
         except NotConverged as fault:
             notes.append(f"{boundary}: not diagnosed: {fault.what}; {fault.remedy}")
-    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": job.campaign.diagnose.false_alarm_rate, "boundaries": found})
+            continue
+        findings[boundary] = found.findings
+        residuals.append({"boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object), **found.residuals})
+    job.write(LOOP_RESIDUALS, {c.name: _joined(residuals, c.name, c.kind) for c in LOOP_RESIDUALS.columns})
+    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": options.false_alarm_rate, "boundaries": findings})
     return Outcome(notes=tuple(notes))
+
+
+def _joined(tables: list[dict[str, Any]], name: str, kind: str) -> np.ndarray[Any, Any]:
+    return np.concatenate([np.zeros(0, dtype=object if kind == "text" else float), *(t[name] for t in tables)])

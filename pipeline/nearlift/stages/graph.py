@@ -22,7 +22,7 @@ from typing import Any
 import nearlift
 from nearlift import store
 from nearlift.errors import UsageError
-from nearlift.products import DIAGNOSIS, FIT, LIFT, LIFT_COVARIANCE, PROVENANCE, TRIALS, Product
+from nearlift.products import DIAGNOSIS, FIT, LIFT, LIFT_COVARIANCE, LOOP_RESIDUALS, PROVENANCE, TRIALS, Product
 from nearlift.stages.job import Job, Outcome
 
 
@@ -71,13 +71,13 @@ STAGES = (
         name="diagnose",
         summary="the residual, traced to what the model lacks",
         reads=(TRIALS,),
-        writes=(DIAGNOSIS,),
+        writes=(DIAGNOSIS, LOOP_RESIDUALS),
         sections=("vehicle", "rig", "load_cell", "uncertainty", "fit", "diagnose"),
     ),
     Stage(
         name="report",
         summary="figures, tables and index.html",
-        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, DIAGNOSIS),
+        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, DIAGNOSIS, LOOP_RESIDUALS),
         sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty"),
         raw=True,
         report=True,
@@ -122,21 +122,28 @@ class Ledger:
     def open(cls, job: Job) -> Ledger:
         """The ledger on disk, or an empty one."""
         path = job.processed / PROVENANCE.file
-        content = store.read_json(path) if path.is_file() else {}
+        content = store.read_json_if_whole(path)
         return cls(job=job, content=content if content.get("schema") == PROVENANCE.schema else {})
 
     def material(self, stage: Stage) -> dict[str, Any]:
         """Everything that decides the stage's output, by content."""
         sections = {s: _digest(self.job.campaign.model_dump(mode="json", by_alias=True)[s]) for s in stage.sections}
-        made = {file: sha for record in self.content.get("stages", {}).values() for file, sha in record["outputs"].items()}
+        products = {p.file: self.job.processed / p.file for p in stage.reads}
         return {
             "code": code_digest(),
             "versions": versions(),
             "seed": self.job.seed,
             "manifest": sections,
-            "inputs": dict(self.job.inputs) if stage.raw else {},
-            "products": {p.file: made[f"processed/{p.file}"] for p in stage.reads if f"processed/{p.file}" in made},
+            "inputs": self._inputs(stage),
+            "products": {file: store.sha256(path) for file, path in products.items() if path.is_file()},
         }
+
+    def _inputs(self, stage: Stage) -> dict[str, str]:
+        """Digests of the raw files that the stage reads; the manifest counts by its sections, but a report quotes its digest."""
+        if not stage.raw:
+            return {}
+        apart = set() if stage.report else {"campaign.toml", *(overlay.file for overlay in self.job.campaign.report.overlay)}
+        return {name: sha for name, sha in self.job.inputs.items() if name not in apart}
 
     def why_stale(self, stage: Stage) -> str:
         """Why the stage must run, in words; empty if it need not."""

@@ -55,7 +55,7 @@ SCHEDULE = "trial,boundary,distance,throttle,start,session,approach\n"
 def write_template(folder: Path) -> list[Path]:
     """Write campaign.toml, trials.csv and an empty trials/ into a new folder; returns what was written."""
     (folder / "trials").mkdir(parents=True)
-    slug = "".join(c if c.isalnum() else "-" for c in folder.resolve().name.lower()).strip("-") or "campaign"
+    slug = "".join(c if c.isascii() and c.isalnum() else "-" for c in folder.resolve().name.lower()).strip("-") or "campaign"
     (folder / "campaign.toml").write_text(MANIFEST.format(name=slug), encoding="utf-8")
     (folder / "trials.csv").write_text(SCHEDULE, encoding="utf-8")
     return [folder / "campaign.toml", folder / "trials.csv", folder / "trials"]
