@@ -1,7 +1,8 @@
 """Products on disk: written whole or not at all, read back only if intact.
 
 Every write goes to a temporary file in the same folder, is flushed to the disk, renamed, and the folder is flushed too: a
-reader sees the old bytes or the new ones. Tables are Parquet with page checksums, which a flipped bit cannot pass.
+reader sees the old bytes or the new ones. Tables are Parquet with page checksums, and with a digest of names, types and length,
+which no checksum covers: a flipped bit cannot pass.
 """
 
 from __future__ import annotations
@@ -79,7 +80,15 @@ def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
         meta = {"unit": column.unit, "meaning": column.meaning} if column else {}
         fields.append(pa.field(name, kind, metadata=meta or None))
         arrays.append(_arrow(values, kind))
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={"schema": product.schema}))
+    schema = pa.schema(fields)
+    layout = _layout(schema, len(arrays[0]) if arrays else 0)
+    return pa.Table.from_arrays(arrays, schema=schema.with_metadata({"schema": product.schema, "layout": layout}))
+
+
+def _layout(schema: pa.Schema, rows: int) -> str:
+    """Digest of what stands in the footer of a Parquet file, out of reach of the pages' checksums."""
+    columns = [(name, str(kind)) for name, kind in zip(schema.names, schema.types, strict=True)]
+    return hashlib.sha256(json.dumps([rows, columns]).encode()).hexdigest()
 
 
 def _arrow(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
@@ -129,12 +138,17 @@ def read_table(path: Path, product: Product) -> Table:
         raise ProductError(str(path), "is missing", "run the stage that writes it (`nearlift plan CAMPAIGN` says which)")
     try:
         table = pq.read_table(path, page_checksum_verification=True)
-    except (pa.ArrowException, OSError) as fault:
+        about = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
+        content = {name: _numpy(table[name]) for name in table.column_names}
+    except (pa.ArrowException, OSError, ValueError) as fault:
         raise ProductError(str(path), f"is damaged: {str(fault).splitlines()[0]}", "delete it and run again") from None
-    found = (table.schema.metadata or {}).get(b"schema", b"none").decode()
-    if found != product.schema:
-        raise ProductError(str(path), f"has schema {found}, not {product.schema}", "it was written by another version: run again")
-    return {name: _numpy(table[name]) for name in table.column_names}
+    if about.get("schema") != product.schema:
+        raise ProductError(
+            str(path), f"has schema {about.get('schema', 'none')}, not {product.schema}", "it was written by another version: run again"
+        )
+    if about.get("layout") != _layout(table.schema, table.num_rows):
+        raise ProductError(str(path), "is damaged: its columns or its length are not what was written", "delete it and run again")
+    return content
 
 
 def _numpy(column: pa.ChunkedArray) -> NDArray[Any]:

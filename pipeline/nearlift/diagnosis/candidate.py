@@ -9,6 +9,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, compose
 from nearlift.diagnosis.families import cosines
@@ -117,6 +118,11 @@ class Candidate:
                     sd[s.start : s.stop] *= WIDE
         return mean, sd
 
+    @cached_property
+    def by_session(self) -> NDArray[np.bool_]:
+        """Which entries are one of several that differ by session."""
+        return np.concatenate([np.zeros(0, dtype=bool), *(np.full(s.stop - s.start, s.parameter.per == "session") for s in self.slots)])
+
     def of(self, effect: str) -> FloatArray:
         """Indices of one effect's entries; of the base model's for an empty name."""
         return np.concatenate([np.zeros(0, dtype=int), *(np.arange(s.start, s.stop) for s in self.slots if s.effect == effect)]).astype(int)
@@ -157,7 +163,8 @@ class Candidate:
     def tube(self, vector: FloatArray, sd: float) -> FloatArray:
         """Columns (n, t) of unit-variance unknowns: each effect's contribution, smoothly deformed by a relative `sd`.
 
-        Along its own covariate and along throttle: a true effect rarely scales with speed exactly as its declared form does.
+        Along its own covariate, along throttle, and for what acts on height or ratio along distance: a true effect rarely scales with
+        speed or distance exactly as its declared form does.
         """
         if sd <= 0:
             return np.zeros((self.data.n, 0))
@@ -165,7 +172,7 @@ class Candidate:
         weight = 1 / np.arange(1, TUBE_ORDER + 1)
         weight *= sd * np.sqrt(2 / np.sum(weight**2))
         for effect in self.effects:
-            for name in dict.fromkeys((effect.varies_with, "throttle")):
+            for name in dict.fromkeys((effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))):
                 along = self._along(name)
                 if along is not None:
                     columns.append(self.contribution(vector, effect)[:, None] * cosines(along, TUBE_ORDER) * weight)

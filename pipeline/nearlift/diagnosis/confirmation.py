@@ -96,7 +96,6 @@ def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
 
 def error(answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, object]:
     """The `error` block of diagnosis.json."""
-
     keep = np.isfinite(scored.before) & np.isfinite(scored.after)
 
     def block(residual: FloatArray) -> dict[str, float]:

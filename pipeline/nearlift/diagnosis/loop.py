@@ -261,7 +261,7 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
         {
             "candidates": listing(answer.singles),
             "decision": f"accept {answer.accepted[0].name}" if single else "no single effect will do",
-            "reason": "nothing is left beyond the threshold" if single else "each one leaves structure beyond the threshold",
+            "reason": "nothing is left beyond the threshold" if single else "each one leaves structure beyond the threshold, or explains too little",
         }
     )
     if not single:
@@ -270,7 +270,7 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
             {
                 "candidates": listing(answer.pairs)[:12],
                 "decision": f"accept {answer.accepted[0].name}" if pair else "unexplained",
-                "reason": "nothing is left beyond the threshold" if pair else "no pair of declared effects leaves nothing either",
+                "reason": "nothing is left beyond the threshold" if pair else "no pair of declared effects does better",
             }
         )
     return rounds

@@ -59,7 +59,13 @@ class _Components:
         """X V for one component, along the last axis."""
         result = np.empty_like(x)
         for index, block in zip(self.index, part, strict=True):
-            result[..., index] = np.einsum("...mi,mij->...mj", x[..., index], block)
+            result[..., index] = (x[..., index][..., None, :] @ block)[..., 0, :] if x.ndim == 1 else self._right(x[:, index], block)
+        return result
+
+    @staticmethod
+    def _right(x: FloatArray, block: FloatArray) -> FloatArray:
+        """X (n, m, b) times block (m, b, b) for each m."""
+        result: FloatArray = np.moveaxis(np.moveaxis(x, 1, 0) @ block, 0, 1)
         return result
 
     def score(self, p: FloatArray, y: FloatArray, parts: list[list[FloatArray]]) -> tuple[FloatArray, FloatArray]:

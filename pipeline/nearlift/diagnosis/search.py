@@ -12,7 +12,7 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.diagnosis import noise_floor, structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, search
-from nearlift.diagnosis.families import families
+from nearlift.diagnosis.families import cosines, families
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.structure import Hypothesis, Structure
 from nearlift.fitting import budget
@@ -25,6 +25,11 @@ RIVAL = 9.0
 PAIRS = 40
 #: A column that keeps less than this share of its energy beside theta and L_inf cannot be seen.
 SILENT = 1e-4
+#: Every bench's gain wanders a little, slowly; below this fraction of lift (rms) that is no finding. Pink, over so many periods.
+WANDER = 3e-4
+WANDER_MODES = 40
+#: An explanation must beat "no effect" by this in log evidence, or chance would be given a name.
+CREDIT = 2.0
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
 LARGE = 0.3
 #: An effect's true form is known to about this relative, smooth deviation.
@@ -55,11 +60,13 @@ class Explanation:
     left: Structure
     gain: float
     log_evidence: float
+    over_none: float
+    plausibility: float
 
     @property
     def accepted(self) -> bool:
-        """Whether nothing is left beyond the threshold."""
-        return not self.left.present
+        """Whether nothing is left beyond the threshold, and the effects earn it: `over_none` is their log evidence over no effect's."""
+        return not self.left.present and self.over_none > CREDIT
 
     @property
     def name(self) -> str:
@@ -89,9 +96,8 @@ class Stage:
     def space(self) -> Problem:
         """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""
         slope = self.slope
-        covariance = trial_covariance(
-            self.data, self.noise, slope, budget.shared(self.data, self.parts, slope), budget.own_variance(self.data, self.parts, slope)
-        )
+        shared = np.hstack([budget.shared(self.data, self.parts, slope), wander(self.data)])
+        covariance = trial_covariance(self.data, self.noise, slope, shared, budget.own_variance(self.data, self.parts, slope))
         return Problem(model=self.base, data=self.data, covariance=covariance)
 
     @cached_property
@@ -124,8 +130,8 @@ class Stage:
         reduced = tuple(Hypothesis(name=n, covariate=_plain(c), columns=basis.T @ w) for (n, c, _), w in zip(named, white, strict=True))
         return reduced, basis
 
-    def structure(self, fitted: Fitted, tube: FloatArray, rate: float, purpose: int, exact: bool = False) -> tuple[Structure, float]:
-        """The whole test on what `fitted` leaves, its form uncertain by `tube`; also its log evidence.
+    def structure(self, fitted: Fitted, tube: FloatArray, rate: float, purpose: int, exact: bool = False) -> tuple[Structure, float, float]:
+        """The whole test on what `fitted` leaves, its form uncertain by `tube`; also its log evidence, by unit information and by its priors.
 
         The coefficients of the base model are projected out. The effects' parameters have priors, so they are integrated over,
         linearised about the fit: as columns of prior size in the covariance, with the residual taken at the priors' centres.
@@ -158,9 +164,22 @@ class Stage:
         )
         rng = np.random.default_rng([self.options.seed, purpose])
         found = structure.examine(scores, padded, remove, rng, rate, self.noise.dof, self.options.multiplicity, exact)
+        # evidence: by unit information, so that no effect gains or loses by how wide its prior happens to be declared;
+        # what differs by session is one population, integrated over
+        session = np.array([i for i in free if fitted.candidate.by_session[i]], dtype=int)
+        own = np.array([i for i in free if not fitted.candidate.by_session[i]], dtype=int)
+        marginal = -0.5 * (float(scores @ scores) + float(residual @ residual) - float(raw @ raw) + deform.log_det)
+        residual = fitted.residual + fitted.jacobian[:, session] @ (fitted.vector - mean)[session]
+        deform = _Deform(reduce(np.hstack([fitted.jacobian[:, session] * sd[session], white_tube])))
+        absorbed = deform(reduce(np.hstack([model, fitted.jacobian[:, own]])))
+        remove = orthonormal(absorbed) if absorbed.shape[1] else np.zeros((len(absorbed), 0))
+        raw = reduce(residual)
+        scores = deform(raw)
+        scores = scores - remove @ (remove.T @ scores)
         chi2 = float(scores @ scores) + float(residual @ residual) - float(raw @ raw)
-        log_evidence = -0.5 * (chi2 + deform.log_det)
-        return found, log_evidence
+        penalty = float(np.sum(((fitted.vector - mean)[own] / sd[own]) ** 2))
+        count = len(own) + (1 if len(session) else 0)
+        return found, -0.5 * (chi2 + deform.log_det + penalty + count * float(np.log(self.data.n))), marginal
 
     def explain(self, effects: tuple[Effect, ...], purpose: int) -> Explanation:
         """Fit one candidate and test what it leaves."""
@@ -171,8 +190,28 @@ class Stage:
     def _explain(self, candidate: Candidate, purpose: int) -> Explanation:
         fitted = search(candidate, self.space, self.log_lift, self.base_fit.vector)
         tube = candidate.tube(fitted.vector, self.options.form_sd)
-        left, log_evidence = self.structure(fitted, tube, self.options.second_rate, purpose)
-        return Explanation(fitted=fitted, tube=tube, left=left, gain=self.base_fit.chi2 - fitted.chi2, log_evidence=log_evidence)
+        left, log_evidence, plausibility = self.structure(fitted, tube, self.options.second_rate, purpose)
+        return Explanation(
+            fitted=fitted,
+            tube=tube,
+            left=left,
+            gain=self.base_fit.chi2 - fitted.chi2,
+            log_evidence=log_evidence,
+            over_none=log_evidence - self.no_effect,
+            plausibility=plausibility,
+        )
+
+    @cached_property
+    def no_effect(self) -> float:
+        """Log evidence of the base model alone."""
+        return self.structure(self.base_fit, np.zeros((self.data.n, 0)), self.options.second_rate, 0)[1]
+
+
+def wander(data: Observations) -> FloatArray:
+    """Unit-variance columns (n, m) of a slow wander of the gain that is taken for granted."""
+    modes = min(WANDER_MODES, len(np.unique(data.visit)) - 1)
+    power = 1 / np.arange(1, modes + 1)
+    return cosines(data.covariates["run_order"], modes) * WANDER * np.sqrt(2 * power / power.sum())
 
 
 class _Deform:
@@ -283,7 +322,7 @@ class Answer:
 def run(stage: Stage) -> Answer:
     """Test, then single effects, then pairs if no single one will do."""
     none = np.zeros((stage.data.n, 0))
-    first, _ = stage.structure(stage.base_fit, none, stage.options.false_alarm_rate, 0, exact=True)
+    first, _, _ = stage.structure(stage.base_fit, none, stage.options.false_alarm_rate, 0, exact=True)
     if not first.present:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in stage.library}
@@ -295,8 +334,9 @@ def run(stage: Stage) -> Answer:
         ranked = sorted(combinations(visible, 2), key=lambda p: -_pair_gain(stage, p))[:PAIRS]
         pairs = tuple(stage.explain(p, 1000 + i) for i, p in enumerate(ranked))
         accepted = [p for p in pairs if p.accepted]
-    accepted.sort(key=lambda e: -e.log_evidence)
-    rivals = tuple(e for e in accepted if 2 * (accepted[0].log_evidence - e.log_evidence) <= RIVAL)
+    # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
+    most = max((e.log_evidence for e in accepted), default=0.0)
+    rivals = tuple(sorted((e for e in accepted if 2 * (most - e.log_evidence) <= RIVAL), key=lambda e: -e.plausibility))
     return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=rivals)
 
 

@@ -19,8 +19,9 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
     """The observations with every derived covariate that effects and families may ask for.
 
     `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order, scaled to [-1, 1]),
-    `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at the start of a session), `order_in_visit`, `drift_hat` (relative
-    change of lift within a record), `lift_inf_N` (`levels`, L_inf per throttle in N, spread over the trials); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`, `pressure_ref_Pa`,
+    `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at the start of a session), `order_in_visit`,
+    `drift_hat` (relative change of lift within a record), `lift_inf_N` (`levels`, L_inf per throttle in N, spread over the
+    trials); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`, `pressure_ref_Pa`,
     `throttle_ref`, and `radius_m`.
     """
     known = dict(data.covariates)

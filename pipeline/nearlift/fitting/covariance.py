@@ -57,7 +57,9 @@ class Covariance:
             if index.shape[1] == 1:
                 result[..., index[:, 0]] = x[..., index[:, 0]] * whitener[:, 0, 0]
             else:
-                result[..., index] = np.einsum("mij,...mj->...mi", whitener, x[..., index])
+                stacked = np.moveaxis(x[..., index], (-2, -1), (0, 1)).reshape(*index.shape, -1)
+                white = (whitener @ stacked).reshape(*index.shape, *x.shape[:-1])
+                result[..., index] = np.moveaxis(white, (0, 1), (-2, -1))
         return result
 
     @cached_property

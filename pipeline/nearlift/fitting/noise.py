@@ -96,7 +96,8 @@ def estimate(data: Observations, model: LiftModel, parameters: dict[str, float],
     if repeats < ENOUGH:
         guess = guess[:1]
     bounds = [(g - 9, g + 4) for g in guess]
-    found = minimize(deviance, guess, method="L-BFGS-B", bounds=bounds)
+    # central differences: one-sided ones leave the minimum where their rounding puts it, and the order of trials would show
+    found = minimize(deviance, guess, method="L-BFGS-B", jac="3-point", bounds=bounds)
     sizes = np.exp(np.append(found.x, [-np.inf] * (3 - len(found.x))))
     # a component at the bottom of its range is indistinguishable from none
     at_floor = np.append(found.x <= np.array([b[0] for b in bounds]) + 0.5, [True] * (3 - len(found.x)))

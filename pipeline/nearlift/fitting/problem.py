@@ -87,15 +87,13 @@ class Problem:
         """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
         q, r = self._levels
         white = self.covariance.whiten(np.log(self.data.lift_N) - self.log_ratio(theta))
-        inverse: FloatArray = np.asarray(np.linalg.inv(r), dtype=np.float64)
-        level: FloatArray = inverse @ (white @ q)
-        covariance: FloatArray = inverse @ inverse.T
-        return level, covariance
+        inverse = np.linalg.inv(r)
+        return np.asarray(inverse @ (white @ q), dtype=np.float64), np.asarray(inverse @ inverse.T, dtype=np.float64)
 
     def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
         """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p) of log ratio."""
         q, r = self._levels
-        return -np.linalg.solve(r, q.T @ self.covariance.whiten(jacobian.T).T)
+        return np.asarray(-np.linalg.solve(r, q.T @ self.covariance.whiten(jacobian.T).T), dtype=np.float64)
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """D log ratio / d theta at one theta, shape (n, p), by central differences in one broadcast call."""

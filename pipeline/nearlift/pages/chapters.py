@@ -32,6 +32,8 @@ class Chapter:
         Names of figures shown beneath, those that were made.
     template : bool
         Whether there is a template.
+    pictures_lead : bool
+        Whether the figures stand above the text instead of beneath it.
     """
 
     name: str
@@ -40,12 +42,13 @@ class Chapter:
     needs: tuple[Product, ...] = ()
     figures: tuple[str, ...] = ()
     template: bool = True
+    pictures_lead: bool = False
 
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="verdict", title="Verdict", facts=verdict.facts, needs=(FIT,)),
     Chapter(name="fig2", title="Lift change near each boundary", needs=(FIT,), figures=("fig2",), template=False),
-    Chapter(name="diagnosis", title="What the residuals say", facts=diagnosis.facts, needs=(DIAGNOSIS,), figures=("diagnosis",)),
+    Chapter(name="diagnosis", title="What the residuals say", facts=diagnosis.facts, needs=(DIAGNOSIS,), figures=("diagnosis",), pictures_lead=True),
     Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
     Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), template=False),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),

@@ -1,11 +1,13 @@
-"""The closed loop's findings, as diagnosis.json has them."""
+"""The closed loop's findings, as diagnosis.json has them: what each boundary's section of the chapter says."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from nearlift.declare import BOUNDARIES
-from nearlift.pages.number import Number, chance, cite, interval, quote
+from nearlift.pages import loop_words
+from nearlift.pages.number import Number, Quoted, chance, cite, interval, quote
 from nearlift.pages.verdict import WORDS
 from nearlift.products import DIAGNOSIS
 from nearlift.summaries.evidence import Evidence
@@ -25,44 +27,52 @@ def facts(evidence: Evidence) -> dict[str, Any]:
 def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Any]:
     path = ("boundaries", boundary)
     coefficients = found.get("coefficients", {})
+    structure = [
+        {
+            "covariate": s["covariate"],
+            "p": chance(evidence, DIAGNOSIS, *path, "structure", str(i), "p_value"),
+            "significant": s.get("significant"),
+        }
+        for i, s in enumerate(found.get("structure", [])[:LINES])
+    ]
     return {
         "boundary": boundary,
+        "kind": found["verdict"],
         "verdict": WORDS.get(found["verdict"], found["verdict"]),
-        "effects": [
-            {
-                "name": e["name"],
-                "rivals": e.get("rivals", []),
-                "parameters": [quote(evidence, DIAGNOSIS, *path, "effects", str(i), "parameters", p) for p in e.get("parameters", {})],
-            }
-            for i, e in enumerate(found.get("effects", []))
-        ],
+        "largest": loop_words.largest(evidence, boundary, found),
+        "effects": loop_words.effects(evidence, boundary, found),
         "partial": [
             {"name": p["name"], "share": cite(evidence, DIAGNOSIS, *path, "partial", str(i), "share", scale=100, digits=2, how="in percent")}
             for i, p in enumerate(found.get("partial", []))
         ],
-        "structure": [
-            {
-                "covariate": s["covariate"],
-                "p": chance(evidence, DIAGNOSIS, *path, "structure", str(i), "p_value"),
-                "significant": s.get("significant"),
-            }
-            for i, s in enumerate(found.get("structure", [])[:LINES])
-        ],
+        "structure": structure,
+        "along": [s for s in structure if s["significant"]] or structure[:1],
         "error": _error(evidence, boundary, found),
+        "outcome": loop_words.outcome(found),
+        "folds": loop_words.folds(evidence, boundary, found),
         "coefficients": [_coefficient(evidence, boundary, n, coefficients) for n in coefficients.get("before", {})],
+        "within": loop_words.within(evidence, boundary, found),
+        "candidates": loop_words.candidates(evidence, boundary, found),
         "rounds": found.get("rounds", []),
         "untestable": found.get("untestable", []),
-        "silent": [
-            {
-                "effect": s["effect"],
-                "absorbed_by": s.get("absorbed_by", ""),
-                "bias": cite(evidence, DIAGNOSIS, *path, "silent", str(i), "bias_at_detection_limit", digits=2),
-                "unit": s.get("in_units_of", ""),
-            }
-            for i, s in enumerate(found.get("silent", [])[:LINES])
-        ],
-        "next_experiment": found.get("next_experiment", []),
+        "log": loop_words.to_log(found),
+        "silent": _silent(evidence, boundary, found),
+        "next_experiment": loop_words.proposals(evidence, boundary, found),
     }
+
+
+def _silent(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[dict[str, Any]]:
+    path = ("boundaries", boundary, "silent")
+    return [
+        {
+            "effect": s["effect"],
+            "absorbed_by": s.get("absorbed_by", ""),
+            "bias": cite(evidence, DIAGNOSIS, *path, str(i), "bias_at_detection_limit", digits=2),
+            "unit": s.get("in_units_of", ""),
+            "hidden": bool(s.get("hidden")),
+        }
+        for i, s in enumerate(found.get("silent", [])[:LINES])
+    ]
 
 
 def _error(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Number] | None:
@@ -80,10 +90,14 @@ def _error(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str
 
 def _coefficient(evidence: Evidence, boundary: str, name: str, coefficients: dict[str, Any]) -> dict[str, Any]:
     path = ("boundaries", boundary, "coefficients")
-    after = name in coefficients.get("after", {})
+    after: Quoted | None = quote(evidence, DIAGNOSIS, *path, "after", name) if name in coefficients.get("after", {}) else None
+    before = quote(evidence, DIAGNOSIS, *path, "before", name)
+    constrained = interval(evidence, boundary, name, "constrained")
+    width = before.hi90.value - before.lo90.value
     return {
-        "before": quote(evidence, DIAGNOSIS, *path, "before", name),
-        "after": quote(evidence, DIAGNOSIS, *path, "after", name) if after else None,
+        "before": before,
+        "after": after,
         "conditional": interval(evidence, boundary, name, "conditional"),
-        "constrained": interval(evidence, boundary, name, "constrained"),
+        "constrained": constrained,
+        "moved": bool(after and math.isfinite(width) and abs(after.value.value - before.value.value) > width / 2),
     }

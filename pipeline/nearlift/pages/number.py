@@ -12,6 +12,7 @@ from nearlift.summaries.evidence import Evidence
 from nearlift.summaries.rounding import fixed, like, plain
 
 LEAST_CHANCE = 1e-12
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 SYMBOLS = {"alpha": "α", "lambda_": "λ", "inverse_K_b": "1/K_b"}
 
 
@@ -120,7 +121,10 @@ def quote(evidence: Evidence, product: Product, *path: str) -> Quoted:
 def chance(evidence: Evidence, product: Product, *path: str) -> Number:
     """A p-value; below what any test here can mean, only its bound."""
     found = cite(evidence, product, *path, digits=2)
-    return replace(found, text="< 10⁻¹²") if found.value < LEAST_CHANCE else found
+    if found.value < LEAST_CHANCE:
+        return replace(found, text="< 10⁻¹²")
+    digits, _, exponent = found.text.partition("e")
+    return replace(found, text=f"{digits} × 10{str(int(exponent)).translate(RAISED)}") if exponent else found
 
 
 def count(product: Product, value: int, how: str) -> Number:

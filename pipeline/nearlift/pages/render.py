@@ -40,6 +40,7 @@ def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Cha
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
     made = {p.name: p for p in pictures}
     named = {n for c in chapters for n in c.figures}
     further = tuple(n for n in made if n not in named)
@@ -51,6 +52,9 @@ def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Cha
         if not evidence.has(*chapter.needs) or not (chapter.template or own):
             continue
         template = f"{chapter.name}.html.j2" if chapter.template else ""
-        shown.append({"name": chapter.name, "title": chapter.title, "template": template, "facts": chapter.facts(evidence), "pictures": own})
+        facts = chapter.facts(evidence)
+        shown.append(
+            {"name": chapter.name, "title": chapter.title, "template": template, "facts": facts, "pictures": own, "lead": chapter.pictures_lead}
+        )
     text = environment.get_template("index.html.j2").render(campaign=evidence.campaign, chapters=shown, names=NAMES)
     return text.encode()

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nearlift.figures import fig2 as draw_fig2
+from nearlift.figures import loop as draw_loop
 from nearlift.figures import residuals as draw_residuals
 from nearlift.figures.render import Draw
-from nearlift.products import FIT, LIFT, TRIALS, Product
-from nearlift.summaries import fig2, residuals
+from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, TRIALS, Product
+from nearlift.summaries import fig2, loop, loop_text, residuals
 from nearlift.summaries.evidence import Columns, Evidence
 
 
@@ -48,6 +49,15 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(TRIALS, LIFT, FIT),
         caption=fig2.caption,
         alt=fig2.alt,
+    ),
+    FigureSpec(
+        name="diagnosis",
+        title="The loop: residual, candidates, error, coefficient",
+        summarise=loop.summarise,
+        draw=draw_loop.draw,
+        needs=(TRIALS, FIT, DIAGNOSIS, LOOP_RESIDUALS),
+        caption=loop_text.caption,
+        alt=loop_text.alt,
     ),
     FigureSpec(
         name="residuals",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 from nearlift import store
 from nearlift.campaign import Campaign
@@ -11,18 +12,20 @@ from nearlift.stages import ingest
 
 #: A file younger than this may change again without its time stamp telling, so its digest is not kept.
 RACY_NS = 2_000_000_000
+CACHE = "inputs-cache.json"
+#: Relative path to size, modification time and inode, and the digest that went with them.
+Stamps = dict[str, Any]
 
 
-def digests(root: Path, campaign: Campaign, processed: Path, keep: bool = True) -> dict[str, str]:
-    """Relative path to SHA-256 of every raw input, in a fixed order.
+def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, str], Stamps]:
+    """Relative path to SHA-256 of every raw input, in a fixed order, and what `remember` takes. Writes nothing.
 
-    Digests of files whose size and modification time are as before are taken from the cache beside the products, which is
-    brought up to date where `keep` says so. A damaged cache is no cache.
+    Digests of files whose size and modification time are as before are taken from the cache beside the products; a damaged
+    cache is no cache.
     """
-    cache_path = processed / "inputs-cache.json"
-    cache = store.read_json_if_whole(cache_path)
-    result, fresh = {}, {}
+    cache: Stamps = store.read_json_if_whole(processed / CACHE)
     overlays = (o.file for o in campaign.report.overlay if (root / o.file).is_file())
+    result, fresh = {}, {}
     for name in dict.fromkeys((*ingest.inputs(root, campaign), *overlays)):
         status = (root / name).stat()
         known = cache.get(name)
@@ -31,6 +34,10 @@ def digests(root: Path, campaign: Campaign, processed: Path, keep: bool = True) 
         result[name] = sha
         if time.time_ns() - status.st_mtime_ns > RACY_NS:
             fresh[name] = {"stamp": stamp, "sha256": sha}
-    if keep and fresh != cache and processed.is_dir():
-        store.write_json(cache_path, fresh)
-    return result
+    return result, fresh
+
+
+def remember(processed: Path, stamps: Stamps) -> None:
+    """Keep digests for the next command, beside products where there are any; a file that says the same already is left alone."""
+    if processed.is_dir() and stamps != store.read_json_if_whole(processed / CACHE):
+        store.write_json(processed / CACHE, stamps)

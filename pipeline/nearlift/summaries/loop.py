@@ -1,0 +1,152 @@
+"""The loop in pictures: at each boundary the residual before and after, the candidates, the held-out error, the coefficient.
+
+One table holds everything that is drawn. Its column `letter` names the panel, so that picture and caption agree; an adequate
+boundary has no panels for candidates and for the residual after, one that stays unexplained none for the latter.
+"""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.diagnosis.search import RIVAL
+from nearlift.products import DIAGNOSIS
+from nearlift.summaries import against, fig2
+from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
+from nearlift.summaries.loop_residuals import residuals
+
+#: So many candidates are drawn.
+CANDIDATES = 8
+#: And so many coefficients of a base model.
+COEFFICIENTS = 2
+TEXT = ("panel", "letter", "part", "kind", "when", "covariate", "series", "label", "note", "unit")
+REAL = ("x", "value", "u", "lo90", "hi90", "n_trials")
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `letter`, `part` (verdict, residual, candidate, error, coefficient), `kind`, `when` (before or after),
+        `covariate` and `series` (of a residual), `label` (trial, candidate or coefficient), `note`, `unit`, `x`, `value`, `u` (one
+        standard error), `lo90`, `hi90`, `n_trials`. A candidate's value is twice the log evidence by which it trails the best.
+    """
+    found = evidence.document(DIAGNOSIS).get("boundaries", {})
+    letters = iter(string.ascii_lowercase + string.ascii_uppercase)
+    parts: list[Columns] = []
+    for boundary in (b for b in BOUNDARIES if b in found):
+        own = found[boundary]
+        parts.append(rows(boundary, part="verdict", kind=own["verdict"], label=[_headline(own)]))
+        for word in against.chosen(own):
+            drawn = residuals(evidence, boundary, own, word)
+            for when in dict.fromkeys(drawn["when"].tolist() if drawn else []):
+                parts.append(_lettered({k: v[drawn["when"] == when] for k, v in drawn.items()}, next(letters)))
+        for table in (candidates(boundary, own), errors(boundary, own), coefficients(evidence, boundary, own)):
+            if len(table["panel"]):
+                parts.append(_lettered(table, next(letters)))
+    return stack([_full(p) for p in parts]) if parts else {}
+
+
+def rows(boundary: str, **columns: Any) -> Columns:
+    """Rows of the table; a single value stands in all of them, what is not given is empty."""
+    lengths = [len(v) for v in columns.values() if not isinstance(v, str | float | int)]
+    n = lengths[0] if lengths else 1
+    table: Columns = {}
+    for name, value in {"panel": boundary, **columns}.items():
+        if isinstance(value, str):
+            table[name] = text_column(value, n)
+        elif name in TEXT:
+            table[name] = np.array([*value, None], dtype=object)[:-1]
+        else:
+            table[name] = np.broadcast_to(np.asarray(value, dtype=float), (n,))
+    return table
+
+
+def _full(table: Columns) -> Columns:
+    n = len(table["panel"])
+    return {name: table.get(name, text_column("", n)) for name in TEXT} | {name: table.get(name, np.full(n, np.nan)) for name in REAL}
+
+
+def _lettered(table: Columns, letter: str) -> Columns:
+    return {**table, "letter": text_column(letter, len(table["panel"]))}
+
+
+def _headline(found: Mapping[str, Any]) -> str:
+    if found["verdict"] == "effect":
+        named = [f"{e['name']} (or {', '.join(e['rivals'])})" if e.get("rivals") else str(e["name"]) for e in found.get("effects", [])]
+        return ", and ".join(named)
+    return {"adequate": "nothing beyond the noise", "unexplained": "structure that no candidate explains"}.get(found["verdict"], "")
+
+
+def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Every candidate of every round with its evidence, best first; `behind` is twice the log evidence by which it trails the best
+    that was accepted (of all, if none was).
+    """
+    known = {str(c["name"]): c for r in found.get("rounds", []) for c in r.get("candidates", []) if c.get("log_evidence") is not None}
+    accepted = [float(c["log_evidence"]) for c in known.values() if c.get("accepted")]
+    best = max(accepted or [float(c["log_evidence"]) for c in known.values()], default=0.0)
+    listed = [{**c, "behind": 2 * (best - float(c["log_evidence"]))} for c in known.values()]
+    return sorted(listed, key=lambda c: (not (c.get("accepted") and c["behind"] <= RIVAL), c["behind"]))
+
+
+def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
+    """The best candidates: accepted ones are `best`, `rival` or `worse`, the others `rejected` with what they leave."""
+    listed = tried(found)
+    shown = listed[:CANDIDATES]
+    if listed and not any("+" not in c["name"] for c in shown):
+        # beside pairs, the best of those that stand alone shows why one is not enough
+        shown = [*shown[:-1], next((c for c in listed if "+" not in c["name"]), shown[-1])]
+    kinds = []
+    for i, c in enumerate(shown):
+        accepted = "worse" if c["behind"] > RIVAL else ("best" if i == 0 else "rival")
+        kinds.append(accepted if c.get("accepted") else "rejected")
+    return rows(
+        boundary,
+        part="candidate",
+        kind=kinds,
+        label=[c["name"] for c in shown],
+        note=[f"leaves {c['left_in'].replace('_', ' ')}" if c.get("left_in") else "" for c in shown],
+        value=np.array([c["behind"] for c in shown], dtype=float),
+        unit="2 ln evidence",
+    )
+
+
+def errors(boundary: str, found: Mapping[str, Any]) -> Columns:
+    """Held-out errors in percent of lift, before and (where an effect was named) after, and the noise floor."""
+    error = found.get("error")
+    if not error:
+        return rows(boundary, label=[])
+    whens = ("before", "after") if found["verdict"] == "effect" else ("before",)
+    columns = [rows(boundary, part="error", kind="floor", value=100 * error["noise_floor"], unit="%")]
+    for when in whens:
+        own = {k: np.nan if error[when][k] is None else 100 * error[when][k] for k in ("held_out_rmse", "lo90", "hi90")}
+        columns.append(rows(boundary, part="error", kind="rmse", when=when, value=own["held_out_rmse"], lo90=own["lo90"], hi90=own["hi90"], unit="%"))
+    return stack([_full(c) for c in columns])
+
+
+def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any]) -> Columns:
+    """The first coefficients with their 90 % intervals, and the literature's value where there is one."""
+    after = found.get("coefficients", {}).get("after", {})
+    columns = []
+    for name, before in list(found.get("coefficients", {}).get("before", {}).items())[:COEFFICIENTS]:
+        own = after.get(name, {})
+        spans = [("base", "before", before["value"], before["lo90"], before["hi90"])]
+        if found["verdict"] == "effect" and own:
+            spans.append(("union", "after", own["value"], own["lo90"], own["hi90"]))
+            spans += [("conditional", "after", own["value"], *own["conditional"])] if own.get("conditional") else []
+        last = "after" if found["verdict"] == "effect" else "before"
+        spans += [("constrained", last, own["value"], *own["constrained"])] if own.get("constrained") else []
+        for kind, when, value, low, high in spans:
+            columns.append(rows(boundary, part="coefficient", kind=kind, when=when, label=name, value=value, lo90=low, hi90=high, unit="1"))
+        for reference in fig2.references(evidence, boundary):
+            if reference.model == found.get("base_model") and name in reference.arguments:
+                source = reference.label.partition("(")[2].rstrip(")")
+                value = float(reference.arguments[name])
+                columns.append(rows(boundary, part="coefficient", kind="reference", label=name, note=source, value=value, unit="1"))
+    return stack([_full(c) for c in columns]) if columns else rows(boundary, label=[])

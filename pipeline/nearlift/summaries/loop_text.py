@@ -1,0 +1,97 @@
+"""Caption and alternative text of the loop's figure, from the table that is drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.diagnosis.search import FORM_SD, RIVAL
+from nearlift.summaries.evidence import Columns, Evidence
+from nearlift.summaries.rounding import plain
+
+MEANINGS = {
+    "adequate": "nothing beyond the noise, so nothing is added",
+    "unexplained": "structure that no candidate may take the credit for; the curve follows it and names nothing",
+}
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What each panel shows; letters as in the picture."""
+    after = (table["when"] == "after").any()
+    second = any(len(set(table["covariate"][(table["panel"] == b) & (table["kind"] == "reach")].tolist())) > 1 for b in set(table["panel"].tolist()))
+    also = ", and against that of the other effect" if second else ""
+    parts = [f"Relative residuals ({_letters(table, 'residual')}) against the covariate of the largest test{also}."]
+    parts.append(
+        f"Dots: trials, of which {_beyond(table)} beyond the axis stand as ticks at its edge; symbols: means over bins with their standard error; "
+        "shade: ± the noise floor."
+    )
+    if after:
+        parts.append(
+            f"After: the effect in its declared form is added; what its true form may depart from it ({100 * FORM_SD:.0f} %) is still there."
+        )
+    if ((table["part"] == "residual") & (table["kind"] == "session")).any():
+        parts.append("Dashed uprights: a new session.")
+    if (table["part"] == "candidate").any():
+        reference = "best accepted" if after else "best"
+        parts.append(
+            f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of the {reference} one over each; filled: nothing is "
+            f"left beyond the threshold; hollow: rejected for what they leave; shade: within {RIVAL:g}, where this design cannot tell them apart."
+        )
+    if (table["part"] == "error").any():
+        parts.append(f"Held-out error ({_letters(table, 'error')}): visits that took no part in the search, 90 % intervals; dashed: noise floor.")
+    if (table["part"] == "coefficient").any():
+        more = "over all rivals, their form uncertain (union); given the best answer (conditional); " if after else ""
+        parts.append(
+            f"Coefficients ({_letters(table, 'coefficient')}), 90 % intervals: by the base fit; {more}allowing for every effect too small to be seen "
+            "(constrained; an arrow where it leaves the axis, its ends in figures)."
+        )
+    for boundary in dict.fromkeys(table["panel"].tolist()):
+        parts.append(_boundary(table, boundary))
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """The picture's numbers for those who do not see it."""
+    parts = []
+    for boundary in dict.fromkeys(table["panel"].tolist()):
+        mine = table["panel"] == boundary
+        means = mine & (table["kind"] == "bin")
+        line = _boundary(table, boundary)
+        for when in dict.fromkeys(table["when"][means].tolist()):
+            own = np.abs(table["value"][means & (table["when"] == when)])
+            name = str(table["covariate"][means][0]).replace("_", " ")
+            line += f" Bin means {when} stray up to {plain(float(own.max()), 2)} % from zero against {name}." if len(own) else ""
+        for i in np.flatnonzero(mine & (table["part"] == "coefficient") & (table["kind"] != "reference")).tolist():
+            row = {k: v[i] for k, v in table.items()}
+            value = "" if row["kind"] == "constrained" else f"{plain(row['value'], 3)}, "
+            line += f" {row['label']} {row['kind']}: {value}90 % {plain(row['lo90'], 3)} to {plain(row['hi90'], 3)}."
+        parts.append(line)
+    return " ".join(parts)
+
+
+def _boundary(table: Columns, boundary: str) -> str:
+    mine = table["panel"] == boundary
+    verdict = mine & (table["part"] == "verdict")
+    kind, label = str(table["kind"][verdict][0]), str(table["label"][verdict][0])
+    text = f"{boundary.capitalize()}: {MEANINGS.get(kind, label)}"
+    rmse = mine & (table["kind"] == "rmse")
+    if rmse.any():
+        values = [f"{plain(float(v), 3)} %" for v in table["value"][rmse]]
+        floor = plain(float(table["value"][mine & (table["kind"] == "floor") & (table["part"] == "error")][0]), 3)
+        text += f"; held-out error {' to '.join(values)}, noise floor {floor} %"
+    return text + "."
+
+
+def _letters(table: Columns, part: str) -> str:
+    """Letters of the panels of a part: ``a, b, f``, neighbours of three and more as ``a–d``."""
+    found: list[str] = list(dict.fromkeys(table["letter"][table["part"] == part].tolist()))
+    runs: list[list[str]] = []
+    for letter in found:
+        if runs and ord(letter) == ord(runs[-1][-1]) + 1:
+            runs[-1].append(letter)
+        else:
+            runs.append([letter])
+    return ", ".join(f"{r[0]}–{r[-1]}" if len(r) > 2 else ", ".join(r) for r in runs)
+
+
+def _beyond(table: Columns) -> int:
+    return int(np.count_nonzero(table["kind"] == "beyond"))

@@ -1,0 +1,89 @@
+"""A small campaign on disk, records and all, and the command line run on it inside this process."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from click.testing import CliRunner, Result
+
+from nearlift import campaign as manifests
+from nearlift import catalogue
+from nearlift.cli import main
+from nearlift.executors import SerialExecutor
+from nearlift.stages import graph
+from nearlift.stages.inputs import digests
+from nearlift.stages.job import Job
+from nearlift.synthetic.design import randomised
+from nearlift.synthetic.records import Bench, Form, write_campaign
+from nearlift.synthetic.truth import Truth
+
+NAME = "small"
+STATIONS = 0.023 * np.array([1.14, 1.4, 1.8, 2.5, 4.0, 7.0, 12.0])
+FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}
+GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": np.sqrt(2) * 65 / 23}
+UNCERTAINTY = """
+[[uncertainty]]
+name  = "distance datum"
+on    = "height"
+value = "0.1 mm"
+scope = "boundary"
+"""
+
+
+def write(folder: Path, form: Form = "csv", visits: int = 4) -> Path:
+    """112 short trials near the ground in three sessions, K_b = 2."""
+    truth = Truth(model=catalogue.model("sanchez_cuevas"), parameters={"K_b": 2.0}, lift_inf_N=FAR, geometry=GEOMETRY)
+    bench = Bench(rate_Hz=500.0, tare_s=0.1, record_s=0.3, text=UNCERTAINTY)
+    design = randomised({"ground": STATIONS}, seed=4, visits=visits, sessions=3)
+    write_campaign(folder, design, {"ground": truth}, name=NAME, note="for tests", seed=4, bench=bench, form=form)
+    return folder
+
+
+def write_means(folder: Path, rows: int) -> Path:
+    """The first `rows` trials of a campaign of which only means are known."""
+    folder.mkdir()
+    (folder / "campaign.toml").write_text(
+        """
+schema = "nearlift.campaign/1"
+name = "means"
+vehicle = { name = "Crazyflie 2.0", rotors = 4, rotor_radius = "23 mm", rotor_spacing = "65 mm", mass = "27 g" }
+rig = { held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", gravity = "9.8 m/s^2" }
+records = { reader = "means" }
+[trials.units]
+distance = "mm"
+throttle = "percent"
+lift = "mN"
+"""
+    )
+    lifts = [(30 + 20 * i, t, far * (1 + 0.1 / (1 + i))) for i in range(6) for t, far in ((25, 107.0), (50, 239.0), (75, 409.0), (92, 551.0))]
+    text = "".join(f"m{i},ground,{z},{t},{lift:.3f}\n" for i, (z, t, lift) in enumerate(lifts[:rows]))
+    (folder / "trials.csv").write_text("trial,boundary,distance,throttle,lift\n" + text)
+    return folder
+
+
+def nearlift(*words: object) -> Result:
+    """What `nearlift WORDS` answers."""
+    return CliRunner().invoke(main, [str(w) for w in words])
+
+
+def job(root: Path, out: Path, **changes: Any) -> Job:
+    """The campaign as the command line would open it."""
+    campaign = manifests.load(root)
+    processed = out / "processed" / campaign.name
+    inputs, _ = digests(root, campaign, processed)
+    given = {"processed": processed, "reports": out / "reports" / campaign.name, "executor": SerialExecutor(), "inputs": inputs}
+    return Job(**{"root": root, "campaign": campaign} | given | changes)
+
+
+def ran(of: Job) -> list[str]:
+    """Bring everything up to date; the names of the stages that had to run."""
+    return [step.stage.name for step in graph.run(of) if step.why]
+
+
+def state(folder: Path) -> dict[str, tuple[str, int]]:
+    """Every file under a folder: digest and time of last change."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {p.relative_to(folder).as_posix(): (hashlib.sha256(p.read_bytes()).hexdigest(), p.stat().st_mtime_ns) for p in files}

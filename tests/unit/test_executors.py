@@ -1,0 +1,148 @@
+"""Where tasks run decides nothing but the time: order, results, refusals and bytes are the same."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from nearlift.errors import UsageError
+from nearlift.executors import SerialExecutor, open_executor, ordered
+from nearlift.stages import graph, ingest
+
+from . import small_run
+
+EXECUTORS = ["serial", "threads:2", "processes:2"]
+
+
+def square(x: int) -> int:
+    return x * x
+
+
+def late_first(x: int) -> int:
+    time.sleep(0.05 if x == 0 else 0.0)
+    return x
+
+
+def refuse_three(x: int) -> int:
+    if x == 3:
+        raise UsageError("three", "is refused")
+    return x
+
+
+@pytest.mark.parametrize("name", EXECUTORS[:2])
+def test_results_come_in_the_order_of_the_tasks(name):
+    with open_executor(name) as pool:
+        assert list(ordered(pool, late_first, range(20))) == list(range(20))
+
+
+def test_a_process_can_run_a_task():
+    """With a function that a fresh interpreter can import; tests' own are not."""
+    with open_executor("processes:2") as pool:
+        assert list(ordered(pool, abs, range(-9, 9))) == [abs(x) for x in range(-9, 9)]
+
+
+@pytest.mark.parametrize("name", EXECUTORS[:2])
+def test_a_refusal_in_a_task_is_the_callers(name):
+    with open_executor(name) as pool, pytest.raises(UsageError, match="three: is refused"):
+        list(ordered(pool, refuse_three, range(20)))
+
+
+def test_no_more_tasks_are_in_flight_than_asked():
+    """Memory stays flat: specs are drawn only as results are taken."""
+    drawn = []
+
+    def specs():
+        for x in range(100):
+            drawn.append(x)
+            yield x
+
+    with open_executor("serial") as pool:
+        results = ordered(pool, square, specs(), ahead=5)
+        for taken in range(20):
+            next(results)
+            assert len(drawn) <= taken + 1 + 5
+        results.close()
+
+
+def test_what_waits_is_cancelled_when_the_caller_stops():
+    started, gate = [], threading.Event()
+
+    def task(x: int) -> int:
+        started.append(x)
+        if x:
+            gate.wait(5)
+        return x
+
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        results = ordered(pool, task, range(8), ahead=8)
+        assert next(results) == 0
+        results.close()
+        gate.set()
+    assert len(started) < 8
+
+
+def test_serial_carries_exceptions_in_the_future_but_lets_an_interrupt_through():
+    pool = SerialExecutor()
+    assert isinstance(pool.submit(refuse_three, 3).exception(), UsageError)
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pool.submit(interrupt)
+
+
+@pytest.mark.parametrize("text", ["gpu", "serial:2", "dask", "dask:", ""])
+def test_an_executor_that_is_not_one_is_refused_with_those_that_are(text):
+    with pytest.raises(UsageError, match=r"is not an executor\n  use serial, threads:N, processes:N or dask:ADDRESS"), open_executor(text):
+        pass
+
+
+@pytest.mark.parametrize("text", ["threads:0", "threads:-1", "processes:two", "threads:1.5"])
+def test_a_number_of_workers_that_is_not_one_is_refused(text):
+    with pytest.raises(UsageError, match=rf"--executor: '{text}' names no number of workers\n  write threads:2"), open_executor(text):
+        pass
+
+
+def test_without_a_number_there_are_as_many_workers_as_processors(monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 3)
+    with open_executor("threads") as pool:
+        assert pool._max_workers == 3  # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="module", params=["csv", "parquet"])
+def campaign(request, tmp_path_factory) -> Path:
+    return small_run.write(tmp_path_factory.mktemp("executors") / request.param, form=request.param)
+
+
+def test_trials_are_the_same_bytes_wherever_they_were_reduced(campaign, tmp_path):
+    found = {}
+    for name in EXECUTORS:
+        with open_executor(name) as pool:
+            job = small_run.job(campaign, tmp_path / name.replace(":", ""), executor=pool)
+            list(graph.run(job, (graph.stage("ingest"),)))
+            found[name] = (job.processed / "trials.parquet").read_bytes()
+    assert found["serial"] == found["threads:2"] == found["processes:2"]
+
+
+def test_a_damaged_record_is_refused_alike_wherever_it_is_read(campaign, tmp_path):
+    """The error crosses a process with where, what and remedy; a trial's own damage rejects the trial."""
+    if not (campaign / "records.parquet").is_file():
+        pytest.skip("each of these trials has a file of its own, which is rejected and not refused")
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for path in campaign.iterdir():
+        (copy / path.name).write_bytes(path.read_bytes())
+    content = bytearray((copy / "records.parquet").read_bytes())
+    content[len(content) // 2] ^= 1
+    (copy / "records.parquet").write_bytes(bytes(content))
+    told = []
+    for name in EXECUTORS:
+        with open_executor(name) as pool, pytest.raises(Exception, match=r"records\.parquet") as refusal:
+            ingest.run(small_run.job(copy, tmp_path / "out", executor=pool))
+        told.append((type(refusal.value), str(refusal.value)))
+    assert told[0] == told[1] == told[2]
