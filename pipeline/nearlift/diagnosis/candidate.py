@@ -279,7 +279,7 @@ def _step(normal: FloatArray, gradient: FloatArray, length: FloatArray, vector: 
 def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
     """The best fit over the shapes' starting values: screened to first order, the best two refined."""
     p = len(candidate.of(""))
-    starts = []
+    starts: list[tuple[float, int, FloatArray]] = []
     sizes = candidate.sizes()
     mean, sd = candidate.prior
     for vector in candidate.shapes():

@@ -17,6 +17,7 @@ from nearlift.results import Observations
 LARGEST_SHARE = 1 / 8
 #: Positions at which a step in time is looked for.
 STEPS = 40
+STEP = "time, step"
 #: Covariates that have a family of their own below; any other numeric column gets a smooth one.
 SPOKEN_FOR = {
     "supply_V", "temperature_K", "approach", "tilt_rad", "start_s", "elapsed_hat", "run_order", "since_start_s", "rest_s", "previous_lift_N",
@@ -73,7 +74,7 @@ def families(data: Observations) -> tuple[Family, ...]:
     # what changes within a visit cannot be told from noise that neighbours share, so time is resolved to visits and no finer
     visits = len(np.unique(data.visit))
     slow = cosines(known["run_order"], min(8, visits))
-    fast = cosines(known["run_order"], max(min(32, n // 12, visits - 8), 0), first=9)
+    fast = cosines(known["run_order"], max(min(32, n // 12, visits // 4 - 8), 0), first=9)
     found = [
         Family(name="distance", covariate="distance", columns=indicators(data.z_hat)),
         Family(name="distance smooth", covariate="distance", columns=smooth_z),
@@ -116,7 +117,7 @@ def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
     """A step at up to `STEPS` changes of visit, evenly spread: one column each, since each is its own hypothesis."""
     changes = order[1:][visit[1:] != visit[:-1]] - 0.5
     at = changes[np.unique(np.linspace(0, len(changes) - 1, min(STEPS + 2, len(changes))).astype(int))[1:-1]] if len(changes) > 2 else changes
-    return [Family(name="time, step", covariate="start", columns=(order > a).astype(float)[:, None]) for a in at]
+    return [Family(name=STEP, covariate="start", columns=(order > a).astype(float)[:, None]) for a in at]
 
 
 def _previous(data: Observations, few_levels: bool) -> FloatArray:

@@ -188,7 +188,7 @@ def _effects(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
                 if name not in best.effects:
                     others_kept = set(best.effects) - {effect.name}
                     if len(other.effects) == 1 or others_kept & set(other.effects) or not set(other.effects) & set(best.effects):
-                        rivals[name] = max(rivals.get(name, -np.inf), other.log_evidence)
+                        rivals[name] = max(rivals.get(name, -np.inf), other.plausibility)
         listed.append(
             {
                 "name": effect.name,
@@ -225,8 +225,9 @@ def _partial(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     """What the best single effects would explain of the structure, as shares of the chi2 that exceeds the noise."""
     _, basis = stage.hypotheses
     excess = max(float(np.sum((basis.T @ stage.base_fit.residual) ** 2)) - basis.shape[1], 1e-12)
-    shares = [{"name": s.name, "share": float(np.clip(s.gain / excess, 0, 1))} for s in answer.singles]
-    return sorted((s for s in shares if s["share"] > 0.05), key=lambda s: -s["share"])[:3]
+    shares = {s.name: float(np.clip(s.gain / excess, 0, 1)) for s in answer.singles}
+    ranked = sorted((name for name, share in shares.items() if share > 0.05), key=lambda name: -shares[name])
+    return [{"name": name, "share": shares[name]} for name in ranked[:3]]
 
 
 def _rounds(answer: Answer) -> list[dict[str, Any]]:

@@ -129,6 +129,8 @@ def estimate(data: Observations, log_lift: FloatArray, columns: FloatArray, slop
             trial = _maximise(wider, y, basis, np.append(sizes, 0.3 * sizes.sum()))
             fits.append((wider.deviance(basis, y, trial), candidate, trial))
         _, length, sizes = min(fits, key=lambda f: f[0])
+        model = _Components(index=index, own=own, parts=[*parts, _serial_part(model, length)])
+    sizes = _not_quite_zero(model, y, basis, sizes)
     found = np.sqrt(sizes)
     noise = Noise(
         relative=float(found[0]),
@@ -192,6 +194,16 @@ def _maximise(model: _Components, y: FloatArray, basis: FloatArray, sizes: Float
     return sizes
 
 
+def _not_quite_zero(model: _Components, y: FloatArray, basis: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Variances of which those estimated as zero are set to half a standard error: that is all that is known of them.
+
+    At zero the trials to which such a component matters most would be taken for more precise than they are.
+    """
+    _, information = model.score(model.projector(basis, sizes), y, model.parts)
+    error = np.sqrt(2 * np.maximum(np.diag(np.linalg.pinv(information)), 0))
+    return np.where(sizes > 0, sizes, 0.5 * error)
+
+
 def _serial_part(model: _Components, length: float) -> list[FloatArray]:
     return [np.broadcast_to(serial_block(i.shape[1], length), (len(i), i.shape[1], i.shape[1])) for i in model.index]
 
@@ -219,7 +231,8 @@ def _pull_in(y: FloatArray, basis: FloatArray, variance: FloatArray) -> FloatArr
     spread = np.sqrt(np.maximum(1 - np.sum(q**2, axis=1), 0.05))
     robust = 1.4826 * np.median(np.abs(residual / spread))
     limit = CLIP * max(robust, 1e-12) * spread
-    return y - sd * (residual - np.clip(residual, -limit, limit)) / spread**2
+    moved: FloatArray = y - sd * (residual - np.clip(residual, -limit, limit)) / spread**2
+    return moved
 
 
 def floor(data: Observations, noise: Noise, slope: FloatArray) -> float:

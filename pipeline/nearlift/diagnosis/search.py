@@ -12,7 +12,7 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.diagnosis import noise_floor, structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, search
-from nearlift.diagnosis.families import cosines, families
+from nearlift.diagnosis.families import STEP, cosines, families
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.structure import Hypothesis, Structure
 from nearlift.fitting import budget
@@ -211,7 +211,8 @@ def wander(data: Observations) -> FloatArray:
     """Unit-variance columns (n, m) of a slow wander of the gain that is taken for granted."""
     modes = min(WANDER_MODES, len(np.unique(data.visit)) - 1)
     power = 1 / np.arange(1, modes + 1)
-    return cosines(data.covariates["run_order"], modes) * WANDER * np.sqrt(2 * power / power.sum())
+    columns: FloatArray = cosines(data.covariates["run_order"], modes) * WANDER * np.sqrt(2 * power / power.sum())
+    return columns
 
 
 class _Deform:
@@ -277,7 +278,8 @@ def prepare(
     theta = vector[: len(theta)]
     level = np.eye(len(data.levels))[data.level]
     flexible = [level, candidate.jacobian(vector)]
-    flexible += [f.columns for f in families(data)]
+    # single steps add nothing smooth, and together they would use up the visits that a height error shows in
+    flexible += [f.columns for f in families(data) if f.name != STEP]
     flexible += [c for _, c in library_columns(base, effects, data, theta)]
     slope = height_slope(base, data, dict(zip((p.name for p in base.parameters), theta, strict=True)))
     noise, target = noise_floor.estimate(data, np.log(data.lift_N) - log_ratio, np.hstack(flexible), slope)

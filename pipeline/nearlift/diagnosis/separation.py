@@ -76,7 +76,7 @@ def _session(data: Observations, places: tuple[float, ...]) -> Observations:
 
 def join(a: Observations, b: Observations) -> Observations:
     """The trials of both, one after the other."""
-    arrays = {
+    arrays: dict[str, Any] = {
         f.name: np.concatenate([getattr(a, f.name), getattr(b, f.name)]) for f in dataclasses.fields(a) if isinstance(getattr(a, f.name), np.ndarray)
     }
     return dataclasses.replace(a, **arrays, covariates={k: np.concatenate([v, b.covariates[k]]) for k, v in a.covariates.items()})

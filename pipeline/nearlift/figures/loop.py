@@ -39,7 +39,7 @@ def draw(table: Rows, look: Style) -> Figure:
 def _block(part: SubFigure, block: Rows, look: Style) -> None:
     above, beneath = _letters(block, "residual"), [x for p in ("candidate", "error", "coefficient") for x in _letters(block, p)]
     several = len(set(block["label"][block["part"] == "coefficient"].tolist())) > 1
-    widths = [{"candidate": 1.75, "error": 0.8, "coefficient": 1.6 if several else 1.25}[str(_of(block, x)["part"][0])] for x in beneath]
+    widths = [{"candidate": 1.7, "error": 0.9, "coefficient": 2.0 if several else 1.25}[str(_of(block, x)["part"][0])] for x in beneath]
     if (block["part"] == "candidate").any() or len(above) > 1:
         two: Any = part.subfigures(2, 1, height_ratios=(1.0, 1.05), hspace=0.0)
         upper = two[0].subplots(1, max(len(above), 1), sharey=True, squeeze=False)[0]

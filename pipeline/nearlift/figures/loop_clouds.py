@@ -31,16 +31,10 @@ def residual(ax: Axes, rows: Rows, first: bool) -> None:
         ax.axhspan(-floor, floor, color=FLOOR, linewidth=0, zorder=0)
     cloud, far = (kind == "trial"), (kind == "beyond")
     names = list(dict.fromkeys(rows["series"][kind == "bin"].tolist()))
-    dots: dict[str, Any] = {
-        "color": CLOUD if len(names) == 1 else "0.55",
-        "markersize": 2.0,
-        "markeredgewidth": 0,
-        "alpha": 0.4,
-        "zorder": 1,
-        "rasterized": True,
-    }
+    colour = CLOUD if len(names) == 1 else "0.55"
+    dots: dict[str, Any] = {"color": colour, "markersize": 2.0, "markeredgewidth": 0, "alpha": 0.4, "zorder": 1, "rasterized": True}
     ax.plot(rows["x"][cloud], rows["value"][cloud], ".", **dots)
-    ax.plot(rows["x"][far], 0.965 * reach * np.sign(rows["value"][far]), "|", color=dots["color"], markersize=3.5, markeredgewidth=0.5, zorder=1)
+    ax.plot(rows["x"][far], 0.965 * reach * np.sign(rows["value"][far]), "|", color=colour, markersize=3.5, markeredgewidth=0.5, zorder=1)
     ax.axhline(0, color="0.3", linewidth=0.6, zorder=2)
     for x in rows["x"][kind == "session"]:
         ax.axvline(x, color="0.6", linewidth=0.5, linestyle=(0, (2, 2)), zorder=0.5)

@@ -11,14 +11,17 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from nearlift import nomenclature
+from nearlift.diagnosis.search import RIVAL
 from nearlift.figures.loop_clouds import CLOUD, FLOOR, LOOKS
 from nearlift.figures.style import FIT, plain_text
 
 Rows = Mapping[str, Any]
-#: Twice the log evidence within which explanations are rivals, and where the axis turns logarithmic.
-RIVAL, LINEAR = 9.0, 10.0
+#: Where the axis of evidence turns logarithmic.
+LINEAR = 10.0
 #: So many times the others' width, and an interval is cut off.
 CLIPPED = 5.0
+#: Behind numbers that stand on a line.
+PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.2}
 INTERVALS = {"base": "before", "union": "after, union", "conditional": "conditional", "constrained": "constrained"}
 
 
@@ -29,17 +32,17 @@ def candidates(ax: Axes, rows: Rows) -> None:
     accepted = bool((rows["kind"] != "rejected").any())
     far = max(float(behind.max()) * 2.2, 40.0)
     ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
-    ax.set_xlim(min(1.3 * float(behind.min()), -1.2), far)
+    ax.set_xlim(min(1.4 * float(behind.min()), -1.2), far)
     if accepted:
         ax.axvspan(0, RIVAL, color=FLOOR, linewidth=0, zorder=0)
     ax.axvline(0, color="0.3", linewidth=0.6, zorder=1)
     turn = float(np.sqrt(LINEAR * far)) if far > 4 * LINEAR else LINEAR
     for kind, note, at, x in zip(rows["kind"], rows["note"], y, behind, strict=True):
-        colour, marker = LOOKS["after"] if kind in ("best", "rival") else (CLOUD, "o")
+        colour, marker = LOOKS["after"] if kind in ("named", "rival") else (CLOUD, "o")
         ax.plot([0, x], [at, at], color="0.55", linewidth=0.6, zorder=2)
         filling = "white" if kind == "rejected" else colour
         ax.plot([x], [at], marker=marker, color=colour, markerfacecolor=filling, markersize=4, markeredgewidth=0.9, zorder=3)
-        words = {"best": "best", "rival": "rival", "worse": "accepted"}.get(str(kind), plain_text(str(note)))
+        words = {"named": "named", "rival": "rival", "worse": "accepted"}.get(str(kind), plain_text(str(note)))
         side = 1 if x < turn else -1
         start, slant = (max(x, 0.0), "left") if side > 0 else (x, "right")
         text = ax.annotate(words, (start, at), xytext=(4.5 * side, 0), textcoords="offset points", ha=slant, va="center", color="0.25", zorder=4)
@@ -49,8 +52,8 @@ def candidates(ax: Axes, rows: Rows) -> None:
     ax.tick_params(axis="y", length=0)
     ax.tick_params(axis="x", which="minor", length=0)
     ax.set_ylim(-0.7, len(y) - 0.3)
-    ticks = [t for t in (0, 5, 10, 100, 1000, 10000, 100000) if t <= far and (t != 5 or far < 2000)]
-    ax.set_xticks(ticks, [f"{t:,}".replace(",", "\u2009") for t in ticks])
+    ticks = [t for t in (-100, -10, 0, 5, 10, 100, 1000, 10000, 100000) if float(behind.min()) <= t <= far and (t != 5 or far < 2000)]
+    ax.set_xticks(ticks, [f"{t:,}".replace(",", "\u2009").replace("-", "−") for t in ticks])
     ax.set_xlabel(r"$2 \,\ln B$, best over candidate", labelpad=1)
 
 
@@ -66,10 +69,12 @@ def error(ax: Axes, rows: Rows) -> None:
         colour, marker = LOOKS[str(when)]
         reach = np.nan_to_num([[values[i] - low[i]], [high[i] - values[i]]])
         ax.errorbar([i], [values[i]], reach, fmt=marker, color=colour, markersize=4, elinewidth=1.0, capsize=2, zorder=3)
-    for i, (value, top) in enumerate(zip([*values, floor], [*np.fmax(values, high), floor], strict=True)):
+    # numbers stand above what they belong to, the floor's beneath its line
+    for i, (value, at) in enumerate(zip([*values, floor], [*np.fmax(values, high), floor], strict=True)):
         if np.isfinite(value):
-            text = ax.annotate(f"{value:#.3g}", (i, top), xytext=(0, 2.5), textcoords="offset points", ha="center", va="bottom", zorder=4)
-            text.set(fontsize=rcParams["legend.fontsize"], bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4})
+            below = i == n
+            text = ax.annotate(f"{value:#.3g}", (i, at), xytext=(0, -2.5 if below else 2.5), textcoords="offset points", ha="center", zorder=4)
+            text.set(va="top" if below else "bottom", fontsize=rcParams["legend.fontsize"], bbox=PAPER)
     ax.set_ylim(0, 1.3 * float(np.nanmax([floor, *values, *high])))
     ax.set_xlim(-0.6, n + 0.6)
     ax.set_xticks(range(n + 1), [*([str(w) for w in whens] if n > 1 else ["base"]), "floor"])
@@ -114,7 +119,8 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
         ax.plot([low, high], [at, at], color=colour, linewidth=2.2 if kind in ("base", "union") else 1.1, solid_capstyle="butt", zorder=2)
         for end, arrow in ((low, "<"), (high, ">")):
             outside = end < left or end > right
-            edge = min(max(end, left + 0.02 * (right - left)), right - 0.02 * (right - left))
+            inside = (0.02 if lone else 0.05) * (right - left)
+            edge = min(max(end, left + inside), right - inside)
             ax.plot(
                 [edge if outside else end],
                 [at],
@@ -127,7 +133,7 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
         if low < left or high > right:
             words = f"{low:#.{digits}g} to {high:#.{digits}g}".replace("-", "−")
             text = ax.annotate(words, (0.5, at), xycoords=("axes fraction", "data"), xytext=(0, 4), textcoords="offset points", ha="center")
-            text.set(fontsize=rcParams["legend.fontsize"], bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4}, in_layout=False)
+            text.set(fontsize=rcParams["legend.fontsize"], bbox=PAPER, in_layout=False)
         if kind != "constrained":
             ax.plot([value], [at], marker, color=colour, markersize=3.6, markeredgewidth=0, zorder=3)
     ax.set_yticks(y, [INTERVALS[str(k)] if len(kinds) > 2 or k != "base" else "base fit" for k in kinds])

@@ -91,7 +91,7 @@ def column(name: str, data: Observations) -> FloatArray:
     if name == "run_order":
         return np.arange(1, data.n + 1, dtype=float)
     if name == "session":
-        return data.session + 1.0
+        return np.asarray(data.session + 1, dtype=float)
     if name == "order_in_visit":
         return known[name] + 1 if name in known else nothing
     if name == "previous_throttle_percent":

@@ -85,33 +85,40 @@ def _headline(found: Mapping[str, Any]) -> str:
 
 
 def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Every candidate of every round with its evidence, best first; `behind` is twice the log evidence by which it trails the best
-    that was accepted (of all, if none was).
+    """Every candidate of every round: the named one, its rivals, then by evidence.
+
+    `behind` is twice the log evidence by which it trails the best that was accepted (of all, if none was); `kind` is named,
+    rival (accepted, and within reach of the best), worse (accepted, and beyond) or rejected.
     """
     known = {str(c["name"]): c for r in found.get("rounds", []) for c in r.get("candidates", []) if c.get("log_evidence") is not None}
     accepted = [float(c["log_evidence"]) for c in known.values() if c.get("accepted")]
     best = max(accepted or [float(c["log_evidence"]) for c in known.values()], default=0.0)
-    listed = [{**c, "behind": 2 * (best - float(c["log_evidence"]))} for c in known.values()]
-    return sorted(listed, key=lambda c: (not (c.get("accepted") and c["behind"] <= RIVAL), c["behind"]))
+    named = {str(e["name"]) for e in found.get("effects", [])}
+    listed = []
+    for c in known.values():
+        behind = 2 * (best - float(c["log_evidence"]))
+        kind = "rejected"
+        if c.get("accepted"):
+            kind = "named" if {*str(c["name"]).split(" + ")} == named else ("rival" if behind <= RIVAL else "worse")
+        listed.append({**c, "behind": behind, "kind": kind})
+    order = {"named": 0, "rival": 1}
+    return sorted(listed, key=lambda c: (order.get(c["kind"], 2), c["behind"]))
 
 
 def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
-    """The best candidates: accepted ones are `best`, `rival` or `worse`, the others `rejected` with what they leave."""
+    """The best candidates, the rejected ones with what they leave."""
     listed = tried(found)
     shown = listed[:CANDIDATES]
     if listed and not any("+" not in c["name"] for c in shown):
         # beside pairs, the best of those that stand alone shows why one is not enough
         shown = [*shown[:-1], next((c for c in listed if "+" not in c["name"]), shown[-1])]
-    kinds = []
-    for i, c in enumerate(shown):
-        accepted = "worse" if c["behind"] > RIVAL else ("best" if i == 0 else "rival")
-        kinds.append(accepted if c.get("accepted") else "rejected")
+    notes = [f"leaves {c['left_in'].replace('_', ' ')}" if c.get("left_in") else "explains too little" for c in shown]
     return rows(
         boundary,
         part="candidate",
-        kind=kinds,
+        kind=[c["kind"] for c in shown],
         label=[c["name"] for c in shown],
-        note=[f"leaves {c['left_in'].replace('_', ' ')}" if c.get("left_in") else "" for c in shown],
+        note=[n if c["kind"] == "rejected" else "" for n, c in zip(notes, shown, strict=True)],
         value=np.array([c["behind"] for c in shown], dtype=float),
         unit="2 ln evidence",
     )

@@ -35,7 +35,7 @@ def residuals(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any], 
     for when in whens:
         for name, mine in against.series(axis.series, data):
             x, y = against.column(axis.column, data)[mine], both[when][mine]
-            keep = np.isfinite(x) & np.isfinite(y)
+            keep = np.isfinite(x) & np.isfinite(both["before"][mine]) & np.isfinite(both["after"][mine])
             x, y, trial = x[keep], y[keep], data.trial[mine][keep]
             if not len(x):
                 continue
@@ -47,7 +47,7 @@ def residuals(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any], 
         floor = 100 * float(found["error"]["noise_floor"]) if found.get("error") else np.nan
         parts.append(_rows("floor", when, "", np.array([np.nan]), np.array([floor])))
         if axis.column == "run_order":
-            starts = np.flatnonzero(np.diff(data.session)) + 1.5
+            starts = np.asarray(np.flatnonzero(np.diff(data.session)) + 1.5, dtype=float)
             parts.append(_rows("session", when, "", starts, np.zeros(len(starts))))
     if not parts:
         return {}

@@ -34,7 +34,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         reference = "best accepted" if after else "best"
         parts.append(
             f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of the {reference} one over each; filled: nothing is "
-            f"left beyond the threshold; hollow: rejected for what they leave; shade: within {RIVAL:g}, where this design cannot tell them apart."
+            f"left beyond the threshold; hollow: rejected; shade: within {RIVAL:g}, where this design cannot tell them apart (the one whose size is "
+            "most plausible is named)."
         )
     if (table["part"] == "error").any():
         parts.append(f"Held-out error ({_letters(table, 'error')}): visits that took no part in the search, 90 % intervals; dashed: noise floor.")

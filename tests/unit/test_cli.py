@@ -1,0 +1,376 @@
+"""The command line: exit codes, one JSON object, nothing written that was not asked for, and the demo against the contract."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shutil
+import time
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+from nearlift import campaign as manifests
+from nearlift import store
+from nearlift.cli import STAGE_NAMES, main
+from nearlift.errors import ManifestError
+from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
+from nearlift.stages import fit, graph
+
+from . import small_run
+from .small_run import nearlift, state
+
+
+@pytest.fixture(scope="session")
+def raw(tmp_path_factory) -> Path:
+    """A campaign an hour old, as any lab's: digests of files that are younger than two seconds are not kept."""
+    folder = small_run.write(tmp_path_factory.mktemp("cli") / "raw")
+    for path in folder.rglob("*"):
+        os.utime(path, (time.time() - 3600,) * 2)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished(raw, tmp_path_factory) -> Path:
+    """A folder with the products of a run."""
+    out = tmp_path_factory.mktemp("cli-out")
+    found = nearlift("run", raw, "--out", out, "-q", "--executor", "serial")
+    assert (found.exit_code, found.stdout, found.stderr) == (0, "", "")
+    return out
+
+
+def copy(folder: Path, to: Path) -> Path:
+    shutil.copytree(folder, to)
+    return to
+
+
+# ---- runs
+
+
+def test_two_fresh_runs_give_the_same_bytes(raw, finished, tmp_path):
+    """Another folder, another time, another executor: every product and page is the same; in provenance.json only wall times differ."""
+    assert nearlift("run", raw, "--out", tmp_path, "--executor", "threads:2").exit_code == 0
+    one, two = ({name: sha for name, (sha, _) in state(folder).items() if not name.endswith("inputs-cache.json")} for folder in (finished, tmp_path))
+    differ = {name for name in one.keys() | two.keys() if one.get(name) != two.get(name)}
+    assert differ <= {"processed/small/provenance.json"}
+    ledgers = [json.loads((folder / "processed/small/provenance.json").read_text()) for folder in (finished, tmp_path)]
+    for ledger in ledgers:
+        for stage in ledger["stages"].values():
+            assert stage.pop("wall_s") > 0
+    assert ledgers[0] == ledgers[1]
+
+
+def test_a_second_run_does_nothing(raw, finished):
+    before = state(finished)
+    found = nearlift("run", raw, "--out", finished)
+    assert found.exit_code == 0
+    assert re.findall(r"^(\w+) +up to date$", found.stderr, re.M) == list(STAGE_NAMES)
+    assert found.stdout == f"{finished}/reports/small/index.html\n"
+    assert state(finished) == before
+
+
+def test_raw_is_never_touched(raw, tmp_path):
+    """Content and times of every file, and no new one, whatever is run."""
+    before, folders = state(raw), {p: p.stat().st_mtime_ns for p in (raw, raw / "trials")}
+    for command in ("plan", "ingest", "reduce", "fit", "run", "report"):
+        assert nearlift(command, raw, "--out", tmp_path, "--executor", "serial").exit_code == 0
+    assert state(raw) == before
+    assert {p: p.stat().st_mtime_ns for p in folders} == folders
+
+
+@pytest.mark.parametrize("where", ["nothing", "finished", "stale"])
+def test_plan_runs_nothing_and_writes_nothing(raw, finished, tmp_path, monkeypatch, where):
+    out, root = tmp_path / "out", copy(raw, tmp_path / "raw")
+    if where != "nothing":
+        copy(finished, out)
+    if where == "stale":
+        (root / "trials.csv").write_text((root / "trials.csv").read_text() + "\n")
+    before = state(tmp_path)
+    monkeypatch.setattr(graph.Stage, "run", lambda *_: pytest.fail("a stage ran"))
+    found = nearlift("plan", root, "--out", out)
+    assert found.exit_code == 0
+    assert state(tmp_path) == before
+    assert out.exists() == (where != "nothing")
+    expected = {"nothing": "run: has not run yet", "finished": "up to date", "stale": "run: trials.csv has changed"}[where]
+    assert found.stdout.splitlines()[0] == f"ingest   {expected}"
+    assert len(found.stdout.splitlines()) == len(STAGE_NAMES)
+
+
+def test_one_stage_runs_even_if_it_is_up_to_date_and_makes_the_same(raw, finished, tmp_path):
+    out = copy(finished, tmp_path / "out")
+    before = {name: sha for name, (sha, _) in state(out).items() if "provenance" not in name and "cache" not in name}
+    found = nearlift("fit", raw, "--out", out)
+    assert found.exit_code == 0
+    assert "fit      lift models by least squares (asked for)" in found.stderr
+    assert {name: sha for name, (sha, _) in state(out).items() if "provenance" not in name and "cache" not in name} == before
+
+
+def test_a_stage_before_its_time_says_what_must_run_first(raw, tmp_path):
+    found = nearlift("fit", raw, "--out", tmp_path)
+    assert found.exit_code == 4
+    assert "trials.parquet: is missing\n  run the stage that writes it" in found.stderr
+
+
+# ---- exit codes
+
+
+def test_2_for_a_bad_manifest_which_writes_nothing(raw, tmp_path):
+    root = copy(raw, tmp_path / "raw")
+    text = (root / "campaign.toml").read_text()
+    (root / "campaign.toml").write_text(text.replace('rotor_radius  = "23 mm"', "rotor_radius = 23").replace("[rig]", "[rigg]"))
+    for command in ("run", "ingest", "plan"):
+        found = nearlift(command, root, "--out", tmp_path / "out")
+        assert found.exit_code == 2
+        assert "vehicle.rotor_radius" in found.stderr
+        assert "did you mean 'rig'?" in found.stderr
+        assert "Traceback" not in found.stderr
+        assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("run", "{raw}", "--executor", "gpu"), "'gpu' is not an executor"),
+        (("run", "{raw}/nowhere"), "holds no campaign.toml\n  `nearlift new DIR` writes one to fill in"),
+        (("describe", "sanches_cuevas"), "sanchez_cuevas"),
+        (("run",), "Missing argument 'CAMPAIGN'"),
+        (("fly", "{raw}"), "No such command 'fly'"),
+        (("run", "{raw}", "--seed", "x"), "'x' is not a valid integer"),
+        (("new", "{raw}"), "is not empty\n  name a new folder; nothing is ever overwritten"),
+        (("new", "{raw}/campaign.toml"), "is a file\n  name a new folder"),
+    ],
+)
+def test_2_for_usage(raw, tmp_path, words, text):
+    found = nearlift(
+        *(w.format(raw=raw) for w in words), *(() if words[0] in ("fly", "run", "new") and len(words) < 2 else ("--out", tmp_path / "out"))
+    )
+    assert found.exit_code == 2
+    assert text in found.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_3_for_rejected_trials_each_with_its_reason_now_and_later(raw, tmp_path):
+    root, out = copy(raw, tmp_path / "raw"), tmp_path / "out"
+    lost, broken = sorted((root / "trials").glob("*.csv"))[5:7]
+    lost.unlink()
+    broken.write_text("\n".join(broken.read_text().splitlines()[:40]) + "\n")
+    for _ in range(2):
+        found = nearlift("run", root, "--out", out)
+        assert found.exit_code == 3
+        assert "2 trials rejected:" in found.stderr
+        for trial in (lost.stem, broken.stem):
+            assert re.search(rf"^  {trial}: \w+", found.stderr, re.M)
+        assert (out / "reports/small/index.html").is_file()
+    answer = json.loads(nearlift("run", root, "--out", out, "--json").stdout)
+    assert answer["exit_code"] == 3
+    assert [t for t, _ in answer["stages"][0]["rejected"]] == [lost.stem, broken.stem]
+
+
+def test_3_lists_ten_and_with_v_all(raw, tmp_path):
+    root = copy(raw, tmp_path / "raw")
+    for path in sorted((root / "trials").glob("*.csv"))[:12]:
+        path.unlink()
+    short, long = (nearlift("ingest", root, "--out", tmp_path / "out", *flag) for flag in ((), ("-v",)))
+    assert "  ... and 2 more (-v lists all)" in short.stderr
+    assert len(re.findall(r"^  t\d+: ", short.stderr, re.M)) == 10
+    assert len(re.findall(r"^  t\d+: ", long.stderr, re.M)) == 12
+
+
+def test_4_for_records_that_are_not_there(raw, tmp_path):
+    root = copy(raw, tmp_path / "raw")
+    shutil.rmtree(root / "trials")
+    found = nearlift("run", root, "--out", tmp_path / "out")
+    assert found.exit_code == 4
+    assert re.search(r"none of the 112 trials has a record|no file", found.stderr)
+    assert not (tmp_path / "out").exists()
+
+
+def test_4_for_an_output_folder_that_cannot_be_written(raw, tmp_path):
+    """A file stands where processed/ should: refused in one line, with the path."""
+    (tmp_path / "processed").write_text("in the way")
+    found = nearlift("run", raw, "--out", tmp_path)
+    assert found.exit_code == 4
+    assert re.search(r"error: .*processed.*: .*\n  check that it exists", found.stderr)
+    assert "Traceback" not in found.output
+
+
+def test_5_for_a_base_model_that_cannot_be_fitted(tmp_path):
+    root = small_run.write_means(tmp_path / "raw", rows=6)
+    found = nearlift("run", root, "--out", tmp_path)
+    assert found.exit_code == 5
+    assert "error: fit of sanchez_cuevas: 6 usable trials for 5 unknowns\n  at least 7 are wanted" in found.stderr
+    # what came before stands
+    assert (tmp_path / "processed/means/lift.parquet").is_file()
+    assert not (tmp_path / "processed/means/fit.json").exists()
+
+
+def test_130_for_an_interrupt_after_which_the_same_command_goes_on(raw, tmp_path, monkeypatch):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fit, "run", interrupted)
+        found = nearlift("run", raw, "--out", tmp_path, "--json")
+    assert found.exit_code == 130
+    assert "interrupted; finished products stand, and the same command goes on from there" in found.stderr
+    assert json.loads(found.stdout)["exit_code"] == 130
+    again = nearlift("run", raw, "--out", tmp_path)
+    assert again.exit_code == 0
+    assert re.findall(r"^(\w+) +up to date$", again.stderr, re.M) == ["ingest", "reduce"]
+
+
+def test_a_defect_is_not_dressed_up_as_a_refusal(raw, tmp_path, monkeypatch):
+    """Something that nobody foresaw must come out as what it is."""
+    monkeypatch.setattr(fit, "run", lambda _: 1 / 0)
+    assert isinstance(nearlift("run", raw, "--out", tmp_path).exception, ZeroDivisionError)
+
+
+# ---- JSON
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "keys"),
+    [
+        (("run", "{raw}", "--out", "{finished}"), 0, {"campaign", "exit_code", "report", "stages"}),
+        (("plan", "{raw}", "--out", "{finished}"), 0, {"campaign", "stages"}),
+        (("describe",), 0, {"name", "text"}),
+        (("describe", "K_b"), 0, {"name", "text"}),
+        (("new", "{new}"), 0, {"written"}),
+        (("new", "{raw}"), 2, {"exit_code", "where", "what", "remedy"}),
+        (("run", "{raw}/nowhere"), 2, {"exit_code", "where", "what", "remedy"}),
+    ],
+)
+def test_json_is_one_object_and_nothing_else(raw, finished, tmp_path, words, code, keys):
+    found = nearlift(*(w.format(raw=raw, finished=finished, new=tmp_path / "new") for w in words), "--json")
+    assert found.exit_code == code
+    answer = json.loads(found.stdout)
+    assert answer.keys() == keys
+    assert answer.get("exit_code", 0) == code
+    if code == 0:
+        assert found.stderr == ""
+
+
+def test_json_of_a_plan_says_what_is_stale(raw, tmp_path):
+    stages = json.loads(nearlift("plan", raw, "--out", tmp_path, "--json").stdout)["stages"]
+    assert stages[0] == {"stage": "ingest", "stale": True, "why": "has not run yet"}
+
+
+def test_quiet_says_nothing(raw, finished):
+    found = nearlift("run", raw, "--out", finished, "-q")
+    assert (found.exit_code, found.output) == (0, "")
+
+
+# ---- new, describe, help
+
+
+def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
+    folder = tmp_path / "My Rig_é"
+    found = nearlift("new", folder)
+    assert found.exit_code == 0
+    assert {Path(line).name for line in found.stdout.splitlines()} == {"campaign.toml", "trials.csv", "trials"}
+    with pytest.raises(ManifestError, match=r"vehicle.rotor_radius.*FILL IN(.|\n)*vehicle.rotor_spacing(.|\n)*vehicle.mass"):
+        manifests.load(folder)
+    text = (folder / "campaign.toml").read_text()
+    for empty, value in (('"FILL IN"', '"Crazyflie 2.0"'), ("FILL IN mm", "23 mm"), ("FILL IN mm", "65 mm"), ("FILL IN g", "27 g")):
+        text = text.replace(empty, value, 1)
+    assert "FILL IN" not in text
+    (folder / "campaign.toml").write_text(text)
+    given = manifests.load(folder)
+    assert given.name == "my-rig"
+    assert given.vehicle.rotor_spacing == 0.065
+    # the commented budget parses too
+    manifest = text.replace("# [[", "[[").replace("# name", "name").replace("# on ", "on ").replace("# value", "value").replace("# scope", "scope")
+    (folder / "campaign.toml").write_text(manifest)
+    assert manifests.load(folder).uncertainty[0].standard() == 2e-4
+    assert nearlift("plan", folder, "--out", tmp_path).exit_code in (2, 4)  # an empty schedule is refused, not crashed on
+    assert nearlift("new", folder).exit_code == 2
+    assert (folder / "campaign.toml").read_text() == manifest
+
+
+@pytest.mark.parametrize(("name", "text"), [("sanchez_cuevas", "K_b"), ("supply_sag", "supply"), ("fit.json", "boundary"), ("z_hat", "z")])
+def test_describe_knows_models_effects_products_and_symbols(name, text):
+    found = nearlift("describe", name)
+    assert found.exit_code == 0
+    assert text in found.stdout
+    assert f"`{name}`" in nearlift("describe").stdout
+
+
+def test_every_command_of_the_contract_has_a_help_text():
+    for name in ("demo", "run", *STAGE_NAMES, "plan", "new", "describe"):
+        command = main.commands[name]
+        found = nearlift(name, "--help")
+        assert found.exit_code == 0
+        assert (command.help or "")[:20] in found.stdout
+        options = {o for p in command.params if isinstance(p, click.Option) for o in p.opts}
+        assert {"--out", "--executor", "--seed", "--json", "-q", "-v"} <= options
+    assert [s.name for s in graph.STAGES if s.name not in STAGE_NAMES] == []
+
+
+# ---- the demo
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory) -> Path:
+    """The demo, run once; ten seconds or so."""
+    out = tmp_path_factory.mktemp("demo")
+    found = nearlift("demo", "--out", out, "-q")
+    assert (found.exit_code, found.output) == (0, "")
+    return out
+
+
+def test_the_demo_obeys_the_contract(demo):
+    processed, reports = demo / "processed" / "demo", demo / "reports" / "demo"
+    trials = store.read_table(processed / "trials.parquet", TRIALS)
+    record = {"lift_N", "u_lift_N", "n", "n_eff", "drift_N_s", "sd_N", "quality", "source_sha256"}
+    assert {"trial", "boundary", "z_hat", "z_m", "throttle"} | record <= trials.keys()
+    assert 0 < trials["throttle"].min() <= trials["throttle"].max() <= 1
+    assert len(set(trials["trial"])) == len(trials["trial"])
+
+    cells = store.read_table(processed / "lift.parquet", LIFT)
+    assert {"boundary", "z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L"} <= cells.keys()
+    columns = store.read_table(processed / "lift_covariance.parquet", LIFT_COVARIANCE)
+    covariance = np.stack(list(columns.values()), axis=1)
+    assert list(columns) == [f"c{i}" for i in range(len(cells["delta_L"]))]
+    assert covariance == pytest.approx(covariance.T)
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(cells["u_delta_L"])
+    for side in ("ground", "ceiling", "sidewall"):
+        far = (cells["boundary"] == side) & (cells["z_hat"] == cells["z_hat"][cells["boundary"] == side].max())
+        assert (cells["delta_L"][far] == 0).all()
+        assert (cells["u_delta_L"][far] == 0).all()
+
+    fits = json.loads((processed / "fit.json").read_text())["boundaries"]
+    assert set(fits) == {"ground", "ceiling", "sidewall"}
+    for models in fits.values():
+        for entry in models.values():
+            assert {"parameters", "covariance", "chi2", "dof", "rmse", "r2", "aic", "bic", "L_inf_N", "degeneracies"} <= entry.keys()
+            assert all({"value", "u", "lo90", "hi90"} <= p.keys() for p in entry["parameters"].values())
+            assert len(entry["L_inf_N"]) == 4
+    assert all("r2_near" in entry for entry in fits["ground"].values())
+
+    diagnosis = json.loads((processed / "diagnosis.json").read_text())
+    assert diagnosis["schema"] == "nearlift.diagnosis/1"
+    for found in diagnosis["boundaries"].values():
+        assert found["verdict"] in ("adequate", "effect", "unexplained")
+        assert bool(found["effects"]) == (found["verdict"] == "effect")
+        error = found["error"]
+        assert error["noise_floor"] > 0
+        assert all(math.isfinite(error[when]["held_out_rmse"]) for when in ("before", "after"))
+        for when in ("before", "after"):
+            assert all({"value", "lo90", "hi90"} <= c.keys() for c in found["coefficients"][when].values())
+    assert (processed / "provenance.json").is_file()
+    for name in ("index.html", "fig2.pdf", "fig2.png", "fig2.csv", "tables/coefficients.tex"):
+        assert (reports / name).stat().st_size > 0
+
+
+def test_the_demo_finds_what_is_in_it_and_says_that_it_is_simulated(demo):
+    """Supply voltage at the ground, which its manifest does not mention, and nothing at the ceiling and the sidewall."""
+    found = json.loads((demo / "processed/demo/diagnosis.json").read_text())["boundaries"]
+    assert [e["name"] for e in found["ground"]["effects"]] == ["supply_sag"]
+    K_b = found["ground"]["coefficients"]["after"]["K_b"]
+    assert K_b["lo90"] < 2.0 < K_b["hi90"]
+    assert {found[side]["verdict"] for side in ("ceiling", "sidewall")} == {"adequate"}
+    assert "simulated" in (demo / "reports/demo/index.html").read_text().lower()

@@ -1,0 +1,245 @@
+"""The loop on trials of known truth: what it finds, what it refuses to find, and what each piece of it promises."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.diagnosis import confirmation, families, noise_floor, separation, structure
+from nearlift.diagnosis.candidate import Candidate
+from nearlift.diagnosis.loop import close_loop, set_up
+from nearlift.diagnosis.search import Options, run
+from nearlift.diagnosis.setting import missing
+from nearlift.errors import NotConverged
+
+from .simulated import L_INF, campaign, hsiao
+
+GROUND = catalogue.model("sanchez_cuevas")
+CEILING = catalogue.model("hsiao_chirarattananon")
+
+
+def sag(power):
+    return lambda covariates: (covariates["supply_V"] / 3.8) ** power
+
+
+@pytest.fixture(scope="module")
+def sagging():
+    return close_loop(campaign(3, visits=8, gain=sag(0.5)), GROUND)
+
+
+@pytest.fixture(scope="module")
+def null_stage():
+    return set_up(campaign(7, visits=8), GROUND, (), Options())[0]
+
+
+def test_a_sagging_supply_is_found_named_and_removed(sagging):
+    assert sagging["verdict"] == "effect"
+    assert [e["name"] for e in sagging["effects"]] == ["supply_sag"]
+    found = sagging["effects"][0]["parameters"]["sag_exponent"]
+    assert found["lo90"] < 0.5 < found["hi90"]
+    error = sagging["error"]
+    assert error["after"]["held_out_rmse"] < 0.7 * error["before"]["held_out_rmse"]
+    assert error["after"]["hi90"] > error["noise_floor"]
+    assert error["chosen_in_folds"] == ["supply_sag"] * 3
+
+
+def test_the_coefficient_before_and_after_has_three_intervals(sagging):
+    after = sagging["coefficients"]["after"]["K_b"]
+    assert after["lo90"] <= after["conditional"][0] < after["conditional"][1] <= after["hi90"]
+    assert after["constrained"][1] - after["constrained"][0] > after["hi90"] - after["lo90"]
+    assert after["lo90"] < 2.0 < after["hi90"]
+
+
+def test_false_alarms_stay_near_their_rate():
+    # 40 nulls at a stated 5 %: 7 or more claims happen by chance once in 300
+    verdicts = [close_loop(campaign(500 + s, visits=5), GROUND, confirm=False, seed=s)["verdict"] for s in range(40)]
+    assert sum(v != "adequate" for v in verdicts) < 7
+
+
+def test_an_adequate_model_is_left_alone():
+    found = close_loop(campaign(1, visits=8), GROUND)
+    assert found["verdict"] == "adequate"
+    assert found["effects"] == []
+    assert found["error"]["before"] == found["error"]["after"]
+    assert found["coefficients"]["before"]["K_b"]["value"] == pytest.approx(found["coefficients"]["after"]["K_b"]["value"], abs=1e-6)
+
+
+def test_structure_outside_the_library_stays_without_a_name():
+    data = campaign(5, visits=8)
+    ripple = 1 + 0.012 * np.sin(np.arange(data.n) * 2 * np.pi / 37)
+    found = close_loop(dataclasses.replace(data, lift_N=data.lift_N * ripple), GROUND, confirm=False)
+    assert found["verdict"] == "unexplained"
+    assert found["effects"] == []
+    assert found["structure"][0]["covariate"] == "start"
+
+
+def test_two_effects_are_found_together():
+    data = campaign(11, visits=10, gain=sag(0.5), session_gain=0.01)
+    found = close_loop(data, GROUND, confirm=False)
+    assert {e["name"] for e in found["effects"]} == {"supply_sag", "session_gain"}
+
+
+def test_under_a_ceiling_a_height_scale_is_silent_and_never_named():
+    data = campaign(3, boundary="ceiling", ratio=hsiao, stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0), visits=8)
+    found = close_loop(data, CEILING, confirm=False)
+    hidden = {s["effect"]: s for s in found["silent"] if s["hidden"]}
+    assert hidden["height_scale"]["absorbed_by"] == "alpha"
+
+
+def test_what_was_not_logged_is_untestable_and_says_what_to_log():
+    data = campaign(4, visits=5)
+    poor = dataclasses.replace(data, covariates={"start_s": data.covariates["start_s"]})
+    found = close_loop(poor, GROUND, confirm=False)
+    untestable = {u["effect"]: u for u in found["untestable"]}
+    assert untestable["supply_sag"]["needs"] == ["supply_V", "supply_ref_V"]
+    assert untestable["supply_sag"]["log_next_time"] == ["supply"]
+    assert "height_offset" not in untestable
+
+
+def test_too_few_trials_are_refused_with_the_number_that_would_do():
+    data = campaign(6, visits=1)
+    with pytest.raises(NotConverged, match="at least 45 are wanted to tell a noise floor from structure"):
+        close_loop(data.take(np.arange(20)), GROUND)
+
+
+def test_a_constant_covariate_tells_nothing():
+    stage = set_up(campaign(7, visits=5), GROUND, (), Options())[0]
+    flat = dataclasses.replace(stage.data, covariates={**stage.data.covariates, "supply_V": np.full(stage.data.n, 3.7)})
+    assert "supply_V" in missing(catalogue.effect("supply_sag"), flat)
+
+
+def test_noise_floor_recovers_what_the_trials_were_given():
+    sizes = [set_up(campaign(800 + s, visits=15), GROUND, (), Options())[0].noise for s in range(6)]
+    # about 420 degrees of freedom each: 3.5 % on one, 1.5 % on the mean of six, plus a trade between relative and additive
+    assert np.mean([n.relative for n in sizes]) == pytest.approx(0.004, rel=0.08)
+    assert np.mean([n.force_N for n in sizes]) == pytest.approx(3e-4, rel=0.4)
+
+
+def test_neighbours_that_share_noise_are_noticed():
+    data = campaign(9, visits=12)
+    rng = np.random.default_rng(0)
+    shared = rng.normal(0, 0.004, data.visit.max() + 1)[data.visit]
+    stage = set_up(dataclasses.replace(data, lift_N=data.lift_N * (1 + shared)), GROUND, (), Options())[0]
+    assert stage.noise.serial == pytest.approx(0.004, rel=0.35)
+    assert set_up(data, GROUND, (), Options())[0].noise.serial == 0.0
+
+
+def test_an_outlier_is_pulled_in_and_the_rest_left_alone():
+    data = campaign(10, visits=8)
+    lift = data.lift_N.copy()
+    lift[100] *= 1.2
+    stage = set_up(dataclasses.replace(data, lift_N=lift), GROUND, (), Options())[0]
+    moved = np.abs(stage.log_lift - np.log(lift))
+    assert moved[100] > 0.1
+    assert np.sum(moved > 1e-9) < 6
+
+
+def test_the_largest_of_all_tests_has_the_stated_false_alarm_rate(null_stage):
+    hypotheses, basis = null_stage.hypotheses
+    rng = np.random.default_rng(1)
+    none = np.zeros((basis.shape[1], 0))
+    p = [structure.examine(rng.standard_normal(basis.shape[1]), hypotheses, none, np.random.default_rng(2), 0.05, 1e6).p_value for _ in range(150)]
+    # binomial: 150 draws at 5 % and at 50 %, 99.7 % bands
+    assert sum(q <= 0.05 for q in p) <= 16
+    assert 56 <= sum(q <= 0.5 for q in p) <= 94
+
+
+def test_without_the_correction_for_many_candidates_chance_finds_something(null_stage):
+    hypotheses, basis = null_stage.hypotheses
+    rng = np.random.default_rng(3)
+    none = np.zeros((basis.shape[1], 0))
+    found = [structure.examine(rng.standard_normal(basis.shape[1]), hypotheses, none, rng, 0.05, 1e6, multiplicity=False).present for _ in range(30)]
+    assert sum(found) > 20
+
+
+def test_the_union_bound_decides_as_the_draws_do(null_stage):
+    hypotheses, basis = null_stage.hypotheses
+    none = np.zeros((basis.shape[1], 0))
+    for strength in (0.0, 1.0, 30.0):
+        scores = np.random.default_rng(4).standard_normal(basis.shape[1]) + strength * hypotheses[0].columns[:, 0]
+        exact = structure.examine(scores, hypotheses, none, np.random.default_rng(5), 0.05, 1e6, exact=True)
+        quick = structure.examine(scores, hypotheses, none, np.random.default_rng(5), 0.05, 1e6, exact=False)
+        assert exact.present == quick.present
+
+
+def test_far_tails_do_not_underflow():
+    stacked, ranks = np.eye(4)[:, :2], np.array([2])
+    values = structure.log10_p(np.array([[60.0, 0, 0, 0], [80.0, 0, 0, 0]]), stacked, ranks)
+    # chi2 with 2 degrees of freedom: p = exp(-x / 2)
+    assert values[:, 0] == pytest.approx([-(60**2) / 2 / np.log(10), -(80**2) / 2 / np.log(10)])
+
+
+def test_folds_hold_out_whole_visits_and_every_trial_once(null_stage):
+    masks = confirmation.folds(null_stage.data)
+    assert np.sum(masks, axis=0).tolist() == [1] * null_stage.data.n
+    for mask in masks:
+        assert not set(null_stage.data.visit[mask]) & set(null_stage.data.visit[~mask])
+        assert set(null_stage.data.z_hat[~mask]) == set(null_stage.data.z_hat)
+
+
+def test_with_few_visits_each_is_left_out_in_turn(null_stage):
+    few = null_stage.data.take(null_stage.data.visit < 9)
+    assert len(confirmation.folds(few)) == 9
+
+
+def test_rmse_interval_covers():
+    rng = np.random.default_rng(6)
+    visit = np.repeat(np.arange(60), 4)
+    inside = 0
+    for _ in range(200):
+        _, low, high = confirmation.rmse(rng.normal(0, 0.01, 240), visit)
+        inside += low < 0.01 < high
+    assert 165 <= inside <= 194
+
+
+def test_families_do_not_carry_the_trials_own_noise(null_stage):
+    # a column made of measured lift would explain the noise by itself: the residual about all families would lose its size
+    columns = np.hstack([f.columns for f in families.families(null_stage.data)])
+    basis = noise_floor.orthonormal(columns)
+    white = np.random.default_rng(8).normal(size=null_stage.data.n)
+    truth = null_stage.log_lift - null_stage.candidate().log_ratio(null_stage.theta)
+    level = np.eye(4)[null_stage.data.level]
+    truth = truth - level @ np.linalg.lstsq(level, truth, rcond=None)[0]
+
+    def share(x):
+        return np.sum((x - basis @ (basis.T @ x)) ** 2) / np.sum(x**2)
+
+    assert share(truth) == pytest.approx(share(white), abs=0.12)
+
+
+def test_a_tube_has_the_declared_relative_size(null_stage):
+    effect = catalogue.effect("supply_sag")
+    candidate = Candidate(base=GROUND, effects=(effect,), data=null_stage.data)
+    vector = np.array([2.0, 1.0])
+    tube = candidate.tube(vector, 0.2)
+    size = np.sqrt(np.sum(tube**2, axis=1)) / np.maximum(np.abs(candidate.contribution(vector, effect)), 1e-12)
+    # 20 % along supply and 20 % along throttle
+    assert np.sqrt(np.mean(size**2)) == pytest.approx(0.2 * np.sqrt(2), rel=0.1)
+    assert candidate.tube(vector, 0.0).shape == (null_stage.data.n, 0)
+
+
+def test_an_unseen_session_has_no_gain(null_stage):
+    data = null_stage.data
+    effect = catalogue.effect("session_gain")
+    first = data.take(data.session < 4)
+    candidate = Candidate(base=GROUND, effects=(effect,), data=first)
+    vector = np.r_[2.0, 0.01, 0.02, 0.03, 0.04]
+    plain = Candidate(base=GROUND, effects=(), data=first).log_ratio(np.array([2.0]), data)
+    added = candidate.log_ratio(vector, data) - plain
+    assert added[data.session == 1] == pytest.approx(np.log(1.02))
+    assert added[data.session == 4] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_proposed_session_adds_power(null_stage):
+    answer = run(set_up(campaign(12, visits=15, datum=3e-3), GROUND, (), Options())[0])
+    assert len(answer.accepted) > 1
+    one, other = answer.accepted[:2]
+    now = separation.parting(answer.stage, answer.stage.data, one, other)
+    for proposal in separation.menu(answer.stage.data):
+        more = separation.parting(answer.stage, separation.join(answer.stage.data, proposal.added), one, other)
+        assert more > now - 1e-6 * max(now, 1.0)
+
+
+def test_lift_levels_are_what_the_trials_were_given(null_stage):
+    assert null_stage.data.covariates["lift_inf_N"] == pytest.approx([L_INF[t] for t in null_stage.data.throttle], rel=0.01)
