@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import dataclasses
 import hashlib
+import html
 import io
 import json
 import re
@@ -266,6 +268,137 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
         file, _, pointer = attributes["data-source"].partition("#")
         if file == DIAGNOSIS.file:
             assert float(attributes["value"]) == follow(DIAGNOSED, pointer)
+
+
+def said(make_job, change=None):
+    """The chapter's words and elements for changed findings; tables folded away are left out of the words."""
+    content = copy.deepcopy(DIAGNOSED)
+    if change is not None:
+        change(content["boundaries"]["ground"])
+    job = make_job(boundaries=("ground",))
+    job.write_json(DIAGNOSIS, content)
+    report.run(job)
+    text = (job.reports / "index.html").read_text()
+    chapter = text[text.index('<section id="diagnosis">') :].partition("</section>")[0]
+    for attributes, _ in Elements(chapter).numbers:
+        file, _, pointer = attributes["data-source"].partition("#")
+        stored = follow(content, pointer)
+        if not (attributes.get("data-how") or "").startswith(("count", "less")):
+            assert float(attributes["value"]) == stored
+    unfolded = re.sub(r"<details>.*?</details>", "", chapter, flags=re.S)
+    return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", "", unfolded))), chapter
+
+
+def test_the_story_of_an_effect_in_words(make_job):
+    words, chapter = said(make_job)
+    assert "The base model leaves structure, most of it along supply (p < 10⁻¹²)." in words
+    assert "supply_sag; p = 2.10 (90 %: 1.90 to 2.30). This design cannot tell it from session_gain" in words
+    assert "the error falls from 1.22 % of lift (90 %: 1.17 to 1.28) to 0.43 % (0.41 to 0.45); noise floor 0.41 %. What remains is noise." in words
+    assert "The base fit alone gives Kb = 1.20 (90 %: 1.10 to 1.30); with the effect it is 2.0: 1.8 to 2.2 over all rivals" in words.replace(
+        "2.00", "2.0"
+    )
+    assert "1.9 to 2.1 if this answer is the truth" in words.replace("1.90", "1.9").replace("2.10", "2.1")
+    assert "1.5 to 2.5 when every effect too small to be seen is allowed its plausible size. It has moved farther" in words
+    assert "Not testable here: air_density. Log next time: temperature." in words
+    assert "<summary>Effects that the coefficients can absorb unseen (1)</summary>" in chapter
+    assert "height_scale" not in words
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [
+        ((0.0043, 0.0041, 0.0045), "falls from 1.22 %"),
+        ((0.0120, 0.0115, 0.0126), "goes from 1.22 % of lift (90 %: 1.17 to 1.28) to 1.2 % (1.15 to 1.26); noise floor 0.41 %. The two intervals overlap: little"),
+        ((0.0200, 0.0190, 0.0210), "The answer makes predictions worse"),
+        ((0.0080, 0.0078, 0.0082), "It stays above the floor"),
+    ],
+)  # fmt: skip
+def test_words_on_the_error_follow_the_numbers(make_job, after, words):
+    def change(found):
+        found["error"]["after"] = dict(zip(("held_out_rmse", "lo90", "hi90"), after, strict=True))
+
+    assert words in said(make_job, change)[0]
+
+
+def test_the_chance_of_the_largest_test_is_said(make_job):
+    assert "as large as here in 43 % of campaigns" in said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))[0].replace(
+        "Where", "where"
+    )
+    assert "In none of 1500 simulated campaigns" in said(make_job, lambda f: f.update(p_value=1 / 1501))[0]
+
+
+def test_an_adequate_model_is_left_alone_in_words_too(make_job):
+    words, _ = said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))
+    assert "Nothing was added to the model." in words
+    assert "leaves structure" not in words
+    assert "falls" not in words
+
+
+def test_the_unexplained_names_covariate_and_shares_but_no_effect(make_job):
+    def change(found):
+        found.update(verdict="unexplained", effects=[], partial=[{"name": "gain_drift", "share": 0.31}])
+        found["structure"] = [{"covariate": "start", "p_value": 3.7e-5, "significant": True}]
+
+    words, _ = said(make_job, change)
+    assert "most of it along start (p = 3.7 × 10⁻⁵)" in words
+    assert "In part it could be gain_drift (31 % of what exceeds the noise); none of these is the answer." in words
+    assert "cannot tell it from" not in words
+
+
+def test_drift_within_records_is_said_with_its_chance(make_job):
+    own = {
+        "change_over_record": {"value": -0.012, "lo90": -0.014, "hi90": -0.01},
+        "p_value": 2e-5,
+        "significant": True,
+        "candidates": ["motor_heating"],
+    }
+    words, _ = said(make_job, lambda f: f.update(within_trial=own))
+    assert "Within a record, lift changes by −1.2 % (90 %: −1.4 to −1), more than chance allows (p = 2 × 10⁻⁵): motor_heating." in words
+    calm = {**own, "significant": False, "candidates": []}
+    assert "no drift worth naming" in said(make_job, lambda f: f.update(within_trial=calm))[0]
+
+
+def test_many_numbers_of_one_effect_are_told_by_their_range(make_job):
+    gains = {f"gain[{i}]": {"value": 0.01 * (i - 2), "lo90": 0.01 * i - 0.03, "hi90": 0.01 * i - 0.01} for i in range(6)}
+
+    def change(found):
+        found["effects"] = [{"name": "session_gain", "rivals": [], "parameters": gains}]
+
+    words, chapter = said(make_job, change)
+    assert "session_gain; 6 numbers, from −0.020 to 0.030." in words
+    assert "session_gain: all 6 numbers" in chapter
+
+
+def test_a_size_at_its_bound_speaks_against_an_effect(make_job):
+    def change(found):
+        found["effects"] = [{"name": "height_scale", "rivals": [], "parameters": {"z_scale": {"value": -0.1, "lo90": -0.15, "hi90": -0.05}}}]
+
+    words, _ = said(make_job, change)
+    assert "at its bound" in words
+    assert "which speaks against it" in words
+
+    def inside(found):
+        change(found)
+        found["effects"][0]["parameters"]["z_scale"]["value"] = -0.05
+
+    assert "at its bound" not in said(make_job, inside)[0]
+
+
+def test_candidates_folds_and_proposals_are_told(make_job):
+    def change(found):
+        found["rounds"][0]["candidates"] = [
+            {"name": "supply_sag", "gain": 900.0, "p_value": 1.0, "accepted": True, "log_evidence": -10.0, "left_in": None},
+            {"name": "warm_up", "gain": 300.0, "p_value": 0.001, "accepted": False, "log_evidence": -35.0, "left_in": "supply"},
+        ]
+        found["error"]["chosen_in_folds"] = ["supply_sag", "warm_up", "supply_sag"]
+        found["next_experiment"][0].update(trials=160, expected_evidence=25.2, alternatives=[{"measure": "more visits", "expected_evidence": 3.1}])
+
+    words, chapter = said(make_job, change)
+    assert "Every other candidate leaves structure, or explains too little." in words
+    assert "came to the same answer in 2 of 3 folds" in words
+    assert "(160 trials, from which 2 ln B of 25 is to be expected). Instead: more visits (3.1)." in words
+    rows = Elements(chapter).numbers
+    assert any(a["data-source"].endswith("/rounds/0/candidates/1/log_evidence") and t == "50" for a, t in rows)
 
 
 def test_a_new_figure_needs_no_chapter(small_job):

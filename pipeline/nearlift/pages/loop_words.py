@@ -136,9 +136,8 @@ def proposals(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[
     listed = []
     for i, n in enumerate(found.get("next_experiment", [])):
         path = ("boundaries", boundary, "next_experiment", str(i))
-        known = {
-            k: cite(evidence, DIAGNOSIS, *path, k, digits=2 if k == "expected_evidence" else 6) for k in ("trials", "expected_evidence") if n.get(k)
-        }
+        digits = {"trials": 6, "expected_evidence": 2}
+        known = {k: cite(evidence, DIAGNOSIS, *path, k, digits=d) if n.get(k) else None for k, d in digits.items()}
         others = [
             {"measure": a["measure"], "gain": cite(evidence, DIAGNOSIS, *path, "alternatives", str(j), "expected_evidence", digits=2)}
             for j, a in enumerate(n.get("alternatives", []))

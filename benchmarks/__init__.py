@@ -1,0 +1,1 @@
+"""Each benchmark beside its peer, in one run: ratios count, times are orientation."""
