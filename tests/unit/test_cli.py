@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -227,6 +228,17 @@ def test_a_defect_is_not_dressed_up_as_a_refusal(raw, tmp_path, monkeypatch):
     """Something that nobody foresaw must come out as what it is."""
     monkeypatch.setattr(fit, "run", lambda _: 1 / 0)
     assert isinstance(nearlift("run", raw, "--out", tmp_path).exception, ZeroDivisionError)
+
+
+def test_a_closed_pipe_is_no_refusal(monkeypatch):
+    """`nearlift describe | head`: nobody listens any more, so nothing more is said."""
+
+    def closed(_):
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    monkeypatch.setattr("nearlift.describe.describe", closed)
+    found = nearlift("describe")
+    assert (found.exit_code, found.output) == (1, "")
 
 
 # ---- JSON

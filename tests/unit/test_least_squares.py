@@ -231,10 +231,13 @@ def test_a_start_beyond_a_pole_is_refused_with_the_start():
 
 
 def test_the_optimiser_does_not_settle_beyond_a_pole():
-    """The fit wants k = 0.2; from 1.1, one step from the pole at 1.14, it must come back."""
-    data = campaign(3, ratio=lambda z: 1 / (1 - 0.2 / z))
-    problem = assemble(steep(1.1), data, (), SCATTER, np.array([0.2]))
-    assert minimise(problem) == pytest.approx([0.2], abs=0.01)
+    """The fit wants k = 1.1; from 0 its first steps lead beyond 1.14, where the nearest trials have no ratio, and must be taken back."""
+    data = campaign(3, ratio=lambda z: 1 / (1 - 1.1 / z), height=0.0)
+    problem = assemble(steep(0.0), data, (), SCATTER, np.array([1.1]))
+    tried = []
+    model = dataclasses.replace(problem.model, evaluate=lambda z, /, *, k: tried.append(float(np.max(k))) or steep(0.0).evaluate(z, k=k))
+    assert minimise(dataclasses.replace(problem, model=model)) == pytest.approx([1.1], abs=0.01)
+    assert max(tried) > 1.14
 
 
 def test_the_start_does_not_decide():

@@ -208,6 +208,14 @@ class Fitted:
     penalty: float
 
     @property
+    def at_bound(self) -> bool:
+        """Whether an effect's size stands at an end of its range that is not its null."""
+        low, high = self.candidate.bounds
+        sizes = self.candidate.sizes()
+        value, null = self.vector[sizes], self.candidate.null[sizes]
+        return bool(np.any(((value <= low[sizes]) | (value >= high[sizes])) & (value != null)))
+
+    @property
     def chi2(self) -> float:
         """Sum of squared whitened residuals."""
         return float(self.residual @ self.residual)

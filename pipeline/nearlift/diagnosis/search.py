@@ -65,8 +65,11 @@ class Explanation:
 
     @property
     def accepted(self) -> bool:
-        """Whether nothing is left beyond the threshold, and the effects earn it: `over_none` is their log evidence over no effect's."""
-        return not self.left.present and self.over_none > CREDIT
+        """Whether nothing is left beyond the threshold, and the effects earn it.
+
+        `over_none` is their log evidence over no effect's. A size that runs into the end of what is physically possible is no explanation.
+        """
+        return not self.left.present and self.over_none > CREDIT and not self.fitted.at_bound
 
     @property
     def name(self) -> str:

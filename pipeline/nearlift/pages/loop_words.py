@@ -117,7 +117,7 @@ def candidates(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list
         rows.append(
             {
                 "name": c["name"],
-                "gain": cite(evidence, DIAGNOSIS, *path, "gain", digits=3),
+                "gain": cite(evidence, DIAGNOSIS, *path, "gain", places=1),
                 "behind": behind,
                 "accepted": c.get("accepted"),
                 "left_in": c.get("left_in"),

@@ -20,10 +20,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     second = any(len(set(table["covariate"][(table["panel"] == b) & (table["kind"] == "reach")].tolist())) > 1 for b in set(table["panel"].tolist()))
     also = ", and against that of the other effect" if second else ""
     parts = [f"Relative residuals ({_letters(table, 'residual')}) against the covariate of the largest test{also}."]
-    parts.append(
-        f"Dots: trials, of which {_beyond(table)} beyond the axis stand as ticks at its edge; symbols: means over bins with their standard error; "
-        "shade: ± the noise floor."
-    )
+    parts.append(f"Dots: trials{_beyond(table)}; symbols: means over bins with their standard error; shade: ± the noise floor.")
     if after:
         parts.append(
             f"After: the effect in its declared form is added; what its true form may depart from it ({100 * FORM_SD:.0f} %) is still there."
@@ -34,8 +31,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         reference = "best accepted" if after else "best"
         parts.append(
             f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of the {reference} one over each; filled: nothing is "
-            f"left beyond the threshold; hollow: rejected; shade: within {RIVAL:g}, where this design cannot tell them apart (the one whose size is "
-            "most plausible is named)."
+            f"left beyond the threshold; hollow: rejected; shade: within {RIVAL:g}, where this design cannot tell them apart (the one whose "
+            "size is most plausible beforehand is named)."
         )
     if (table["part"] == "error").any():
         parts.append(f"Held-out error ({_letters(table, 'error')}): visits that took no part in the search, 90 % intervals; dashed: noise floor.")
@@ -94,5 +91,6 @@ def _letters(table: Columns, part: str) -> str:
     return ", ".join(f"{r[0]}–{r[-1]}" if len(r) > 2 else ", ".join(r) for r in runs)
 
 
-def _beyond(table: Columns) -> int:
-    return int(np.count_nonzero(table["kind"] == "beyond"))
+def _beyond(table: Columns) -> str:
+    count = int(np.count_nonzero(table["kind"] == "beyond"))
+    return f", of which {count} beyond the axis stand as ticks at its edge" if count else ""
