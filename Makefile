@@ -34,6 +34,5 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $(READY)
 
-clean:                    ## everything that was made
-	rm -rf $(VENV) demo-campaign processed/* reports/* .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
-	git checkout --quiet -- processed reports
+clean:                    ## the environment, the caches and the demo; never a campaign's products
+	rm -rf $(VENV) demo-campaign processed/demo reports/demo .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

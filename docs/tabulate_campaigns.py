@@ -6,11 +6,13 @@ from pathlib import Path
 
 HEAD = """# Measured and blind campaigns
 
-Run with `nearlift run ../shared/... --out OUT`, and tabulated by `docs/tabulate_campaigns.py`. Nothing was tuned on them.
+Run with `nearlift run ../shared/... --out OUT`, and tabulated by `docs/tabulate_campaigns.py`. Nothing was tuned on
+them.
 
-`pitt-ras-2017` is measured (one rotor, nine throttle sweeps at four distances; public data of the Pitt-RAS team); the blind campaigns are
-simulated by others, with unknown effects inside, or none. *Before* is the base model's headline coefficient with its 90 % interval at the noise floor;
-*after* adds the named effect, over all rivals with their form uncertain. Errors are held-out, in per cent of lift.
+`pitt-ras-2017` is measured (one rotor, nine throttle sweeps at four distances; public data of the Pitt-RAS team); the
+blind campaigns are simulated by others, with unknown effects inside, or none. *Before* is the base model's headline
+coefficient with its 90 % interval at the noise floor; *after* adds the named effect, over all rivals with their form
+uncertain. Errors are held-out, in per cent of lift.
 
 | campaign | base model | before | verdict | effects (rivals) | after | error before | after | floor |
 |---|---|---|---|---|---|---|---|---|
@@ -18,11 +20,12 @@ simulated by others, with unknown effects inside, or none. *Before* is the base 
 TAIL = """
 ## The measured campaign, as it is
 
-The Cheeseman-Bennett coefficient of `pitt-ras-2017` comes out with the wrong sign (theory: k = 1): lift seems to *fall* towards the ground.
-The supply voltage fell from run to run while the distance was made smaller, so that the two are confounded by design. The loop sees the structure (in
-supply, start and session alike), but with nine runs of one distance each it names the gain of each session, which can absorb distance altogether, and not
-the supply: within a run the recorded voltage does not act as its differences between runs do. That answer is honest about what the runs repeat to, and it is not good enough: error on
-a run left out does not fall. It is the first thing to improve.
+The Cheeseman-Bennett coefficient of `pitt-ras-2017` comes out with the wrong sign (theory: k = 1): lift seems to
+*fall* towards the ground. The supply voltage fell from run to run while the distance was made smaller: the two are
+confounded by design. The loop sees the structure (in supply, start and session alike), but with nine runs of one
+distance each it names the gain of each session, which can absorb distance altogether, and not the supply: within a
+run the recorded voltage does not act as its differences between runs do. That answer is honest about what the runs
+repeat to, and it is not good enough: error on a run left out does not fall. It is the first thing to improve.
 """
 
 
@@ -32,7 +35,7 @@ def interval(c: dict[str, float]) -> str:
 
 
 def row(out: Path, name: str) -> list[str]:
-    """One line per boundary of a campaign."""
+    """One line per boundary."""
     found = json.loads((out / "processed" / name / "diagnosis.json").read_text())["boundaries"]
     lines = []
     for boundary, d in found.items():

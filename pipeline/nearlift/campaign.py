@@ -410,5 +410,5 @@ def _section_in(annotation: Any) -> Any:
 
 
 def boundaries_of(values: list[str]) -> list[Boundary]:
-    """The boundaries present, in the house's order (`none`, free air, is not one)."""
+    """The boundaries present, ground, ceiling, sidewall in that order (`none`, free air, is not one)."""
     return [b for b in BOUNDARIES if b in values]

@@ -1,6 +1,6 @@
 """The simulated bench: which trial runs where and when, and everything that goes on around it. No force is made here.
 
-Written from physics.md (C1: thrust, current, voltage and speed over throttle; D1: Table 1 and its readings) and shares no code
+Written from ../shared/physics.md (C1: thrust, current, voltage and speed over throttle; D1: Table 1 and its readings) and shares no code
 with nearlift.
 """
 

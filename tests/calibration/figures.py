@@ -1,4 +1,4 @@
-"""Rows to tables: method.md's "Figures to reach" with exact intervals, a table per effect, and one of rival methods."""
+"""Rows to tables: ../shared/method.md's "Figures to reach" with exact intervals, a table per effect, and one of rival methods."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def _coverage(null: list[Row], one: list[Row]) -> Iterator[Figure]:
 
 
 def peer_table(rows: list[Row]) -> list[dict[str, Any]]:
-    """method.md's first table from rows with `peers`; the diagnosis itself last."""
+    """../shared/method.md's first table from rows with `peers`; the diagnosis itself last."""
     rows = [r for r in rows if "peers" in r]
     null, inside, outside = ([r for r in rows if r["kind"] in k] for k in (("null",), ("weak", "one"), ("outside",)))
     table = []

@@ -1,4 +1,4 @@
-"""Scores a diagnosis on simulated campaigns: every row of method.md's "Figures to reach", with exact binomial intervals.
+"""Scores a diagnosis on simulated campaigns: every row of ../shared/method.md's "Figures to reach", with exact binomial intervals.
 
     python -m tests.calibration.harness --kinds null,weak,one,two,outside,within --n 40 --boundaries ground,ceiling,sidewall --out file.json
 

@@ -160,7 +160,7 @@ def test_covariates_are_what_the_contract_names(nulls):
 
 
 def test_own_curves_reproduce_the_golden_numbers():
-    # physics.md, A4 (true geometry, K_b = 2; to its four decimals) and A6
+    # ../shared/physics.md, A4 (true geometry, K_b = 2; to its four decimals) and A6
     z = np.array([1.0, 2.0, 5.0])
     assert forms.ratio("ground", z, {"K_b": 2.0}) == pytest.approx([1.1586, 1.0898, 1.0256], abs=2e-4)
     assert forms.ratio("ceiling", np.array([0.5, 1.0, 2.0, 0.1]), {"alpha": 0.125}) == pytest.approx(

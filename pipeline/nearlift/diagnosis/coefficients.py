@@ -82,7 +82,7 @@ def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -
     wide_value, wide_u = spread(stage, best, np.hstack([tube, constrained_columns(stage, chosen, declared)]))
     after = {}
     for i, name in enumerate(names):
-        ends = [(v[i] - quantile * s[i], v[i] + quantile * s[i]) for v, s in spans]
+        ends = [(v[i] - quantile * s[i], v[i] + quantile * s[i]) for v, s in (*spans, (value, u))]
         after[name] = {
             "value": value[i],
             "lo90": min(low for low, _ in ends),

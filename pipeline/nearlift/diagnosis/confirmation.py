@@ -77,6 +77,14 @@ def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
     return result
 
 
+def improves(scored: HeldOut) -> bool:
+    """Whether what each fold chose predicts its held-out visits better than the base model does, by more than one standard error over visits."""
+    keep = np.isfinite(scored.before) & np.isfinite(scored.after)
+    _, visit = np.unique(scored.visit[keep], return_inverse=True)
+    gained = np.bincount(visit, scored.before[keep] ** 2 - scored.after[keep] ** 2)
+    return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
+
+
 def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
     """Root mean square and its 90 % interval: log mean square by visits, jackknifed, with Student's t."""
     from scipy.stats import t

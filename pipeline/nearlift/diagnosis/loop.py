@@ -89,15 +89,20 @@ def diagnose(
     stage, library, untestable = set_up(data, base, parts, options, effects)
     answer = settle(stage)
     stage = answer.stage
-    findings = _findings(stage, answer)
+    scored = confirmation.held_out(stage) if confirm else None
+    refuted: tuple[Explanation, ...] = ()
+    if scored is not None and answer.accepted and not confirmation.improves(scored):
+        # what does not help where it was not fitted gets no credit, however well it fits
+        refuted, answer = answer.accepted, dataclasses.replace(answer, accepted=())
+    findings = _findings(stage, answer, refuted)
     residuals: dict[str, NDArray[Any]] = {
         "trial": stage.data.trial,
         "before": np.log(stage.data.lift_N) - confirmation.predict(stage, stage.base_fit, stage.data),
         "after": np.log(stage.data.lift_N) - confirmation.predict(stage, answer.best, stage.data),
     }
-    if confirm:
-        scored = confirmation.held_out(stage)
-        residuals |= {"held_out_before": scored.before, "held_out_after": scored.after}
+    if scored is not None:
+        after = scored.before if refuted else scored.after
+        residuals |= {"held_out_before": scored.before, "held_out_after": after}
         findings["error"] = confirmation.error(answer, scored, noise_floor.floor(stage.data, stage.noise, stage.slope))
     floor = stage.noise
     findings["noise_floor"] = {
@@ -154,8 +159,8 @@ def declared_sizes(parts: tuple[budget.Component, ...], library: tuple[Effect, .
     return sizes
 
 
-def _findings(stage: Stage, answer: Answer) -> dict[str, Any]:
-    """Verdict, effects, structure and rounds."""
+def _findings(stage: Stage, answer: Answer, refuted: tuple[Explanation, ...]) -> dict[str, Any]:
+    """Verdict, effects, structure and rounds; `refuted` are explanations that held-out visits did not confirm."""
     found: dict[str, Any] = {
         "base_model": stage.base.name,
         "false_alarm_rate": stage.options.false_alarm_rate,
@@ -172,7 +177,12 @@ def _findings(stage: Stage, answer: Answer) -> dict[str, Any]:
         {"covariate": c, "p_value": float(10.0 ** max(p, -300.0)), "significant": p < answer.first.threshold}
         for c, p in answer.first.by_covariate().items()
     ]
-    found["rounds"] = _rounds(answer)
+    found["rounds"] = _rounds(dataclasses.replace(answer, accepted=refuted or answer.accepted))
+    if refuted:
+        names = ", ".join(e.name for e in refuted)
+        found["rounds"].append(
+            {"candidates": [], "decision": "unexplained", "reason": f"{names}: nothing is gained on visits that took no part in choosing"}
+        )
     return found
 
 

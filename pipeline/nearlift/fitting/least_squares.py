@@ -101,14 +101,23 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     return np.array([found.params[n].value for n in problem.names])
 
 
-def assemble(model: LiftModel, data: Observations, parts: tuple[budget.Component, ...], scatter: Noise, theta: FloatArray) -> Problem:
-    """The likelihood with every height error carried by the model's slope at `theta`."""
-    slope = height_slope(model, data, dict(zip((p.name for p in model.parameters), theta, strict=True)))
+def assemble(
+    model: LiftModel, data: Observations, parts: tuple[budget.Component, ...], scatter: Noise, theta: FloatArray, slope: FloatArray | None = None
+) -> Problem:
+    """The likelihood with every height error carried by `slope` (n,), or by the model's own at `theta`."""
+    if slope is None:
+        slope = height_slope(model, data, dict(zip((p.name for p in model.parameters), theta, strict=True)))
     covariance = noise.trial_covariance(data, scatter, slope, budget.shared(data, parts, slope), budget.own_variance(data, parts, slope))
     return Problem(model=model, data=data, covariance=covariance)
 
 
-def fit(model: LiftModel, data: Observations, parts: tuple[budget.Component, ...] = (), scatter: Noise | None = None) -> Fit:
+def fit(
+    model: LiftModel,
+    data: Observations,
+    parts: tuple[budget.Component, ...] = (),
+    scatter: Noise | None = None,
+    slope: FloatArray | None = None,
+) -> Fit:
     """Fit `model` to the trials that it can speak about.
 
     Parameters
@@ -120,6 +129,9 @@ def fit(model: LiftModel, data: Observations, parts: tuple[budget.Component, ...
         The budget; see `fitting.budget`.
     scatter : Noise or None
         Variance components of trials; estimated from the repeats if None.
+    slope : (n,) or None
+        d log ratio / dz that carries height errors. Give every rival the base model's: with its own, a flat curve would claim less
+        noise, and their likelihoods could not be compared.
 
     Raises
     ------
@@ -145,8 +157,16 @@ def fit(model: LiftModel, data: Observations, parts: tuple[budget.Component, ...
         if scatter is None:
             trial = Problem(model=model, data=data, covariance=noise.trial_covariance(data, settled, np.zeros(data.n)))
             jacobian = trial.jacobian(theta) if p else None
-            settled = noise.estimate(data, model, dict(zip(trial.names, theta, strict=True)), jacobian)
-        problem = assemble(model, data, parts, settled, theta)
+            declared = height_slope(model, data, dict(zip(trial.names, theta, strict=True)))
+            settled = noise.estimate(
+                data,
+                model,
+                dict(zip(trial.names, theta, strict=True)),
+                jacobian,
+                budget.shared(data, parts, declared),
+                budget.own_variance(data, parts, declared),
+            )
+        problem = assemble(model, data, parts, settled, theta, None if slope is None else slope[keep])
         before, theta = theta, minimise(problem, theta)
         if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
             break
@@ -157,7 +177,7 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
     data, model = problem.data, problem.model
     p, k = len(theta), len(data.levels)
     jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
-    covariance, determined = parameter_covariance(problem.project(jacobian.T))
+    covariance, determined = parameter_covariance(problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1))
     quantile = _t90(scatter.dof)
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
     estimates = {q.name: _estimate(t, u, quantile, q.unit, q.bounds) for q, t, u in zip(model.parameters, theta, sd, strict=True)}
@@ -197,18 +217,21 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
     )
 
 
-def parameter_covariance(white: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def parameter_covariance(white: FloatArray, whole: FloatArray | None = None) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and which of them the trials determine at all.
 
-    What they do not determine takes no part: its variance is 0 here, and its uncertainty is infinite.
+    What they do not determine takes no part: its variance is 0 here, and its uncertainty is infinite. `whole` (p,) is each parameter's
+    size before L_inf took its share: what keeps nothing of that, as all of it does where every trial is at one distance, is not determined.
     """
+    seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)
+    white = white * seen[:, None]
     information = white @ white.T
     size = np.sqrt(np.diag(information))
     scale = np.where(size > 0, size, 1.0)
     value, vector = np.linalg.eigh(information / np.outer(scale, scale))
     blind = value < 1e-13
     inverse = (vector[:, ~blind] / value[~blind]) @ vector[:, ~blind].T
-    determined = np.all(np.abs(vector[:, blind]) < 1e-6, axis=1)
+    determined = seen & np.all(np.abs(vector[:, blind]) < 1e-6, axis=1)
     return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
 
 

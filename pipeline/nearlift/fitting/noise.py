@@ -7,6 +7,9 @@ slope of the curve; that slope is the only thing taken from a model, and only to
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
@@ -16,6 +19,8 @@ from nearlift.results import IntArray, Noise, Observations
 
 #: Repeats must leave this many degrees of freedom, or the scatter is taken about the model instead.
 ENOUGH = 12
+#: Trials over which noise common to a visit fades: not at all.
+WHOLE_VISIT = 1e6
 
 
 def trial_covariance(
@@ -40,7 +45,14 @@ def cells(data: Observations) -> IntArray:
     return cell
 
 
-def estimate(data: Observations, model: LiftModel, parameters: dict[str, float], jacobian: FloatArray | None = None) -> Noise:
+def estimate(
+    data: Observations,
+    model: LiftModel,
+    parameters: dict[str, float],
+    jacobian: FloatArray | None = None,
+    shared: FloatArray | None = None,
+    extra: FloatArray | float = 0.0,
+) -> Noise:
     """Variance components of the trials.
 
     Parameters
@@ -51,6 +63,8 @@ def estimate(data: Observations, model: LiftModel, parameters: dict[str, float],
     jacobian : (n, p) or None
         d log ratio / d theta; used only where repeats are too few, when the scatter is taken about the fitted model. Pass
         the target already reduced by the model's prediction in `data` then.
+    shared, extra
+        What the budget declares, as in `trial_covariance`: scatter that it accounts for is not counted again.
 
     Returns
     -------
@@ -76,9 +90,12 @@ def estimate(data: Observations, model: LiftModel, parameters: dict[str, float],
     dof = max(data.n - rank, 1)
     start = max(_spread(log_lift, mean), 1e-6)
 
+    def noise_of(sizes: FloatArray) -> Noise:
+        named: dict[str, Any] = {name: float(size) for name, size in zip(guess, sizes, strict=True)}
+        return replace(Noise(relative=0.0, serial_length=WHOLE_VISIT), **named)
+
     def deviance(log_sizes: FloatArray) -> float:
-        relative, force, height = np.exp(np.append(log_sizes, [-60.0] * (3 - len(log_sizes))))
-        covariance = trial_covariance(data, Noise(relative=relative, force_N=force, height_m=height), slope)
+        covariance = trial_covariance(data, noise_of(np.exp(log_sizes)), slope, shared, extra)
         x = covariance.whiten(mean.T).T
         q, r = np.linalg.qr(x)
         white = covariance.whiten(log_lift)
@@ -90,19 +107,21 @@ def estimate(data: Observations, model: LiftModel, parameters: dict[str, float],
     stations = np.unique(np.stack([data.z_hat, data.visit]), axis=1)[0]
     revisited = len(stations) - len(np.unique(stations)) >= ENOUGH
     typical_slope = np.sqrt(np.mean(slope**2))
-    guess = [np.log(start), np.log(0.3 * start * np.median(data.lift_N))]
-    if repeats >= ENOUGH and revisited and typical_slope > 0:
-        guess.append(np.log(0.5 * start / typical_slope))
-    if repeats < ENOUGH:
-        guess = guess[:1]
-    bounds = [(g - 9, g + 4) for g in guess]
+    several = len(np.unique(data.visit)) < data.n
+    guess = {"relative": np.log(start)}
+    if repeats >= ENOUGH:
+        guess["force_N"] = np.log(0.3 * start * np.median(data.lift_N))
+        if several and revisited:
+            # what a visit's trials have in common whatever the distance (a drift, a sag) is not a height error
+            guess["serial"] = np.log(0.3 * start)
+            if typical_slope > 0:
+                guess["height_m"] = np.log(0.5 * start / typical_slope)
+    bounds = [(g - 9, g + 4) for g in guess.values()]
     # central differences: one-sided ones leave the minimum where their rounding puts it, and the order of trials would show
-    found = minimize(deviance, guess, method="L-BFGS-B", jac="3-point", bounds=bounds)
-    sizes = np.exp(np.append(found.x, [-np.inf] * (3 - len(found.x))))
+    found = minimize(deviance, list(guess.values()), method="L-BFGS-B", jac="3-point", bounds=bounds)
     # a component at the bottom of its range is indistinguishable from none
-    at_floor = np.append(found.x <= np.array([b[0] for b in bounds]) + 0.5, [True] * (3 - len(found.x)))
-    relative, force, height = np.where(at_floor, 0.0, sizes)
-    return Noise(relative=float(relative), force_N=float(force), height_m=float(height), source=source, dof=float(dof))
+    at_floor = found.x <= np.array([b[0] for b in bounds]) + 0.5
+    return replace(noise_of(np.where(at_floor, 0.0, np.exp(found.x))), source=source, dof=float(dof))
 
 
 def _spread(y: FloatArray, mean: FloatArray) -> float:

@@ -101,5 +101,5 @@ def _mean_covariance(
 
 
 def order_of(boundaries: NDArray[Any]) -> list[str]:
-    """The boundaries present, in the house's order."""
+    """The boundaries present, in the order ground, ceiling, sidewall."""
     return [b for b in BOUNDARIES if b in set(boundaries)]

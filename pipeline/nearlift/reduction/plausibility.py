@@ -18,6 +18,10 @@ from nearlift.reduction.quality import rejected
 
 FloatArray = NDArray[np.float64]
 TOO_HEAVY = 100.0
+#: Times the weight between which the largest far lift of a flying vehicle usually lies.
+ODD = (0.2, 6.0)
+#: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
+STOPPED = 0.05
 
 
 def lengths(n: NDArray[np.int64], codes: list[list[str]], missing: float) -> None:
@@ -118,3 +122,38 @@ def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, floa
         for side, (throttles, lifts) in far_lifts(table).items()
         for i in np.flatnonzero(np.diff(lifts) <= 0)
     ]
+
+
+def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """Trials whose lift is not positive, or below a twentieth of the median at their throttle: their rotors did not turn."""
+    lift = np.asarray(table["lift_N"], dtype=float)
+    good = ~rejected(table["quality"]) & np.isfinite(lift)
+    usual = np.full(len(lift), np.nan)
+    for throttle in np.unique(table["throttle"]):
+        here = table["throttle"] == throttle
+        if (good & here).any():
+            usual[here] = np.median(lift[good & here])
+    with np.errstate(invalid="ignore"):
+        found: NDArray[np.bool_] = good & ((lift <= 0) | (lift < STOPPED * usual))
+    return found
+
+
+def odd_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str) -> list[str]:
+    """A note where the largest far lift is possible for this vehicle, but unusual: gram-force for millinewton is a factor of ten."""
+    peaks = [float(np.max(lifts)) for _, lifts in far_lifts(table).values()]
+    if not peaks or ODD[0] < max(peaks) / weight_N < ODD[1]:
+        return []
+    ratio = max(peaks) / weight_N
+    return [
+        f"the largest lift far away is {ratio:.3g} times the weight, which is unusual; {_other_unit(max(peaks), weight_N, unit)} ({key} is {unit})"
+    ]
+
+
+def mostly_unsettled(table: Mapping[str, NDArray[Any]]) -> list[str]:
+    """A note where most records begin with another force than they go on with: their rotors-stopped head was not taken off."""
+    good = ~rejected(table["quality"])
+    begins = np.array(["unsettled" in text.split() for text in table["quality"]])
+    if not good.any() or np.mean(begins[good]) < 0.5:
+        return []
+    share = f"{np.mean(begins[good]):.0%} of the records begin with another force than they go on with"
+    return [f"{share}: is `tare` too short (rotors still at rest), or `settle`, or is sample_rate wrong?"]

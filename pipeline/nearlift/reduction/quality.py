@@ -36,6 +36,11 @@ CODES = (
     Code(name="DRIFT", rejects=True, meaning="the force drifts within the record by more than the limit"),
     Code(name="TARE", rejects=True, meaning="the force changes within the tare: the rotors were not at rest all through it"),
     Code(name="IMPLAUSIBLE", rejects=True, meaning="the lift is more than a hundred times the vehicle's weight"),
+    Code(
+        name="NO_LIFT",
+        rejects=True,
+        meaning="the mean lift is zero, negative, or a small fraction of its throttle's: the rotors did not turn, or pull the other way",
+    ),
     Code(name="DUPLICATE", rejects=True, meaning="the record is byte for byte that of an earlier trial"),
     Code(name="truncated", rejects=False, meaning="the file ends within a line; the cut sample was left out"),
     Code(name="short", rejects=False, meaning="less than 95 % of the campaign's usual samples"),

@@ -140,8 +140,12 @@ def reduce_record(
     found += _saturated(live, high, low, repeats, limits.range_N)
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
     found += _rotors_at_rest(tare, lift)
-    if len(batches) > 2 and abs(batches[0]) > 0.1 * abs(lift) and abs(batches[0]) > 6 * float(batches[1:].std()):
-        found.append("unsettled")
+    if len(batches) > 2:
+        # the median and its scatter, for a head of stopped rotors takes several batches and would hide behind its own spread
+        level = float(np.median(batches))
+        scatter = 1.4826 * float(np.median(np.abs(batches - level)))
+        if abs(batches[0] - level) > max(0.1 * abs(lift), 6 * scatter):
+            found.append("unsettled")
     return Reduced(
         lift_N=lift,
         u_lift_N=math.sqrt(u2 + u2_tare),

@@ -12,6 +12,7 @@ from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fitting import budget
 from nearlift.fitting.least_squares import Fit, fit
+from nearlift.fitting.problem import height_slope
 from nearlift.products import FIT, TRIALS
 from nearlift.results import Estimate, Observations
 from nearlift.stages.job import Job, Outcome
@@ -49,19 +50,21 @@ def run(job: Job) -> Outcome:
         data = observe(trials, job.campaign, boundary)
         base, rivals = choice(job.campaign, boundary)
         fits: dict[str, Any] = {}
-        scatter = None
+        scatter = slope = None
         for model in (base, *rivals):
             job.say(f"fit {boundary}: {model.name}")
             try:
-                result = fit(model, data, parts, scatter)
+                result = fit(model, data, parts, scatter, slope)
             except NotConverged as fault:
                 if model is base:
                     raise
                 content["failed"].setdefault(boundary, {})[model.name] = fault.what
                 notes.append(f"{boundary}: {model.name} was not fitted: {fault.what}")
                 continue
-            # one noise for all models, or their likelihoods could not be compared
-            scatter = scatter or result.noise
+            # one covariance for all models, or their likelihoods could not be compared
+            if scatter is None:
+                scatter = result.noise
+                slope = height_slope(model, data, dict(zip(result.names, result.theta, strict=True)))
             fits[model.name] = record(result, data)
         content["base"][boundary] = base.name
         content["boundaries"][boundary] = fits
@@ -70,6 +73,7 @@ def run(job: Job) -> Outcome:
             "relative": scatter.relative,
             "force_N": scatter.force_N,
             "height_m": scatter.height_m,
+            "visit": scatter.serial,
             "source": scatter.source,
             "dof": scatter.dof,
         }

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import readers, store
 from nearlift.campaign import Campaign
@@ -201,17 +202,22 @@ def _duplicates(rows: Sequence[Row], codes: Sequence[list[str]]) -> None:
         seen.add(key)
 
 
+def _mark(table: store.Table, name: str, found: NDArray[np.bool_]) -> None:
+    """Add a quality code to the trials found."""
+    table["quality"] = np.array(
+        [quality.joined([*text.split(), name]) if f else text for text, f in zip(table["quality"], found, strict=True)], dtype=object
+    )
+
+
 def _judge(table: store.Table, campaign: Campaign) -> list[str]:
     """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
     weight = campaign.vehicle.mass * campaign.rig.gravity
     series = campaign.records.force
     unit, key = (series.unit, "records.force.unit") if series is not None else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
     plausibility.against_weight(table, weight, unit, key)
-    heavy = plausibility.implausible(table["lift_N"], weight)
-    table["quality"] = np.array(
-        [quality.joined([*text.split(), "IMPLAUSIBLE"]) if h else text for text, h in zip(table["quality"], heavy, strict=True)], dtype=object
-    )
-    notes = []
+    _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
+    _mark(table, "NO_LIFT", plausibility.without_lift(table))
+    notes = [*plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
     for side, lower, upper, below, above in plausibility.not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         far = here & (table["z_hat"] == table["z_hat"][here].max())

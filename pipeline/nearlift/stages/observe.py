@@ -13,7 +13,7 @@ from nearlift.store import Table
 
 
 def boundaries(trials: Table) -> list[Boundary]:
-    """The boundaries with at least one accepted trial, in the house's order."""
+    """The boundaries with at least one accepted trial, in the order ground, ceiling, sidewall."""
     good = set(trials["boundary"][~rejected(trials["quality"])])
     return [b for b in BOUNDARIES if b in good]
 

@@ -20,15 +20,15 @@ mass          = "FILL IN g"
 held            = "throttle"         # throttle | voltage | rpm | power: what a trial holds constant
 distance_datum  = "rotor plane"      # rotor plane | airframe | blade tip | rotor axis: what `distance` is measured from
 distance_offset = "0 mm"             # datum to rotor plane, ADDED to every recorded distance
-arena           = "1.5 m"            # largest room dimension; bounds every distance
+arena           = "FILL IN m"         # largest room dimension; bounds every distance
 gravity         = "9.80665 m/s^2"
 
 [load_cell]
 sample_rate = "1000 Hz"
 tare        = "2 s"                  # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows
 settle      = "0 s"                  # discarded after the tare
-range       = "1 kgf"
-accuracy    = "1.5 gf"               # half-width of the cell's departure from a straight line; never averages down
+range       = "FILL IN kgf"
+accuracy    = "FILL IN gf"             # half-width of the cell's departure from a straight line; never averages down
 
 [records]
 reader = "csv"                       # csv: one file per trial | parquet: one long table with a `trial` column | means: no records

@@ -72,7 +72,7 @@ class Evidence:
 
     @property
     def boundaries(self) -> list[Boundary]:
-        """The boundaries that were fitted, in the house's order."""
+        """The boundaries that were fitted, in the order ground, ceiling, sidewall."""
         fitted = self.document(FIT)["boundaries"]
         return [b for b in BOUNDARIES if b in fitted]
 
