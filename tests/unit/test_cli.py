@@ -287,8 +287,11 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
     with pytest.raises(ManifestError, match=r"vehicle.rotor_radius.*FILL IN(.|\n)*vehicle.rotor_spacing(.|\n)*vehicle.mass"):
         manifests.load(folder)
     text = (folder / "campaign.toml").read_text()
-    for empty, value in (('"FILL IN"', '"Crazyflie 2.0"'), ("FILL IN mm", "23 mm"), ("FILL IN mm", "65 mm"), ("FILL IN g", "27 g")):
-        text = text.replace(empty, value, 1)
+    values = {"FILL IN mm": ("23 mm", "65 mm"), "FILL IN g": ("27 g",), "FILL IN m": ("1.5 m",), "FILL IN kgf": ("1 kgf",), "FILL IN gf": ("1.5 gf",)}
+    text = text.replace('"FILL IN"', '"Crazyflie 2.0"', 1)
+    for empty, given_values in values.items():
+        for value in given_values:
+            text = text.replace(f'"{empty}"', f'"{value}"', 1)
     assert "FILL IN" not in text
     (folder / "campaign.toml").write_text(text)
     given = manifests.load(folder)

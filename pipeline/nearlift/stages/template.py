@@ -20,7 +20,7 @@ mass          = "FILL IN g"
 held            = "throttle"         # throttle | voltage | rpm | power: what a trial holds constant
 distance_datum  = "rotor plane"      # rotor plane | airframe | blade tip | rotor axis: what `distance` is measured from
 distance_offset = "0 mm"             # datum to rotor plane, ADDED to every recorded distance
-arena           = "FILL IN m"         # largest room dimension; bounds every distance
+arena           = "FILL IN m"        # largest room dimension; bounds every distance
 gravity         = "9.80665 m/s^2"
 
 [load_cell]
@@ -28,7 +28,7 @@ sample_rate = "1000 Hz"
 tare        = "2 s"                  # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows
 settle      = "0 s"                  # discarded after the tare
 range       = "FILL IN kgf"
-accuracy    = "FILL IN gf"             # half-width of the cell's departure from a straight line; never averages down
+accuracy    = "FILL IN gf"           # half-width of the cell's departure from a straight line; never averages down
 
 [records]
 reader = "csv"                       # csv: one file per trial | parquet: one long table with a `trial` column | means: no records
