@@ -244,3 +244,20 @@ def test_a_proposed_session_adds_power(null_stage):
 
 def test_lift_levels_are_what_the_trials_were_given(null_stage):
     assert null_stage.data.covariates["lift_inf_N"] == pytest.approx([L_INF[t] for t in null_stage.data.throttle], rel=0.01)
+
+
+def test_what_held_out_visits_do_not_confirm_is_not_named():
+    # nine long runs, each with a gain of its own: fitted, a gain per session explains all; a run left out it cannot predict
+    data = campaign(21, stations=(1.2, 2.0, 6.0, 11.5), visits=27)
+    run_of = np.arange(data.n) * 9 // data.n
+    z = np.array([1.2, 11.5, 2.0, 6.0, 11.5, 1.2, 6.0, 11.5, 2.0])[run_of]
+    gain = np.array([0.03, -0.02, 0.01, 0.04, -0.05, 0.0, -0.03, 0.02, -0.01])[run_of]
+    lift = np.array([L_INF[t] for t in data.throttle]) * (1 + 0.004 * np.random.default_rng(0).normal(size=data.n)) * (1 + gain)
+    poor = {k: v for k, v in data.covariates.items() if k == "start_s"}
+    runs = dataclasses.replace(data, z_hat=z, lift_N=lift, visit=run_of, session=run_of, covariates=poor)
+    found = close_loop(runs, GROUND)
+    assert found["verdict"] == "unexplained"
+    assert ["session_gain"] in found["not_confirmed"]
+    assert found["effects"] == []
+    assert found["error"]["after"] == found["error"]["before"]
+    assert "nothing is gained on visits" in found["rounds"][-1]["reason"]

@@ -179,6 +179,7 @@ def _findings(stage: Stage, answer: Answer, refuted: tuple[Explanation, ...]) ->
     ]
     found["rounds"] = _rounds(dataclasses.replace(answer, accepted=refuted or answer.accepted))
     if refuted:
+        found["not_confirmed"] = [list(e.effects) for e in refuted]
         names = ", ".join(e.name for e in refuted)
         found["rounds"].append(
             {"candidates": [], "decision": "unexplained", "reason": f"{names}: nothing is gained on visits that took no part in choosing"}

@@ -41,6 +41,7 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "verdict": WORDS.get(found["verdict"], found["verdict"]),
         "largest": loop_words.largest(evidence, boundary, found),
         "effects": loop_words.effects(evidence, boundary, found),
+        "not_confirmed": [" + ".join(names) for names in found.get("not_confirmed", [])],
         "partial": [
             {"name": p["name"], "share": cite(evidence, DIAGNOSIS, *path, "partial", str(i), "share", scale=100, digits=2, how="in percent")}
             for i, p in enumerate(found.get("partial", []))

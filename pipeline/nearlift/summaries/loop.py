@@ -94,12 +94,15 @@ def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
     accepted = [float(c["log_evidence"]) for c in known.values() if c.get("accepted")]
     best = max(accepted or [float(c["log_evidence"]) for c in known.values()], default=0.0)
     named = {str(e["name"]) for e in found.get("effects", [])}
+    refuted = [set(names) for names in found.get("not_confirmed", [])]
     listed = []
     for c in known.values():
         behind = 2 * (best - float(c["log_evidence"]))
         kind = "rejected"
         if c.get("accepted"):
             kind = "named" if {*str(c["name"]).split(" + ")} == named else ("rival" if behind <= RIVAL else "worse")
+        if {*str(c["name"]).split(" + ")} in refuted:
+            kind, c = "rejected", {**c, "refuted": True}
         listed.append({**c, "behind": behind, "kind": kind})
     order = {"named": 0, "rival": 1}
     return sorted(listed, key=lambda c: (order.get(c["kind"], 2), c["behind"]))
@@ -112,7 +115,10 @@ def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
     if listed and not any("+" not in c["name"] for c in shown):
         # beside pairs, the best of those that stand alone shows why one is not enough
         shown = [*shown[:-1], next((c for c in listed if "+" not in c["name"]), shown[-1])]
-    notes = [f"leaves {c['left_in'].replace('_', ' ')}" if c.get("left_in") else "explains too little" for c in shown]
+    notes = [
+        "not confirmed" if c.get("refuted") else f"leaves {c['left_in'].replace('_', ' ')}" if c.get("left_in") else "explains too little"
+        for c in shown
+    ]
     return rows(
         boundary,
         part="candidate",
