@@ -10,6 +10,7 @@ import difflib
 import math
 import re
 import tomllib
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -409,6 +410,6 @@ def _section_in(annotation: Any) -> Any:
     return None
 
 
-def boundaries_of(values: list[str]) -> list[Boundary]:
+def boundaries_of(values: Collection[str]) -> list[Boundary]:
     """The boundaries present, ground, ceiling, sidewall in that order (`none`, free air, is not one)."""
     return [b for b in BOUNDARIES if b in values]

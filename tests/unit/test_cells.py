@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nearlift.reduction.cells import OWN_SCATTER, Cells, order_of, reduce
+from nearlift.campaign import boundaries_of
+from nearlift.reduction.cells import OWN_SCATTER, Cells, reduce
 
 STATIONS = (1.1, 1.5, 3.0, 11.0)
 L_INF = {0.25: 0.1, 0.5: 0.25, 0.92: 0.55}
@@ -157,4 +158,4 @@ def test_the_covariance_is_one():
 
 
 def test_boundaries_keep_the_houses_order():
-    assert order_of(np.array(["sidewall", "none", "ground", "sidewall"], dtype=object)) == ["ground", "sidewall"]
+    assert boundaries_of(np.array(["sidewall", "none", "ground", "sidewall"], dtype=object)) == ["ground", "sidewall"]

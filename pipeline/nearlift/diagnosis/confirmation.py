@@ -27,6 +27,11 @@ class HeldOut:
     visit: IntArray
     chosen: tuple[str, ...]
 
+    @property
+    def predicted(self) -> NDArray[np.bool_]:
+        """Which trials could be predicted."""
+        return np.isfinite(self.before) & np.isfinite(self.after)
+
 
 def folds(data: Observations) -> list[NDArray[np.bool_]]:
     """Masks of the trials held out, whole visits each: every station keeps visits on both sides where it has several."""
@@ -79,7 +84,7 @@ def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
 
 def improves(scored: HeldOut) -> bool:
     """Whether what each fold chose predicts its held-out visits better than the base model does, by more than one standard error over visits."""
-    keep = np.isfinite(scored.before) & np.isfinite(scored.after)
+    keep = scored.predicted
     _, visit = np.unique(scored.visit[keep], return_inverse=True)
     gained = np.bincount(visit, scored.before[keep] ** 2 - scored.after[keep] ** 2)
     return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
@@ -104,7 +109,7 @@ def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
 
 def error(answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, object]:
     """The `error` block of diagnosis.json."""
-    keep = np.isfinite(scored.before) & np.isfinite(scored.after)
+    keep = scored.predicted
 
     def block(residual: FloatArray) -> dict[str, float]:
         value, low, high = rmse(residual[keep], scored.visit[keep])

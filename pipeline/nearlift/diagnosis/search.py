@@ -14,6 +14,7 @@ from nearlift.diagnosis import noise_floor, structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, search
 from nearlift.diagnosis.families import STEP, cosines, families
 from nearlift.diagnosis.noise_floor import orthonormal
+from nearlift.diagnosis.setting import SCHEDULE_WORDS
 from nearlift.diagnosis.structure import Hypothesis, Structure
 from nearlift.fitting import budget
 from nearlift.fitting.noise import trial_covariance
@@ -130,7 +131,9 @@ class Stage:
         named += [(f"effect {e.name}", e.varies_with, columns) for e, columns in self.library]
         white = [self.space.project(c.T).T for _, _, c in named]
         basis = orthonormal(np.hstack([self.base_fit.jacobian, *white]))
-        reduced = tuple(Hypothesis(name=n, covariate=_plain(c), columns=basis.T @ w) for (n, c, _), w in zip(named, white, strict=True))
+        reduced = tuple(
+            Hypothesis(name=n, covariate=SCHEDULE_WORDS.get(c, c), columns=basis.T @ w) for (n, c, _), w in zip(named, white, strict=True)
+        )
         return reduced, basis
 
     def structure(self, fitted: Fitted, tube: FloatArray, rate: float, purpose: int, exact: bool = False) -> tuple[Structure, float, float]:
@@ -200,14 +203,16 @@ class Stage:
             left=left,
             gain=self.base_fit.chi2 - fitted.chi2,
             log_evidence=log_evidence,
-            over_none=log_evidence - self.no_effect,
+            over_none=log_evidence - self.nothing_added[1],
             plausibility=plausibility,
         )
 
     @cached_property
-    def no_effect(self) -> float:
-        """Log evidence of the base model alone."""
-        return self.structure(self.base_fit, np.zeros((self.data.n, 0)), self.options.second_rate, 0)[1]
+    def nothing_added(self) -> tuple[Structure, float]:
+        """The test on what the base model alone leaves, at the stated false-alarm rate, and its log evidence."""
+        none = np.zeros((self.data.n, 0))
+        found, log_evidence, _ = self.structure(self.base_fit, none, self.options.false_alarm_rate, 0, exact=True)
+        return found, log_evidence
 
 
 def wander(data: Observations) -> FloatArray:
@@ -234,18 +239,6 @@ class _Deform:
         along = self.basis.T @ x
         result: FloatArray = x - self.basis @ (shrink[:, None] * along if x.ndim == 2 else shrink * along)
         return result
-
-
-def _plain(covariate: str) -> str:
-    """The schedule's word for a covariate."""
-    return {
-        "z_hat": "distance",
-        "supply_V": "supply",
-        "temperature_K": "temperature",
-        "tilt_rad": "tilt",
-        "start_s": "start",
-        "since_start_s": "start",
-    }.get(covariate, covariate)
 
 
 def library_columns(base: LiftModel, effects: tuple[Effect, ...], data: Observations, theta: FloatArray) -> list[tuple[Effect, FloatArray]]:
@@ -326,8 +319,7 @@ class Answer:
 
 def run(stage: Stage) -> Answer:
     """Test, then single effects, then pairs if no single one will do."""
-    none = np.zeros((stage.data.n, 0))
-    first, _, _ = stage.structure(stage.base_fit, none, stage.options.false_alarm_rate, 0, exact=True)
+    first, _ = stage.nothing_added
     if not first.present:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in stage.library}

@@ -13,6 +13,16 @@ from nearlift.results import Observations
 
 #: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute where the scale is fixed.
 LEAST_SPREAD = {"temperature_K": 0.2, "pressure_Pa": 20.0, "humidity": 0.01, "tilt_rad": 1e-3, "supply_V": 5e-3}
+#: What effects call the covariate along which they vary, in the schedule's words.
+SCHEDULE_WORDS = {
+    "z_hat": "distance",
+    "supply_V": "supply",
+    "temperature_K": "temperature",
+    "tilt_rad": "tilt",
+    "start_s": "start",
+    "since_start_s": "start",
+    "elapsed_hat": "start",
+}
 
 
 def derive(data: Observations, levels: FloatArray) -> Observations:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import BOUNDARIES, FloatArray
+from nearlift.declare import FloatArray
 
 #: With fewer repeats than this a cell borrows the relative scatter of all cells of its boundary.
 OWN_SCATTER = 4
@@ -98,8 +98,3 @@ def _mean_covariance(
         joint = table @ table.T / (count[members[0]] - 1) / count[members[0]]
         covariance[np.ix_(members, members)] = joint + np.diag(np.maximum(np.diag(covariance)[members] - np.diag(joint), 0))
     return covariance
-
-
-def order_of(boundaries: NDArray[Any]) -> list[str]:
-    """The boundaries present, in the order ground, ceiling, sidewall."""
-    return [b for b in BOUNDARIES if b in set(boundaries)]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from nearlift import catalogue
 from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, LiftModel
@@ -104,8 +102,3 @@ def record(result: Fit, data: Observations) -> dict[str, Any]:
 
 def _estimate(e: Estimate) -> dict[str, Any]:
     return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit, "at_bound": e.at_bound}
-
-
-def theta_of(entry: dict[str, Any], model: LiftModel) -> np.ndarray:
-    """The fitted parameters of one entry of fit.json, in the model's order."""
-    return np.array([entry["parameters"][p.name]["value"] for p in model.parameters])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.campaign import Campaign
-from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.campaign import Campaign, boundaries_of
+from nearlift.declare import Boundary
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results import Observations
@@ -15,7 +15,7 @@ from nearlift.store import Table
 def boundaries(trials: Table) -> list[Boundary]:
     """The boundaries with at least one accepted trial, in the order ground, ceiling, sidewall."""
     good = set(trials["boundary"][~rejected(trials["quality"])])
-    return [b for b in BOUNDARIES if b in good]
+    return boundaries_of(good)
 
 
 def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observations:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from nearlift import catalogue
 from nearlift.declare import FloatArray
 from nearlift.diagnosis.families import cosines
+from nearlift.diagnosis.setting import SCHEDULE_WORDS
 from nearlift.results import Observations
 from nearlift.summaries.residuals import DISTINCT, bins
 from nearlift.summaries.rounding import plain
@@ -53,16 +54,6 @@ AXES: dict[str, Axis] = {
     "previous_throttle": Axis(column="previous_throttle_percent"),
     "previous_distance": Axis(column="previous_z_hat"),
 }
-#: What effects call the covariate along which they vary.
-WORDS = {
-    "z_hat": "distance",
-    "supply_V": "supply",
-    "temperature_K": "temperature",
-    "tilt_rad": "tilt",
-    "start_s": "start",
-    "since_start_s": "start",
-    "elapsed_hat": "start",
-}
 
 
 def chosen(found: Mapping[str, Any]) -> list[str]:
@@ -70,7 +61,7 @@ def chosen(found: Mapping[str, Any]) -> list[str]:
     words = [str(s["covariate"]) for s in found.get("structure", [])[:1]] or ["distance"]
     if len(found.get("effects", [])) > 1:
         known = {e.name: e.varies_with for e in catalogue.effects()}
-        words += [WORDS.get(known[e["name"]], known[e["name"]]) for e in found["effects"] if e["name"] in known]
+        words += [SCHEDULE_WORDS.get(known[e["name"]], known[e["name"]]) for e in found["effects"] if e["name"] in known]
     return list(dict.fromkeys(words))[:MOST]
 
 

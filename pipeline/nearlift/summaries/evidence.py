@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
-from nearlift.campaign import Campaign, Overlay
-from nearlift.declare import BOUNDARIES, Boundary, LiftModel
+from nearlift.campaign import Campaign, Overlay, boundaries_of
+from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import ProductError
 from nearlift.products import FIT, Product
 from nearlift.results import Observations
@@ -73,8 +73,7 @@ class Evidence:
     @property
     def boundaries(self) -> list[Boundary]:
         """The boundaries that were fitted, in the order ground, ceiling, sidewall."""
-        fitted = self.document(FIT)["boundaries"]
-        return [b for b in BOUNDARIES if b in fitted]
+        return boundaries_of(self.document(FIT)["boundaries"])
 
     def base(self, boundary: Boundary) -> tuple[LiftModel, dict[str, Any]]:
         """The base model of a boundary and its entry in fit.json."""
