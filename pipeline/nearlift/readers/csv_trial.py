@@ -150,7 +150,7 @@ def _scanned(content: bytes, body: int, columns: int, wanted: list[int]) -> list
     rows = (len(content) - body) // (2 * columns) + 1
     out = [np.empty(rows) for _ in wanted]
     clock = out[1] if len(wanted) > 1 else np.empty(0)
-    found = kernel.scan(np.frombuffer(content, dtype=np.uint8), body, columns, wanted[0], wanted[1] if len(wanted) > 1 else -1, out[0], clock)
+    found = kernel.scan(np.frombuffer(content, dtype=np.uint8), body, columns, wanted[0], wanted[1] if len(wanted) > 1 else None, out[0], clock)
     return None if found is None else [values[:found] for values in out]
 
 
