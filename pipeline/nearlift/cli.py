@@ -173,6 +173,21 @@ def execute(
     sys.exit(code)
 
 
+def execute_many(campaigns: tuple[Path, ...], out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Run several campaigns; one that is refused does not stop the others. Ends with the gravest exit code."""
+    from nearlift.stages import many
+
+    voice = Voice(quiet, verbose, as_json)
+    ended = []
+    with voice.busy(f"nearlift: {len(campaigns)} campaigns"):
+        for end in many.run(campaigns, out, executor, seed):
+            voice.line(f"{end.campaign:<24}{end.words}")
+            ended.append(end)
+    if as_json:
+        click.echo(json.dumps({"campaigns": [end.told() for end in ended]}))
+    sys.exit(many.gravest(ended))
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="nearlift")
 def main() -> None:
@@ -187,11 +202,14 @@ CAMPAIGN = click.argument("campaign", type=click.Path(path_type=Path))
 
 
 @main.command()
-@CAMPAIGN
+@click.argument("campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN...")
 @common
-def run(campaign: Path, **options: Any) -> None:
-    """Every stage of CAMPAIGN that is stale."""
-    execute(campaign, None, **options)
+def run(campaigns: tuple[Path, ...], **options: Any) -> None:
+    """Every stage of CAMPAIGN that is stale; of several campaigns, one after the other, or side by side with processes:N."""
+    if len(campaigns) == 1:
+        execute(campaigns[0], None, **options)
+    else:
+        execute_many(campaigns, **options)
 
 
 @main.command()
@@ -236,6 +254,22 @@ def plan(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, qui
     else:
         for name, why in steps:
             click.echo(f"{name:<9}{'run: ' + why if why else 'up to date'}")
+
+
+@main.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--shared", multiple=True, metavar="COMPONENT", help="An [[uncertainty]] that is one and the same error in all campaigns.")
+@common
+def compare(names: tuple[str, ...], shared: tuple[str, ...], out: Path, as_json: bool, quiet: bool, **_: Any) -> None:
+    """One coefficient over many finished campaigns: table, forest plot, population mean and spread."""
+    from nearlift.stages import compare as comparison
+
+    content = comparison.run(out, names, shared)
+    if as_json:
+        click.echo(json.dumps(content))
+    elif not quiet:
+        click.echo("\n".join(comparison.table(content)))
+        click.echo(str(out / "reports" / comparison.FOLDER / "forest.pdf"))
 
 
 @main.command()

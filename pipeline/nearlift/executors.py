@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import functools
 import multiprocessing
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
-from nearlift.errors import UsageError
+from nearlift.errors import InputRefused, UsageError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -33,6 +36,62 @@ class SerialExecutor(concurrent.futures.Executor):
         return future
 
 
+class LastingProcesses(concurrent.futures.Executor):
+    """Processes that outlive the death of one of them (by the kernel, for want of memory, say): lost tasks run again.
+
+    Tasks are pure, so a second run gives the same answer. A task that loses its process `TRIES` times is refused.
+    """
+
+    TRIES = 3
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._lock = threading.Lock()
+        self._pool = self._new()
+
+    def _new(self) -> concurrent.futures.ProcessPoolExecutor:
+        return concurrent.futures.ProcessPoolExecutor(self._workers, mp_context=multiprocessing.get_context("spawn"))
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
+        """Run the task in a process; the future survives that process."""
+        answer: concurrent.futures.Future[Any] = concurrent.futures.Future()
+        self._start(answer, functools.partial(fn, *args, **kwargs), 1)
+        return answer
+
+    def _start(self, answer: concurrent.futures.Future[Any], task: Callable[[], Any], attempt: int) -> None:
+        with self._lock:
+            pool = self._pool
+            try:
+                running = pool.submit(task)
+            except BrokenProcessPool:
+                pool = self._pool = self._new()
+                running = pool.submit(task)
+
+        def ended(done: concurrent.futures.Future[Any]) -> None:
+            if answer.cancelled():
+                return
+            if done.cancelled():
+                answer.cancel()
+                return
+            fault = done.exception()
+            if fault is None:
+                answer.set_result(done.result())
+            elif not isinstance(fault, BrokenProcessPool):
+                answer.set_exception(fault)
+            elif attempt < self.TRIES:
+                self._start(answer, task, attempt + 1)
+            else:
+                answer.set_exception(
+                    InputRefused("--executor", f"a worker process died {attempt} times over one task", "use fewer workers (memory?), or serial")
+                )
+
+        running.add_done_callback(ended)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes; what waits is finished first unless it is to be cancelled."""
+        self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+
+
 @contextlib.contextmanager
 def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
     """The executor that ``--executor`` names: ``serial``, ``threads:N``, ``processes:N`` or ``dask:ADDRESS``."""
@@ -45,8 +104,8 @@ def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
             with concurrent.futures.ThreadPoolExecutor(workers) as pool:
                 yield pool
         else:
-            with concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-                yield pool
+            with LastingProcesses(workers) as lasting:
+                yield lasting
     elif kind == "dask" and rest:
         try:
             import distributed

@@ -138,7 +138,7 @@ def test_2_for_a_bad_manifest_which_writes_nothing(raw, tmp_path):
         (("run", "{raw}", "--executor", "gpu"), "'gpu' is not an executor"),
         (("run", "{raw}/nowhere"), "holds no campaign.toml\n  `nearlift new DIR` writes one to fill in"),
         (("describe", "sanches_cuevas"), "sanchez_cuevas"),
-        (("run",), "Missing argument 'CAMPAIGN'"),
+        (("run",), "Missing argument 'CAMPAIGN...'"),
         (("fly", "{raw}"), "No such command 'fly'"),
         (("run", "{raw}", "--seed", "x"), "'x' is not a valid integer"),
         (("new", "{raw}"), "is not empty\n  name a new folder; nothing is ever overwritten"),

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import concurrent.futures
+import json
+import os
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
 
-from nearlift.errors import UsageError
+from nearlift.errors import InputRefused, UsageError
 from nearlift.executors import SerialExecutor, open_executor, ordered
 from nearlift.stages import graph, ingest
 
@@ -141,3 +145,78 @@ def test_a_damaged_record_is_refused_alike_wherever_it_is_read(tmp_path):
             ingest.run(small_run.job(copy, tmp_path / "out", executor=pool))
         told.append((type(refusal.value), str(refusal.value)))
     assert told[0] == told[1] == told[2]
+
+
+DEADLY = """
+import os, signal, time
+from pathlib import Path
+
+def square(spec):
+    x, mark = spec
+    if x == 3 and not Path(mark).exists():
+        Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.01)
+    return x * x
+
+def die(spec):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.fixture
+def deadly(tmp_path, monkeypatch):
+    """A module that fresh processes can import, whose tasks kill the process that runs them."""
+    (tmp_path / "deadly_tasks.py").write_text(DEADLY)
+    monkeypatch.syspath_prepend(tmp_path)
+    import deadly_tasks
+
+    yield deadly_tasks
+    del sys.modules["deadly_tasks"]
+
+
+def test_the_death_of_a_process_changes_no_result(deadly, tmp_path):
+    specs = [(x, str(tmp_path / "died")) for x in range(12)]
+    with open_executor("processes:2") as pool:
+        assert list(ordered(pool, deadly.square, specs)) == [x * x for x in range(12)]
+    assert (tmp_path / "died").exists()
+
+
+def test_a_task_that_kills_every_process_is_refused(deadly):
+    with (
+        open_executor("processes:1") as pool,
+        pytest.raises(InputRefused, match="--executor: a worker process died 3 times over one task"),
+    ):
+        list(ordered(pool, deadly.die, [0]))
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A real dask scheduler with two worker processes on loopback."""
+    pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
+    started = [subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)], **quiet)]
+    worker = [*dask, "worker", "--scheduler-file", str(file), "--no-nanny", "--nthreads", "1", "--no-dashboard"]
+    started += [subprocess.Popen([*worker, "--name", name], env=os.environ | {"PYTHONPATH": str(tmp_path)}, **quiet) for name in "ab"]
+    try:
+        deadline = time.monotonic() + 60
+        while not (file.exists() and file.stat().st_size):
+            assert time.monotonic() < deadline, "the scheduler did not start"
+            time.sleep(0.1)
+        yield json.loads(file.read_text())["address"], started[1:]
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+def test_a_killed_worker_of_a_cluster_changes_no_result(cluster, deadly, tmp_path):
+    address, workers = cluster
+    specs = [(x, str(tmp_path / "died")) for x in range(40)]
+    with open_executor(f"dask:{address}") as pool:
+        assert list(ordered(pool, deadly.square, specs)) == [x * x for x in range(40)]
+        dead = [w for w in workers if w.poll() is not None]
+    assert (tmp_path / "died").exists()
+    assert len(dead) == 1

@@ -187,6 +187,7 @@ class Ledger:
         self.content = {
             "schema": PROVENANCE.schema,
             "campaign": self.job.campaign.name,
+            "vehicle": self.job.campaign.vehicle.name,
             "nearlift": nearlift.__version__,
             "platform": platform.platform(),
             "versions": versions(),

@@ -1,0 +1,90 @@
+"""The forest plot: a panel for each coefficient, a line for each campaign, the population beneath them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from nearlift import nomenclature
+from nearlift.errors import UsageError
+from nearlift.figures.style import BAND, SERIES, Style, plain_text
+
+Rows = Mapping[str, Any]
+LINE_IN = 0.17
+#: What the loop said of the campaign decides the symbol: only an open one has structure that nobody could name.
+VERDICTS = {"": "o", "adequate": "o", "effect": "s", "unexplained": "o"}
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """Campaigns from top to bottom in the order given; grey is the fit before the loop where that differs."""
+    keys = list(dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)))
+    panels = [_select(table, (table["panel"] == b) & (table["coefficient"] == c)) for b, c in keys]
+    lines = [len(rows["value"]) for rows in panels]
+    height = min(LINE_IN * (sum(lines) + 3.2 * len(panels)) + 0.3, look.height_in)
+    figure = Figure(figsize=(look.single_in * 1.25, height), layout="constrained")
+    axes = figure.subplots(len(panels), 1, squeeze=False, gridspec_kw={"height_ratios": [n + 1.5 for n in lines]})[:, 0]
+    for ax, (boundary, coefficient), rows in zip(axes, keys, panels, strict=True):
+        _panel(ax, rows)
+        ax.set_title(boundary, loc="left", fontsize=look.text_pt)
+        ax.set_xlabel(_label(coefficient, str(rows["unit"][0])), labelpad=1)
+    _legend(figure, table)
+    return figure
+
+
+def _panel(ax: Axes, rows: Rows) -> None:
+    y = -np.arange(len(rows["value"]), dtype=float)
+    colour, accent = SERIES[0][0], SERIES[1][0]
+    for i, kind in enumerate(rows["kind"]):
+        span = [rows["lo90"][i], rows["hi90"][i]]
+        if kind == "population":
+            ax.axvspan(*span, color=BAND, alpha=0.45, linewidth=0, zorder=0)
+            ax.plot(span, [y[i]] * 2, color=accent, zorder=3)
+            ax.plot(rows["value"][i], y[i], "D", color=accent, zorder=4)
+        elif kind == "next":
+            ax.plot(span, [y[i]] * 2, color=accent, linestyle=(0, (3, 1.5)), zorder=3)
+        else:
+            if rows["before"][i] != rows["value"][i]:
+                ax.plot([rows["before_lo90"][i], rows["before_hi90"][i]], [y[i] + 0.28] * 2, color="0.6", zorder=1)
+                ax.plot(rows["before"][i], y[i] + 0.28, "|", color="0.6", zorder=1)
+            ax.plot(span, [y[i]] * 2, color=colour, zorder=2)
+            filled = "white" if rows["verdict"][i] == "unexplained" else colour
+            ax.plot(rows["value"][i], y[i], VERDICTS.get(rows["verdict"][i], "o"), color=colour, markerfacecolor=filled, zorder=3)
+    ax.set_yticks(y, [plain_text(label) for label in rows["label"]])
+    ax.tick_params(axis="y", length=0, right=False)
+    ax.set_ylim(y[-1] - 0.7, 0.7)
+    ax.xaxis.set_major_locator(MaxNLocator(6))
+    ax.grid(axis="x", color="0.9", linewidth=0.4, zorder=0)
+    ax.set_axisbelow(True)
+
+
+def _select(table: Rows, rows: Any) -> dict[str, Any]:
+    return {name: column[rows] for name, column in table.items()}
+
+
+def _label(coefficient: str, unit: str) -> str:
+    try:
+        symbol = f"${nomenclature.symbol(coefficient).latex}$"
+    except UsageError:
+        symbol = plain_text(coefficient)
+    return symbol if unit == "1" else f"{symbol} ({unit})"
+
+
+def _legend(figure: Figure, table: Rows) -> None:
+    """Only what occurs."""
+    colour = SERIES[0][0]
+    words = {"": "not diagnosed", "adequate": "adequate", "effect": "effect named and added", "unexplained": "unexplained structure"}
+    seen = set(table["verdict"][table["kind"] == "campaign"].tolist())
+    handles = [
+        Line2D([], [], color=colour, marker=VERDICTS[v], markerfacecolor="white" if v == "unexplained" else colour, label=word)
+        for v, word in words.items()
+        if v in seen
+    ]
+    if (table["before"] != table["value"])[table["kind"] == "campaign"].any():
+        handles.append(Line2D([], [], color="0.6", marker="|", label="before the loop"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, columnspacing=1.0)

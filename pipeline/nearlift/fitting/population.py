@@ -1,0 +1,144 @@
+"""Many campaigns' values of one coefficient: their mean, how much vehicles and labs differ, and what to expect of the next.
+
+``y = mu + spread * e + error``: the errors have each campaign's own uncertainty, and what campaigns share (one load cell, say) is
+common to them. The spread is not known from a few campaigns, so it is integrated over and never set to its best value, which
+is zero far too often; `mu` has a flat prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+from nearlift.results import Estimate
+
+#: Values of the spread over which is integrated.
+GRID = 400
+#: Fewest campaigns of which a spread can be told.
+FEWEST = 3
+TAIL = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Population:
+    """What many campaigns say together.
+
+    Attributes
+    ----------
+    mean : Estimate
+        Of the population; 90 % interval with the spread integrated over.
+    spread : Estimate
+        Standard deviation between campaigns beyond their uncertainties; value is the median.
+    next_value : Estimate
+        What another campaign of the same population would find if it measured without error.
+    campaigns : tuple of Estimate
+        Each campaign's value, drawn towards the mean as far as its uncertainty allows.
+    q, dof, p : float
+        Cochran's statistic against no spread at all, its degrees of freedom, and its chance.
+    prior_scale : float
+        Scale of the half-Cauchy prior of the spread.
+    """
+
+    mean: Estimate
+    spread: Estimate
+    next_value: Estimate
+    campaigns: tuple[Estimate, ...]
+    q: float
+    dof: int
+    p: float
+    prior_scale: float
+
+
+def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Population:
+    """Population mean and spread of a coefficient.
+
+    Parameters
+    ----------
+    value : (n,) array
+    covariance : (n, n) array
+        Of the values' errors; off the diagonal what campaigns share.
+    unit : str
+
+    Raises
+    ------
+    InputRefused
+        Fewer than three campaigns, or a value without an uncertainty.
+
+    Notes
+    -----
+    The spread's prior is half-Cauchy (Gelman 2006) with the typical uncertainty or the values' own spread as its scale, whichever is
+    larger: it lets zero through and never forbids a large one.
+    """
+    from scipy.stats import chi2
+
+    n = len(value)
+    if n < FEWEST:
+        raise InputRefused("compare", f"{n} campaigns cannot tell how much campaigns differ", f"give at least {FEWEST}")
+    u = np.sqrt(np.diag(covariance))
+    if not (np.isfinite(value).all() and np.isfinite(u).all() and (u > 0).all()):
+        raise InputRefused("compare", "a value has no uncertainty", "leave that campaign out, or fit it again")
+    scale = float(max(np.median(u), np.std(value, ddof=1)))
+    # errors' principal axes: there the spread only adds to each variance
+    length, axes = np.linalg.eigh(covariance)
+    length = np.maximum(length, 1e-12 * length.max())
+    ones, y = axes.T @ np.ones(n), axes.T @ value
+    spread = np.concatenate([[0.0], scale * np.geomspace(1e-3, 30.0, GRID)])
+    weight = 1.0 / (length + spread[:, None] ** 2)
+    information = weight @ ones**2
+    mean = (weight @ (ones * y)) / information
+    misfit = np.einsum("gi,gi->g", weight, (y - mean[:, None] * ones) ** 2)
+    log_density = 0.5 * np.log(weight).sum(axis=1) - 0.5 * np.log(information) - 0.5 * misfit - np.log1p((spread / scale) ** 2)
+    density = np.exp(log_density - log_density.max()) * np.gradient(spread)
+    density /= density.sum()
+    u_mean = np.sqrt(1.0 / information)
+    shrunk, u_shrunk = _campaigns(y, ones, axes, weight, spread, mean, u_mean)
+    q = float(misfit[0])
+    return Population(
+        mean=_mixture(mean, u_mean, density, unit),
+        spread=_quantiles(spread, density, unit),
+        next_value=_mixture(mean, np.hypot(u_mean, spread), density, unit),
+        campaigns=tuple(_mixture(shrunk[:, i], u_shrunk[:, i], density, unit) for i in range(n)),
+        q=q,
+        dof=n - 1,
+        p=float(chi2.sf(q, n - 1)),
+        prior_scale=scale,
+    )
+
+
+def _campaigns(
+    y: FloatArray, ones: FloatArray, axes: FloatArray, weight: FloatArray, spread: FloatArray, mean: FloatArray, u_mean: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Each campaign's true value and its standard deviation at every spread, (g, n); `y`, `ones` along the principal axes."""
+    kept = spread[:, None] ** 2 * weight
+    at = mean[:, None] + (kept * (y - mean[:, None] * ones)) @ axes.T
+    # what is not pulled out of the data comes from the mean, with the mean's own uncertainty
+    left = 1.0 - (kept * ones) @ axes.T
+    own = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
+    return at, np.sqrt(np.maximum(own, 0.0) + (left * u_mean[:, None]) ** 2)
+
+
+def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> Estimate:
+    """Mean, standard deviation and 90 % interval of a mixture of normals."""
+    from scipy.optimize import brentq
+    from scipy.special import ndtr
+
+    mean = float(weight @ centre)
+    u = float(np.sqrt(weight @ (sd**2 + (centre - mean) ** 2)))
+    safe = np.maximum(sd, 1e-12 * max(abs(mean), u, 1e-300))
+
+    def quantile(p: float) -> float:
+        low, high = float((centre - 9 * safe).min()), float((centre + 9 * safe).max())
+        return float(brentq(lambda x: float(weight @ ndtr((x - centre) / safe)) - p, low, high, xtol=1e-12 * max(abs(low), abs(high))))
+
+    return Estimate(value=mean, u=u, lo90=quantile(TAIL), hi90=quantile(1 - TAIL), unit=unit)
+
+
+def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> Estimate:
+    """Median, standard deviation and 90 % interval of a density on a grid."""
+    below = np.cumsum(weight) - 0.5 * weight
+    low, median, high = np.interp([TAIL, 0.5, 1 - TAIL], below, x)
+    mean = weight @ x
+    return Estimate(value=float(median), u=float(np.sqrt(weight @ (x - mean) ** 2)), lo90=float(low), hi90=float(high), unit=unit)

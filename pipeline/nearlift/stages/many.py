@@ -1,0 +1,125 @@
+"""Several campaigns in one go. Threads share one campaign's trials; processes and clusters take whole campaigns, a few at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from nearlift import campaign as manifests
+from nearlift import store
+from nearlift.errors import SOME_TRIALS_REJECTED, NearliftError, UsageError
+from nearlift.executors import open_executor, ordered
+from nearlift.products import DIAGNOSIS
+from nearlift.stages import graph
+from nearlift.stages.inputs import digests, remember
+from nearlift.stages.job import Job
+
+#: From the least to the gravest; a campaign that ran but lost trials is better off than one that did not run.
+GRAVITY = (0, SOME_TRIALS_REJECTED, 2, 5, 4)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spec:
+    """One campaign to be run, as plain values that any process can be sent."""
+
+    root: str
+    out: str
+    executor: str
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """How one campaign ended.
+
+    Attributes
+    ----------
+    campaign : str
+        Its name, or its folder where the manifest was refused.
+    exit_code : int
+        As the same campaign alone would have ended.
+    words : str
+        One line: verdicts, or the refusal.
+    ran : tuple of str
+        Stages that were stale.
+    wall_s : float
+    """
+
+    campaign: str
+    exit_code: int
+    words: str
+    ran: tuple[str, ...] = ()
+    wall_s: float = 0.0
+
+    def told(self) -> dict[str, Any]:
+        """As JSON."""
+        return asdict(self)
+
+
+def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[End]:
+    """Run each campaign, in the order given; ends come as they are known.
+
+    Raises
+    ------
+    UsageError
+        Two campaigns have one name: they would overwrite each other's products.
+    """
+    _distinct(roots)
+    apart = executor.startswith(("processes", "dask"))
+    specs = [Spec(root=str(root), out=str(out), executor="serial" if apart else executor, seed=seed) for root in roots]
+    if apart:
+        with open_executor(executor) as pool:
+            yield from ordered(pool, run_one, specs, ahead=max(len(specs), 1))
+    else:
+        yield from map(run_one, specs)
+
+
+def run_one(spec: Spec) -> End:
+    """Run one campaign; a refusal is an answer like any other."""
+    start = time.perf_counter()
+    name, ran = spec.root, []
+    try:
+        loaded = manifests.load(Path(spec.root))
+        name = loaded.name
+        processed, reports = Path(spec.out) / "processed" / name, Path(spec.out) / "reports" / name
+        inputs, stamps = digests(Path(spec.root), loaded, processed)
+        rejected = 0
+        with open_executor(spec.executor) as pool:
+            job = Job(root=Path(spec.root), campaign=loaded, processed=processed, reports=reports, executor=pool, inputs=inputs, seed=spec.seed)
+            for step in graph.run(job):
+                rejected += len(step.outcome.rejected)
+                ran += [step.stage.name] if step.why else []
+        remember(processed, stamps)
+    except NearliftError as refusal:
+        words = f"exit code {refusal.exit_code}: {str(refusal).splitlines()[0]}"
+        return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran), wall_s=time.perf_counter() - start)
+    found = store.read_json_if_whole(processed / DIAGNOSIS.file).get("boundaries", {})
+    verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in found.items())
+    words = f"{verdicts or 'done'}{f'; {rejected} trials rejected' if rejected else ''}{'' if ran else '; up to date'}"
+    code = SOME_TRIALS_REJECTED if rejected else 0
+    return End(campaign=name, exit_code=code, words=words, ran=tuple(ran), wall_s=time.perf_counter() - start)
+
+
+def _verdict(loop: dict[str, Any]) -> str:
+    names = " + ".join(effect["name"] for effect in loop["effects"])
+    return names or str(loop["verdict"])
+
+
+def _distinct(roots: Sequence[Path]) -> None:
+    seen: dict[str, Path] = {}
+    for root in roots:
+        try:
+            name = manifests.load(root).name
+        except NearliftError:
+            continue  # its turn will say why
+        if name in seen:
+            raise UsageError(str(root), f"has the same name as {seen[name]}: {name!r}", "their products would overwrite each other: change `name`")
+        seen[name] = root
+
+
+def gravest(ends: Sequence[End]) -> int:
+    """The exit code of them all."""
+    return max((end.exit_code for end in ends), key=lambda code: GRAVITY.index(code) if code in GRAVITY else len(GRAVITY), default=0)

@@ -1,0 +1,106 @@
+"""Many campaigns beside each other: what they share stays shared, and the table, the file and the picture say the same."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+
+from . import small_run
+
+SHARED = "load cell linearity"
+
+
+def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=None, after=None):
+    """What a finished run leaves of its headline coefficient."""
+    low, high = value - 1.645 * u, value + 1.645 * u
+    estimate = {"value": value, "u": u, "lo90": low, "hi90": high, "unit": "1", "at_bound": False}
+    model = {"parameters": {"K_b": estimate}}
+    if linearity is not None:
+        model["budget"] = {"K_b": {"components": [{"component": SHARED, "scope": "campaign", "contribution": linearity}]}}
+    folder = out / "processed" / name
+    folder.mkdir(parents=True)
+    fit = {"schema": "nearlift.fit/1", "base": {boundary: "sanchez_cuevas"}, "boundaries": {boundary: {"sanchez_cuevas": model}}}
+    (folder / "fit.json").write_text(json.dumps(fit))
+    found = {"verdict": verdict, "coefficients": {"after": {"K_b": after or {"value": value, "lo90": low, "hi90": high}}}}
+    (folder / "diagnosis.json").write_text(json.dumps({"boundaries": {boundary: found}}))
+
+
+def compare(out, *words):
+    told = small_run.nearlift("compare", "--out", out, *words)
+    assert told.exit_code == 0, told.output
+    return json.loads((out / "reports" / "comparison" / "comparison.json").read_text()), told.output
+
+
+@pytest.fixture
+def four(tmp_path):
+    for i, value in enumerate((1.9, 2.0, 2.1, 2.0)):
+        write(tmp_path, f"c{i}", value, 0.1, linearity=0.08)
+    return tmp_path
+
+
+def test_campaigns_of_one_coefficient_make_a_population(four):
+    content, text = compare(four)
+    (group,) = content["groups"]
+    assert [own["campaign"] for own in group["campaigns"]] == ["c0", "c1", "c2", "c3"]
+    assert group["population"]["mean"]["value"] == pytest.approx(2.0, abs=0.01)
+    assert group["population"]["p_value"] > 0.1
+    assert "population mean" in text
+    assert "forest.pdf" in text
+
+
+def test_what_all_share_does_not_average_down(four):
+    apart = compare(four)[0]["groups"][0]["population"]["mean"]
+    together = compare(four, "--shared", SHARED)[0]["groups"][0]["population"]["mean"]
+    assert together["u"] > 1.2 * apart["u"]
+    assert together["u"] > 0.08
+
+
+def test_after_the_loop_counts_where_it_named_an_effect(tmp_path):
+    after = {"value": 2.4, "lo90": 2.0, "hi90": 2.6}
+    for i in range(3):
+        write(tmp_path, f"c{i}", 2.0, 0.05, verdict="effect" if i == 0 else "unexplained", after=after)
+    own = compare(tmp_path)[0]["groups"][0]["campaigns"]
+    assert own[0]["after"]["value"] == 2.4
+    assert own[0]["before"]["value"] == 2.0
+    assert own[1]["after"]["value"] == 2.0
+
+
+def test_boundaries_are_not_mixed_and_two_campaigns_are_only_listed(four):
+    write(four, "d0", 0.1, 0.01, boundary="ceiling")
+    content, _ = compare(four)
+    assert [(g["boundary"], len(g["campaigns"]), "population" in g) for g in content["groups"]] == [("ceiling", 1, False), ("ground", 4, True)]
+
+
+def test_the_table_of_the_picture_is_what_the_file_says(four):
+    content, _ = compare(four, "c1", "c2", "c3")
+    with (four / "reports" / "comparison" / "forest.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["label"] for row in rows] == ["c1", "c2", "c3", "population mean", "next campaign"]
+    assert float(rows[3]["hi90"]) == pytest.approx(content["groups"][0]["population"]["mean"]["hi90"], rel=1e-8)
+    for kind in ("pdf", "png"):
+        assert (four / "reports" / "comparison" / f"forest.{kind}").stat().st_size > 5000
+
+
+def test_the_same_campaigns_give_the_same_bytes(four):
+    compare(four)
+    before = {p: p.read_bytes() for p in (four / "reports").rglob("*") if p.is_file()}
+    compare(four)
+    assert before == {p: p.read_bytes() for p in (four / "reports").rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [(("c9",), "is not fitted (1 of 1 campaigns)"), (("--shared", "the moon"), f"there are: '{SHARED}'")],
+)
+def test_what_is_not_there_is_refused(four, words, why):
+    told = small_run.nearlift("compare", "--out", four, *words)
+    assert told.exit_code == 2
+    assert why in told.output
+
+
+def test_an_empty_folder_is_refused(tmp_path):
+    told = small_run.nearlift("compare", "--out", tmp_path)
+    assert told.exit_code == 2
+    assert "holds no fitted campaign" in told.output

@@ -1,0 +1,72 @@
+"""Several campaigns in one command: each as it would be alone, wherever it runs, and one refused does not stop the others."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from . import small_run
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Two campaigns of another name each."""
+    home = tmp_path_factory.mktemp("many")
+    first = small_run.write(home / "one", form="parquet", visits=2)
+    second = home / "two"
+    shutil.copytree(first, second)
+    manifest = second / "campaign.toml"
+    manifest.write_text(manifest.read_text().replace(f'"{small_run.NAME}"', '"other"', 1))
+    return first, second
+
+
+@pytest.fixture(scope="module")
+def alone(folders, tmp_path_factory):
+    out = tmp_path_factory.mktemp("alone")
+    told = small_run.nearlift("run", *folders, "--out", out, "--executor", "serial", "--json")
+    return out, told
+
+
+KEPT = {"trials.parquet", "lift.parquet", "fit.json", "diagnosis.json"}
+
+
+def products(out):
+    return {p.relative_to(out): p.read_bytes() for p in sorted((out / "processed").rglob("*")) if p.name in KEPT}
+
+
+def test_each_ends_as_it_would_alone(alone):
+    _, told = alone
+    assert told.exit_code == 0, told.output
+    ends = json.loads(told.output.splitlines()[-1])["campaigns"]
+    assert [end["campaign"] for end in ends] == [small_run.NAME, "other"]
+    assert all(end["ran"] and end["exit_code"] == 0 for end in ends)
+
+
+def test_whole_campaigns_in_processes_give_the_same_products(alone, folders, tmp_path):
+    told = small_run.nearlift("run", *folders, "--out", tmp_path, "--executor", "processes:2")
+    assert told.exit_code == 0, told.output
+    assert len(products(tmp_path)) == 2 * len(KEPT)
+    assert products(tmp_path) == products(alone[0])
+
+
+def test_again_there_is_nothing_to_do(alone, folders):
+    told = small_run.nearlift("run", *folders, "--out", alone[0])
+    assert told.exit_code == 0
+    assert told.output.count("up to date") == 2
+
+
+def test_a_refused_campaign_does_not_stop_the_others(alone, folders, tmp_path):
+    told = small_run.nearlift("run", tmp_path / "nowhere", folders[0], "--out", alone[0])
+    assert told.exit_code == 2
+    assert "exit code 2" in told.output
+    assert small_run.NAME in told.output
+
+
+def test_two_campaigns_of_one_name_are_refused(folders, tmp_path):
+    shutil.copytree(folders[0], tmp_path / "twin")
+    told = small_run.nearlift("run", folders[0], tmp_path / "twin", "--out", tmp_path)
+    assert told.exit_code == 2
+    assert "has the same name as" in told.output
+    assert not (tmp_path / "processed").exists()
