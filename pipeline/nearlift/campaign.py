@@ -7,6 +7,7 @@ nearest thing that would have been right. No unit and no geometry has a default.
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 import re
 import tomllib
@@ -18,7 +19,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
 from nearlift import units
-from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.errors import ManifestError
 
 SCHEMA = "nearlift.campaign/1"
@@ -58,10 +59,33 @@ Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(_posit
 Position = Annotated[tuple[Length, Length], Field(strict=False)]
 
 
+Fraction = Annotated[float, _quantity("fraction"), AfterValidator(_not_negative)]
+Rotation = Annotated[float, _quantity("rotation"), AfterValidator(_positive)]
+
+
 class Section(BaseModel):
     """A table of the manifest: immutable, without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class ThrottleMap(Section):
+    """Rotor speed at some throttles far from every boundary: pairs of throttle and speed, Hz, and the standard uncertainty of each speed."""
+
+    points: list[Annotated[tuple[Fraction, Rotation], Field(strict=False)]] = Field(min_length=1)
+    uncertainty: Fraction = 0.0
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        throttle = [t for t, _ in self.points]
+        if any(b <= a for a, b in itertools.pairwise(throttle)):
+            raise ValueError(f"the throttles of points must ascend (found {', '.join(f'{100 * t:g} %' for t in throttle)})")
+        return self
+
+    def speed_Hz(self, throttle: FloatArray) -> FloatArray:
+        """Speed at each throttle, linear between points; nan outside of them, since a map says nothing there."""
+        known = np.array(self.points)
+        return np.asarray(np.interp(throttle, known[:, 0], known[:, 1], left=np.nan, right=np.nan), dtype=np.float64)
 
 
 class Vehicle(Section):
@@ -74,6 +98,7 @@ class Vehicle(Section):
     rotor_diagonal: PositiveLength | None = None
     rotor_positions: list[Position] | None = None
     mass: Mass
+    throttle_map: ThrottleMap | None = None
 
     @model_validator(mode="after")
     def _rotors_do_not_overlap(self) -> Self:

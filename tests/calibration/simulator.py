@@ -38,6 +38,27 @@ class Unreachable(Exception):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Shared:
+    """Sizes of errors that many trials have in common, each drawn once per element of its scope; 0 is none.
+
+    Attributes
+    ----------
+    session_gain, throttle_gain : float
+        Standard deviation of a gain error per session and per throttle.
+    datum_m : float
+        Standard deviation of one offset of every distance.
+    cell_N : float
+        Half-width of the load cell's uniform departure from its line at `range_N`; it bends with the square of the force.
+    """
+
+    session_gain: float = 0.0
+    throttle_gain: float = 0.0
+    datum_m: float = 0.0
+    cell_N: float = 0.0
+    range_N: float = 9.8
+
+
+@dataclass(frozen=True, kw_only=True)
 class Spec:
     """What to simulate.
 
@@ -58,6 +79,8 @@ class Spec:
         every trial of a throttle, so that L_inf absorbs it and only the records show it; rho does not apply.
     samples : int or None
         Running samples per record; 260 to 500 if None.
+    shared : Shared
+        Errors that many trials share, on top of `Scatter`.
     """
 
     boundary: str
@@ -71,6 +94,7 @@ class Spec:
     spread: float = 0.2
     sink: float = 0.0
     samples: int | None = None
+    shared: Shared = Shared()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,7 +367,10 @@ def _records(spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, se
     rng = stream(seed, "noise", spec.boundary)
     bench, n = setting.bench, setting.bench.n
     jitter = rng.normal(0, scatter.height_m, bench.visit[-1] + 1)[bench.visit] / RADIUS
-    z = np.maximum(bench.z_hat + jitter, 0.3 * bench.z_hat)
+    # what many trials share has generators of its own, so that one error more leaves all other noise as it was
+    draw = lambda name, size: stream(seed, "shared", name, spec.boundary).standard_normal(size)  # noqa: E731
+    datum = spec.shared.datum_m * draw("datum", 1)[0] / RADIUS
+    z = np.maximum(bench.z_hat + datum + jitter, 0.3 * bench.z_hat)
     lift = np.exp(log_lift(setting, pieces, z))
     relative = rng.standard_t(6, n) * np.sqrt(4 / 6) if spec.realism else rng.standard_normal(n)
     gain = scatter.relative * relative
@@ -352,6 +379,8 @@ def _records(spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, se
         strayed = rng.random(n) < 0.003
         gain = gain + strayed * rng.choice([-1, 1], n) * rng.uniform(4, 10, n) * scatter.relative
     lift = lift * (1 + gain) + rng.normal(0, scatter.force_N, n)
+    lift = lift * (1 + spec.shared.session_gain * draw("session", bench.session.max() + 1)[bench.session])
+    lift = lift * (1 + spec.shared.throttle_gain * draw("throttle", len(spec.throttles))[bench.level])
 
     length = sensor.tare + sensor.samples
     force = rng.standard_normal((n, length))
@@ -370,6 +399,8 @@ def _records(spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, se
     # sin(a + kb) by the angle's sum: two tables instead of a million sines
     steps = np.arange(sensor.samples)
     live += _tone(turn, phase, steps) * (sensor.tone_N * setting.load)[:, None]
+    if spec.shared.cell_N:
+        force += spec.shared.cell_N * stream(seed, "shared", "cell", spec.boundary).uniform(-1, 1) * (force / spec.shared.range_N) ** 2
     return np.round(force / COUNT_N) * COUNT_N
 
 

@@ -9,10 +9,11 @@ from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fitting import budget
-from nearlift.fitting.least_squares import Fit, fit
-from nearlift.fitting.problem import height_slope
+from nearlift.fitting.least_squares import Fit, assemble, fit
+from nearlift.fitting.problem import height_slope, usable
 from nearlift.products import FIT, TRIALS
 from nearlift.results import Estimate, Observations
+from nearlift.stages import beside
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 
@@ -64,6 +65,11 @@ def run(job: Job) -> Outcome:
                 scatter = result.noise
                 slope = height_slope(model, data, dict(zip(result.names, result.theta, strict=True)))
             fits[model.name] = record(result, data)
+            if model is base:
+                used = data.take(usable(model, data))
+                problem = assemble(model, used, parts, result.noise, result.theta)
+                for key, entry in beside.ask(job.campaign, problem, result.theta, result.covariance, result.noise.dof).items():
+                    content.setdefault(key, {})[boundary] = entry
         content["base"][boundary] = base.name
         content["boundaries"][boundary] = fits
         assert scatter is not None

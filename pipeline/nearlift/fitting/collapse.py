@@ -1,0 +1,221 @@
+"""Does relative lift depend on throttle? The claim that Delta L collapses is tested, and bounded, never assumed.
+
+Three tests against the full covariance of the trials, the budget's shared errors included: one headline coefficient per throttle
+against a common one; one scale of the curve per throttle against a common curve; and, with no model at all, an interaction of distance and
+throttle between cells. L_inf is free per throttle in all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fitting.least_squares import parameter_covariance
+from nearlift.fitting.problem import Problem
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FTest:
+    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]` degrees of freedom."""
+
+    statistic: float
+    dof: tuple[int, float]
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Departure:
+    """The two throttles that may differ most: their difference as a fraction, its uncertainty, and what `CONFIDENCE` cannot exclude."""
+
+    between: tuple[float, float]
+    value: float
+    u: float
+    bound: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Collapse:
+    """What the trials say of the collapse; an entry that they cannot answer is None.
+
+    Attributes
+    ----------
+    throttles : (K,)
+        Those that took part.
+    name : str
+        The headline coefficient.
+    values, u : (K,)
+        That coefficient fitted per throttle, the model's others in common.
+    u_apart : (K,)
+        Standard uncertainty of what each differs from the mean over throttles: without what all of them share.
+    coefficient, curve, cells : FTest or None
+        A coefficient per throttle; a scale of log ratio per throttle; no model.
+    of_coefficient, of_curve : Departure or None
+        Simultaneous over all pairs of throttles (Bonferroni), relative to the common value and to the common change of lift.
+    """
+
+    throttles: FloatArray
+    name: str
+    values: FloatArray
+    u: FloatArray
+    u_apart: FloatArray
+    coefficient: FTest | None
+    curve: FTest | None
+    cells: FTest | None
+    of_coefficient: Departure | None
+    of_curve: Departure | None
+
+
+def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Collapse:
+    """Test the collapse at the optimum `theta` (p,) of a model common to all throttles.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its covariance is taken as known but for a factor known with `noise_dof` degrees of freedom.
+    """
+    throttles, name = problem.data.levels, problem.names[0] if problem.names else ""
+    found = Collapse(
+        throttles=throttles,
+        name=name,
+        values=np.full(len(throttles), np.nan),
+        u=np.full(len(throttles), np.nan),
+        u_apart=np.full(len(throttles), np.nan),
+        coefficient=None,
+        curve=None,
+        cells=cells(problem, noise_dof),
+        of_coefficient=None,
+        of_curve=None,
+    )
+    if len(throttles) < 2 or not name:
+        return found
+    values, covariance, chi2 = per_throttle(problem, theta)
+    known = np.isfinite(np.diag(covariance))
+    gain = float(problem.chi2(theta)) - chi2
+    inner = np.ix_(known, known)
+    centred = np.eye(known.sum()) - 1 / known.sum()
+    u_apart = np.full(len(throttles), np.nan)
+    u_apart[known] = np.sqrt(np.diag(centred @ covariance[inner] @ centred))
+    curve, of_curve = scale_per_throttle(problem, theta, noise_dof)
+    return Collapse(
+        throttles=throttles,
+        name=name,
+        values=values,
+        u=np.sqrt(np.diag(covariance)),
+        u_apart=u_apart,
+        coefficient=f_test(gain, int(known.sum()) - 1, noise_dof),
+        curve=curve,
+        cells=found.cells,
+        of_coefficient=largest(throttles[known], values[known], covariance[inner], abs(float(theta[0])), noise_dof),
+        of_curve=of_curve,
+    )
+
+
+def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """The headline coefficient of each throttle (K,), their covariance (K, K) with the others free, and chi2.
+
+    What the trials of a throttle do not determine has an infinite variance.
+    """
+    from scipy.optimize import least_squares
+
+    data, k = problem.data, len(problem.data.levels)
+    declared, target = problem.model.parameters, problem.project(np.log(data.lift_N))
+    low, high = (np.array([*[p.bounds[i] for p in declared[:1]] * k, *[p.bounds[i] for p in declared[1:]]]) for i in (0, 1))
+
+    def log_ratio(x: FloatArray) -> FloatArray:
+        each = np.column_stack([x[:k], np.broadcast_to(x[k:], (k, len(x) - k))])
+        return problem.log_ratio(each)[data.level, np.arange(data.n)]
+
+    def residuals(x: FloatArray) -> FloatArray:
+        r = target - problem.project(log_ratio(x))
+        # a step over a pole must cost more than any real misfit
+        return np.where(np.isfinite(r), r, 1e3)
+
+    start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+    size = np.maximum(np.abs(start), 0.05)
+    found = least_squares(residuals, start, bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
+    whole = np.zeros(len(start))
+    for i in range(len(start)):
+        step = np.zeros(len(start))
+        step[i] = 1e-4 * size[i]
+        whole[i] = np.linalg.norm(problem.covariance.whiten(log_ratio(start + step) - log_ratio(start))) / step[i]
+    covariance, determined = parameter_covariance(np.asarray(found.jac, dtype=np.float64).T, whole)
+    covariance[~determined, ~determined] = np.inf
+    return np.asarray(found.x[:k]), covariance[:k, :k], 2 * float(found.cost)
+
+
+def scale_per_throttle(problem: Problem, theta: FloatArray, noise_dof: float) -> tuple[FTest | None, Departure | None]:
+    """Whether log ratio has another size at each throttle, theta free in common; to first order about `theta`."""
+    data, k = problem.data, len(problem.data.levels)
+    common = problem.project(problem.jacobian(theta).T).T
+    residual = problem.residuals(theta)
+    each = np.eye(k)[data.level] * problem.log_ratio(theta)[:, None]
+    contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
+    q, _ = np.linalg.qr(common)
+    free = problem.project((each @ contrast).T).T
+    free = free - q @ (q.T @ free)
+    residual = residual - q @ (q.T @ residual)
+    covariance, determined = parameter_covariance(free.T, np.linalg.norm(problem.covariance.whiten((each @ contrast).T), axis=1))
+    if not determined.all():
+        return None, None
+    scale = covariance @ (free.T @ residual)
+    gain = float(residual @ residual - (residual - free @ scale) @ (residual - free @ scale))
+    return f_test(gain, k - 1, noise_dof), largest(data.levels, contrast @ scale, contrast @ covariance @ contrast.T, 1.0, noise_dof)
+
+
+def cells(problem: Problem, noise_dof: float) -> FTest | None:
+    """Interaction of distance and throttle between cells: no model but that of how trials scatter."""
+    data = problem.data
+    distance = np.unique(data.z_hat, return_inverse=True)[1]
+    both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
+    if len(data.levels) < 2 or both.max() + 1 >= data.n:
+        return None
+    left = [_left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both)]
+    extra = left[1][1] - left[0][1]
+    return f_test(left[0][0] - left[1][0], extra, noise_dof) if extra > 0 else None
+
+
+def _left(problem: Problem, indicator: FloatArray) -> tuple[float, int]:
+    """Chi2 left beside the columns of an indicator and a free L_inf, and the number of directions that they span beside it."""
+    white = problem.project(indicator.T).T
+    u, size, _ = np.linalg.svd(white, full_matrices=False)
+    # an indicator's column that L_inf spans leaves only rounding
+    u = u[:, size > 1e-7 * np.linalg.norm(problem.covariance.whiten(indicator.T), axis=1).max()]
+    target = problem.project(np.log(problem.data.lift_N))
+    rest = target - u @ (u.T @ target)
+    return float(rest @ rest), u.shape[1]
+
+
+def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
+    """The F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square where the noise is known."""
+    from scipy.stats import chi2, f
+
+    if extra < 1:
+        return None
+    gain = max(gain, 0.0)
+    p = chi2.sf(gain, extra) if np.isinf(noise_dof) else f.sf(gain / extra, extra, noise_dof)
+    return FTest(statistic=gain / extra, dof=(extra, float(noise_dof)), p_value=float(p))
+
+
+def largest(throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float) -> Departure | None:
+    """The pair of throttles with the largest difference that the data allow, over `unit`."""
+    from scipy.stats import norm, t
+
+    i, j = np.triu_indices(len(throttles), 1)
+    if not len(i) or not unit > 0:
+        return None
+    difference = values[j] - values[i]
+    u = np.sqrt(np.maximum(covariance[i, i] + covariance[j, j] - 2 * covariance[i, j], 0.0))
+    tail = 0.5 + 0.5 * (1 - (1 - CONFIDENCE) / len(i))
+    quantile = norm.ppf(tail) if np.isinf(noise_dof) else t.ppf(tail, noise_dof)
+    bound = np.abs(difference) + quantile * u
+    at = int(np.argmax(bound))
+    return Departure(
+        between=(float(throttles[i[at]]), float(throttles[j[at]])),
+        value=float(difference[at]) / unit,
+        u=float(u[at]) / unit,
+        bound=float(bound[at]) / unit,
+    )

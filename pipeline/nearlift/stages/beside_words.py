@@ -1,0 +1,107 @@
+"""What the answers beside a fit mean, in words; stored in fit.json beside their numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.fitting import collapse, held_quantity
+from nearlift.fitting.rotor import PAPER, Rotor
+
+NO_SPEED = "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is estimated per throttle."
+NO_DENSITY = "The density of air is not known: give air_density in [rig], or log temperature (pressure, humidity)."
+#: Below this a test rejects.
+REJECTS = 0.05
+NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
+
+
+def chance(p: float) -> str:
+    """``p = 0.31``, or its bound."""
+    return f"p = {p:.2g}" if p > 1e-12 else "p < 1e-12"
+
+
+def throttle_collapse(found: collapse.Collapse) -> str:
+    """Whether the curves of all throttles are one, and how far apart they may be."""
+    if len(found.throttles) < 2:
+        return "All trials ran at one throttle: whether Delta L depends on it cannot be tested."
+    tests = {
+        f"one {found.name} for all throttles": found.coefficient,
+        "one curve for all throttles": found.curve,
+        "the same Delta L in every cell of a distance, with no model at all": found.cells,
+    }
+    parts = []
+    for claim, test in tests.items():
+        if test is not None:
+            verdict = "is rejected" if test.p_value < REJECTS else "is not rejected"
+            parts.append(f"{claim} {verdict} (F = {test.statistic:.2f} with {test.dof[0]} and {_dof(test.dof[1])}, {chance(test.p_value)})")
+    text = "; ".join(parts) + "." if parts else "The trials cannot test the collapse."
+    bounds = [
+        f"{100 * d.bound:.2g} % in {what} (between {d.between[0]:.4g} and {d.between[1]:.4g} of full throttle)"
+        for what, d in ((found.name, found.of_coefficient), ("Delta L", found.of_curve))
+        if d is not None and np.isfinite(d.bound)
+    ]
+    text = text[:1].upper() + text[1:]
+    return f"{text} At 95 % no two throttles differ by more than {', nor by more than '.join(bounds)}." if bounds else text
+
+
+def _dof(dof: float) -> str:
+    return f"{dof:.0f} degrees of freedom" if np.isfinite(dof) else "known noise"
+
+
+def held(found: held_quantity.Held, name: str, declared: str) -> str:
+    """What the exponent does to the coefficient, and what was logged of it."""
+    parts = [_declared(declared)]
+    if found.plausible:
+        values = [x.value for x in found.plausible]
+        least, most = min(found.plausible, key=lambda x: x.value), max(found.plausible, key=lambda x: x.value)
+        parts.append(f"Over the plausible exponents {name} runs from {min(values):.3g} (n = {least.n:.2g}) to {max(values):.3g} (n = {most.n:.2g}).")
+    if np.isfinite(found.n):
+        parts.append(f"Lift alone, the form taken for true, gives n = {found.n:.2g} ± {found.u_n:.1g}.")
+        excluded = [f"{x.n:.2g} ({chance(x.p_value)})" for x in found.plausible if x.p_value < REJECTS]
+        if excluded:
+            parts.append(f"Under this form it is against n = {', '.join(excluded)}; a wrong form does that too.")
+    else:
+        parts.append(f"Lift alone cannot tell the exponent from {name}.")
+    parts += [_response(r) for r in found.responses]
+    if found.supported:
+        low, high = found.supported
+        ends = [x.value for x in found.at_ends]
+        if ends:
+            parts.append(f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(ends):.3g} to {max(ends):.3g}.")
+    else:
+        parts.append("Log rpm, or power, and the exponent can be inferred.")
+    return " ".join(parts)
+
+
+def _declared(declared: str) -> str:
+    follows = "the exponent n of the ratio depends on what else stays constant."
+    return {
+        "throttle": f"A trial holds the throttle, which fixes neither speed nor power; {follows}",
+        "voltage": f"A trial is said to hold the voltage, which fixes neither speed nor power; {follows}",
+        "rpm": "A trial is said to hold the rotor speed: blade-element theory then wants n between 0.60 and 0.82.",
+        "power": "A trial is said to hold the power: momentum theory then wants n = 2/3.",
+    }[declared]
+
+
+def _response(r: held_quantity.Response) -> str:
+    what = NAMES[r.quantity]
+    spread = f"it varied by {100 * r.spread:.2g} % within a throttle"
+    if r.held:
+        return f"The {what} logged does not follow the boundary (response {r.slope:+.2g} ± {r.u:.1g}, {chance(r.p_value)}); {spread}."
+    return (
+        f"The {what} logged was not held: it follows the change of lift with a power of {r.slope:+.2g} ± {r.u:.1g} ({chance(r.p_value)}); {spread}."
+    )
+
+
+def rotor(found: Rotor, exact_map: bool) -> str:
+    """C_L, its trend, and the paper's constant."""
+    law = found.trend
+    low, high = found.C_L.min(), found.C_L.max()
+    text = f"C_L is {low:.3g} to {high:.3g}" if len(found.C_L) > 1 else f"C_L is {low:.3g} ± {found.u[0]:.1g}"
+    text += f" ({100 * (found.trend.mean / PAPER - 1):+.0f} % against the {PAPER:g} that the paper takes)."
+    if law.p_constant is not None and law.p_trend is not None:
+        verdict = "is rejected" if law.p_constant < REJECTS else "is not rejected"
+        text += f" One C_L for all throttles {verdict} ({chance(law.p_constant)}); it goes as speed, and so as the Reynolds number, to the power "
+        text += f"{law.exponent:+.3f} ± {law.u_exponent:.1g} ({chance(law.p_trend)} for none)."
+        if law.excess > 1:
+            text += f" About that power law C_L scatters {law.excess:.2g} times as much as its uncertainties say, which has widened the interval."
+    return text + (" The speeds of the map are taken as exact." if exact_map else "")

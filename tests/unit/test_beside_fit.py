@@ -1,0 +1,269 @@
+"""Throttle collapse, held quantity, rotor coefficient: on trials whose truth is written out here."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, sanchez_cuevas
+
+from nearlift import campaign as manifests
+from nearlift import catalogue
+from nearlift.errors import ManifestError
+from nearlift.fitting import collapse, held_quantity, rotor
+from nearlift.fitting.budget import Component
+from nearlift.fitting.least_squares import assemble, fit
+from nearlift.results import Noise
+from nearlift.stages import beside
+
+CEILING = (0.12, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0, 6.0, 11.0)
+MANIFEST = {
+    "schema": "nearlift.campaign/1",
+    "name": "beside",
+    "vehicle": {"name": "x", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
+    "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2", "air_density": "1.2 kg/m^3"},
+    "records": {"reader": "means"},
+}
+NOISE = Noise(relative=0.004, force_N=3e-4, dof=240.0)
+
+
+def problem_of(data, model="sanchez_cuevas", parts=()):
+    fitted = fit(catalogue.model(model), data, parts, NOISE)
+    return assemble(catalogue.model(model), data, parts, NOISE, fitted.theta), fitted
+
+
+def ground(seed, **more):
+    return campaign(seed, height=0.0, **more)
+
+
+def at_throttle(low, high):
+    """A K_b that differs between the lower and the upper throttles."""
+
+    def ratio(z, levels):
+        return np.where(levels < 0.6, sanchez_cuevas(z, low), sanchez_cuevas(z, high))
+
+    return ratio
+
+
+def uneven(seed, low, high):
+    data = ground(seed)
+    factor = at_throttle(low, high)(data.z_hat, data.throttle) / sanchez_cuevas(data.z_hat)
+    return dataclasses.replace(data, lift_N=data.lift_N * factor)
+
+
+# ---------------------------------------------------------------- collapse
+
+
+def test_a_collapse_is_rejected_as_often_as_stated():
+    """60 campaigns at 5 %: each of three counts lies in its 99.9 % band unless the library errs (or once in 300 runs)."""
+    found = [collapse.examine(*(lambda p, f: (p, f.theta, 240.0))(*problem_of(ground(s)))) for s in range(60)]
+    low, high = binom.interval(0.999, 60, 0.05)
+    for name in ("coefficient", "curve", "cells"):
+        assert low <= sum(getattr(f, name).p_value < 0.05 for f in found) <= high, name
+    # the interval behind the bound holds the truth, which is 0, over all pairs at once at 95 %: ten misses are a chance of 1 in 3000
+    assert sum(abs(d.value) > d.bound - abs(d.value) for d in (f.of_coefficient for f in found)) <= 9
+
+
+def test_a_coefficient_that_depends_on_throttle_is_seen_by_all_three_tests():
+    problem, fitted = problem_of(uneven(1, 1.0, 3.0))
+    found = collapse.examine(problem, fitted.theta, 240.0)
+    assert max(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) < 1e-4
+    assert found.values == pytest.approx([1, 1, 3, 3], abs=5 * found.u.max())
+    assert found.of_coefficient.between[0] < 0.6 < found.of_coefficient.between[1]
+    assert found.of_coefficient.bound > abs(found.of_coefficient.value) > 0.7
+
+
+def test_each_throttle_alone_gives_the_same_coefficient():
+    """Without anything shared, the joint fit of four coefficients is four fits."""
+    data = ground(2)
+    problem, fitted = problem_of(data)
+    values, covariance, chi2 = collapse.per_throttle(problem, fitted.theta)
+    total = 0.0
+    for k, throttle in enumerate(data.levels):
+        alone, own = problem_of(data.take(data.throttle == throttle))
+        assert values[k] == pytest.approx(own.theta[0], rel=1e-4)
+        assert np.sqrt(covariance[k, k]) == pytest.approx(np.sqrt(own.covariance[0, 0]), rel=1e-3)
+        total += float(alone.chi2(own.theta))
+    assert chi2 == pytest.approx(total, rel=1e-6)
+
+
+def test_an_error_that_throttles_share_cancels_between_them():
+    datum = Component(name="datum", on="height", standard=2e-3, distribution="normal", scope="boundary")
+    data = ground(3)
+    plain, fitted = problem_of(data)
+    shared, with_datum = problem_of(data, parts=(datum,))
+    without = collapse.examine(plain, fitted.theta, 240.0)
+    found = collapse.examine(shared, with_datum.theta, 240.0)
+    assert found.u.min() > 1.3 * without.u.min()
+    assert found.u_apart == pytest.approx(without.u_apart, rel=0.1)
+
+
+def test_one_throttle_says_nothing_of_the_collapse():
+    data = ground(4)
+    problem, fitted = problem_of(data.take(data.throttle == 0.5))
+    found = collapse.examine(problem, fitted.theta, 240.0)
+    assert (found.coefficient, found.curve, found.cells, found.of_curve) == (None,) * 4
+    assert "cannot be tested" in beside.throttle_collapse(found, 1.65)["text"]
+
+
+# ---------------------------------------------------------------- held quantity
+
+
+def test_the_exponent_that_was_put_in_is_found_near_the_ceiling():
+    data = campaign(5, boundary="ceiling", ratio=lambda z: hsiao(z) ** (2 / 3), stations=CEILING, height=0.0)
+    problem, fitted = problem_of(data, "hsiao_chirarattananon")
+    found = held_quantity.examine(problem, fitted.theta, 240.0)
+    assert found.n == pytest.approx(2 / 3, abs=4 * found.u_n)
+    assert found.u_n < 0.05
+    at = {round(x.n, 2): x for x in found.plausible}
+    assert at[0.67].value == pytest.approx(0.125, abs=4 * at[0.67].u)
+    assert at[1.0].p_value < 1e-6 < 0.001 < at[0.67].p_value
+    assert at[1.0].value < at[0.67].value < at[0.6].value
+    assert found.supported is None
+
+
+def test_a_sidewall_cannot_tell_exponent_from_amplitude():
+    data = campaign(6, boundary="sidewall", ratio=lambda z: 1 - 0.05 * np.exp(-z / 0.5), stations=CEILING, height=0.0)
+    problem, fitted = problem_of(data, "sidewall_decay")
+    found = held_quantity.examine(problem, fitted.theta, 240.0)
+    # 1 - (1 - x)^n is n x to a few per cent: lift alone says next to nothing of n
+    assert not found.u_n < 1.0
+    assert found.plausible[-1].value == pytest.approx(found.plausible[0].value / 0.6, rel=0.05)
+
+
+def logging(data, slope, spread=0.003):
+    """Speed that answers to the change of lift with a power, about 166 Hz at a quarter and 330 Hz at nearly full throttle."""
+    rng = np.random.default_rng(0)
+    speed = 330 * np.sqrt(data.throttle / 0.92) * sanchez_cuevas(data.z_hat) ** slope * np.exp(rng.normal(0, spread, data.n))
+    return dataclasses.replace(data, covariates={**data.covariates, "speed_Hz": speed})
+
+
+def test_a_speed_that_follows_the_load_was_not_held_and_decides_the_exponent():
+    data = logging(ground(7), -0.2)
+    problem, fitted = problem_of(data)
+    found = held_quantity.examine(problem, fitted.theta, 240.0)
+    (speed, supply) = found.responses
+    assert (speed.quantity, supply.quantity) == ("speed_Hz", "supply_V")
+    assert speed.slope == pytest.approx(-0.2, abs=4 * speed.u)
+    assert not speed.held
+    assert speed.spread > 0.005
+    low, high = found.supported
+    # n = n_speed / (1 - 2 s): 0.60 to 0.82 over 1.4
+    assert low < 0.6 / 1.4 < 0.82 / 1.4 < high
+    assert min(x.value for x in found.at_ends) > found.plausible[0].value
+    text = beside.held(manifests.parse(MANIFEST), problem, found, 1.65)["text"]
+    assert "rotor speed logged was not held" in text
+    assert "By theory the logs leave" in text
+
+
+def test_a_held_speed_leaves_the_exponents_of_constant_speed():
+    problem, fitted = problem_of(logging(ground(8), 0.0))
+    speed = held_quantity.examine(problem, fitted.theta, 240.0).responses[0]
+    assert speed.held
+    low, high = speed.exponents()
+    assert 0.5 < low < 0.6 < 0.82 < high < 0.95
+
+
+def test_held_quantities_are_accused_as_often_as_stated():
+    """40 schedules at 1 %: more than four accusations is a chance of 4e-5."""
+    ratio = np.log(sanchez_cuevas(ground(1).z_hat))
+    accused = sum(not held_quantity.response(logging(ground(s), 0.0), ratio_of(s), "speed_Hz").held for s in range(40))
+    assert ratio.max() > 0.05
+    assert accused <= 4
+
+
+def ratio_of(seed):
+    return np.log(sanchez_cuevas(ground(seed).z_hat))
+
+
+def test_power_comes_from_supply_and_current_and_theory_wants_two_thirds():
+    data = ground(9)
+    covariates = {**data.covariates, "current_A": 2.0 * data.throttle / data.covariates["supply_V"]}
+    data = dataclasses.replace(data, covariates=covariates)
+    problem, fitted = problem_of(data)
+    found = held_quantity.examine(problem, fitted.theta, 240.0)
+    power = next(r for r in found.responses if r.quantity == "power_W")
+    assert power.held
+    assert power.slope == pytest.approx(0, abs=1e-9)
+    assert found.supported == pytest.approx((2 / 3, 2 / 3), abs=1e-6)
+
+
+def test_distance_that_changes_with_the_session_tells_nothing():
+    data = logging(ground(10), -0.2)
+    data = dataclasses.replace(data, session=np.unique(data.z_hat, return_inverse=True)[1].astype(np.int64))
+    assert held_quantity.response(data, np.log(sanchez_cuevas(data.z_hat)), "speed_Hz") is None
+    (speed, u) = beside.logged_speed(data, ())
+    assert speed == pytest.approx(330 * np.sqrt(data.levels / 0.92), rel=0.01)
+    assert (u > 0).all()
+
+
+# ---------------------------------------------------------------- rotor
+
+
+def test_c_l_follows_from_its_definition():
+    # Bitcraze's table: 24.4 gf at 15924 rpm, four rotors of 23 mm
+    assert rotor.coefficient(24.4e-3 * 9.8, 15924 / 60, air_density=1.2, radius_m=0.023, rotors=4) == pytest.approx(2.53, abs=0.01)
+
+
+def test_a_trend_with_speed_is_found_and_a_constant_is_kept():
+    speed = np.array([180.0, 265.0, 342.0, 390.0])
+    covariance = np.diag([2e-3**2] * 4)
+    rng = np.random.default_rng(1)
+    noise = rng.multivariate_normal(np.zeros(4), covariance, 400)
+    rising = [rotor.trend(np.log(2.4 * (speed / 300) ** 0.1) + e, covariance, np.log(speed)) for e in noise]
+    flat = [rotor.trend(np.log(np.full(4, 2.4)) + e, covariance, np.log(speed)) for e in noise]
+    assert all(r.p_constant < 1e-6 for r in rising)
+    assert np.mean([r.exponent for r in rising]) == pytest.approx(0.1, abs=4 * rising[0].u_exponent / 20)
+    # 99.9 % band of 5 % of 400
+    low, high = binom.interval(0.999, 400, 0.05)
+    assert low <= sum(f.p_constant < 0.05 for f in flat) <= high
+    # a widened interval rejects less than it says, never more
+    assert sum(f.p_trend < 0.05 for f in flat) <= high
+    assert rotor.trend(np.log([2.4]), covariance[:1, :1], np.log(speed[:1])).p_constant is None
+
+
+def test_scatter_about_the_power_law_widens_its_interval():
+    speed, covariance = np.log([180.0, 265.0, 342.0, 390.0]), np.diag([1e-3**2] * 4)
+    found = rotor.trend(np.log([2.4, 2.6, 2.4, 2.6]), covariance, speed)
+    assert found.excess > 20
+    assert found.dof == 2
+    assert found.p_constant < 1e-12 < 0.05 < found.p_trend
+
+
+def test_a_throttle_map_gives_c_l_and_outside_of_it_nothing():
+    points = [["20 percent", "9600 rpm"], ["50 percent", "15924 rpm"], ["80 percent", "21461 rpm"]]
+    given = manifests.parse({**MANIFEST, "vehicle": {**MANIFEST["vehicle"], "throttle_map": {"points": points, "uncertainty": "1 percent"}}})
+    speed = given.vehicle.throttle_map.speed_Hz(np.array([0.1, 0.5, 0.65, 0.92]))
+    assert speed[1:3] == pytest.approx([265.4, 311.5], abs=0.1)
+    assert np.isnan(speed[[0, 3]]).all()
+    problem, fitted = problem_of(ground(11))
+    found = beside.rotor_coefficient(given, problem, fitted.theta, fitted.covariance, ())
+    assert list(found["per_throttle"]) == ["0.25", "0.5", "0.75"]
+    entry = found["per_throttle"]["0.5"]
+    level = fitted.levels[0.5]
+    assert entry["value"] == pytest.approx(level.value / (4 * 1.2 * 265.4**2 * RADIUS**4), rel=1e-4)
+    # twice the speed's uncertainty, and L_inf's
+    assert entry["u"] / entry["value"] == pytest.approx(np.hypot(0.02, level.u / level.value), rel=1e-3)
+    assert "against the 1.6" in found["text"]
+
+
+def test_a_map_that_does_not_ascend_is_refused():
+    points = [["50 percent", "15924 rpm"], ["25 percent", "10885 rpm"]]
+    with pytest.raises(ManifestError, match=r"must ascend \(found 50 %, 25 %\)"):
+        manifests.parse({**MANIFEST, "vehicle": {**MANIFEST["vehicle"], "throttle_map": {"points": points}}})
+    with pytest.raises(ManifestError, match="not a unit of rotation"):
+        manifests.parse({**MANIFEST, "vehicle": {**MANIFEST["vehicle"], "throttle_map": {"points": [["50 percent", "15924 mm"]]}}})
+
+
+def test_what_is_lacking_is_said():
+    problem, fitted = problem_of(ground(12))
+    assert "log rpm in trials.csv" in beside.rotor_coefficient(manifests.parse(MANIFEST), problem, fitted.theta, fitted.covariance, ())["text"]
+    rig = {k: v for k, v in MANIFEST["rig"].items() if k != "air_density"}
+    known = {"points": [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]]}
+    bare = manifests.parse({**MANIFEST, "rig": rig, "vehicle": {**MANIFEST["vehicle"], "throttle_map": known}})
+    found = beside.rotor_coefficient(bare, problem, fitted.theta, fitted.covariance, ())
+    assert found["air_density_from"] == "the temperature logged, standard pressure and humidity"
+    cold = dataclasses.replace(problem.data, covariates={})
+    blind = dataclasses.replace(problem, data=cold)
+    assert beside.rotor_coefficient(bare, blind, fitted.theta, fitted.covariance, ())["missing"] == ["air_density"]
+    assert GEOMETRY["spacing_hat"] == pytest.approx(problem.data.geometry["spacing_hat"])
