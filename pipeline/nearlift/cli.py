@@ -297,3 +297,31 @@ def describe(name: str | None, as_json: bool, **_: Any) -> None:
 
     found = text(name)
     click.echo(json.dumps({"name": name, "text": found}) if as_json else found)
+
+
+@main.command()
+@common
+def doctor(out: Path, as_json: bool, quiet: bool, **_: Any) -> None:
+    """Whether this machine is fit to run nearlift; ends with 2 where it is not."""
+    from dataclasses import asdict
+
+    from nearlift.stages import doctor as surgery
+
+    findings = surgery.examine(out)
+    if as_json:
+        click.echo(json.dumps([asdict(f) for f in findings]))
+    elif not quiet:
+        for f in findings:
+            click.echo(f"{f.state:<6}{f.what:<15}{f.found}" + (f"  ({f.remedy})" if f.state != "good" and f.remedy else ""))
+    sys.exit(UsageError.exit_code if any(f.state == "bad" for f in findings) else 0)
+
+
+@main.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """The script that completes nearlift's words in SHELL: put its output where the shell looks, e.g. ~/.bash_completion."""
+    from click.shell_completion import get_completion_class
+
+    kind = get_completion_class(shell)
+    assert kind is not None
+    click.echo(kind(main, {}, "nearlift", "_NEARLIFT_COMPLETE").source())
