@@ -289,10 +289,11 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
     if additive:
         needs["lift_inf_N"] = None
     by_kind = {kind: [e for e in effects if e.acts_on == kind] for kind in ("height", "ratio", "force")}
+    asked = {part.name: keywords(part.evaluate) for part in (model, *effects)}
 
     def arguments(part: Declaration, values: Mapping[str, Any], z_hat: Any) -> dict[str, Any]:
         known = {**values, "z_hat": z_hat}
-        return {name: known[name] for name in keywords(part.evaluate)}
+        return {name: known[name] for name in asked[part.name]}
 
     def evaluate(z_hat: Any, /, **values: Any) -> Any:
         for effect in by_kind["height"]:

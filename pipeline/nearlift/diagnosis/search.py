@@ -132,7 +132,8 @@ class Stage:
         white = [self.space.project(c.T).T for _, _, c in named]
         basis = orthonormal(np.hstack([self.base_fit.jacobian, *white]))
         reduced = tuple(
-            Hypothesis(name=n, covariate=SCHEDULE_WORDS.get(c, c), columns=basis.T @ w) for (n, c, _), w in zip(named, white, strict=True)
+            Hypothesis(name=n, covariate=SCHEDULE_WORDS.get(c, c), columns=basis.T @ (orthonormal(w) if w.shape[1] > 1 else w))
+            for (n, c, _), w in zip(named, white, strict=True)
         )
         return reduced, basis
 
@@ -165,9 +166,7 @@ class Stage:
         raw = reduce(residual)
         scores = deform(raw)
         scores = scores - remove @ (remove.T @ scores)
-        padded = tuple(
-            dataclasses.replace(h, columns=deform(np.vstack([h.columns, np.zeros((extra.shape[1], h.columns.shape[1]))]))) for h in hypotheses
-        )
+        padded = structure.mapped(hypotheses, lambda x: deform(np.vstack([x, np.zeros((extra.shape[1], x.shape[1]))])))
         rng = np.random.default_rng([self.options.seed, purpose])
         found = structure.examine(scores, padded, remove, rng, rate, self.noise.dof, self.options.multiplicity, exact)
         # evidence: by unit information, so that no effect gains or loses by how wide its prior happens to be declared;
