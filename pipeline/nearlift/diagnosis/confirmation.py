@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,8 +49,8 @@ def folds(data: Observations) -> list[NDArray[np.bool_]]:
     return [label == f for f in range(FOLDS)]
 
 
-def held_out(stage: Stage) -> HeldOut:
-    """Repeat the search in every fold and predict what was left out."""
+def held_out(stage: Stage, again: Callable[[Stage], Answer] = run) -> HeldOut:
+    """Repeat the search in every fold by `again`, and predict what was left out."""
     data = stage.data
     before, after = np.full(data.n, np.nan), np.full(data.n, np.nan)
     chosen = []
@@ -63,7 +64,8 @@ def held_out(stage: Stage) -> HeldOut:
             log_lift=stage.log_lift[train],
             options=dataclasses.replace(stage.options, seed=stage.options.seed + 7919 * (i + 1)),
         )
-        answer = run(part)
+        answer = again(part)
+        part = answer.stage
         chosen.append(answer.accepted[0].name if answer.accepted else answer.verdict)
         truth = np.log(data.lift_N[known])
         before[known] = truth - predict(part, part.base_fit, data.take(known))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
-from nearlift.declare import Effect, LiftModel
-from nearlift.diagnosis import coefficients, confirmation, noise_floor, separation
-from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, settle
+from nearlift.declare import Effect, FloatArray, LiftModel
+from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, noise_floor, separation
+from nearlift.diagnosis.candidate import Fitted
+from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, run, settle
 from nearlift.diagnosis.setting import derive, missing
 from nearlift.diagnosis.within_trial import heating
 from nearlift.errors import NotConverged
@@ -87,9 +89,11 @@ def diagnose(
         Too few trials to tell a noise floor from structure, or the base model cannot be fitted.
     """
     stage, library, untestable = set_up(data, base, parts, options, effects)
-    answer = settle(stage)
+    few = few_visits.applies(stage.data)
+    answer = few_visits.run(stage) if few else settle(stage)
+    # each fold makes its own choice of how to weigh trials, so it starts from the stage as it was
+    scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run) if confirm else None
     stage = answer.stage
-    scored = confirmation.held_out(stage) if confirm else None
     refuted: tuple[Explanation, ...] = ()
     if scored is not None and answer.accepted and not confirmation.improves(scored):
         # what does not help where it was not fitted gets no credit, however well it fits
@@ -113,11 +117,14 @@ def diagnose(
         "serial_length": floor.serial_length,
         "source": floor.source,
     }
-    findings["coefficients"] = coefficients.before_and_after(stage, answer, declared_sizes(parts, library))
+    intervals = few_visits.before_and_after if few else coefficients.before_and_after
+    findings["coefficients"] = intervals(stage, answer, declared_sizes(parts, library))
+    findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
+    findings["limits"] = absorption.limits(stage, answer)
     findings["within_trial"] = heating(stage.data, library, options.false_alarm_rate)
     findings["untestable"] = untestable
     findings["silent"] = coefficients.silent(stage, library, SILENT)
-    findings["next_experiment"] = separation.next_experiment(stage, answer)
+    findings["next_experiment"] = separation.next_experiment(stage, answer) + separation.to_part_visits(findings["limits"])
     return Diagnosis(findings=findings, residuals=residuals)
 
 
@@ -174,8 +181,8 @@ def _findings(stage: Stage, answer: Answer, refuted: tuple[Explanation, ...]) ->
     found["p_value"] = answer.first.p_value
     found["threshold_log10_p"] = answer.first.threshold
     found["structure"] = [
-        {"covariate": c, "p_value": float(10.0 ** max(p, -300.0)), "significant": p < answer.first.threshold}
-        for c, p in answer.first.by_covariate().items()
+        {"covariate": c, "family": family, "p_value": float(10.0 ** max(p, -300.0)), "significant": p < answer.first.threshold}
+        for c, (p, family) in answer.first.foremost().items()
     ]
     found["rounds"] = _rounds(dataclasses.replace(answer, accepted=refuted or answer.accepted))
     if refuted:
@@ -214,6 +221,9 @@ def _effects(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
 def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str, Any]:
     """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session where it has one each."""
     fitted = explanation.fitted
+    if stage.independent:
+        errors = few_visits.standard_error(few_visits.jackknife(stage, fitted))
+        return _intervals(fitted, effect, errors, few_visits.quantile(stage))
     _, sd = fitted.candidate.prior
     weight2 = np.where(np.isfinite(sd), 1 / sd**2, 0.0)
     white = stage.space.project(explanation.tube.T).T if explanation.tube.shape[1] else np.zeros((stage.data.n, 0))
@@ -221,14 +231,18 @@ def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str
     j = fitted.jacobian
     j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
     spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(j.T @ j + np.diag(weight2))), 0))
+    return _intervals(fitted, effect, spread, 1.645)
+
+
+def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> dict[str, Any]:
     result = {}
     for slot in fitted.candidate.slots:
         if slot.effect != effect:
             continue
         for i in range(slot.start, slot.stop):
             name = slot.parameter.name if slot.stop - slot.start == 1 else f"{slot.parameter.name}[{i - slot.start}]"
-            v = fitted.vector[i]
-            result[name] = {"value": v, "lo90": v - 1.645 * spread[i], "hi90": v + 1.645 * spread[i], "unit": slot.parameter.unit}
+            v, half = fitted.vector[i], quantile * u[i]
+            result[name] = {"value": v, "lo90": v - half, "hi90": v + half, "unit": slot.parameter.unit}
     return result
 
 
@@ -261,12 +275,15 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
                 "p_value": e.left.p_value,
                 "accepted": e.accepted,
                 "log_evidence": e.log_evidence,
+                "plausibility": e.plausibility,
                 "left_in": next(iter(e.left.by_covariate()), None) if e.left.present else None,
             }
             for e in tried
         ]
         return sorted(rows, key=lambda r: -r["log_evidence"])
 
+    if answer.stage.independent:
+        return [_sweep(listing, tried, answer) for tried in (answer.singles, answer.pairs) if tried]
     rounds = []
     single = any(s.accepted for s in answer.singles)
     rounds.append(
@@ -286,3 +303,15 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
             }
         )
     return rounds
+
+
+def _sweep(listing: Callable[[tuple[Explanation, ...]], list[dict[str, Any]]], tried: tuple[Explanation, ...], answer: Answer) -> dict[str, Any]:
+    """A round in which visits left out decided."""
+    rows = listing(tried)
+    chosen = [e for e in tried if e.accepted]
+    visits = len(np.unique(answer.stage.data.visit))
+    if chosen:
+        best = max(chosen, key=lambda e: e.log_evidence)
+        return {"candidates": rows, "decision": f"accept {best.name}", "reason": f"predicts visits left out best ({visits} visits, each in turn)"}
+    reason = f"none predicts visits left out better by more than chance and by most of what is not noise ({visits} visits, each in turn)"
+    return {"candidates": rows, "decision": "add nothing", "reason": reason}

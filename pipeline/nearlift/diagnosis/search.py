@@ -63,13 +63,17 @@ class Explanation:
     log_evidence: float
     over_none: float
     plausibility: float
+    confirmed: bool | None = None
 
     @property
     def accepted(self) -> bool:
         """Whether nothing is left beyond the threshold, and the effects earn it.
 
         `over_none` is their log evidence over no effect's. A size that runs into the end of what is physically possible is no explanation.
+        `confirmed` is set where visits left out decide instead (`few_visits`).
         """
+        if self.confirmed is not None:
+            return self.confirmed and not self.fitted.at_bound
         return not self.left.present and self.over_none > CREDIT and not self.fitted.at_bound
 
     @property
@@ -85,7 +89,10 @@ class Explanation:
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """Everything that one boundary's search stands on: trials, base fit, noise, whitened hypotheses."""
+    """Everything that one boundary's search stands on: trials, base fit, noise, whitened hypotheses.
+
+    With `independent`, trials are fitted as if nothing tied them together; see `few_visits`.
+    """
 
     data: Observations
     base: LiftModel
@@ -95,11 +102,15 @@ class Stage:
     log_lift: FloatArray
     theta: FloatArray
     options: Options
+    independent: bool = False
 
     @cached_property
     def space(self) -> Problem:
         """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""
         slope = self.slope
+        if self.independent:
+            alone = dataclasses.replace(self.noise, height_m=0.0, serial=0.0)
+            return Problem(model=self.base, data=self.data, covariance=trial_covariance(self.data, alone, slope))
         shared = np.hstack([budget.shared(self.data, self.parts, slope), wander(self.data)])
         covariance = trial_covariance(self.data, self.noise, slope, shared, budget.own_variance(self.data, self.parts, slope))
         return Problem(model=self.base, data=self.data, covariance=covariance)

@@ -97,12 +97,19 @@ def parting(stage: Stage, data: Observations, one: Explanation, other: Explanati
 
 
 def next_experiment(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
-    """For the best explanation and its rivals: which session would part them, ranked by the expected evidence per trial."""
-    if len(answer.accepted) < 2:
+    """For the best explanation and its rivals: which session would part them, ranked by the expected evidence per trial.
+
+    Where nothing was accepted, the explanations that come closest take their place.
+    """
+    compared = answer.accepted
+    if answer.verdict == "unexplained":
+        tried = [e for e in (*answer.singles, *answer.pairs) if np.isfinite(e.log_evidence) and e.over_none > 0]
+        compared = tuple(sorted(tried, key=lambda e: -e.log_evidence)[:2])
+    if len(compared) < 2:
         return []
-    best = answer.accepted[0]
+    best = compared[0]
     found = []
-    for rival in answer.accepted[1:5]:
+    for rival in compared[1:5]:
         now = parting(stage, stage.data, best, rival)
         ranked = []
         for proposal in menu(stage.data):
@@ -121,4 +128,18 @@ def next_experiment(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
                 "alternatives": [{"measure": p.text, "expected_evidence": r * p.added.n} for r, p in ranked[1:4]],
             }
         )
+    return found
+
+
+def to_part_visits(limits: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What to measure where coefficients rest on one distance, or go under in a level of every session's own; see `absorption.limits`."""
+    found = []
+    for limit in limits:
+        if "absorbed_by" in limit:
+            measure = "several distances within each session, in random order, so that a gain of the session's own moves them all alike"
+            found.append({"separates": [limit["coefficient"], limit["absorbed_by"]], "measure": measure})
+        elif "rests_on" in limit:
+            z_hat = limit["rests_on"]["z_hat"]
+            measure = f"more visits around z_hat = {z_hat:.2g}, in other sessions and with other states of what else changes between visits"
+            found.append({"separates": [limit["coefficient"], f"the one visit at z_hat = {z_hat:.2g}"], "measure": measure})
     return found

@@ -52,10 +52,15 @@ class Structure:
 
     def by_covariate(self) -> dict[str, float]:
         """The smallest log10 p-value of each covariate, most significant first."""
-        best: dict[str, float] = {}
-        for covariate, value in zip(self.covariates, self.log10_p, strict=True):
-            best[covariate] = min(best.get(covariate, 0.0), float(value))
-        return dict(sorted(best.items(), key=lambda item: item[1]))
+        return {covariate: value for covariate, (value, _) in self.foremost().items()}
+
+    def foremost(self) -> dict[str, tuple[float, str]]:
+        """The smallest log10 p-value of each covariate and the family or effect that has it, most significant first."""
+        best: dict[str, tuple[float, str]] = {}
+        for name, covariate, value in zip(self.names, self.covariates, self.log10_p, strict=True):
+            if covariate not in best or value < best[covariate][0]:
+                best[covariate] = (float(value), name)
+        return dict(sorted(best.items(), key=lambda item: item[1][0]))
 
 
 def mapped(hypotheses: tuple[Hypothesis, ...], change: Callable[[FloatArray], FloatArray]) -> tuple[Hypothesis, ...]:
@@ -199,7 +204,7 @@ def examine(
         )
     least = np.zeros(0)
     for _ in range(CHUNKS):
-        draws = rng.standard_normal((DRAWS // CHUNKS, len(scores)), dtype=np.float32)
+        draws = rng.standard_normal((DRAWS // CHUNKS, len(scores)), dtype=np.float32).astype(float)
         scale = np.sqrt(dof / rng.chisquare(dof, size=(len(draws), 1)))
         least = np.append(least, _least(draws * scale, stacked, ranks))
         exceeded = int((least <= observed.min()).sum())

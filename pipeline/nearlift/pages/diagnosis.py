@@ -55,6 +55,7 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "within": loop_words.within(evidence, boundary, found),
         "candidates": loop_words.candidates(evidence, boundary, found),
         "rounds": found.get("rounds", []),
+        "limits": [line["text"] for key in ("shifts", "limits") for line in found.get(key, []) if "text" in line],
         "untestable": found.get("untestable", []),
         "log": loop_words.to_log(found),
         "silent": _silent(evidence, boundary, found),

@@ -1,0 +1,79 @@
+"""Why the coefficients moved when an effect was added, and what these trials cannot tell apart: in numbers, and in words made of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.diagnosis.noise_floor import orthonormal
+from nearlift.diagnosis.search import SILENT, Answer, Stage
+
+#: A coefficient that owes this share of its information to one distance or visit rests on it.
+RESTS = 0.5
+#: Correlation from which two causes count as confounded by the schedule.
+CONFOUNDED = 0.5
+
+
+def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[dict[str, Any]]:
+    """How each named effect goes together with each coefficient, and what became of the coefficient.
+
+    `correlation` is that of what the effect contributes with what a larger coefficient would add, over trials, whitened and with
+    L_inf removed: where it is large, a fit without the effect charges the effect to the coefficient.
+    """
+    found = []
+    for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
+        best = answer.accepted[0].fitted
+        part = stage.space.project(best.candidate.contribution(best.vector, effect))
+        for i, parameter in enumerate(stage.base.parameters):
+            slope = best.jacobian[:, i]
+            lengths = float(np.linalg.norm(part) * np.linalg.norm(slope))
+            r = float(part @ slope) / lengths if lengths > 0 else 0.0
+            before, after = (coefficients[k][parameter.name]["value"] for k in ("before", "after"))
+            row = {"effect": effect.name, "coefficient": parameter.name, "before": before, "after": after, "correlation": r}
+            if abs(r) >= CONFOUNDED:
+                fate = "its sign turns" if before * after < 0 else "it changes"
+                row["text"] = (
+                    f"{parameter.name} goes from {before:.3g} to {after:.3g} ({fate}): over these trials {effect.name} and distance go together "
+                    f"(correlation {r:+.2f}), so a fit without {effect.name} charges it to {parameter.name}."
+                )
+            found.append(row)
+    return found
+
+
+def limits(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
+    """What cannot be known from so few distances or visits: coefficients that rest on one of them, or that levels of their own absorb."""
+    best = answer.best
+    beside = orthonormal(np.delete(best.jacobian, np.arange(len(stage.theta)), axis=1))
+    found: list[dict[str, Any]] = []
+    for i, parameter in enumerate(stage.base.parameters):
+        slope = best.jacobian[:, i] - beside @ (beside.T @ best.jacobian[:, i])
+        whole = float(slope @ slope)
+        if whole <= 0:
+            continue
+        share, where = _largest(slope, stage.data.z_hat)
+        if share >= RESTS and len(np.unique(stage.data.visit[stage.data.z_hat == where])) == 1:
+            text = f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}: {100 * share:.0f} % of what is known of it."
+            found.append({"coefficient": parameter.name, "rests_on": {"z_hat": where}, "share": share, "text": text})
+        for label, values in (("session", stage.data.session), ("visit", stage.data.visit)):
+            levels = stage.space.project(np.eye(len(np.unique(values)))[np.unique(values, return_inverse=True)[1]].T).T
+            basis = orthonormal(levels)
+            left = best.jacobian[:, i] - basis @ (basis.T @ best.jacobian[:, i])
+            share = float(left @ left) / float(best.jacobian[:, i] @ best.jacobian[:, i])
+            if share < max(SILENT, 0.01) and len(np.unique(values)) > 1:
+                text = (
+                    f"A gain of its own for every {label} (session_gain) would absorb {parameter.name} altogether: these trials cannot tell the two "
+                    f"apart, since no {label} holds more than one distance."
+                )
+                found.append({"coefficient": parameter.name, "absorbed_by": "session_gain", "share": share, "text": text})
+                break
+    return found
+
+
+def _largest(slope: FloatArray, values: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """The largest share of the energy of `slope` at one value, and that value."""
+    places, label = np.unique(values, return_inverse=True)
+    energy = np.bincount(label, slope**2)
+    most = int(np.argmax(energy))
+    return float(energy[most] / energy.sum()), float(places[most])
