@@ -16,57 +16,28 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from nearlift import units
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.errors import ManifestError
+from nearlift.piv_manifest import Piv
+from nearlift.quantities import (
+    Acceleration,
+    Density,
+    Duration,
+    Force,
+    Fraction,
+    Length,
+    Mass,
+    Position,
+    PositiveLength,
+    Rate,
+    Rotation,
+    Section,
+)
 
 SCHEMA = "nearlift.campaign/1"
-
-
-def _quantity(dimension: str) -> BeforeValidator:
-    def parse(value: object, info: ValidationInfo) -> float:
-        try:
-            return units.quantity(value, dimension, info.field_name or "")
-        except ManifestError as refusal:
-            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
-
-    return BeforeValidator(parse)
-
-
-def _positive(value: float) -> float:
-    if not value > 0:
-        raise ValueError("must be positive")
-    return value
-
-
-def _not_negative(value: float) -> float:
-    if value < 0:
-        raise ValueError("must not be negative")
-    return value
-
-
-Length = Annotated[float, _quantity("length")]
-PositiveLength = Annotated[Length, AfterValidator(_positive)]
-Mass = Annotated[float, _quantity("mass"), AfterValidator(_positive)]
-Duration = Annotated[float, _quantity("time"), AfterValidator(_not_negative)]
-Rate = Annotated[float, _quantity("frequency"), AfterValidator(_positive)]
-Force = Annotated[float, _quantity("force"), AfterValidator(_positive)]
-Density = Annotated[float, _quantity("density"), AfterValidator(_positive)]
-Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(_positive)]
-# TOML has arrays and no tuples, which strict models would refuse
-Position = Annotated[tuple[Length, Length], Field(strict=False)]
-
-
-Fraction = Annotated[float, _quantity("fraction"), AfterValidator(_not_negative)]
-Rotation = Annotated[float, _quantity("rotation"), AfterValidator(_positive)]
-
-
-class Section(BaseModel):
-    """A table of the manifest: immutable, without unknown keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class ThrottleMap(Section):
@@ -339,6 +310,7 @@ class Campaign(Section):
     report: Report = Report()
     quality: Quality = Quality()
     diagnose: Diagnose = Diagnose()
+    piv: Piv | None = None
 
     @model_validator(mode="after")
     def _coherent(self) -> Self:

@@ -1,0 +1,292 @@
+"""Mean, variance and count of a stream of fields, its correlation in time, and how far the mean has converged.
+
+One pass: a batch of fields is in memory, never the set. Batches are merged by Chan's formula, of which Welford's update is the
+case of one. Correlation in time is measured on a sample of nodes with a ring of the latest fields.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+from nearlift.flow.field import Field, same_grid
+
+#: Fields merged at a time.
+BATCH = 16
+#: Nodes on which correlation in time is measured, and the longest lag in fields.
+SAMPLE, LAGS = 256, 32
+#: What the paper asks of its mean fields.
+WANTED = 1e-3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Convergence:
+    """How the mean moves as fields are added.
+
+    Attributes
+    ----------
+    n : (k,) int
+        Numbers of fields, doubling, the last one all of them.
+    moved : (k,)
+        Root mean square change of the mean since half as many fields, over the mean's own root mean square; nan for the first.
+    error : float
+        Root mean square standard error of the mean over the mean's own root mean square.
+    needed : float
+        Fields at which `error` would be a thousandth, as the paper states of its 150 pairs.
+    """
+
+    n: NDArray[np.int64]
+    moved: FloatArray
+    error: float
+    needed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Average:
+    """The mean of a set of fields.
+
+    Attributes
+    ----------
+    mean : Field
+        nan where no field has a vector. `u_m_s` is the correlating software's own uncertainty of a mean vector, where it gave one.
+    var_x, var_y : (ny, nx)
+        Variance of one field's component in (m/s)^2; nan where fewer than two fields have a vector.
+    count : (ny, nx)
+        Fields with a vector there.
+    n : int
+        Fields.
+    tau : float
+        Fields per independent one, 1 if they are independent.
+    convergence : Convergence
+    """
+
+    mean: Field
+    var_x: FloatArray
+    var_y: FloatArray
+    count: FloatArray
+    n: int
+    tau: float
+    convergence: Convergence
+
+    @property
+    def u_x(self) -> FloatArray:
+        """Standard error of the mean vx, correlation in time included, (ny, nx)."""
+        return self._error(self.var_x)
+
+    @property
+    def u_y(self) -> FloatArray:
+        """Standard error of the mean vy, correlation in time included, (ny, nx)."""
+        return self._error(self.var_y)
+
+    def _error(self, variance: FloatArray) -> FloatArray:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found = np.sqrt(variance * self.tau / self.count)
+        if self.mean.u_m_s is not None:
+            found = np.where(np.isfinite(found), found, self.mean.u_m_s)
+        result: FloatArray = np.where(self.mean.valid, found, np.nan)
+        return result
+
+
+class Moments:
+    """Count, mean and sum of squares of columns, batch by batch; nan is no observation."""
+
+    def __init__(self, columns: int) -> None:
+        self.count = np.zeros(columns)
+        self.mean = np.zeros(columns)
+        self.squares = np.zeros(columns)
+
+    def add(self, batch: FloatArray) -> None:
+        """Merge rows (k, columns)."""
+        # about the present mean, or about the first rows: sums of squares then lose no digits
+        shift = np.where(self.count > 0, self.mean, _first(batch)) if self.count.min() == 0 else self.mean
+        away = batch - shift
+        known = np.isfinite(away)
+        n = known.sum(axis=0)
+        away[~known] = 0.0
+        total, squares = away.sum(axis=0), np.einsum("ij,ij->j", away, away)
+        own = total / np.maximum(n, 1)
+        apart = own + shift - self.mean
+        whole = np.maximum(self.count + n, 1)
+        self.squares += np.where(n > 0, squares - own * total + apart**2 * self.count * n / whole, 0.0)
+        self.mean += np.where(n > 0, apart * n / whole, 0.0)
+        self.count += n
+
+    def variance(self) -> FloatArray:
+        """Unbiased, nan for fewer than two observations."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            result: FloatArray = np.where(self.count > 1, np.maximum(self.squares, 0) / (self.count - 1), np.nan)
+        return result
+
+    def known_mean(self) -> FloatArray:
+        """The mean, nan where nothing was observed."""
+        return np.where(self.count > 0, self.mean, np.nan)
+
+
+def _first(batch: FloatArray) -> FloatArray:
+    row = batch[np.argmax(np.isfinite(batch), axis=0), np.arange(batch.shape[1])]
+    return np.where(np.isfinite(row), row, 0.0)
+
+
+class Lags:
+    """Autocovariance of some columns at lags up to `LAGS`, from a ring of the latest rows."""
+
+    def __init__(self, columns: int) -> None:
+        self.ring = np.full((LAGS, columns), np.nan)
+        self.at = 0
+        self.shift: FloatArray | None = None
+        self.products = np.zeros((LAGS + 1, columns))
+        self.heads = np.zeros((LAGS + 1, columns))
+        self.tails = np.zeros((LAGS + 1, columns))
+        self.pairs = np.zeros((LAGS + 1, columns))
+
+    def add(self, row: FloatArray) -> None:
+        """One more row (columns,)."""
+        if self.shift is None:
+            self.shift = np.where(np.isfinite(row), row, 0.0)
+        row = row - self.shift
+        before = np.concatenate([row[None], self.ring[(self.at - 1 - np.arange(LAGS)) % LAGS]])
+        both = np.isfinite(before) & np.isfinite(row)
+        late, early = np.where(both, row, 0.0), np.where(both, before, 0.0)
+        self.products += late * early
+        self.heads += early
+        self.tails += late
+        self.pairs += both
+        self.ring[self.at] = row
+        self.at = (self.at + 1) % LAGS
+
+    def tau(self) -> float:
+        """Fields per independent one: `integrated` of the autocovariance pooled over columns."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            covariance = self.products / self.pairs - (self.heads / self.pairs) * (self.tails / self.pairs)
+        pooled = np.array([c[np.isfinite(c)].sum() if np.isfinite(c).any() else math.nan for c in covariance])
+        n = float(self.pairs[0].max(initial=0.0))
+        return integrated(pooled[np.isfinite(pooled)], n)
+
+
+def integrated(autocovariance: FloatArray, n: float) -> float:
+    """1 + 2 sum of autocorrelations, summed in pairs of lags as long as they are positive (Geyer 1992); at least 1.
+
+    `n` observations of a series whose mean was taken from them lower every autocovariance by var(mean) = var tau / n; that is put
+    back to first order.
+    """
+    if len(autocovariance) < 3 or not autocovariance[0] > 0 or n < 8:
+        return 1.0
+    rho = autocovariance[: max(int(n) // 3, 3)] / autocovariance[0]
+    tau = 1.0
+    for _ in range(3):
+        lifted = (rho + tau / n) / (1 + tau / n)
+        total = 1.0
+        for k in range(1, len(rho) - 1, 2):
+            pair = lifted[k] + lifted[k + 1]
+            if pair <= 0:
+                break
+            total += 2 * pair
+        tau = max(total, 1.0)
+    return float(min(tau, n / 2))
+
+
+def series_tau(series: FloatArray) -> float:
+    """Observations per independent one of a series (n,); nan is left out."""
+    lags = Lags(1)
+    for value in series:
+        lags.add(np.array([value]))
+    return lags.tau()
+
+
+def average(fields: Iterable[Field], where: str = "fields") -> Average:
+    """The mean of fields on one grid, in the order in which they were taken.
+
+    Raises
+    ------
+    InputRefused
+        No field, or one on another grid than the first.
+    """
+    first: Field | None = None
+    moments = Moments(0)
+    noise = Moments(0)
+    lags = Lags(0)
+    sample = np.zeros(0, dtype=np.int64)
+    held: list[FloatArray] = []
+    own: list[FloatArray] = []
+    n, due = 0, 2
+    before: FloatArray | None = None
+    steps: list[tuple[int, float]] = []
+
+    def merge() -> None:
+        if held:
+            moments.add(np.stack(held))
+            held.clear()
+        if own:
+            noise.add(np.stack(own))
+            own.clear()
+
+    def note() -> None:
+        nonlocal before
+        now = moments.known_mean()
+        moved = math.nan
+        if before is not None:
+            both = np.isfinite(now) & np.isfinite(before)
+            size = math.sqrt(float(np.mean(now[both] ** 2))) if both.any() else 0.0
+            moved = math.sqrt(float(np.mean((now - before)[both] ** 2))) / size if size > 0 else math.nan
+        before = now
+        steps.append((n, moved))
+
+    for field in fields:
+        if first is None:
+            first = field
+            size = first.vx_m_s.size
+            moments, noise = Moments(2 * size), Moments(size)
+            sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
+            lags = Lags(len(sample))
+        elif not same_grid(first, field):
+            raise InputRefused(where, f"field {n + 1} stands on another grid than the first", "one case has one grid; list others as another case")
+        hole = ~field.valid
+        row = np.concatenate([np.where(hole, np.nan, field.vx_m_s).ravel(), np.where(hole, np.nan, field.vy_m_s).ravel()])
+        held.append(row)
+        if field.u_m_s is not None:
+            own.append(np.where(hole, np.nan, field.u_m_s).ravel() ** 2)
+        lags.add(row[sample])
+        n += 1
+        if len(held) == BATCH or n == due:
+            merge()
+        if n == due:
+            note()
+            due *= 2
+    merge()
+    if first is None:
+        raise InputRefused(where, "holds no field", "check the pattern of files")
+    if not steps or steps[-1][0] != n:
+        note()
+    return _finish(first, moments, noise, n, lags.tau(), steps)
+
+
+def _finish(first: Field, moments: Moments, noise: Moments, n: int, tau: float, steps: list[tuple[int, float]]) -> Average:
+    shape, size = first.shape, first.vx_m_s.size
+    mean, variance = moments.known_mean(), moments.variance()
+    given = noise.known_mean()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        own = np.sqrt(given / noise.count).reshape(shape) if noise.count.max(initial=0) > 0 else None
+        error2 = variance * tau / moments.count
+    both = np.isfinite(error2)
+    level = float(np.mean(mean[both] ** 2)) if both.any() else 0.0
+    error = math.sqrt(float(np.mean(error2[both])) / level) if level > 0 else math.nan
+    return Average(
+        mean=Field(x_m=first.x_m, y_m=first.y_m, vx_m_s=mean[:size].reshape(shape), vy_m_s=mean[size:].reshape(shape), u_m_s=own),
+        var_x=variance[:size].reshape(shape),
+        var_y=variance[size:].reshape(shape),
+        count=moments.count[:size].reshape(shape),
+        n=n,
+        tau=tau,
+        convergence=Convergence(
+            n=np.array([k for k, _ in steps], dtype=np.int64),
+            moved=np.array([m for _, m in steps]),
+            error=error,
+            needed=math.ceil(n * (error / WANTED) ** 2) if math.isfinite(error) else math.nan,
+        ),
+    )

@@ -1,0 +1,208 @@
+"""A velocity field on a rectangular grid, and its way from a picture's axes into the vehicle's.
+
+Vehicle axes: origin midway between the rotors in the rotor plane, x along the light sheet, y along thrust. Downwash is -vy.
+A node without a vector is nan in both components, never zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+
+Direction = Literal["+x", "-x", "+y", "-y"]
+#: Neighbouring nodes may be this much more or less apart than the grid's spacing.
+EVEN = 0.02
+#: Least share of a map's variance that divergences of both components must have in common before a sign is doubted.
+DOUBT = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Field:
+    """One instantaneous or mean field.
+
+    Attributes
+    ----------
+    x_m : (nx,)
+        Ascending, evenly spaced.
+    y_m : (ny,)
+        Ascending, evenly spaced.
+    vx_m_s, vy_m_s : (ny, nx)
+        Velocity components along x and y; nan where there is no vector.
+    u_m_s : (ny, nx) or None
+        Standard uncertainty of a component, where the correlating software gave one.
+    """
+
+    x_m: FloatArray
+    y_m: FloatArray
+    vx_m_s: FloatArray
+    vy_m_s: FloatArray
+    u_m_s: FloatArray | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(ny, nx)."""
+        return len(self.y_m), len(self.x_m)
+
+    @property
+    def dx_m(self) -> float:
+        """Spacing along x."""
+        return float((self.x_m[-1] - self.x_m[0]) / (len(self.x_m) - 1))
+
+    @property
+    def dy_m(self) -> float:
+        """Spacing along y."""
+        return float((self.y_m[-1] - self.y_m[0]) / (len(self.y_m) - 1))
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where there is a vector."""
+        return np.isfinite(self.vx_m_s) & np.isfinite(self.vy_m_s)
+
+    @property
+    def speed_m_s(self) -> FloatArray:
+        """In-plane speed."""
+        result: FloatArray = np.hypot(self.vx_m_s, self.vy_m_s)
+        return result
+
+
+def same_grid(a: Field, b: Field) -> bool:
+    """Whether two fields stand on the same nodes."""
+    return (
+        a.shape == b.shape
+        and bool(np.allclose(a.x_m, b.x_m, rtol=0, atol=1e-3 * a.dx_m))
+        and bool(np.allclose(a.y_m, b.y_m, rtol=0, atol=1e-3 * a.dy_m))
+    )
+
+
+def on_grid(x: FloatArray, y: FloatArray, values: tuple[FloatArray, ...], where: str) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
+    """Scattered rows (n,) that fill a rectangular grid in any order, as axes (nx,), (ny,) and arrays (ny, nx); missing nodes are nan.
+
+    Raises
+    ------
+    InputRefused
+        Too few nodes, nodes that repeat, or a grid that is not even.
+    """
+    across, i = _axis(x, "x", where)
+    up, j = _axis(y, "y", where)
+    if len(np.unique(j * len(across) + i)) != len(x):
+        raise InputRefused(where, "has two vectors at one place", "export one field per file")
+    if len(x) < 0.5 * len(across) * len(up):
+        raise InputRefused(
+            where, f"has {len(x)} vectors on a grid of {len(across)} x {len(up)} nodes", "a rectangular grid with at least half its nodes is wanted"
+        )
+    out = []
+    for column in values:
+        grid = np.full((len(up), len(across)), np.nan)
+        grid[j, i] = column
+        out.append(grid)
+    return across, up, tuple(out)
+
+
+def _axis(values: FloatArray, name: str, where: str) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Nodes along one axis, ascending and even, and the node of each row."""
+    if not np.isfinite(values).all():
+        raise InputRefused(where, f"has a vector whose {name} is no number", "export the positions of masked vectors too")
+    found = np.unique(values)
+    if len(found) > 1:
+        # positions are printed with few digits: nodes a hundredth of the usual spacing apart are one
+        usual = np.median(np.diff(found)[np.diff(found) > 1e-3 * (found[-1] - found[0])])
+        found = found[np.concatenate([[True], np.diff(found) > 0.3 * usual])]
+    if len(found) < 3:
+        raise InputRefused(where, f"has {len(found)} distinct {name}", "a field has at least 3 x 3 nodes")
+    step = (found[-1] - found[0]) / (len(found) - 1)
+    even = found[0] + step * np.arange(len(found))
+    if np.abs(found - even).max() > max(EVEN * len(found), 0.3) * step or np.abs(np.diff(found) / step - 1).max() > 0.3:
+        raise InputRefused(where, f"has nodes that are not evenly spaced along {name}", "export on the correlation's own rectangular grid")
+    return even, np.rint((values - found[0]) / step).astype(np.int64)
+
+
+def orient(field: Field, *, thrust: Direction, across: Direction | None = None, origin_m: tuple[float, float] = (0.0, 0.0), v_sign: int = 1) -> Field:
+    """The same field in vehicle axes.
+
+    Parameters
+    ----------
+    thrust, across : str
+        The picture's directions of thrust (+y of the vehicle) and of the vehicle's +x; `across` is the picture's other axis if None.
+    origin_m : (float, float)
+        Where the vehicle's origin stands in the picture.
+    v_sign : int
+        -1 where the second velocity component was written positive against the second axis.
+    """
+    right = across or ("+x" if thrust[1] == "y" else "+y")
+    axes = {"x": field.x_m - origin_m[0], "y": field.y_m - origin_m[1]}
+    flow = {"x": field.vx_m_s, "y": v_sign * field.vy_m_s}
+    noise = field.u_m_s
+    x, y = axes[right[1]], axes[thrust[1]]
+    vx, vy = flow[right[1]], flow[thrust[1]]
+    if right[1] == "y":
+        vx, vy, noise = vx.T, vy.T, None if noise is None else noise.T
+    if right[0] == "-":
+        x, vx, vy, noise = -x[::-1], -vx[:, ::-1], vy[:, ::-1], None if noise is None else noise[:, ::-1]
+    if thrust[0] == "-":
+        y, vx, vy, noise = -y[::-1], vx[::-1], -vy[::-1], None if noise is None else noise[::-1]
+    return Field(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy, u_m_s=noise)
+
+
+def masked(field: Field, rectangles: list[tuple[float, float, float, float]]) -> Field:
+    """The field without its vectors inside rectangles (x from, x to, y from, y to)."""
+    if not rectangles:
+        return field
+    hidden = np.zeros(field.shape, dtype=bool)
+    for x0, x1, y0, y1 in rectangles:
+        hidden |= np.outer((field.y_m >= y0) & (field.y_m <= y1), (field.x_m >= x0) & (field.x_m <= x1))
+    return replace(field, vx_m_s=np.where(hidden, np.nan, field.vx_m_s), vy_m_s=np.where(hidden, np.nan, field.vy_m_s))
+
+
+def mirrored(x_m: FloatArray, half: Literal["left", "right"]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """An even grid that is symmetric about x = 0, where each of its nodes is found in the measured half, and the sign of vx there.
+
+    Returns
+    -------
+    x, position, sign : (n,)
+        `position` is the fractional index into `x_m`.
+    """
+    dx = (x_m[-1] - x_m[0]) / (len(x_m) - 1)
+    reach = x_m[-1] if half == "right" else -x_m[0]
+    n = int(np.floor(reach / dx + 1e-6))
+    x = dx * np.arange(-n, n + 1)
+    side = 1.0 if half == "right" else -1.0
+    position = (side * np.abs(x) - x_m[0]) / dx
+    return x, position, np.where(x * side < -1e-9 * dx, -1.0, 1.0)
+
+
+def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
+    """Values (..., nx) at fractional columns, linear between neighbours; the last half spacing before an edge takes the edge's."""
+    nx = values.shape[-1]
+    near = np.where((position < 0) & (position >= -1), 0.0, position)
+    low = np.clip(np.floor(near + 1e-9), 0, nx - 1).astype(np.int64)
+    high = np.minimum(low + 1, nx - 1)
+    share = np.clip(near - low, 0.0, 1.0)
+    share = np.where(share < 1e-6, 0.0, share)
+    left, right = values[..., low], values[..., high]
+    mixed = np.where(share == 0, left, (1 - share) * left + share * right)
+    inside = (near >= 0) & (near <= nx - 1 + 1e-6)
+    result: FloatArray = np.where(inside, mixed, np.nan)
+    return result
+
+
+def sign_doubt(field: Field) -> str:
+    """Which component's sign the field itself contradicts, ``""`` if none.
+
+    Mass is conserved: dvx/dx and dvy/dy oppose each other, in a plane jet wholly, in a round one for the most part. With one
+    component flipped they go together.
+    """
+    gx = np.gradient(field.vx_m_s, field.dx_m, axis=1)
+    gy = np.gradient(field.vy_m_s, field.dy_m, axis=0)
+    known = np.isfinite(gx) & np.isfinite(gy)
+    if known.sum() < 9:
+        return ""
+    a, b = gx[known], gy[known]
+    scale = np.sqrt((a @ a) * (b @ b))
+    together = float(a @ b / scale) if scale > 0 else 0.0
+    return "one component is flipped against its axis" if together > DOUBT else ""

@@ -1,0 +1,53 @@
+"""What a manifest's values are made of: quantities with a unit, in SI once parsed, and tables that allow no unknown key."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+
+from nearlift import units
+from nearlift.errors import ManifestError
+
+
+def _quantity(dimension: str) -> BeforeValidator:
+    def parse(value: object, info: ValidationInfo) -> float:
+        try:
+            return units.quantity(value, dimension, info.field_name or "")
+        except ManifestError as refusal:
+            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
+
+    return BeforeValidator(parse)
+
+
+def _positive(value: float) -> float:
+    if not value > 0:
+        raise ValueError("must be positive")
+    return value
+
+
+def _not_negative(value: float) -> float:
+    if value < 0:
+        raise ValueError("must not be negative")
+    return value
+
+
+Length = Annotated[float, _quantity("length")]
+PositiveLength = Annotated[Length, AfterValidator(_positive)]
+Angle = Annotated[float, _quantity("angle")]
+Fraction = Annotated[float, _quantity("fraction"), AfterValidator(_not_negative)]
+Mass = Annotated[float, _quantity("mass"), AfterValidator(_positive)]
+Duration = Annotated[float, _quantity("time"), AfterValidator(_not_negative)]
+Rotation = Annotated[float, _quantity("rotation"), AfterValidator(_positive)]
+Rate = Annotated[float, _quantity("frequency"), AfterValidator(_positive)]
+Force = Annotated[float, _quantity("force"), AfterValidator(_positive)]
+Density = Annotated[float, _quantity("density"), AfterValidator(_positive)]
+Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(_positive)]
+# TOML has arrays and no tuples, which strict models would refuse
+Position = Annotated[tuple[Length, Length], Field(strict=False)]
+
+
+class Section(BaseModel):
+    """A table of the manifest: immutable, without unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)

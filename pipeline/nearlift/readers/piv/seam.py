@@ -1,0 +1,240 @@
+"""What every dialect of exported velocity grids has in common: rows, units, what counts as no vector, and the way into SI.
+
+A vector that is exactly (0, 0) is none: correlating software writes that where it found nothing or was told to look away, and
+no measured vector has it to all printed digits.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import units
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.flow.field import Field, on_grid
+
+PIXEL = ("px", "pix", "pixel", "pixels")
+FRAME = ("frame", "frames", "dt", "pair")
+#: A text file larger than this holds no velocity grid.
+MAX_BYTES = 200_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What the manifest says of the files: units where they lack them, m per pixel, s between a pair's images."""
+
+    length_unit: str | None = None
+    velocity_unit: str | None = None
+    scale_m: float | None = None
+    frame_time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raw:
+    """One field as it stands in a file, rows (n,) in any order.
+
+    Attributes
+    ----------
+    x, y, u, v : (n,)
+        In the file's units; v positive along the file's y unless the manifest says otherwise.
+    good : (n,) bool
+        What the file calls a measured vector.
+    length_unit, velocity_unit : str or None
+        None where the file does not say.
+    scale_m, frame_time_s : float or None
+        Where the file itself says.
+    noise : (n,) or None
+        Standard uncertainty of a component, in the velocity's unit.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    u: FloatArray
+    v: FloatArray
+    good: NDArray[np.bool_]
+    length_unit: str | None
+    velocity_unit: str | None
+    scale_m: float | None = None
+    frame_time_s: float | None = None
+    noise: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dialect:
+    """One outside format.
+
+    Attributes
+    ----------
+    name, title : str
+        What ``[piv] format`` says, and one line for the catalogue.
+    sniff : callable
+        Whether the first bytes of a file are of this dialect; no two dialects say yes to one file.
+    read : callable
+        Path to the fields in it, one in memory at a time.
+    """
+
+    name: str
+    title: str
+    sniff: Callable[[bytes], bool]
+    read: Callable[[Path], Iterator[Raw]]
+
+
+def text_of(path: Path) -> str:
+    """A text file, UTF-8 or UTF-16 with its mark, else Latin-1; carriage returns removed.
+
+    Raises
+    ------
+    InputRefused
+        Empty, too large, or binary.
+    """
+    size = path.stat().st_size
+    if size == 0:
+        raise InputRefused(str(path), "is empty", "export it again")
+    if size > MAX_BYTES:
+        raise InputRefused(str(path), f"has {size} bytes", f"one field per file: at most {MAX_BYTES} bytes")
+    content = path.read_bytes()
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = content.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+    if "\0" in text:
+        raise InputRefused(str(path), "holds zero bytes: it is binary, or was cut off by a loss of power", "export it again as text")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def rows(lines: list[str], path: Path, first: int, separator: str | None, comma: bool = False) -> FloatArray:
+    """Numbers of data lines as (n, columns); `first` is the file's line number of the first of them.
+
+    Parameters
+    ----------
+    separator : str or None
+        None for blanks and tabs.
+    comma : bool
+        Whether decimals are written with a comma.
+
+    Raises
+    ------
+    InputRefused
+        Nothing there, a line with more or fewer columns, or a cell that is no number, with its line.
+    """
+    lines = [line for line in lines if line.strip()]
+    if not lines:
+        raise InputRefused(str(path), "holds a header and no vectors", "export it again")
+    body = "\n".join(lines)
+    if comma:
+        body = body.replace(",", ".")
+    if separator is not None:
+        body = body.replace(separator, " ")
+    width = len(lines[0].strip().strip(separator or " ").split(separator))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            flat = np.fromstring(body, sep=" ")
+        except (DeprecationWarning, ValueError):
+            flat = np.zeros(0)
+    if flat.size == width * len(lines) and all(len(line.split(separator)) >= width for line in (lines[0], lines[-1])):
+        return np.asarray(flat.reshape(len(lines), width), dtype=np.float64)
+    raise _what_is_wrong(lines, path, first, separator, comma, width)
+
+
+def _what_is_wrong(lines: list[str], path: Path, first: int, separator: str | None, comma: bool, width: int) -> InputRefused:
+    for i, line in enumerate(lines):
+        cells = line.strip().strip(separator or " ").split(separator)
+        if len(cells) != width:
+            more = "the file was cut off there" if i == len(lines) - 1 else "mend that line"
+            return InputRefused(f"{path}, line {first + i}", f"has {len(cells)} cells where the first has {width}", more)
+        for cell in cells:
+            try:
+                float(cell.strip().replace(",", ".") if comma else cell)
+            except ValueError:
+                hint = "decimal commas? this dialect writes points" if re.fullmatch(r"\s*-?\d+,\d+\s*", cell) else "mend that line"
+                return InputRefused(f"{path}, line {first + i}", f"{cell.strip()!r} is no number", hint)
+    return InputRefused(str(path), "cannot be read as a table of numbers", "export it again")
+
+
+def settle(raw: Raw, setting: Setting, where: str) -> Field:
+    """A field in SI on its grid, in the file's own axes; what is no vector is nan.
+
+    Raises
+    ------
+    InputRefused
+        A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame time; every vector is zero or
+        missing; the grid is not rectangular and even.
+    """
+    length = _one(raw.length_unit, setting.length_unit, "length_unit", '"mm"', where)
+    velocity = _one(raw.velocity_unit, setting.velocity_unit, "velocity_unit", '"m/s" (or "px/frame")', where)
+    per_length = _length(length, raw, setting, where)
+    per_velocity = _velocity(velocity, raw, setting, where)
+    u, v = np.asarray(raw.u, dtype=float), np.asarray(raw.v, dtype=float)
+    nothing = (u == 0) & (v == 0)
+    if len(u) and nothing.all():
+        raise InputRefused(where, "every vector is zero", "an export that took the mask for validity? export it again")
+    good = raw.good & np.isfinite(u) & np.isfinite(v) & ~nothing
+    if not good.any():
+        raise InputRefused(where, f"none of its {len(u)} vectors is valid", "check the mask and the flags of the export")
+    columns = [np.where(good, per_velocity * u, np.nan), np.where(good, per_velocity * v, np.nan)]
+    if raw.noise is not None:
+        columns.append(np.where(good & (raw.noise > 0), abs(per_velocity) * raw.noise, np.nan))
+    x, y, grids = on_grid(per_length * raw.x, per_length * raw.y, tuple(columns), where)
+    return Field(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=grids[2] if raw.noise is not None else None)
+
+
+def _one(said: str | None, told: str | None, key: str, example: str, where: str) -> str:
+    if said is None and told is None:
+        raise InputRefused(where, f"does not say its {key.replace('_', ' ')}", f"add {key} = {example} under [piv]")
+    if said is not None and told is not None and _plain(said) != _plain(told):
+        raise InputRefused(where, f"says {said!r} where the manifest's {key} is {told!r}", f"leave {key} out, or export in {told!r}")
+    return _plain(said if said is not None else told or "")
+
+
+def _plain(unit: str) -> str:
+    text = unit.strip().strip("[]()").replace(" ", "").replace("µ", "u")
+    head, _, tail = text.partition("/")
+    head, tail = ("px" if head.lower() in PIXEL else head), ("frame" if tail.lower() in FRAME else tail)
+    return f"{head}/{tail}" if tail else head
+
+
+def _scale(raw: Raw, setting: Setting, where: str) -> float:
+    found = raw.scale_m if raw.scale_m is not None else setting.scale_m
+    if found is None:
+        raise InputRefused(where, "is in pixels, and nothing says how large a pixel is", 'add scale = "20 um/px" under [piv]')
+    return found
+
+
+def _frame_time(raw: Raw, setting: Setting, where: str, unit: str) -> float:
+    found = raw.frame_time_s if raw.frame_time_s else setting.frame_time_s
+    if found is None:
+        raise InputRefused(where, f"holds displacements ({unit}), not velocities", 'add frame_time = "100 us", the time between a pair\'s images')
+    return found
+
+
+def _length(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+    return _scale(raw, setting, where) if unit == "px" else _factor(unit, "length", where)
+
+
+def _velocity(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+    head, _, tail = unit.partition("/")
+    size = _scale(raw, setting, where) if head == "px" else None
+    if tail in ("frame", ""):
+        per = size if size is not None else _factor(head, "length", where)
+        return per / _frame_time(raw, setting, where, unit)
+    if size is not None:
+        return size / _factor(tail, "time", where)
+    return _factor(unit, "velocity", where)
+
+
+def _factor(unit: str, dimension: str, where: str) -> float:
+    try:
+        return units.to_si(unit, dimension, where)[0]
+    except ManifestError as refusal:
+        raise InputRefused(where, refusal.what, refusal.remedy) from None

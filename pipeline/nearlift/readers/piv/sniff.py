@@ -1,0 +1,69 @@
+"""Which dialect a file is of, told from its first bytes: exactly one must claim it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from pathlib import Path
+
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.flow.field import Field
+from nearlift.readers.piv.dantec import DANTEC
+from nearlift.readers.piv.davis import DAVIS
+from nearlift.readers.piv.insight import INSIGHT
+from nearlift.readers.piv.netcdf import NETCDF
+from nearlift.readers.piv.openpiv import OPENPIV
+from nearlift.readers.piv.pivlab_mat import PIVLAB_MAT
+from nearlift.readers.piv.pivlab_text import PIVLAB
+from nearlift.readers.piv.seam import Dialect, Setting, settle
+
+DIALECTS: tuple[Dialect, ...] = (INSIGHT, DAVIS, OPENPIV, PIVLAB, PIVLAB_MAT, DANTEC, NETCDF)
+HEAD = 1 << 16
+UNSAID = Setting()
+
+
+def dialect(name: str) -> Dialect:
+    """The dialect of that name; `ManifestError` with the nearest if there is none."""
+    known = {d.name: d for d in DIALECTS}
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        raise ManifestError("piv.format", f"there is no format {name!r}", f"did you mean {near[0]!r}?" if near else f"formats are {', '.join(known)}")
+    return known[name]
+
+
+def told_apart(path: Path) -> Dialect:
+    """The one dialect that claims a file.
+
+    Raises
+    ------
+    InputRefused
+        None does, or more than one.
+    """
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode()
+    head = head.removeprefix(b"\xef\xbb\xbf")
+    if b"\0" not in head:
+        head = head.replace(b"\r\n", b"\n")
+    if not head:
+        raise InputRefused(str(path), "is empty", "export it again")
+    claimed = [d for d in DIALECTS if d.sniff(head)]
+    if len(claimed) == 1:
+        return claimed[0]
+    names = ", ".join(d.name for d in claimed or DIALECTS)
+    what = f"could be any of {names}" if claimed else "is of no known format"
+    raise InputRefused(str(path), what, f'say format = "..." under [piv]; formats are {", ".join(d.name for d in DIALECTS)}')
+
+
+def read(path: Path, setting: Setting = UNSAID, format_name: str | None = None) -> Iterator[Field]:
+    """The fields of one file in SI, in the file's own axes.
+
+    Raises
+    ------
+    InputRefused
+        The file cannot be read, or holds no velocities in known units.
+    """
+    of = told_apart(path) if format_name is None else dialect(format_name)
+    for i, raw in enumerate(of.read(path)):
+        yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
