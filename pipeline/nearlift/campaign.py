@@ -147,11 +147,12 @@ def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
 
 
 class LoadCell(Section):
-    """The force channel. `tare` is the rotors-stopped head of each record in s, or "none"."""
+    """The force channel. `tare` is the rotors-stopped head of each record in s, or "none"; `record` its planned length in s, tare included."""
 
     sample_rate: Rate | None = None
     tare: Duration | Literal["none"] | None = None
     settle: Duration = 0.0
+    record: Duration | None = None
     range: Force | None = None
     accuracy: Force | None = None
 

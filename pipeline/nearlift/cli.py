@@ -121,7 +121,17 @@ def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice, 
     processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
     inputs, stamps = digests(campaign, loaded, processed)
     with open_executor(executor) as pool:
-        yield Job(root=campaign, campaign=loaded, processed=processed, reports=reports, executor=pool, inputs=inputs, seed=seed, say=voice.progress)
+        yield Job(
+            root=campaign,
+            campaign=loaded,
+            processed=processed,
+            reports=reports,
+            executor=pool,
+            inputs=inputs,
+            stamps=stamps,
+            seed=seed,
+            say=voice.progress,
+        )
     if keep:
         remember(processed, stamps)
 

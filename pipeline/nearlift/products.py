@@ -12,12 +12,13 @@ Kind = Literal["text", "real", "integer"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Column:
-    """One column: its name (with the unit in it), kind, unit and meaning."""
+    """One column: its name (with the unit in it), kind, unit and meaning; an `optional` one may be absent."""
 
     name: str
     kind: Kind = "real"
     unit: str = ""
     meaning: str
+    optional: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +64,14 @@ TRIALS = Product(
         ),
         Column(name="visit", kind="integer", meaning="counts the traverse's stops: consecutive trials at one boundary and distance share it"),
         Column(name="source_sha256", kind="text", meaning="SHA-256 of the file the trial came from"),
+        Column(name="source", kind="text", optional=True, meaning="that file, relative to the campaign's folder"),
+        Column(name="samples", kind="integer", optional=True, meaning="samples in the record as read, tare and settle included"),
+        Column(
+            name="completeness",
+            kind="text",
+            optional=True,
+            meaning="of the record: complete, truncated, malformed, pending (still being written) or missing",
+        ),
     ),
 )
 LIFT = Product(

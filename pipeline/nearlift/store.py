@@ -65,7 +65,7 @@ def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
     import pyarrow as pa
 
     declared = {c.name: c for c in product.columns}
-    missing = declared.keys() - table.keys()
+    missing = {c.name for c in product.columns if not c.optional} - table.keys()
     extra = table.keys() - declared.keys()
     if missing or (extra and not product.open_ended):
         raise ProductError(product.file, f"lacks {sorted(missing)}, has undeclared {sorted(extra)}", "this is a defect of the stage that writes it")
@@ -73,7 +73,7 @@ def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
         raise ProductError(product.file, "has columns of different lengths", "this is a defect of the stage that writes it")
     kinds = {"text": pa.string(), "real": pa.float64(), "integer": pa.int64()}
     fields, arrays = [], []
-    for name in (*declared, *(n for n in table if n not in declared)):
+    for name in (*(n for n in declared if n in table), *(n for n in table if n not in declared)):
         values = np.asarray(table[name])
         column = declared.get(name)
         kind = kinds[column.kind] if column else _arrow_type(values)

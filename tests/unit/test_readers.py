@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import READERS, csv_trial, parquet, reader
+from nearlift.readers import READERS, csv_trial, parquet, reader, table
 from nearlift.readers.seam import Record
 
 from .bench_campaign import manifest
@@ -71,8 +71,8 @@ def test_all_roads_give_the_bits_of_float(texts: list[str]) -> None:
     content = ("force\n" + "\n".join(texts) + "\n").encode()
     roads = [
         csv_trial._scanned(content, 6, 1, [0]),
-        csv_trial._by_arrow(content, 6, 1, [0]),
-        csv_trial._explained(content[6:], "t.csv", ["force"], [0]),
+        table._by_arrow(content[6:], 1, [0], table.COMMAS),
+        table._explained(content[6:], "t.csv", 2, ["force"], [0], table.COMMAS),
     ]
     assert roads[1] is not None
     for road in roads:

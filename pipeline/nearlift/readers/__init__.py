@@ -7,13 +7,35 @@ import functools
 
 from nearlift import catalogue
 from nearlift.errors import ManifestError
+from nearlift.readers.crazyflie import CRAZYFLIE_READER
 from nearlift.readers.csv_trial import CSV
+from nearlift.readers.flight_stand import FLIGHT_STAND_READER
+from nearlift.readers.hdf5 import HDF5_READER
+from nearlift.readers.lvm import LVM_READER
+from nearlift.readers.mat import MAT_READER
 from nearlift.readers.means import MEANS
 from nearlift.readers.parquet import PARQUET
+from nearlift.readers.rcbenchmark import RCBENCHMARK_READER
 from nearlift.readers.schedule import Schedule, read_schedule
 from nearlift.readers.seam import Piece, Plan, Reader, Record
+from nearlift.readers.tdms import TDMS_READER
+from nearlift.readers.text import TEXT_READER
+from nearlift.readers.usd import USD_READER
 
-READERS: tuple[Reader, ...] = (PARQUET, CSV, MEANS)
+READERS: tuple[Reader, ...] = (
+    PARQUET,
+    CSV,
+    TEXT_READER,
+    RCBENCHMARK_READER,
+    FLIGHT_STAND_READER,
+    CRAZYFLIE_READER,
+    USD_READER,
+    LVM_READER,
+    TDMS_READER,
+    MAT_READER,
+    HDF5_READER,
+    MEANS,
+)
 
 __all__ = ["READERS", "Piece", "Plan", "Reader", "Record", "Schedule", "read_schedule", "reader", "readers"]
 

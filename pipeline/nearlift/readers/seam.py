@@ -13,12 +13,16 @@ import stat
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.campaign import Campaign, ForceChannel
 from nearlift.errors import InputRefused, ManifestError
+
+if TYPE_CHECKING:
+    from nearlift.readers.per_file import Format
 
 FloatArray = NDArray[np.float64]
 
@@ -39,6 +43,8 @@ class Record:
         File, relative to the campaign's folder.
     codes : tuple of str
         What the reader noticed (names in `reduction.quality.CODES`).
+    notes : tuple of str
+        Remarks for the user, without the file's name: alike ones of many records are told once.
     """
 
     trial: str
@@ -46,6 +52,7 @@ class Record:
     source: str
     time_s: FloatArray | None = None
     codes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +94,8 @@ class Reader:
         ``read_piece(campaign, root, piece)``: the piece's records in the plan's order, one in memory at a time.
     series : bool
         False for a format without samples (`means`), which takes its lift from the schedule.
+    format : Format or None
+        Of a reader that was made by `per_file.reader_of`: how one file becomes channels, which `inspect` shows.
     """
 
     name: str
@@ -95,6 +104,7 @@ class Reader:
     plan: Callable[[Campaign, Path, Sequence[str]], Plan]
     read_piece: Callable[[Campaign, Path, Piece], Iterator[Record]]
     series: bool = True
+    format: Format | None = None
 
     def read(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> Iterator[Record]:
         """Every record of these trials, streamed, in the plan's order."""

@@ -24,12 +24,21 @@ ODD = (0.2, 6.0)
 STOPPED = 0.05
 
 
-def lengths(n: NDArray[np.int64], codes: list[list[str]], missing: float) -> None:
-    """Add `short` or `SHORT` to the codes of records with fewer samples than the campaign's median.
+def lengths(
+    n: NDArray[np.int64], codes: list[list[str]], missing: float, samples: NDArray[np.int64] | None = None, planned: int | None = None
+) -> None:
+    """Add `short` or `SHORT` to the codes of records with too few samples.
 
-    Below half of it a trial was aborted; between there and ``1 - missing`` it is rejected only if its file is cut off, since
-    a lab may well measure for different times.
+    Where a length is planned, `samples` of each record (tare included) are held against it: below ``1 - missing`` of it the trial is
+    rejected, and any sample that lacks is remarked on. Elsewhere `n`, the samples averaged, are held against their median: below
+    half of it a trial was aborted; between there and ``1 - missing`` it is rejected only if its file is cut off, since a lab
+    may well measure for different times.
     """
+    if planned is not None and samples is not None:
+        for i, found in enumerate(samples):
+            if 0 < found < planned:
+                codes[i].append("SHORT" if found < (1 - missing) * planned else "short")
+        return
     whole = n[n > 0]
     if len(whole) == 0:
         return

@@ -27,8 +27,16 @@ class Code:
 CODES = (
     Code(name="MISSING", rejects=True, meaning="the schedule lists the trial, but there is no record of it"),
     Code(name="EMPTY", rejects=True, meaning="the file is empty"),
+    Code(name="MALFORMED", rejects=True, meaning="the file contradicts its own structure or check sum: it is damaged"),
+    Code(name="PENDING", rejects=True, meaning="the file was still being written; the next run reads it again"),
     Code(name="NO_DATA", rejects=True, meaning="no sample is left once tare and settle are taken off"),
-    Code(name="SHORT", rejects=True, meaning="cut off with less than 95 % of the campaign's usual samples, or less than half of them in any case"),
+    Code(name="TOO_SHORT", rejects=True, meaning="fewer than five samples are left: an aborted run"),
+    Code(
+        name="SHORT",
+        rejects=True,
+        meaning="less than 95 % of the planned samples; where no length is planned, cut off with less than 95 % of the campaign's usual ones, "
+        "or less than half of them in any case",
+    ),
     Code(name="OUT_OF_RANGE", rejects=True, meaning="too many samples hold no number (NaN, OVER, #NV)"),
     Code(name="SATURATED", rejects=True, meaning="the load cell was at the end of its range"),
     Code(name="STUCK", rejects=True, meaning="the channel stood still: it repeats one value"),
@@ -43,11 +51,13 @@ CODES = (
     ),
     Code(name="DUPLICATE", rejects=True, meaning="the record is byte for byte that of an earlier trial"),
     Code(name="truncated", rejects=False, meaning="the file ends within a line; the cut sample was left out"),
-    Code(name="short", rejects=False, meaning="less than 95 % of the campaign's usual samples"),
+    Code(name="salvaged", rejects=False, meaning="the check sum is wrong; what came before the damage was kept, as the manifest asks"),
+    Code(name="short", rejects=False, meaning="fewer samples than planned, or less than 95 % of the campaign's usual ones"),
     Code(name="out_of_range", rejects=False, meaning="some samples hold no number and were left out"),
     Code(name="gaps", rejects=False, meaning="the clock column shows missing samples"),
     Code(name="clock", rejects=False, meaning="the clock column stands still or runs backwards somewhere; the samples' order was kept"),
     Code(name="drift", rejects=False, meaning="the force drifts within the record, by less than the limit"),
+    Code(name="dead_speed", rejects=False, meaning="a rotor's speed reads zero while there is lift"),
     Code(name="spikes", rejects=False, meaning="single samples stand far from their neighbours; they were kept"),
     Code(name="unsettled", rejects=False, meaning="the first samples averaged differ from the rest: `settle` may be too short"),
     Code(name="not_rising", rejects=False, meaning="far from the boundary, this throttle lifts no more than the next lower one"),
@@ -77,3 +87,17 @@ def rejected(quality: NDArray[Any]) -> NDArray[np.bool_]:
 def reason(text: str) -> str:
     """Why a trial was rejected, in words, from its `quality` text; empty where it was not."""
     return "; ".join(f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects)
+
+
+def completeness(text: str) -> str:
+    """What a `quality` text says of the record itself: ``complete``, ``truncated``, ``malformed``, ``pending`` or ``missing``."""
+    names = set(text.split())
+    for word, signs in (
+        ("missing", {"MISSING"}),
+        ("pending", {"PENDING"}),
+        ("malformed", {"MALFORMED", "salvaged"}),
+        ("truncated", {"truncated", "EMPTY", "NO_DATA", "SHORT", "TOO_SHORT", "short", "GAPS", "gaps"}),
+    ):
+        if names & signs:
+            return word
+    return "complete"

@@ -30,6 +30,8 @@ TARE_BATCHES = 8
 SHORTEST_BATCH_S = 0.06
 SHORTEST_BATCH = 8
 FEWEST_BATCHES = 4
+#: Aborted runs leave two to four rows behind.
+FEWEST_SAMPLES = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +103,7 @@ def reduce_record(
         The clock runs at another rate than the manifest says (by more than 1 %).
     """
     found = list(codes)
-    if "EMPTY" in found or "NO_DATA" in found:
+    if not {"EMPTY", "NO_DATA", "MALFORMED"}.isdisjoint(found):
         return Reduced(codes=tuple(found))
     head = len(force_N[: round(tare_s * rate_Hz)])
     start = head + round(settle_s * rate_Hz)
@@ -121,6 +123,8 @@ def reduce_record(
     n = len(live)
     if n < 2 or (tare_s > 0 and len(tare) < 2):
         return Reduced(codes=(*found, "NO_DATA"))
+    if n < FEWEST_SAMPLES:
+        return Reduced(codes=(*found, "TOO_SHORT"))
     mean = float(live.mean())
     zero = float(tare.mean()) if len(tare) else 0.0
     lift = mean - zero

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from nearlift.readers import Piece, Reader, Schedule, means
 from nearlift.readers.schedule import read_schedule, schedule_file
 from nearlift.reduction import plausibility, quality
 from nearlift.reduction.record import Limits, Reduced, reduce_record
+from nearlift.stages import intact
 from nearlift.stages.job import Job, Outcome
 
 
@@ -40,6 +41,9 @@ class Row:
     trial: str
     reduced: Reduced
     source_sha256: str
+    source: str = ""
+    samples: int = 0
+    notes: tuple[str, ...] = ()
 
 
 def inputs(root: Path, campaign: Campaign) -> list[str]:
@@ -66,6 +70,7 @@ def run(job: Job) -> Outcome:
     """
     campaign = job.campaign
     reader = readers.reader(campaign.records.reader)
+    intact.not_rotten(job)
     schedule = read_schedule(campaign, job.root)
     notes = list(schedule.notes)
     if reader.series:
@@ -73,6 +78,7 @@ def run(job: Job) -> Outcome:
         notes += more
     else:
         rows = _from_means(job, schedule)
+    rows = _settled(job, reader, rows)
     table = _table(schedule, rows, campaign)
     notes += _judge(table, campaign)
     bad = quality.rejected(table["quality"])
@@ -100,7 +106,7 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[dict[st
     for answer in ordered(job.executor, reduce_piece, _tasks(job, plan.pieces, after)):
         rows.update((row.trial, row) for row in answer)
         job.say(f"ingest {len(rows)} of {len(schedule)} trials")
-    notes = list(plan.notes)
+    notes = [*plan.notes, *_told(rows)]
     if job.campaign.load_cell.tare == "none":
         notes.append('the records have no tare: the zero of the force is unknown and wants an [[uncertainty]] on = "force"')
     return rows, notes
@@ -141,8 +147,49 @@ def reduce_piece(task: Task) -> list[Row]:
         )
         if record.source not in digests:
             digests[record.source] = store.sha256(task.root / record.source)
-        rows.append(Row(trial=record.trial, reduced=reduced, source_sha256=digests[record.source]))
+        rows.append(
+            Row(
+                trial=record.trial,
+                reduced=reduced,
+                source_sha256=digests[record.source],
+                source=record.source,
+                samples=len(record.force_N),
+                notes=record.notes,
+            )
+        )
     return rows
+
+
+def _told(rows: Mapping[str, Row]) -> list[str]:
+    """What readers remarked, alike remarks told once with the number of records."""
+    seen: dict[str, list[str]] = {}
+    for row in rows.values():
+        for note in row.notes:
+            seen.setdefault(note, []).append(row.source)
+    return [note if len(own) == 1 else f"{note} ({len(own)} records, such as {own[0]})" for note, own in seen.items()]
+
+
+def _settled(job: Job, reader: Reader, rows: dict[str, Row]) -> dict[str, Row]:
+    """The rows, those of files that were still being written marked PENDING.
+
+    Raises
+    ------
+    InputRefused
+        The manifest, the schedule or a file of many trials was changed while it was read.
+    """
+    moving = intact.moving(job)
+    owners: dict[str, list[str]] = {}
+    for trial, row in rows.items():
+        owners.setdefault(row.source, []).append(trial)
+    for name in moving.changed:
+        if len(owners.get(name, ())) != 1:
+            raise InputRefused(str(job.root / name), "was changed while it was being read", "run again when nobody writes it any more")
+    late = {owners[name][0] for name in moving.changed}
+    late |= {t for name in moving.young for t in owners.get(name, ()) if not {"truncated", "MALFORMED"}.isdisjoint(rows[t].reduced.codes)}
+    return {
+        trial: replace(row, reduced=replace(row.reduced, codes=(*row.reduced.codes, "PENDING"))) if trial in late else row
+        for trial, row in rows.items()
+    }
 
 
 def _from_means(job: Job, schedule: Schedule) -> dict[str, Row]:
@@ -160,6 +207,8 @@ def _from_means(job: Job, schedule: Schedule) -> dict[str, Row]:
                 sd_N=float(lift["sd_N"][i]),
             ),
             source_sha256=digest,
+            source=path.relative_to(job.root).as_posix(),
+            samples=int(lift["n"][i]),
         )
         for i, trial in enumerate(schedule.trial)
     }
@@ -171,10 +220,14 @@ def _table(schedule: Schedule, rows: Mapping[str, Row], campaign: Campaign) -> s
     found = [rows.get(trial, missing) for trial in schedule.trial]
     codes = [list(row.reduced.codes) for row in found]
     n = np.array([row.reduced.n for row in found], dtype=np.int64)
+    samples = np.array([row.samples for row in found], dtype=np.int64)
     if campaign.records.reader != "means":
-        plausibility.lengths(n, codes, campaign.quality.missing)
+        cell = campaign.load_cell
+        planned = round(cell.record * cell.sample_rate) if cell.record and cell.sample_rate else None
+        plausibility.lengths(n, codes, campaign.quality.missing, samples, planned)
         _duplicates(found, codes)
     real = {name: np.array([getattr(row.reduced, name) for row in found]) for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")}
+    texts = [quality.joined(c) for c in codes]
     return {
         "trial": schedule.trial,
         "boundary": schedule.boundary,
@@ -183,9 +236,12 @@ def _table(schedule: Schedule, rows: Mapping[str, Row], campaign: Campaign) -> s
         "throttle": schedule.throttle,
         **real,
         "n": n,
-        "quality": np.array([quality.joined(c) for c in codes], dtype=object),
+        "quality": np.array(texts, dtype=object),
         "visit": schedule.visit,
         "source_sha256": np.array([row.source_sha256 for row in found], dtype=object),
+        "source": np.array([row.source for row in found], dtype=object),
+        "samples": samples,
+        "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
         **schedule.covariates,
     }
 

@@ -13,7 +13,8 @@ from nearlift.stages import ingest
 #: A file younger than this may change again without its time stamp telling, so its digest is not kept.
 RACY_NS = 2_000_000_000
 CACHE = "inputs-cache.json"
-#: Relative path to size, modification time and inode, and the digest that went with them.
+#: Relative path to `stamp` (size, modification time, inode), the digest that went with it, whether that was `remembered` rather than
+#: made, and whether the file was so young (`racy`) that it must not be.
 Stamps = dict[str, Any]
 
 
@@ -32,12 +33,13 @@ def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, 
         stamp = [status.st_size, status.st_mtime_ns, status.st_ino]
         sha = known["sha256"] if known and known["stamp"] == stamp else store.sha256(root / name)
         result[name] = sha
-        if time.time_ns() - status.st_mtime_ns > RACY_NS:
-            fresh[name] = {"stamp": stamp, "sha256": sha}
+        racy = time.time_ns() - status.st_mtime_ns <= RACY_NS
+        fresh[name] = {"stamp": stamp, "sha256": sha, "remembered": bool(known and known["stamp"] == stamp), "racy": racy}
     return result, fresh
 
 
 def remember(processed: Path, stamps: Stamps) -> None:
     """Keep digests for the next command, beside products where there are any; a file that says the same already is left alone."""
+    stamps = {name: {"stamp": s["stamp"], "sha256": s["sha256"]} for name, s in stamps.items() if not s["racy"]}
     if processed.is_dir() and stamps != store.read_json_if_whole(processed / CACHE):
         store.write_json(processed / CACHE, stamps)

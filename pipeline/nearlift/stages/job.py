@@ -30,6 +30,8 @@ class Job:
         Where this campaign's products and figures go.
     inputs : mapping of str to str
         Every input file under `root`, relative path to SHA-256.
+    stamps : mapping of str to dict
+        Size, time and inode with which each of them was seen, and whether its digest is remembered or fresh (`inputs.digests`).
     seed : int
     executor : Executor
     say : callable
@@ -42,6 +44,7 @@ class Job:
     reports: Path
     executor: concurrent.futures.Executor
     inputs: Mapping[str, str] = field(default_factory=dict)
+    stamps: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     say: Callable[[str], None] = _silent
 

@@ -1,0 +1,165 @@
+"""A file as channels: named series with the unit and the rate that the file states. What readers give and `inspect` shows."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.seam import FloatArray
+
+#: Unit texts of instruments, folded, to what nearlift calls them.
+UNITS = {
+    "n": "N",
+    "newton": "N",
+    "newtons": "N",
+    "mn": "mN",
+    "kn": "kN",
+    "g": "g",
+    "gf": "gf",
+    "gram": "g",
+    "grams": "g",
+    "kg": "kg",
+    "kgf": "kgf",
+    "lbf": "lbf",
+    "lb": "lb",
+    "ozf": "ozf",
+    "oz": "oz",
+    "count": "count",
+    "counts": "count",
+    "s": "s",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "ms": "ms",
+    "us": "us",
+    "v": "V",
+    "volt": "V",
+    "volts": "V",
+    "mv": "mV",
+    "a": "A",
+    "amps": "A",
+    "ma": "mA",
+    "w": "W",
+    "rpm": "rpm",
+    "hz": "Hz",
+    "khz": "kHz",
+    "%": "percent",
+    "percent": "percent",
+    "degc": "degC",
+    "°c": "degC",
+    "c": "degC",
+    "k": "K",
+    "pa": "Pa",
+    "hpa": "hPa",
+    "kpa": "kPa",
+    "m": "m",
+    "mm": "mm",
+    "cm": "cm",
+    "m/s": "m/s",
+    "m/s^2": "m/s^2",
+    "m/s2": "m/s^2",
+    "nm": "N m",
+    "n m": "N m",
+    "n·m": "N m",
+    "deg": "deg",
+    "rad": "rad",
+    "-": "",
+    "1": "",
+}
+#: What a load cell means by a unit of mass.
+AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}
+FORCE_UNITS = ("N", "mN", "kN", "gf", "kgf", "lbf", "ozf")
+_PRODUCT = str.maketrans({"·": "·", "⋅": "·", "∙": "·", "*": "·", "•": "·"})
+_IN_NAME = re.compile(r"(.*?)\s*[\(\[]([^()\[\]]*)[\)\]]\s*")
+
+
+class Malformed(Exception):
+    """A file that contradicts its own structure or check sum: its trial is rejected, the campaign goes on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """One series: its name, the unit that the file states (empty: none), its samples, and the rate that the file states.
+
+    `n` counts the samples where they were not read.
+    """
+
+    name: str
+    unit: str = ""
+    values: FloatArray
+    rate_Hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """What was found in a file: its channels, how its format calls itself, quality codes, and remarks for the user."""
+
+    channels: tuple[Channel, ...]
+    kind: str = ""
+    codes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def fold(text: str) -> str:
+    """A name as it is compared: compatible letters folded (both micro signs, all product signs), lower case, single blanks."""
+    plain = unicodedata.normalize("NFKC", text).translate(_PRODUCT).casefold()
+    return " ".join(plain.split())
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Name and unit of ``Thrust (gf)`` or ``weight[g]``; the unit is empty where there is none."""
+    found = _IN_NAME.fullmatch(name)
+    return (found[1], unit_word(found[2]) or found[2].strip()) if found and found[1] else (name, "")
+
+
+def unit_word(cell: str) -> str | None:
+    """What nearlift calls the unit in a cell, brackets aside; None where the cell is no unit, empty for none."""
+    plain = fold(cell.strip().strip("()[]"))
+    if not plain:
+        return ""
+    plain = "us" if plain in ("μs", "microseconds") else plain
+    return UNITS.get(plain)
+
+
+def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Channel:
+    """The channel of that name: as written, else folded, else folded without its unit or its group.
+
+    Raises
+    ------
+    InputRefused
+        There is none, or the name fits several.
+    """
+    for same in (
+        lambda c: c.name == column,
+        lambda c: fold(c.name) == fold(column),
+        lambda c: fold(split_unit(c.name)[0]) == fold(column),
+        lambda c: fold(re.split(r"[/.]", c.name)[-1]) == fold(column),
+    ):
+        found = [c for c in channels if same(c)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise InputRefused(where, f"has more than one column {column!r}: {', '.join(repr(c.name) for c in found)}", f"{key} names one of them")
+    names = [c.name for c in channels]
+    close = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
+    listed = ", ".join(repr(n) for n in names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+    raise InputRefused(where, f"has no column {column!r}", f'{key} = "{close[0]}"?' if close else f"it has {listed or 'none'}; {key} names it")
+
+
+def wanted(name: str, names: Sequence[str]) -> bool:
+    """Whether `pick` may choose this channel for one of these names, so that a reader need not read others."""
+    own = {fold(name), fold(split_unit(name)[0]), fold(re.split(r"[/.]", name)[-1])}
+    return any(fold(n) in own for n in names)
+
+
+def rate_of(clock: FloatArray) -> float | None:
+    """The steady rate of a clock in s, Hz: the inverse of its median step; None where it has none."""
+    steps = np.diff(clock[np.isfinite(clock)])
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return 1 / usual if usual > 0 else None

@@ -1,0 +1,185 @@
+"""Files that a C library parses (HDF5, MATLAB) or that claim sizes of their own (TDMS) are read in a child process.
+
+The child may use so much memory and time, may write no file, loads no code from the folder of the data, and speaks to its parent in
+JSON and plain float64: no pickle, so that even a child taken over by a file could send nothing but numbers. One child serves
+the files of one piece of the plan; a crash, or a limit reached, costs the one file that caused it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.channel import Channel, Contents, Malformed
+from nearlift.readers.per_file import Format, Names
+
+#: Address space of the child, bytes, and time for one file, s.
+MEMORY = 2 << 30
+TIME_S = 120.0
+_LENGTH = struct.Struct("<Q")
+
+Reading = Callable[[Path, Mapping[str, Any], Names], Contents]
+
+
+@contextlib.contextmanager
+def source(form: Format, time_s: float = TIME_S, memory: int = MEMORY) -> Iterator[Reading]:
+    """What reads files of a format: its own function, or a child process that runs it."""
+    if not form.child:
+        yield form.contents
+        return
+    worker = _Child(form, time_s, memory)
+    try:
+        yield worker.read
+    finally:
+        worker.end()
+
+
+class _Child:
+    """The process, started when the first file comes and again after each that killed it."""
+
+    def __init__(self, form: Format, time_s: float, memory: int) -> None:
+        self.form, self.time_s, self.memory = form, time_s, memory
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        if self.process is None:
+            package = str(Path(__file__).parents[2])
+            environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)}
+            # HDF5 would load filters from wherever this points
+            environment |= {"HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+            self.process = subprocess.Popen(
+                # -P: the current folder, which may be one of data, is no place to import from; -B: write nothing
+                [sys.executable, "-P", "-B", "-c", "from nearlift.readers.child import serve; serve()", str(self.memory)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=environment,
+                # an interrupt at the terminal is the parent's to handle
+                start_new_session=True,
+            )
+        return self.process
+
+    def read(self, path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+        """The contents of one file.
+
+        Raises
+        ------
+        Malformed
+            The file is damaged, or its reader crashed or came to a limit.
+        InputRefused
+            As the format's own reader does.
+        """
+        process = self._started()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        late = threading.Event()
+
+        def stop() -> None:
+            late.set()
+            process.kill()
+
+        clock = threading.Timer(self.time_s, stop)
+        clock.start()
+        try:
+            request = {"reader": self.form.name, "path": str(path), "dialect": dict(dialect), "names": names}
+            process.stdin.write(json.dumps(request).encode() + b"\n")
+            process.stdin.flush()
+            answer, values = _received(process.stdout)
+        except (OSError, EOFError, ValueError):
+            self.end()
+            if late.is_set():
+                raise Malformed(f"its reader was stopped after {self.time_s:g} s") from None
+            raise Malformed(f"its reader crashed (exit code {process.returncode}), at most {self.memory >> 20} MiB of memory allowed") from None
+        finally:
+            clock.cancel()
+        if "refused" in answer:
+            raise InputRefused(*answer["refused"])
+        if "malformed" in answer:
+            raise Malformed(answer["malformed"])
+        channels = tuple(
+            Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v) for c, v in zip(answer["channels"], values, strict=True)
+        )
+        return Contents(channels=channels, kind=answer["kind"], codes=tuple(answer["codes"]), notes=tuple(answer["notes"]))
+
+    def end(self) -> None:
+        """Let the child go."""
+        process, self.process = self.process, None
+        if process is None:
+            return
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
+
+
+def _exactly(pipe: IO[bytes], n: int) -> bytes:
+    content = pipe.read(n)
+    if len(content) != n:
+        raise EOFError
+    return content
+
+
+def _received(pipe: IO[bytes]) -> tuple[dict[str, Any], list[Any]]:
+    answer = json.loads(_exactly(pipe, _LENGTH.unpack(_exactly(pipe, _LENGTH.size))[0]))
+    return answer, [np.frombuffer(_exactly(pipe, 8 * c["n"]), dtype="<f8") for c in answer.get("channels", ())]
+
+
+def serve() -> None:
+    """The child: reads requests from stdin, one JSON object to a line, until there are no more."""
+    out = os.fdopen(os.dup(1), "wb")
+    # whatever a library prints must not stand between the answers
+    os.dup2(2, 1)
+    from nearlift import readers
+
+    _limit(int(sys.argv[1]))
+    for line in sys.stdin.buffer:
+        request = json.loads(line)
+        form = readers.reader(request["reader"]).format
+        assert form is not None
+        names = None if request["names"] is None else tuple(request["names"])
+        answer, channels = _answered(form, Path(request["path"]), request["dialect"], names)
+        head = json.dumps(answer).encode()
+        out.write(_LENGTH.pack(len(head)) + head)
+        for channel in channels:
+            out.write(np.ascontiguousarray(channel.values, dtype="<f8").tobytes())
+        out.flush()
+
+
+def _answered(form: Format, path: Path, dialect: Mapping[str, Any], names: Names) -> tuple[dict[str, Any], tuple[Channel, ...]]:
+    try:
+        found = form.contents(path, dialect, names)
+    except InputRefused as refusal:
+        return {"refused": [refusal.where, refusal.what, refusal.remedy]}, ()
+    except Malformed as fault:
+        return {"malformed": str(fault)}, ()
+    except MemoryError:
+        return {"malformed": "it needs more memory than its reader is allowed"}, ()
+    except Exception as fault:  # libraries raise anything on damaged bytes; the child turns it into one kind
+        told = (str(fault).splitlines() or [""])[0]
+        return {"malformed": f"cannot be read as {form.name}: {told or type(fault).__name__}"}, ()
+    listed = [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz, "n": len(c.values)} for c in found.channels]
+    return {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes}, found.channels
+
+
+def _limit(memory: int) -> None:
+    """Bound this process, where the system knows how."""
+    try:
+        import resource
+    except ImportError:
+        return
+    for kind, limit in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_FSIZE, 0), (resource.RLIMIT_CORE, 0)):
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(kind, (limit, limit))

@@ -1,0 +1,321 @@
+"""The dialect of a text file, found strictly: one reading fits, or the file is refused.
+
+A dialect is an encoding, a separator, a decimal sign, lines above the header, a header, perhaps a row of units, perhaps a
+separator at the end of every line. Each pair of separator and decimal sign is tried on the first lines; a pair fits if every
+line from the first row of numbers on has the same number of cells, numeric where the first row's are, under a header of as many names. Two
+pairs that fit and read different numbers are ambiguous, and so is a comma that may part thousands. What the manifest says under
+``[records] dialect`` is not guessed.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from nearlift.errors import InputRefused
+from nearlift.readers.channel import split_unit, unit_word
+from nearlift.readers.table import BLANKS, NONE, Cells, label, row_of
+from nearlift.readers.words import NUMBER, value_of
+
+#: As many bytes as the sniffer looks at.
+HEAD = 1 << 16
+SEPARATORS = ("\t", ";", ",", "|", BLANKS, NONE)
+SPOKEN = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", BLANKS: "blanks", NONE: "line ends"}
+#: How a manifest may call a separator.
+NAMED = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": BLANKS, "none": NONE}
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+
+
+class NoRows(InputRefused):
+    """A text without a single row of numbers: nothing but a header, or nothing that is known."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Given:
+    """What the manifest says of the dialect, under ``[records] dialect``; None or empty where it says nothing.
+
+    `columns` and `units` name the cells of a file without a header; `skip` counts the lines above the header (or the first row);
+    `ignore` lists whole lines that are no rows; `labels` says that cells are ``name: number``.
+    """
+
+    encoding: str | None = None
+    separator: str | None = None
+    decimal: str | None = None
+    skip: int | None = None
+    columns: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+    labels: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """A dialect found: how to cut the lines, the columns' names and units, and the line (from 1) of the first row."""
+
+    encoding: str
+    cells: Cells
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first: int
+    preamble: tuple[str, ...] = ()
+    #: which columns are text
+    texts: tuple[int, ...] = ()
+
+    def spoken(self) -> str:
+        """The dialect in words; empty for plain CSV."""
+        parts = []
+        if self.encoding not in ("utf-8", "ascii"):
+            parts.append({"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}.get(self.encoding, self.encoding.upper()))
+        if self.cells.separator not in (",", NONE):
+            parts.append(f"separated by {SPOKEN.get(self.cells.separator, repr(self.cells.separator))}")
+        if self.cells.decimal == ",":
+            parts.append("decimal commas")
+        if self.cells.trailing:
+            parts.append("a separator at the end of every line")
+        if self.cells.labels:
+            parts.append("labelled cells")
+        if self.preamble:
+            parts.append(f"{len(self.preamble)} line{'s' * (len(self.preamble) > 1)} above the columns' names left out")
+        return ", ".join(parts)
+
+
+def encoding_of(head: bytes, where: str) -> str:
+    """The encoding of a file's first bytes.
+
+    Raises
+    ------
+    InputRefused
+        They are no text, or are compressed.
+    """
+    for mark, name in _MARKS:
+        if head.startswith(mark):
+            return name
+    if head.startswith((b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")):
+        raise InputRefused(where, "is compressed", "unpack it: what is inside is then digested and read as it is")
+    if b"\0" in head.rstrip(b"\0"):
+        pairs = head[: len(head) // 2 * 2]
+        for name, zeros in (("utf-16-le", pairs[1::2]), ("utf-16-be", pairs[0::2])):
+            if zeros.count(0) > 0.9 * len(zeros):
+                return name
+        raise InputRefused(where, "is no text: it holds NUL bytes", "it is damaged, or binary: `nearlift inspect FILE` says what it is")
+    try:
+        # a character may be cut at the end of the head
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        # the bytes 0x80 to 0x9f are control characters in Latin-1 and letters in Windows-1252
+        return "cp1252" if any(0x80 <= byte < 0xA0 for byte in head) else "latin-1"
+    return "utf-8"
+
+
+def sniff(head: bytes, where: str, given: Given = Given(), *, whole: bool = True) -> Layout:
+    """The dialect of a file from its first bytes; `whole` if they are all of it.
+
+    Raises
+    ------
+    InputRefused
+        No dialect fits, several do, or there is no header and the manifest names no columns.
+    """
+    encoding = given.encoding or encoding_of(head, where)
+    try:
+        text = codecs.getincrementaldecoder(encoding)().decode(head)
+    except (UnicodeDecodeError, LookupError) as fault:
+        raise InputRefused(where, f"is not {encoding} text: {fault}", "mend `encoding` under [records] dialect, or leave it out") from None
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    # what follows the last line feed may be cut off
+    lines = lines[:-1] if len(lines) > 1 or not whole else lines
+    fits, failed = _tried(lines, where, given)
+    readings = {reading for _, reading in fits}
+    if not fits:
+        raise max(failed, key=lambda f: f[0])[1]
+    if len(readings) > 1:
+        ways = " or ".join(f"{SPOKEN[c.cells.separator]} with decimal {'point' if c.cells.decimal == '.' else 'comma'}" for c, _ in fits[:2])
+        raise InputRefused(
+            where, f"can be read in two ways: separated by {ways}", 'say which: dialect = { separator = "...", decimal = "..." } under [records]'
+        )
+    found = fits[0][0]
+    _no_thousands(found, lines, where, given)
+    return Layout(
+        encoding=encoding,
+        cells=found.cells,
+        names=found.names,
+        units=found.units,
+        first=found.first,
+        preamble=found.preamble,
+        texts=found.texts,
+    )
+
+
+#: Names and numbers of the first rows: what two dialects must agree on.
+Reading = tuple[tuple[str, ...], tuple[tuple[float | None, ...], ...]]
+
+
+def _tried(lines: Sequence[str], where: str, given: Given) -> tuple[list[tuple[Layout, Reading]], list[tuple[int, InputRefused]]]:
+    """Every dialect that fits, and why each other does not, with how far it came."""
+    fits: list[tuple[Layout, Reading]] = []
+    failed: list[tuple[int, InputRefused]] = []
+    separators = SEPARATORS if given.separator is None else (NAMED.get(given.separator, given.separator),)
+    decimals = (".", ",") if given.decimal is None else (given.decimal,)
+    for strict in (True, False):
+        for separator in separators:
+            for decimal in decimals:
+                if separator == decimal:
+                    continue
+                cells = Cells(separator=separator, decimal=decimal, ignore=given.ignore, labels=given.labels)
+                try:
+                    fits.append(_fit(lines, where, cells, given, strict=strict))
+                except _Unfit as unfit:
+                    failed.append((unfit.lines, unfit.refusal))
+        if fits:
+            break
+    return fits, failed
+
+
+class _Unfit(Exception):
+    """A dialect does not fit: how many lines it went well, and what to say if no other fits."""
+
+    def __init__(self, lines: int, refusal: InputRefused) -> None:
+        super().__init__(lines)
+        self.lines, self.refusal = lines, refusal
+
+
+def _fit(lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict: bool) -> tuple[Layout, Reading]:
+    """The layout of a file read with these cells; `strict` wants every cell of a row to be numeric."""
+    start = _first_row(lines, cells, given, strict)
+    if start is None:
+        raise _Unfit(
+            -1, NoRows(where, "holds no row of numbers in any dialect known", "see docs/formats.md; dialect = { ... } under [records] helps")
+        )
+    row = _cut(lines[start], cells)
+    trailing = len(row) > 1 and row[-1] == "" and cells.separator not in (BLANKS, NONE)
+    names, units, top = _header(lines, start, cells, given, row, trailing, where)
+    if trailing and len(names) == len(row) - 1:
+        cells = Cells(separator=cells.separator, decimal=cells.decimal, trailing=True, ignore=cells.ignore, labels=cells.labels)
+    elif len(names) != len(row):
+        raise _Unfit(
+            0,
+            InputRefused(
+                f"{where}, line {start + 1}",
+                f"has {len(row)} cells under {len(names)} column names",
+                "a decimal comma makes two cells of one where commas part cells; save it with decimal points, or parted by semicolons",
+            ),
+        )
+    if cells.separator != NONE and len(names) < 2:
+        raise _Unfit(-2, InputRefused(where, "is one column", ""))
+    if not given.columns and cells.separator == NONE and re.search(r"[,;\t|]", re.sub(r"\(.*?\)|\[.*?\]|\".*?\"", "", names[0])):
+        raise _Unfit(-2, InputRefused(where, "is not one column", ""))
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise _Unfit(len(lines), InputRefused(f"{where}, line {top}", f"has more than one column {twice[0]!r}", "rename or drop one of them"))
+    first = [_value(cell, cells) for cell in row[: len(names)]]
+    texts = tuple(i for i, value in enumerate(first) if value is None)
+    reading: list[tuple[float | None, ...]] = []
+    for at in range(start, len(lines)):
+        line = lines[at]
+        if not line.strip() or line.strip() in cells.ignore:
+            continue
+        place = f"{where}, line {at + 1}"
+        try:
+            found = row_of(line, place, names, cells)
+        except InputRefused as refusal:
+            raise _Unfit(at - start, refusal) from None
+        values = tuple(None if i in texts else value_of(cell, cells.decimal) for i, cell in enumerate(found))
+        bad = next((i for i, value in enumerate(values) if value is None and i not in texts), None)
+        if bad is not None:
+            raise _Unfit(
+                at - start,
+                InputRefused(place, f"{found[bad]!r} in column {names[bad]!r} is not a number", "mend the line, or say the dialect under [records]"),
+            )
+        if len(reading) < 20:
+            reading.append(tuple(0.5 if value != value else value for value in values))
+    above = tuple(line for line in lines[: top - 1] if line.strip() and line.strip() not in cells.ignore)
+    layout = Layout(encoding="", cells=cells, names=tuple(names), units=tuple(units), first=start + 1, preamble=above, texts=texts)
+    return layout, (tuple(names), tuple(reading))
+
+
+def _cut(line: str, cells: Cells) -> list[str]:
+    try:
+        return cells.split(line)
+    except csv.Error:
+        return [line]
+
+
+def _value(cell: str, cells: Cells) -> float | None:
+    if cells.labels:
+        pair = label(cell)
+        return value_of(pair[1], cells.decimal) if pair and pair[1] else None
+    return value_of(cell, cells.decimal)
+
+
+def _first_row(lines: Sequence[str], cells: Cells, given: Given, strict: bool) -> int | None:
+    """Index of the first line that holds a number and, if `strict`, nothing but numbers and words for none."""
+    for at in range(given.skip or 0, len(lines)):
+        line = lines[at]
+        if not line.strip() or line.strip() in cells.ignore:
+            continue
+        row = _cut(line, cells)
+        found = [_value(cell, cells) for cell in row]
+        numeric = any(value is not None and value == value for value in found)
+        if numeric and (not strict or None not in found):
+            return at
+    return None
+
+
+def _header(
+    lines: Sequence[str], start: int, cells: Cells, given: Given, row: Sequence[str], trailing: bool, where: str
+) -> tuple[list[str], list[str], int]:
+    """Names and units of the columns, and the line (from 1) at which names or, without them, rows begin."""
+    if given.columns:
+        return list(given.columns), list(given.units or [""] * len(given.columns)), start + 1
+    if cells.labels:
+        names = [pair[0] if (pair := label(cell)) else "" for cell in row]
+        return names, [""] * len(names), start + 1
+    above = [at for at in range(start - 1, -1, -1) if lines[at].strip() and lines[at].strip() not in cells.ignore]
+    heads = [_names(lines[at], cells, len(row), trailing) for at in above[:2]]
+    if not heads or heads[0] is None:
+        count = f"{len(row)} cell{'s' * (len(row) > 1)}"
+        raise _Unfit(
+            1,
+            InputRefused(
+                f"{where}, line {start + 1}",
+                f"has no columns' names above its rows of {count}",
+                f'name them: dialect = {{ columns = ["force"{", ..." * (len(row) > 1)}] }} under [records]',
+            ),
+        )
+    if len(heads) > 1 and heads[1] is not None and len(heads[1]) == len(heads[0]) and all(unit_word(cell) is not None for cell in heads[0]):
+        return heads[1], [unit_word(cell) or "" for cell in heads[0]], above[1] + 1
+    return heads[0], [split_unit(name)[1] for name in heads[0]], above[0] + 1
+
+
+def _names(line: str, cells: Cells, columns: int, trailing: bool) -> list[str] | None:
+    """The line's cells if they may be names of so many columns."""
+    row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), cells)
+    if trailing and len(row) == columns and row[-1] == "":
+        row = row[:-1]
+    if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
+        return None
+    if len(row) not in (columns, columns - 1) and not (cells.separator not in (BLANKS, NONE) and len(row) > 1):
+        return None
+    return row
+
+
+def _no_thousands(found: Layout, lines: Sequence[str], where: str, given: Given) -> None:
+    """Refuse decimal commas that may as well part thousands: 1,234 everywhere, and never 0,5 or 12,34."""
+    if found.cells.decimal != "," or given.decimal is not None:
+        return
+    cells = [c for line in lines[found.first - 1 :] if line.strip() for c in _cut(line, found.cells) if "," in c]
+    if cells and all(_THOUSANDS.fullmatch(c) for c in cells):
+        raise InputRefused(
+            f"{where}, line {found.first}",
+            f"{cells[0]!r} may be {cells[0].replace(',', '.')} or {cells[0].replace(',', '')}",
+            'say which: dialect = { decimal = "," } under [records], or save it without separators of thousands',
+        )

@@ -1,0 +1,138 @@
+"""HDF5: every numeric dataset is a channel, called by its path; tables and compound datasets give one for each column.
+
+Unit and rate come from the attributes `unit` or `units`, and `sample_rate`, `rate`, `fs` or `dt`. What refers to other files (external
+links, virtual and external storage) is not followed. Read in a child process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.channel import Channel, Contents, unit_word, wanted
+from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.seam import FloatArray
+
+MAGIC = b"\x89HDF\r\n\x1a\n"
+#: A two-dimensional dataset with more columns than this is an image.
+MOST_COLUMNS = 64
+DEEPEST = 20
+
+
+def library(name: str, extra: str) -> Any:
+    """A library that an extra brings.
+
+    Raises
+    ------
+    InputRefused
+        It is not installed.
+    """
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputRefused(f"reader {extra!r}", f"needs the package {name}", f'pip install "nearlift[{extra}]"') from None
+
+
+def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The channels of an HDF5 file; any fault of the file is h5py's to raise."""
+    h5py = library("h5py", "hdf5")
+    notes: list[str] = []
+    channels: list[Channel] = []
+    with h5py.File(path, "r") as file:
+        for name, item in datasets(file, notes):
+            channels += columns_of(name, item, names)
+    return Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
+
+
+def datasets(group: Any, notes: list[str], above: str = "", deep: int = 0, seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
+    """Path and dataset of everything below a group that stands in this file; what does not is noted."""
+    import h5py
+
+    seen = {h5py.h5o.get_info(group.id).addr} if seen is None else seen
+    for key in group:
+        name = f"{above}/{key}"
+        link = group.get(key, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            notes.append(f"{name} is a link to another file, and was not followed")
+            continue
+        if not isinstance(link, h5py.HardLink):
+            continue
+        item = group[key]
+        where = h5py.h5o.get_info(item.id).addr
+        # links may make circles
+        if where in seen or deep > DEEPEST:
+            continue
+        seen.add(where)
+        if isinstance(item, h5py.Group):
+            yield from datasets(item, notes, name, deep + 1, seen)
+        elif isinstance(item, h5py.Dataset):
+            if item.is_virtual or item.external:
+                notes.append(f"{name} has its samples in another file, and was not read")
+                continue
+            yield name, item
+
+
+def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
+    """The channels of one dataset."""
+    attributes = {str(k).casefold(): item.attrs[k] for k in item.attrs}
+    unit = next((unit_word(text(attributes[k])) or text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
+    rate = rate_from(attributes)
+    if item.dtype.names:
+        for field in item.dtype.names:
+            own = f"{name}/{field}"
+            if item.dtype[field].kind in "iuf" and item.ndim == 1 and (names is None or wanted(own, names)):
+                yield Channel(name=own, unit=unit, rate_Hz=rate, values=np.asarray(item[field], dtype=np.float64))
+        return
+    if item.dtype.kind not in "iuf" or item.ndim not in (1, 2):
+        return
+    for own, column in columns(name, item.shape):
+        if names is None or wanted(own, names):
+            yield Channel(name=own, unit=unit, rate_Hz=rate, values=series(item, column))
+
+
+def columns(name: str, shape: tuple[int, ...]) -> list[tuple[str, int | None]]:
+    """The names of a dataset's series, and which column each is (None: the whole)."""
+    if len(shape) == 1 or min(shape) == 1:
+        return [(name, None)]
+    return [(f"{name}[{i}]", i) for i in range(shape[1])] if shape[1] <= MOST_COLUMNS else []
+
+
+def series(item: Any, column: int | None) -> FloatArray:
+    """One series of a dataset as float64."""
+    values: FloatArray = np.asarray(item[()] if column is None else item[:, column], dtype=np.float64).reshape(-1)
+    return values
+
+
+def text(value: Any) -> str:
+    """An attribute as text."""
+    plain = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+    return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else str(plain)
+
+
+def rate_from(attributes: Mapping[str, Any]) -> float | None:
+    """The rate that attributes state, Hz."""
+    for key, invert in (("sample_rate", False), ("sampling_rate", False), ("rate", False), ("fs", False), ("dt", True), ("wf_increment", True)):
+        if key in attributes:
+            try:
+                number = float(text(attributes[key]))
+            except ValueError:
+                continue
+            if number > 0:
+                return 1 / number if invert else number
+    return None
+
+
+HDF5 = Format(
+    name="hdf5",
+    title="HDF5: a file per trial, or one for all with datasets named by trial (extra)",
+    recognises=lambda head, name: head.startswith(MAGIC) and not name.endswith(".mat"),
+    contents=contents,
+    child=True,
+)
+HDF5_READER = reader_of(HDF5)

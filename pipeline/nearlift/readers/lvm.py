@@ -1,0 +1,223 @@
+"""LVM, LabVIEW's measurement text, by an own parser that runs nothing and believes little.
+
+Two headers: one of the file, one for each segment. The rate in a segment's header (`Delta_X`) is a claim, held against the column `X_Value`
+where there is one; the number of `Samples` tells a cut file. Segments of one file are joined. A channel is called as in the file; where
+every channel has its own clock, that is ``NAME.X_Value``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.channel import Channel, Contents, rate_of, unit_word, wanted
+from nearlift.readers.dialect import HEAD, encoding_of
+from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.words import number, value_of
+
+FIRST = "LabVIEW Measurement"
+END = "***End_of_Header***"
+CLOCK = "X_Value"
+
+
+@dataclass(kw_only=True)
+class _Series:
+    """One channel as it grows."""
+
+    unit: str = ""
+    step_s: float | None = None
+    values: list[float] = field(default_factory=list)
+    clock: list[float] = field(default_factory=list)
+
+
+def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The channels of an LVM file.
+
+    Raises
+    ------
+    InputRefused
+        It is none, or a line is not what its header promises.
+    """
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if not head.strip(b"\0"):
+        return Contents(channels=(), kind="LVM", codes=("EMPTY",))
+    if not head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()):
+        raise InputRefused(f"{path}, line 1", f"is not {FIRST!r}: this is no LVM file", "`nearlift inspect FILE` says what it is")
+    return _Parser(str(path), names).read(_lines(path, encoding_of(head, str(path))))
+
+
+def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str, bool]]:
+    """Number and text of each line, and whether it has an end."""
+    errors = "strict"
+    with path.open("r", encoding=encoding, errors=errors, newline="\n") as file:
+        try:
+            for at, line in enumerate(file, start=1):
+                yield at, line.rstrip("\r\n"), line.endswith("\n")
+        except UnicodeDecodeError:
+            raise InputRefused(str(path), f"is not {encoding} text throughout", "the file is damaged; copy it anew from the rig") from None
+
+
+class _Parser:
+    """Header, segment header, columns' names, rows; and again."""
+
+    def __init__(self, where: str, names: Names) -> None:
+        self.where, self.names = where, names
+        self.separator, self.decimal = "\t", ""
+        self.about: dict[str, str] = {}
+        self.series: dict[str, _Series] = {}
+        self.cut = False
+        self.codes: list[str] = []
+        self.notes: list[str] = []
+
+    def refuse(self, at: int, what: str) -> InputRefused:
+        return InputRefused(f"{self.where}, line {at}", what, "the file is damaged, or of a dialect not known: export it again from LabVIEW")
+
+    def read(self, lines: Iterator[tuple[int, str, bool]]) -> Contents:
+        self._file_header(lines)
+        segment: dict[str, list[str]] = {}
+        columns: list[str] = []
+        state, rows, special = "head", 0, False
+        for at, line, ended in lines:
+            if special or line.startswith("***Start_Special***"):
+                special = not line.startswith("***End_Special***")
+                continue
+            if not ended:
+                # a number may be cut within its digits
+                self.cut = bool(line.strip("\0 \t"))
+                self.cut = self.cut or "\0" in line
+                break
+            if state == "rows" and line.startswith("Channels" + self.separator):
+                self._count(segment, rows)
+                segment, state, rows = {}, "head", 0
+            if state == "head":
+                if line.startswith(END):
+                    state = "names"
+                elif line.strip():
+                    key, *values = line.split(self.separator)
+                    segment[key.strip()] = values
+            elif state == "names":
+                if line.strip():
+                    columns = self._columns(at, line, segment)
+                    state = "rows"
+            elif line.strip(" \t,"):
+                self._row(at, line, columns)
+                rows += 1
+        if state == "rows":
+            self._count(segment, rows)
+        return self._contents()
+
+    def _file_header(self, lines: Iterator[tuple[int, str, bool]]) -> None:
+        for at, line, ended in lines:
+            if line.startswith(END):
+                break
+            if not ended:
+                self.cut = True
+                return
+            parts = line.split("\t", 1) if "\t" in line else line.split(",", 1)
+            if at > 200:
+                raise self.refuse(at, f"has no {END} in its first 200 lines")
+            self.about[parts[0].strip()] = parts[1].strip() if len(parts) > 1 else ""
+        self.separator = {"comma": ",", "tab": "\t"}.get(self.about.get("Separator", "Tab").casefold(), "\t")
+        stated = self.about.get("Decimal_Separator", "")
+        if stated not in ("", ".", ","):
+            raise self.refuse(1, f"states the decimal separator {stated!r}")
+        self.decimal = stated
+
+    def _columns(self, at: int, line: str, segment: Mapping[str, Sequence[str]]) -> list[str]:
+        columns = [name.strip() for name in line.split(self.separator)]
+        while columns and not columns[-1]:
+            columns.pop()
+        if not columns or columns[0] != CLOCK:
+            raise self.refuse(at, f"names the columns {line.strip()[:80]!r}; the first should be {CLOCK}")
+        channels = [name for name in columns if name not in (CLOCK, "Comment")]
+        if len(set(channels)) != len(channels) or "" in channels:
+            raise self.refuse(at, "names two columns alike, or one not at all")
+        # the clock of each channel stands before it, or one before all
+        places = [i - 1 for i, name in enumerate(columns) if name not in (CLOCK, "Comment")]
+        if not self.decimal:
+            numbers = "".join(c for key in ("X0", "Delta_X") for c in segment.get(key, ()))
+            self.decimal = "," if "," in numbers and "." not in numbers else "."
+        own = columns.count(CLOCK) > 1
+        for i, name in enumerate(channels):
+            series = self.series.setdefault(name, _Series())
+            place = places[i] if own else i
+            unit = _at(segment, "Y_Unit_Label", place)
+            series.unit = unit_word(unit) or unit
+            series.step_s = value_of(_at(segment, "Delta_X", place), self.decimal)
+        return columns
+
+    def _row(self, at: int, line: str, columns: Sequence[str]) -> None:
+        cells = [cell.strip() for cell in line.split(self.separator)]
+        place = f"{self.where}, line {at}"
+        if "\0" in line:
+            raise InputRefused(place, "holds NUL bytes", "the file is damaged; copy it anew from the rig, or take the trial out of the schedule")
+        least = len(columns) - (columns[-1] == "Comment")
+        if len(cells) < least or any(cells[len(columns) :]):
+            raise self.refuse(at, f"has {len(cells)} cells under {len(columns)} columns")
+        clock = np.nan
+        own = list(columns).count(CLOCK) > 1
+        for name, cell in zip(columns, cells, strict=False):
+            if name == "Comment":
+                continue
+            if name == CLOCK:
+                clock = number(cell, place, CLOCK, self.decimal)
+                continue
+            # channels with clocks of their own end at different rows
+            if own and not cell and np.isnan(clock):
+                continue
+            self.series[name].values.append(number(cell, place, name, self.decimal))
+            self.series[name].clock.append(clock)
+
+    def _count(self, segment: Mapping[str, Sequence[str]], rows: int) -> None:
+        """Whether a segment has the samples that its header promises; with one heading for the whole file, a multiple of them."""
+        promised = [value for text in segment.get("Samples", ()) if (value := value_of(text)) is not None and value >= 1]
+        if not promised:
+            return
+        usual = int(max(promised))
+        several = self.about.get("Multi_Headings", "No").casefold() == "no"
+        if rows < usual or (several and rows % usual):
+            self.cut = True
+
+    def _contents(self) -> Contents:
+        channels: list[Channel] = []
+        shared = [s.clock for s in self.series.values()]
+        one = bool(shared) and self.about.get("X_Columns", "One").casefold() != "multi"
+        for i, (name, series) in enumerate(self.series.items()):
+            clock = np.array(series.clock)
+            rate = 1 / series.step_s if series.step_s else None
+            if len(clock) > 2 and np.isfinite(clock).all():
+                own = rate_of(clock)
+                if own is None or rate is None or abs(own / rate - 1) > 0.01:
+                    told = (
+                        f"the header says {rate:.6g} Hz, X_Value {own:.6g} Hz"
+                        if rate and own
+                        else "X_Value has no steady rate that the header knows of"
+                    )
+                    self.notes.append(f"{told}: the column is believed")
+                    rate = own
+                if not one or i == 0:
+                    channels.append(Channel(name=CLOCK if one else f"{name}.{CLOCK}", unit="s", rate_Hz=rate, values=clock))
+            channels.append(Channel(name=name, unit=series.unit, rate_Hz=rate, values=np.array(series.values)))
+        chosen = tuple(c for c in channels if self.names is None or wanted(c.name, self.names) or not channels)
+        codes = [*(["truncated"] if self.cut else []), *([] if channels else ["NO_DATA"])]
+        return Contents(channels=chosen or tuple(channels), kind="LVM", codes=tuple(codes), notes=tuple(dict.fromkeys(self.notes)))
+
+
+def _at(segment: Mapping[str, Sequence[str]], key: str, i: int) -> str:
+    values = segment.get(key, ())
+    return values[i].strip() if 0 <= i < len(values) else ""
+
+
+LVM = Format(
+    name="lvm",
+    title="LabVIEW measurement text (LVM), one file per trial",
+    recognises=lambda head, name: head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()),
+    contents=contents,
+)
+LVM_READER = reader_of(LVM)

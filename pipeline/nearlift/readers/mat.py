@@ -1,0 +1,137 @@
+"""MATLAB: v4, v5 and v7 by scipy, v7.3 by h5py, tables and timetables by mat-io; read in a child process.
+
+A channel is called by its variable, with the path through structs: ``run.force``. Of a matrix with several columns, ``data(:,2)`` is the
+second. A timetable gives its columns and its time, in s: ``tt.force``, ``tt.Time``.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift.readers.channel import Channel, Contents, wanted
+from nearlift.readers.hdf5 import MAGIC, MOST_COLUMNS, datasets, library
+from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.seam import FloatArray
+
+V73 = b"MATLAB 7.3 MAT-file"
+V5 = b"MATLAB 5.0 MAT-file"
+
+
+def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The channels of a MATLAB file; any fault of the file is scipy's or h5py's to raise."""
+    with path.open("rb") as file:
+        head = file.read(1024)
+    newest = MAGIC in (head[:8], head[512:520])
+    if newest:
+        found, objects = _v73(path)
+    else:
+        found, objects = _v5(path)
+    for name in objects:
+        found += list(_table(path, name))
+    chosen = tuple(c for c in found if names is None or wanted(c.name, names))
+    return Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
+
+
+def _v5(path: Path) -> tuple[list[Channel], list[str]]:
+    """Channels, and the names of variables that are objects (tables, timetables)."""
+    import scipy.io
+    from scipy.io.matlab import MatlabOpaque
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        variables = scipy.io.loadmat(str(path), struct_as_record=False, squeeze_me=False, chars_as_strings=True)
+    found: list[Channel] = []
+    objects: list[str] = []
+    for name, value in variables.items():
+        if isinstance(value, MatlabOpaque):
+            # an object's own name stands inside it
+            objects.append(value["s0"][0].decode() if value.dtype.names and "s0" in value.dtype.names else name)
+        elif not name.startswith("__"):
+            found += _flat(name, value)
+    return found, objects
+
+
+def _flat(name: str, value: Any) -> Iterator[Channel]:
+    """Numeric arrays below a variable."""
+    fields = getattr(value, "_fieldnames", None)
+    if fields is not None:
+        for field in fields:
+            yield from _flat(f"{name}.{field}", getattr(value, field))
+    elif isinstance(value, np.ndarray) and value.dtype == object:
+        for i, item in enumerate(value.flat):
+            yield from _flat(name if value.size == 1 else f"{name}({i + 1})", item)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 2:
+        yield from _columns(name, value)
+
+
+def _columns(name: str, value: Any) -> Iterator[Channel]:
+    if min(value.shape) <= 1:
+        yield Channel(name=name, values=_floats(value.reshape(-1)))
+    elif value.shape[1] <= MOST_COLUMNS:
+        for i in range(value.shape[1]):
+            yield Channel(name=f"{name}(:,{i + 1})", values=_floats(value[:, i]))
+
+
+def _floats(values: Any) -> FloatArray:
+    found: FloatArray = np.ascontiguousarray(values, dtype=np.float64)
+    return found
+
+
+def _v73(path: Path) -> tuple[list[Channel], list[str]]:
+    h5py = library("h5py", "mat")
+    found: list[Channel] = []
+    objects: list[str] = []
+    with h5py.File(path, "r") as file:
+        for name, item in datasets(file, []):
+            if name.startswith("/#"):
+                continue
+            own = name.strip("/").replace("/", ".")
+            if "MATLAB_object_decode" in item.attrs:
+                objects.append(own)
+            # logicals and texts are integers with another class
+            elif (
+                item.dtype.kind in "iuf"
+                and item.ndim == 2
+                and "MATLAB_empty" not in item.attrs
+                and item.attrs.get("MATLAB_class", b"double") not in (b"char", b"logical", b"cell")
+            ):
+                # MATLAB's first axis is HDF5's last
+                found += _columns(own, np.asarray(item[()]).T)
+    return found, objects
+
+
+def _table(path: Path, name: str) -> Iterator[Channel]:
+    """The columns of a table or timetable, the time in s."""
+    matio = library("matio", "mat")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        table = matio.load_from_mat(str(path), variable_names=[name]).get(name)
+    if table is None or not hasattr(table, "columns"):
+        return
+    index = table.index
+    if index.dtype.kind == "m":
+        yield Channel(
+            name=f"{name}.{index.name or 'Time'}", unit="s", values=_floats(index.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9)
+        )
+    elif index.dtype.kind == "M":
+        since = (index - index[0]).to_numpy() if len(index) else index.to_numpy()
+        yield Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=_floats(since.astype("timedelta64[ns]").astype(np.int64) * 1e-9))
+    for column in table.columns:
+        values = table[column].to_numpy()
+        if values.dtype.kind in "iuf":
+            yield Channel(name=f"{name}.{column}", values=_floats(values))
+
+
+MAT = Format(
+    name="mat",
+    title="MATLAB v4 to v7.3, structs, tables and timetables (extra)",
+    recognises=lambda head, name: head.startswith((V5, V73)) or name.endswith(".mat"),
+    contents=contents,
+    child=True,
+)
+MAT_READER = reader_of(MAT)

@@ -1,0 +1,209 @@
+"""A reader from a format: what turns one file into channels becomes what turns a campaign's files into records.
+
+Two layouts: a file for each trial (``files = "trials/{trial}.tdms"``), or one file for all, whose channels carry the trial's id
+(``files = "all.h5"``, ``column = "/{trial}/force"``).
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift import units
+from nearlift.campaign import Campaign
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers.channel import AS_FORCE, UNITS, Channel, Contents, Malformed, pick
+from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, files_pattern, force_channel, inside, per_trial, source_of
+
+#: Files of one task, and bytes: whatever is reached first.
+PER_PIECE = 32
+BYTES_PER_PIECE = 64 << 20
+
+#: The names of the channels wanted; None for all.
+Names = tuple[str, ...] | None
+Dialect = Mapping[str, Any]
+RATE_OPTION = {"ignore_rate": bool}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """One outside format.
+
+    Attributes
+    ----------
+    name, title : str
+        As the reader's.
+    recognises : callable
+        ``recognises(head, name)``: whether a file with these first bytes and this name is certainly of this format.
+    contents : callable
+        ``contents(path, dialect, names)``: the channels of one file, at least those that `names` may mean.
+    options : mapping of str to type
+        What ``[records] dialect`` may hold.
+    child : bool
+        Whether a library written in C parses the file: it then does so in a process of its own (`readers.child`).
+    checked : bool
+        Whether a cut or changed file shows by itself (a check sum, a length); told by `inspect`.
+    """
+
+    name: str
+    title: str
+    recognises: Callable[[bytes, str], bool]
+    contents: Callable[[Path, Dialect, Names], Contents]
+    options: Mapping[str, type] = field(default_factory=dict)
+    child: bool = False
+    checked: bool = False
+
+    def checked_dialect(self, dialect: Dialect) -> Dialect:
+        """The manifest's dialect, its keys and types checked.
+
+        Raises
+        ------
+        ManifestError
+            A key is unknown or of another type.
+        """
+        allowed = {**self.options, **RATE_OPTION}
+        for key, value in dialect.items():
+            if key not in allowed:
+                close = difflib.get_close_matches(key, allowed, n=1)
+                known = f"did you mean {close[0]!r}?" if close else f"known to {self.name}: {', '.join(allowed)}"
+                raise ManifestError(f"records.dialect.{key}", "unknown key", known)
+            if not isinstance(value, allowed[key]) or (allowed[key] is int and isinstance(value, bool)):
+                raise ManifestError(f"records.dialect.{key}", f"{value!r} is no {allowed[key].__name__}", "see docs/formats.md")
+        return dialect
+
+
+def reader_of(form: Format) -> Reader:
+    """The reader of a format."""
+
+    def files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
+        if _one_for_all(campaign):
+            path = inside(root, files_pattern(campaign), "records.files")
+            return [path] if path.is_file() else []
+        return [path for path, _ in per_trial(campaign, root, trials).values()]
+
+    def plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
+        form.checked_dialect(campaign.records.dialect)
+        if _one_for_all(campaign):
+            path = inside(root, files_pattern(campaign), "records.files")
+            there = dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
+        else:
+            there = per_trial(campaign, root, trials)
+        return Plan(pieces=tuple(_pieces(there)))
+
+    def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
+        paths = piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials)
+        with _source(form) as contents:
+            for trial, path in zip(piece.trials, paths, strict=True):
+                yield _record(form, contents, campaign, root, trial, path)
+
+    return Reader(name=form.name, title=form.title, files=files, plan=plan, read_piece=read_piece, format=form)
+
+
+def _one_for_all(campaign: Campaign) -> bool:
+    """Whether one file holds every trial.
+
+    Raises
+    ------
+    ManifestError
+        Neither the files nor the column say where the trial's id stands, or both do.
+    """
+    in_files, in_column = "{trial}" in files_pattern(campaign), "{trial}" in force_channel(campaign).column
+    if in_files == in_column:
+        raise ManifestError(
+            "records.files",
+            f"{files_pattern(campaign)!r} {'and the column both say' if in_files else 'does not say'} where the trial's id stands",
+            'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all trials, in force.column',
+        )
+    return in_column
+
+
+def _pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
+    trials: list[str] = []
+    size = 0
+    for trial, (_, length) in there.items():
+        trials.append(trial)
+        size += length
+        if len(trials) == PER_PIECE or size > BYTES_PER_PIECE:
+            yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials), bytes=size)
+            trials, size = [], 0
+    if trials:
+        yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials), bytes=size)
+
+
+def _source(form: Format) -> Any:
+    from nearlift.readers import child
+
+    return child.source(form)
+
+
+def _record(form: Format, contents: Any, campaign: Campaign, root: Path, trial: str, path: Path) -> Record:
+    """The record of one trial from its file."""
+    force, clock = force_channel(campaign), campaign.records.time
+    nothing: FloatArray = np.empty(0)
+    source = source_of(root, path)
+    if path.stat().st_size == 0:
+        return Record(trial=trial, force_N=nothing, source=source, codes=("EMPTY",))
+    column = force.column.replace("{trial}", trial)
+    tick = clock.column.replace("{trial}", trial) if clock else None
+    try:
+        found: Contents = contents(path, campaign.records.dialect, (column,) if tick is None else (column, tick))
+    except Malformed as fault:
+        return Record(trial=trial, force_N=nothing, source=source, codes=("MALFORMED",), notes=(f"{source}: {fault}",))
+    if not found.channels and "NO_DATA" in found.codes:
+        return Record(trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes)
+    channel = pick(found.channels, column, "records.force.column", str(path))
+    _same_unit(channel, force.unit, "force", "records.force.unit", str(path))
+    _same_rate(channel, campaign, str(path))
+    factor, zero = force.linear()
+    time_s = None
+    if clock is not None and tick is not None:
+        own = pick(found.channels, tick, "records.time.column", str(path))
+        _same_unit(own, clock.unit, "time", "records.time.unit", str(path))
+        if len(own.values) != len(channel.values):
+            raise InputRefused(
+                str(path),
+                f"has {len(channel.values)} samples of {channel.name!r} and {len(own.values)} of {own.name!r}",
+                "under [records] time, name the clock of the force, or none",
+            )
+        time_s = units.to_si(clock.unit, "time", "records.time.unit")[0] * own.values
+    codes = found.codes if len(channel.values) else (*found.codes, "NO_DATA")
+    return Record(trial=trial, force_N=factor * (channel.values - zero), time_s=time_s, source=source, codes=codes, notes=found.notes)
+
+
+def _same_unit(channel: Channel, unit: str, dimension: str, key: str, where: str) -> None:
+    """Refuse a manifest that contradicts the unit in the file; a unit that nobody knows says nothing."""
+    if not channel.unit or unit == "count":
+        return
+    written = AS_FORCE.get(channel.unit, channel.unit) if dimension == "force" else channel.unit
+    try:
+        stated, said = units.to_si(written, dimension, key), units.to_si(unit, dimension, key)
+    except ManifestError:
+        if channel.unit in UNITS.values():
+            raise InputRefused(
+                where, f"states {channel.name!r} in {channel.unit}, the manifest says {unit}", f"name another column, or mend {key}"
+            ) from None
+        return
+    if abs(stated[0] - said[0]) > 1e-6 * abs(said[0]):
+        raise InputRefused(
+            where,
+            f"states {channel.name!r} in {channel.unit}, the manifest says {unit}: a factor of {stated[0] / said[0]:.4g}",
+            f'{key} = "{written}"?',
+        )
+
+
+def _same_rate(channel: Channel, campaign: Campaign, where: str) -> None:
+    """Refuse a file whose own rate is not the manifest's, by more than 1 %."""
+    rate = campaign.load_cell.sample_rate
+    if channel.rate_Hz is None or rate is None or campaign.records.dialect.get("ignore_rate"):
+        return
+    if abs(channel.rate_Hz / rate - 1) > 0.01:
+        raise InputRefused(
+            where,
+            f"says that {channel.name!r} has {channel.rate_Hz:.6g} Hz, the manifest says {rate:g} Hz",
+            "mend [load_cell] sample_rate; where the file is known to be wrong: dialect = { ignore_rate = true } under [records]",
+        )

@@ -1,0 +1,102 @@
+"""What thrust stands' CSV files share: commas, points, one header line with units in the names, perhaps a mark and a trailing comma."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.channel import AS_FORCE, Channel, Contents, fold, split_unit
+from nearlift.readers.dialect import HEAD, Given, Layout
+from nearlift.readers.per_file import Names
+from nearlift.readers.table import Cells
+from nearlift.readers.text import from_text, with_rate
+
+#: A stand that shows this much lift turns, whatever its speed channel says, N.
+LIFTS_N = 0.02
+
+
+def header(head: bytes) -> list[str]:
+    """The cells of a first line; empty where it is no UTF-8 text. A phantom cell behind a trailing comma is kept."""
+    try:
+        line = head.split(b"\n", 1)[0].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return []
+    try:
+        return [cell.strip() for cell in next(csv.reader([line.rstrip("\r")]), [])]
+    except csv.Error:
+        return []
+
+
+def bare(names: Sequence[str]) -> set[str]:
+    """Names as they are compared, their units taken off."""
+    return {fold(split_unit(name)[0]) for name in names}
+
+
+def contents(
+    path: Path, names: Names, *, title: str, known: Callable[[set[str]], bool], texts: Sequence[str], speeds: Callable[[str], bool]
+) -> Contents:
+    """The channels of a stand's file.
+
+    Parameters
+    ----------
+    known : callable
+        Whether these bare names are those of the format.
+    texts : sequence of str
+        Bare names of columns that hold text.
+    speeds : callable
+        Whether a bare name is that of a rotor's speed; a speed that is zero throughout while there is lift is remarked on.
+
+    Raises
+    ------
+    InputRefused
+        The header is not the format's, or a line is not what it promises.
+    """
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if not head.strip(b"\0"):
+        return Contents(channels=(), kind=title, codes=("EMPTY",))
+    cells = header(head)
+    trailing = bool(cells) and cells[-1] == ""
+    columns = cells[:-1] if trailing else cells
+    if not known(bare(columns)):
+        raise InputRefused(
+            f"{path}, line 1", f"has not the header of {title}", '`nearlift inspect FILE` says what it is; another version may want reader = "text"'
+        )
+    twice = sorted({name for name in columns if columns.count(name) > 1})
+    if twice:
+        raise InputRefused(f"{path}, line 1", f"has more than one column {twice[0]!r}", "rename or drop one of them")
+    layout = Layout(
+        encoding="utf-8-sig" if head.startswith(b"\xef\xbb\xbf") else "utf-8",
+        cells=Cells(trailing=trailing),
+        names=tuple(columns),
+        units=tuple(split_unit(name)[1] for name in columns),
+        first=2,
+        texts=tuple(i for i, name in enumerate(columns) if fold(split_unit(name)[0]) in texts),
+    )
+    turning = tuple(name for name in columns if speeds(fold(split_unit(name)[0])))
+    found = from_text(path, Given(), names if names is None else (*names, *turning), layout)
+    codes = (*found.codes, *_dead(found.channels, turning))
+    if not len(found.channels) or not len(found.channels[0].values):
+        codes = (*codes, "NO_DATA")
+    found = replace(found, kind=title, codes=codes, notes=())
+    return with_rate(found) if names is None else found
+
+
+def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...]:
+    """`dead_speed` where the stand lifts and every speed it has reads zero, or one of several does while others turn."""
+    factor = {"N": 1.0, "gf": 9.80665e-3, "kgf": 9.80665}
+    force = [c for c in channels if re.search("thrust|weight|force fz", fold(c.name)) and np.isfinite(c.values).any()]
+    lifts = [np.nanmax(np.abs(c.values)) * factor.get(AS_FORCE.get(c.unit, c.unit), 0.0) for c in force]
+    speeds = [c for c in channels if c.name in turning and len(c.values)]
+    if not lifts or not speeds or max(lifts) < LIFTS_N:
+        return ()
+    still = [not np.any(np.nan_to_num(c.values)) for c in speeds]
+    # a stand with two kinds of probe uses one; a craft with four rotors turns all
+    several = len(still) > 2
+    return ("dead_speed",) if all(still) or (several and any(still)) else ()

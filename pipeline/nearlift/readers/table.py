@@ -1,0 +1,164 @@
+"""The numbers of a text table, strictly: every line has the cells that the header promises, every cell wanted is a number.
+
+Two roads to the same bits: pyarrow's, and, where that finds a line it cannot read, a slow one that reads the words for "no number"
+and names the first bad line.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.arrow import floats
+from nearlift.readers.seam import FloatArray
+from nearlift.readers.words import number
+
+#: A separator that stands for runs of blanks and tabs, and one that never occurs: the line is one cell.
+BLANKS, NONE = " ", ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cells:
+    """How the lines of a table are cut into cells and cells become numbers.
+
+    Attributes
+    ----------
+    separator : str
+        One character; `BLANKS` for any run of blanks and tabs, `NONE` for one cell to a line.
+    decimal : str
+        ``"."`` or ``","``.
+    trailing : bool
+        Every line ends with a separator, so that a blank cell follows the last.
+    ignore : tuple of str
+        Whole lines (such as START) that are no rows.
+    labels : bool
+        Cells are ``name: number``, with the same names on every line.
+    """
+
+    separator: str = ","
+    decimal: str = "."
+    trailing: bool = False
+    ignore: tuple[str, ...] = ()
+    labels: bool = False
+
+    @property
+    def plain(self) -> bool:
+        """Whether pyarrow can cut the lines as they stand."""
+        return self.separator not in (BLANKS, NONE) and not self.labels and not self.ignore
+
+    def split(self, line: str) -> list[str]:
+        """The cells of one line, blanks around them taken off; labels, if any, are kept."""
+        if self.separator == NONE:
+            return [line.strip()]
+        if self.separator == BLANKS:
+            return line.split()
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=self.separator), [])]
+
+
+COMMAS = Cells()
+_LABELLED = re.compile(r"\s*([^:]*?)\s*:\s*(\S*)\s*")
+
+
+def label(cell: str) -> tuple[str, str] | None:
+    """Name and number of a cell ``T: 0.01``; None where it is not of that form."""
+    found = _LABELLED.fullmatch(cell)
+    return (found[1], found[2]) if found else None
+
+
+def read(body: bytes, where: str, first: int, header: Sequence[str], wanted: Sequence[int], cells: Cells = COMMAS) -> list[FloatArray]:
+    """The wanted columns of `body`, UTF-8 text whose lines end in a line feed and whose first is line `first` of the file.
+
+    Raises
+    ------
+    InputRefused
+        A line has too few or too many cells, a cell wanted is no number, or the bytes are no UTF-8.
+    """
+    found = _by_arrow(body, len(header), wanted, cells) if cells.plain else None
+    return found if found is not None else _explained(body, where, first, header, wanted, cells)
+
+
+def _by_arrow(body: bytes, columns: int, wanted: Sequence[int], cells: Cells) -> list[FloatArray] | None:
+    """Pyarrow's road; None where it finds a line that it cannot read."""
+    import pyarrow as pa
+    import pyarrow.csv as pc
+
+    names = [f"c{i}" for i in range(columns)]
+    chosen = [names[i] for i in wanted]
+    kinds = dict.fromkeys(chosen, pa.float64())
+    # the phantom cell behind the last separator must be blank in every row
+    phantom = ["blank"] if cells.trailing else []
+    try:
+        table = pc.read_csv(
+            io.BytesIO(body),
+            read_options=pc.ReadOptions(column_names=names + phantom, use_threads=False, block_size=max(1 << 20, len(body) + 1)),
+            parse_options=pc.ParseOptions(delimiter=cells.separator),
+            convert_options=pc.ConvertOptions(
+                include_columns=chosen + phantom,
+                column_types={**kinds, **dict.fromkeys(phantom, pa.null())},
+                null_values=[""],
+                check_utf8=False,
+                decimal_point=cells.decimal,
+            ),
+        )
+    except pa.ArrowInvalid:
+        return None
+    found = [floats(table[name].combine_chunks()) for name in chosen]
+    return [np.where(np.isfinite(values), values, np.nan) for values in found]
+
+
+def _explained(body: bytes, where: str, first: int, header: Sequence[str], wanted: Sequence[int], cells: Cells) -> list[FloatArray]:
+    """The slow road."""
+    try:
+        lines = body.decode("utf-8").split("\n")
+    except UnicodeDecodeError as fault:
+        bad = body.count(b"\n", 0, fault.start) + first
+        raise InputRefused(f"{where}, line {bad}", "is not UTF-8 text", "the file is damaged or in another encoding; save it as UTF-8") from None
+    out: list[list[float]] = [[] for _ in wanted]
+    for line_number, line in enumerate(lines, start=first):
+        if not line.strip() or line.strip() in cells.ignore:
+            continue
+        at = f"{where}, line {line_number}"
+        row = row_of(line.rstrip("\r"), at, header, cells)
+        for values, column in zip(out, wanted, strict=True):
+            values.append(number(row[column], at, header[column], cells.decimal))
+    return [np.array(values) for values in out]
+
+
+def row_of(line: str, at: str, header: Sequence[str], cells: Cells) -> list[str]:
+    """One line's cells, one for each name of the header.
+
+    Raises
+    ------
+    InputRefused
+        They are too few or too many, labelled otherwise, or the header once more.
+    """
+    if "\0" in line:
+        raise InputRefused(at, "holds NUL bytes", "the file is damaged; copy it anew from the rig, or take the trial out of the schedule")
+    try:
+        row = cells.split(line)
+    except csv.Error as fault:
+        raise InputRefused(at, f"is not a row of cells: {fault}", "mend the line, or take the trial out of the schedule") from None
+    if cells.trailing and len(row) == len(header) + 1 and not row[-1]:
+        row = row[:-1]
+    if row == list(header):
+        raise InputRefused(at, "repeats the header: two records stand in one file", "give each trial a file of its own")
+    if len(row) != len(header):
+        raise InputRefused(
+            at,
+            f"has {len(row)} cells under {len(header)} column names",
+            f"decimals want a {'point' if cells.decimal == '.' else 'comma'} and no cell may be left out; "
+            "mend the line, or take the trial out of the schedule",
+        )
+    if not cells.labels:
+        return row
+    pairs = [label(cell) for cell in row]
+    names = [pair[0] if pair else "" for pair in pairs]
+    if names != list(header):
+        raise InputRefused(at, f"is labelled {', '.join(names)}, not {', '.join(header)}", "mend the line, or take the trial out of the schedule")
+    return [pair[1] for pair in pairs if pair]

@@ -1,0 +1,63 @@
+"""TDMS of National Instruments, by nptdms; read in a child process.
+
+A channel is called ``group/channel``. Unit from `unit_string` or `NI_UnitDescription`, rate from `wf_increment`. A file whose last segment
+is incomplete is called truncated; one cut exactly between two segments shows it by nothing but the number of its samples, so say
+`record` under [load_cell]. An index file beside it is never believed: it may be older.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift.readers.channel import Channel, Contents, Malformed, unit_word, wanted
+from nearlift.readers.hdf5 import library
+from nearlift.readers.per_file import Format, Names, reader_of
+
+
+def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The channels of a TDMS file.
+
+    Raises
+    ------
+    Malformed
+        It contradicts its own structure.
+    """
+    nptdms = library("nptdms", "tdms")
+    channels = []
+    # by handle: given a path, nptdms would believe an index file beside it
+    with path.open("rb") as file:
+        if file.read(4) not in (b"TDSm", b"TDSh"):
+            raise Malformed("does not begin as TDMS does")
+        file.seek(0)
+        tdms = nptdms.TdmsFile.open(file)
+        for group in tdms.groups():
+            for channel in group.channels():
+                name = f"{group.name}/{channel.name}"
+                if channel.dtype.kind not in "iuf" or (names is not None and not wanted(name, names)):
+                    continue
+                # an unequal number of read and promised samples is nptdms's to see; here it becomes floats
+                values = np.asarray(channel[:], dtype=np.float64)
+                step = channel.properties.get("wf_increment")
+                rate = 1 / float(step) if isinstance(step, (int, float, np.number)) and float(step) > 0 else None
+                channels.append(Channel(name=name, unit=_unit(channel.properties), rate_Hz=rate, values=values))
+        cut = tdms.file_status.incomplete_final_segment
+    return Contents(channels=tuple(channels), kind="TDMS", codes=("truncated",) if cut else ())
+
+
+def _unit(properties: Mapping[str, Any]) -> str:
+    stated = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "")
+    return unit_word(stated) or stated
+
+
+TDMS = Format(
+    name="tdms",
+    title="TDMS of National Instruments: a file per trial, or one for all with groups named by trial (extra)",
+    recognises=lambda head, name: head.startswith((b"TDSm", b"TDSh")),
+    contents=contents,
+    child=True,
+)
+TDMS_READER = reader_of(TDMS)

@@ -1,0 +1,204 @@
+"""Delimited text in any usual dialect, and headerless numbers by recipe: one file per trial, read block by block.
+
+Found by `dialect.sniff` from the first bytes and held to from there on: a later line that breaks the dialect stops the run with its
+number. A last line without its end is left out and the record called truncated.
+"""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import table
+from nearlift.readers.channel import Channel, Contents, pick, rate_of, split_unit, wanted
+from nearlift.readers.dialect import HEAD, Given, Layout, NoRows, sniff
+from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.seam import FloatArray
+
+BLOCK = 8 << 20
+OPTIONS = {
+    "encoding": str,
+    "separator": str,
+    "decimal": str,
+    "skip": int,
+    "columns": list,
+    "units": list,
+    "ignore": list,
+    "labels": bool,
+}
+
+
+def given(dialect: Mapping[str, Any]) -> Given:
+    """The manifest's dialect as the sniffer takes it.
+
+    Raises
+    ------
+    ManifestError
+        A list holds something that is no text, units are not as many as columns, or the decimal sign is none.
+    """
+    own = {key: value for key, value in dialect.items() if key in OPTIONS}
+    for key in ("columns", "units", "ignore"):
+        if key in own and not all(isinstance(item, str) for item in own[key]):
+            raise ManifestError(f"records.dialect.{key}", f"{own[key]!r} holds more than texts", 'write it as ["force", "t"]')
+        own[key] = tuple(own.get(key, ()))
+    if own["units"] and len(own["units"]) != len(own["columns"]):
+        raise ManifestError(
+            "records.dialect.units", f"names {len(own['units'])} units for {len(own['columns'])} columns", 'one for each; "" for none'
+        )
+    if own.get("decimal", ".") not in (".", ","):
+        raise ManifestError("records.dialect.decimal", f"{own['decimal']!r} is no decimal sign", 'write "." or ","')
+    if own.get("skip", 0) < 0:
+        raise ManifestError("records.dialect.skip", f"{own['skip']} is negative", "it counts the lines above the columns' names")
+    try:
+        codecs.lookup(own.get("encoding", "utf-8"))
+    except LookupError:
+        raise ManifestError("records.dialect.encoding", f"{own['encoding']!r} is no encoding", 'such as "utf-8", "utf-16" or "latin-1"') from None
+    return Given(**own)
+
+
+def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The channels of a text file.
+
+    Raises
+    ------
+    InputRefused
+        No dialect fits, or a line breaks the dialect.
+    """
+    return from_text(path, given(dialect), names)
+
+
+def from_text(path: Path, said: Given, names: Names, layout: Layout | None = None) -> Contents:
+    """The channels of a text file in a dialect known in part (`said`) or in whole (`layout`)."""
+    where = str(path)
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if not head.strip(b"\0"):
+        return Contents(channels=(), kind="text", codes=("EMPTY",))
+    if layout is None:
+        try:
+            layout = sniff(_without_tail(head, path), where, said, whole=path.stat().st_size <= HEAD)
+        except NoRows:
+            if head.count(b"\n") > 2 or path.stat().st_size > HEAD:
+                raise
+            codes = ("NO_DATA",) if head.endswith((b"\n", b"\r")) else ("NO_DATA", "truncated")
+            return Contents(channels=(), kind="text", codes=codes)
+    chosen = _chosen(layout, names, where)
+    blocks = Blocks(path, layout)
+    parts: list[list[FloatArray]] = [[] for _ in chosen]
+    for first, body in blocks:
+        for held, values in zip(parts, table.read(body, where, first, layout.names, chosen, layout.cells), strict=True):
+            held.append(values)
+    spoken = layout.spoken()
+    return Contents(
+        channels=tuple(
+            Channel(name=layout.names[i], unit=layout.units[i], values=np.concatenate(held) if held else np.empty(0))
+            for i, held in zip(chosen, parts, strict=True)
+        ),
+        kind="text" + (f": {spoken}" if spoken else ""),
+        codes=("truncated",) if blocks.cut else (),
+        notes=(f"text read as {spoken}",) if spoken else (),
+    )
+
+
+def _without_tail(head: bytes, path: Path) -> bytes:
+    """The head without the NUL tail of a power cut."""
+    return head.rstrip(b"\0") if path.stat().st_size <= HEAD and not head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0\0\0" in head[-3:] else head
+
+
+def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
+    """Which columns to read: those that `pick` may choose, or all that hold numbers."""
+    if names is None:
+        return [i for i in range(len(layout.names)) if i not in layout.texts]
+    return [i for i, name in enumerate(layout.names) if wanted(name, names)] or _none_fits(layout, names, where)
+
+
+def _none_fits(layout: Layout, names: tuple[str, ...], where: str) -> list[int]:
+    blank: FloatArray = np.empty(0)
+    channels = [Channel(name=name, values=blank) for name in layout.names]
+    pick(channels, names[0], "records.force.column", f"{where}, line {max(layout.first - 1, 1)}")
+    return []
+
+
+class Blocks:
+    """A file's rows in blocks of whole lines, as UTF-8 with line feeds, each with the number of its first line.
+
+    `cut` is True afterwards if the last line had no end and was left out.
+    """
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        self.path, self.layout, self.cut = path, layout, False
+
+    def __iter__(self) -> Iterator[tuple[int, bytes]]:
+        line, skip = 1, self.layout.first - 1
+        held = b""
+        decoder = None if self.layout.encoding in ("utf-8", "utf-8-sig") else codecs.getincrementaldecoder(self.layout.encoding)()
+        with self.path.open("rb") as file:
+            while True:
+                raw = file.read(BLOCK)
+                if not raw:
+                    break
+                held += raw if decoder is None else self._decoded(decoder, raw, line)
+                if line == 1 and held.startswith(codecs.BOM_UTF8):
+                    held = held[len(codecs.BOM_UTF8) :]
+                # a carriage return at the end of a block may belong to a line feed in the next
+                whole = held[:-1] if held.endswith(b"\r") else held
+                if b"\r" in whole:
+                    held = whole.replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held[len(whole) :]
+                end = held.rfind(b"\n") + 1
+                body, held = held[:end], held[end:]
+                if not body:
+                    continue
+                lines = body.count(b"\n")
+                if skip:
+                    taken = min(skip, lines)
+                    body = b"\n".join(body.split(b"\n", taken)[taken:])
+                    skip, line, lines = skip - taken, line + taken, lines - taken
+                if body:
+                    yield line, body
+                line += lines
+        if held == b"\r" or (held.endswith(b"\r") and b"\n" not in held):
+            last = held[:-1] + b"\n"
+            if last.strip() and not skip:
+                yield line, last
+        elif held:
+            self.cut = bool(held.strip()) or b"\0" in held
+        # half a character of UTF-16 is left over
+        self.cut = self.cut or (decoder is not None and bool(decoder.getstate()[0]))
+
+    def _decoded(self, decoder: codecs.IncrementalDecoder, raw: bytes, line: int) -> bytes:
+        try:
+            return decoder.decode(raw).encode()
+        except UnicodeError as fault:
+            raise InputRefused(
+                f"{self.path}, line {line} or later", f"is not {self.layout.encoding} text: {fault}", "the file is damaged or in another encoding"
+            ) from None
+
+
+def with_rate(found: Contents) -> Contents:
+    """The same, each channel with the rate of the file's clock: the first channel in a unit of time, or called time."""
+    clocks = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+    clock = next((c for c in found.channels if c.unit in clocks and split_unit(c.name)[0].casefold() in ("t", "time", "x_value")), None)
+    if clock is None or len(clock.values) < 3:
+        return found
+    rate = rate_of(clocks[clock.unit] * clock.values)
+    return Contents(
+        channels=tuple(Channel(name=c.name, unit=c.unit, values=c.values, rate_Hz=rate) for c in found.channels),
+        kind=found.kind,
+        codes=found.codes,
+        notes=found.notes,
+    )
+
+
+TEXT = Format(
+    name="text",
+    title="delimited text in any usual dialect, or headerless numbers by recipe; one file per trial",
+    recognises=lambda head, name: False,
+    contents=contents,
+    options=OPTIONS,
+)
+TEXT_READER = reader_of(TEXT)

@@ -1,0 +1,169 @@
+"""Binary logs of the Crazyflie's uSD deck, by an own decoder.
+
+Layout: 0xBC, version (u16: 1 or 2), number of event types (u16), for each its id (u16), name (ends in 0), number of variables
+(u16) and their texts ``name(type)`` (each ends in 0); then records: id (u16), time (v1: u32 in ms, v2: u64 in us), values packed, little
+endian; the last four bytes are the CRC-32 of all before. A wrong sum rejects the record, unless ``dialect = { salvage = true }`` takes
+the records before the first one that cannot be. A channel is called ``event.variable``, an event's clock ``event.time``.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.channel import Channel, Contents, Malformed, rate_of
+from nearlift.readers.per_file import Format, Names, reader_of
+
+MAGIC = 0xBC
+#: Type letters (as Python's struct) to numpy's.
+TYPES = {
+    "B": "u1",
+    "b": "i1",
+    "H": "<u2",
+    "h": "<i2",
+    "I": "<u4",
+    "i": "<i4",
+    "L": "<u4",
+    "l": "<i4",
+    "Q": "<u8",
+    "q": "<i8",
+    "e": "<f2",
+    "f": "<f4",
+    "d": "<f8",
+}
+#: Version to the clock's type and its unit in s.
+CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
+MOST_BYTES = 1 << 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """One type of record: its name and the layout of its bytes, clock first."""
+
+    name: str
+    layout: np.dtype[Any]
+
+
+def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The channels of a log.
+
+    Raises
+    ------
+    Malformed
+        It is cut off, or its sum is wrong, and `salvage` was not asked for.
+    InputRefused
+        It is of a later version, or larger than 1 GiB.
+    """
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise InputRefused(str(path), f"has {size} bytes, more than the {MOST_BYTES} that a log may have", "cut it into trials on the rig")
+    return decode(path.read_bytes(), str(path), salvage=bool(dialect.get("salvage", False)))
+
+
+def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
+    """The channels of a log's bytes; raises as `contents` does."""
+    if not content.strip(b"\0"):
+        return Contents(channels=(), kind="Crazyflie uSD log", codes=("EMPTY",))
+    events, unit_s, start = _head(content, where)
+    whole = len(content) - start >= 4 and zlib.crc32(content[:-4]) == struct.unpack("<I", content[-4:])[0]
+    if not whole and not salvage:
+        raise Malformed("its check sum is wrong: it is cut off or damaged; dialect = { salvage = true } takes what comes before the damage")
+    found, end = _walk(content, events, start, len(content) - 4 if whole else len(content))
+    if whole and end != len(content) - 4:
+        raise Malformed(f"byte {end} begins no record, though the check sum is right")
+    channels = []
+    for number, event in events.items():
+        starts = np.array(found[number], dtype=np.int64)
+        records = _gathered(content, starts + 2, event.layout)
+        clock = records["time"].astype(np.float64) * unit_s
+        rate = rate_of(clock) if len(clock) > 2 else None
+        channels.append(Channel(name=f"{event.name}.time", unit="s", rate_Hz=rate, values=clock))
+        for field in (event.layout.names or ())[1:]:
+            channels.append(Channel(name=f"{event.name}.{field}", rate_Hz=rate, values=records[field].astype(np.float64)))
+    return Contents(channels=tuple(channels), kind="Crazyflie uSD log", codes=() if whole else ("salvaged",))
+
+
+def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
+    """Event types by id, the clock's unit in s, and where the records begin."""
+    try:
+        magic, version, count = struct.unpack_from("<BHH", content, 0)
+    except struct.error:
+        raise Malformed(f"ends after {len(content)} bytes, within its head") from None
+    if magic != MAGIC:
+        raise Malformed(f"begins with 0x{magic:02X}, not 0x{MAGIC:02X}: it is no log of the uSD deck")
+    if version not in CLOCKS:
+        raise InputRefused(
+            where, f"is a uSD log of version {version}", f"this reads versions {' and '.join(map(str, CLOCKS))}; a newer nearlift may read it"
+        )
+    clock, unit_s = CLOCKS[version]
+    events: dict[int, Event] = {}
+    at = 5
+    for _ in range(count):
+        number, at = _u16(content, at)
+        name, at = _name(content, at)
+        variables, at = _u16(content, at)
+        fields: list[tuple[str, str]] = [("time", clock)]
+        for _ in range(variables):
+            text, at = _name(content, at)
+            variable, _, kind = text.removesuffix(")").rpartition("(")
+            if kind not in TYPES or not variable or variable in (f for f, _ in fields):
+                raise Malformed(f"describes a variable {text!r}, which is none")
+            fields.append((variable, TYPES[kind]))
+        if number in events or not name:
+            raise Malformed(f"describes event {number} twice, or without a name")
+        events[number] = Event(name=name, layout=np.dtype(fields))
+    return events, unit_s, at
+
+
+def _u16(content: bytes, at: int) -> tuple[int, int]:
+    if at + 2 > len(content):
+        raise Malformed(f"ends after {len(content)} bytes, within its head")
+    return int.from_bytes(content[at : at + 2], "little"), at + 2
+
+
+def _name(content: bytes, at: int) -> tuple[str, int]:
+    end = content.find(b"\0", at, at + 256)
+    if end < 0:
+        raise Malformed("describes its events by a name without an end")
+    try:
+        return content[at:end].decode("ascii"), end + 1
+    except UnicodeDecodeError:
+        raise Malformed("describes its events by a name that is no text") from None
+
+
+def _walk(content: bytes, events: Mapping[int, Event], at: int, end: int) -> tuple[dict[int, list[int]], int]:
+    """Where the records of each event begin, and the byte at which no further whole record of a known event begins."""
+    sizes = {number: 2 + event.layout.itemsize for number, event in events.items()}
+    found: dict[int, list[int]] = {number: [] for number in events}
+    while at + 2 <= end:
+        number = content[at] | content[at + 1] << 8
+        size = sizes.get(number)
+        if size is None or at + size > end:
+            break
+        found[number].append(at)
+        at += size
+    return found, at
+
+
+def _gathered(content: bytes, starts: Any, layout: np.dtype[Any]) -> Any:
+    """The records that begin at these bytes."""
+    every = np.frombuffer(content, dtype=np.uint8)
+    return every[starts[:, None] + np.arange(layout.itemsize)].reshape(-1).view(layout) if len(starts) else np.empty(0, dtype=layout)
+
+
+USD = Format(
+    name="crazyflie-usd",
+    title="binary logs of the Crazyflie's uSD deck, check sum verified",
+    recognises=lambda head, name: len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16),
+    contents=contents,
+    options={"salvage": bool},
+    checked=True,
+)
+USD_READER = reader_of(USD)

@@ -1,0 +1,68 @@
+"""Cells of text files: what is a number, what loggers write where there is none, and what is neither."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from nearlift.errors import InputRefused
+
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+#: What loggers write where there is no number, in lower case.
+NO_NUMBER = (
+    "",
+    "nan",
+    "-nan",
+    "+nan",
+    "inf",
+    "+inf",
+    "-inf",
+    "over",
+    "ovl",
+    "ovfl",
+    "ol",
+    "o.l",
+    "#nv",
+    "#n/a",
+    "n/a",
+    "na",
+    "null",
+    "1.#inf",
+    "-1.#inf",
+    "1.#qnan",
+    "-1.#qnan",
+    "1.#ind",
+    "-1.#ind",
+)
+
+
+def value_of(text: str, decimal: str = ".") -> float | None:
+    """The cell's number, NaN for a word that means "no number", None where it is neither."""
+    plain = text.strip()
+    if decimal == ",":
+        # a point in a file of decimal commas would be a thousands separator or another dialect: neither is a number here
+        plain = plain.replace(",", ".") if "." not in plain and plain.count(",") <= 1 else (plain if plain.lower() in NO_NUMBER else "?")
+    if NUMBER.fullmatch(plain):
+        value = float(plain)
+        return value if math.isfinite(value) else math.nan
+    return math.nan if plain.lower() in NO_NUMBER or text.strip().lower() in NO_NUMBER else None
+
+
+def number(text: str, at: str, column: str, decimal: str = ".") -> float:
+    """The cell's number, NaN for a word that means "no number".
+
+    Raises
+    ------
+    InputRefused
+        It is neither.
+    """
+    value = value_of(text, decimal)
+    if value is not None:
+        return value
+    other = "point" if decimal == "." else "comma"
+    remedy = (
+        f"write decimals with a {other}"
+        if re.fullmatch(r"[-+]?\d+[.,]\d+", text)
+        else "every cell must be a number; mend the line, or take the trial out of the schedule"
+    )
+    raise InputRefused(at, f"{text!r} in column {column!r} is not a number", remedy)

@@ -1,0 +1,160 @@
+"""The sniffer: one dialect fits, or the file is refused; and what was sniffed is held to for the rest of the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nearlift.errors import InputRefused
+from nearlift.readers import text
+from nearlift.readers.dialect import HEAD, Given, NoRows, sniff
+
+
+def layout(content: str | bytes, given: Given | None = None) -> Any:
+    return sniff(content if isinstance(content, bytes) else content.encode(), "f.txt", given or Given())
+
+
+def read(tmp_path: Path, content: bytes, dialect: Any = None, names: Any = None) -> Any:
+    path = tmp_path / "f.txt"
+    path.write_bytes(content)
+    return text.contents(path, dialect or {}, names)
+
+
+@pytest.mark.parametrize(
+    ("content", "names", "separator", "decimal", "spoken"),
+    [
+        ("t,F\n1,5\n2,5\n", ("t", "F"), ",", ".", ""),
+        ("t,F\r\n1.5,5\r\n", ("t", "F"), ",", ".", ""),
+        ("t\tF\r0\t1\r1\t2\r", ("t", "F"), "\t", ".", "separated by tabs"),
+        ("t;F\n1,5;2,25\n", ("t", "F"), ";", ",", "separated by semicolons, decimal commas"),
+        ("t;F\n1;5\n2;7,5\n", ("t", "F"), ";", ",", "separated by semicolons, decimal commas"),
+        ("a b\n1 2\n 3  4\n", ("a", "b"), " ", ".", "separated by blanks"),
+        ("F\n1\n2\n", ("F",), "", ".", ""),
+        ("force\n1,5\n2,25\n", ("force",), "", ",", "decimal commas"),
+        ("a,b,\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
+        ("a,b\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
+        ("# a log\nrate: 1000\nt,F\n0,1\n", ("t", "F"), ",", ".", "2 lines above the columns' names left out"),
+        ("# t,F\n0,1\n", ("t", "F"), ",", ".", ""),
+        ('"t, s",F\n0,1\n', ("t, s", "F"), ",", ".", ""),
+        ("t,F\n0,OVER\n1,#NV\n2,3\n", ("t", "F"), ",", ".", ""),
+    ],
+)
+def test_one_dialect_fits(content: str, names: tuple[str, ...], separator: str, decimal: str, spoken: str) -> None:
+    found = layout(content)
+    assert (found.names, found.cells.separator, found.cells.decimal, found.spoken()) == (names, separator, decimal, spoken)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("1,5\n2,5\n", "line 1: has no columns' names above its rows of . cells?\n  name them: dialect = { columns"),
+        ("966\n965\n", 'has no columns\' names above its rows of 1 cell\n  name them: dialect = { columns = \\["force"\\] }'),
+        ("t,F\n0,5,1,5\n", "line 2: has 4 cells under 2 column names\n  a decimal comma makes two cells of one"),
+        ("t;F\n1,234;5,678\n", "line 2: '1,234' may be 1.234 or 1234\n  say which: dialect = { decimal = \",\" }"),
+        ("a;b\n1;2\n3;x\n", "line 3: 'x' in column 'b' is not a number"),
+        ("a,a\n1,2\n", "line 1: has more than one column 'a'"),
+        ("t,F\n2,3\nt,F\n4,5\n", "line 3: repeats the header"),
+        ("t,F\n2,3\n4\n5,6\n", "line 3: has 1 cells under 2 column names"),
+        (b"\x1f\x8b\x08\x00abc", "is compressed\n  unpack it"),
+        (b"PK\x03\x04abc", "is compressed"),
+        (b"t,F\n1,2\n\0\0\0\0\0\0 3,4\n", "is no text: it holds NUL bytes"),
+        (b"\xff\xfet\x00,", "holds no row of numbers"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_line(content: str | bytes, match: str) -> None:
+    with pytest.raises(InputRefused, match=match):
+        layout(content)
+
+
+def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
+    two = "1,5\n2,5\n"
+    named = Given(columns=("a", "b"))
+    assert layout(two, named).cells.separator == ","
+    assert layout(two, Given(columns=("F",))).cells.decimal == ","
+    both = "F;G\n1,234;5,678\n"
+    assert layout(both, Given(decimal=",")).cells.decimal == ","
+    # both separators cut each line in two, at different places
+    mixed, named = "x;1,2\ny;3,4\n", Given(columns=("who", "force"))
+    with pytest.raises(InputRefused, match=r"can be read in two ways: separated by semicolons with decimal comma or commas with decimal point"):
+        layout(mixed, named)
+    assert layout(mixed, Given(columns=("who", "force"), separator="semicolon")).cells.decimal == ","
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1", "cp1252"])
+def test_every_usual_encoding(tmp_path: Path, encoding: str) -> None:
+    sign = "\u2013" if encoding == "cp1252" else "\u00b5"
+    content = f"t ({sign}s);Kraft [mN]\r\n0,5;1,25\r\n1,5;-2,75\r\n".encode(encoding)
+    found = read(tmp_path, content)
+    assert [c.name for c in found.channels] == [f"t ({sign}s)", "Kraft [mN]"]
+    assert found.channels[1].unit == "mN"
+    assert found.channels[1].values.tolist() == [1.25, -2.75]
+    assert found.notes[0].startswith("text read as ")
+
+
+def test_a_row_of_units_and_text_columns(tmp_path: Path) -> None:
+    found = read(tmp_path, b"t,msg,F\ns,-,mN\n0,start,1\n1,,2\n")
+    assert [(c.name, c.unit) for c in found.channels] == [("t", "s"), ("F", "mN")]
+
+
+def test_words_for_no_number_become_gaps(tmp_path: Path) -> None:
+    found = read(tmp_path, b"t;F\n0,0;1,5\n0,1;OVER\n0,2;#NV\n0,3;1.#INF\n0,4;2,5\n")
+    np.testing.assert_array_equal(found.channels[1].values, [1.5, np.nan, np.nan, np.nan, 2.5])
+
+
+def test_a_header_alone_is_no_data_and_an_empty_file_empty(tmp_path: Path) -> None:
+    assert read(tmp_path, b"t,F\n").codes == ("NO_DATA",)
+    assert read(tmp_path, b"t,F").codes == ("NO_DATA", "truncated")
+    assert read(tmp_path, b"").codes == ("EMPTY",)
+    assert read(tmp_path, b"\0" * 50).codes == ("EMPTY",)
+    with pytest.raises(NoRows, match="holds no row of numbers"):
+        read(tmp_path, b"so\nmuch\nfor\nthat\n")
+
+
+@pytest.mark.parametrize("tail", [b"3,4", b"3,45\0\0\0\0\0", b"\0\0\0\0"])
+def test_a_last_line_without_an_end_is_left_out(tmp_path: Path, tail: bytes) -> None:
+    """Cut in the middle of a number, or with the NUL tail of a power cut: what is read is what was whole."""
+    found = read(tmp_path, b"t,F\n1,2\n2,3\n" + tail)
+    assert found.codes == ("truncated",)
+    assert found.channels[1].values.tolist() == [2, 3]
+
+
+def test_utf16_cut_within_a_character(tmp_path: Path) -> None:
+    found = read(tmp_path, "t,F\n1,2\n2,3\n".encode("utf-16")[:-1])
+    assert found.codes == ("truncated",)
+    assert found.channels[1].values.tolist() == [2]
+
+
+def test_blocks_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    force = np.random.default_rng(1).normal(size=3000).round(6)
+    rows = "".join(f"{i};{f}\r\n" for i, f in enumerate(force)).replace(".", ",")
+    for encoding in ("utf-8", "utf-16"):
+        content = ("t;F\r\n" + rows).encode(encoding)
+        for block in (7, 101, 4096):
+            monkeypatch.setattr(text, "BLOCK", block if len(content) < 10 * HEAD and block > 100 else 997)
+            found = read(tmp_path, content, names=("F",))
+            np.testing.assert_array_equal(found.channels[0].values, force)
+            assert found.codes == ()
+
+
+def test_a_bad_line_far_below_is_named(tmp_path: Path) -> None:
+    rows = b"".join(b"%d,%d\n" % (i, i) for i in range(20000))
+    with pytest.raises(InputRefused, match=r"f\.txt, line 20002: '7x' in column 'F' is not a number"):
+        read(tmp_path, b"t,F\n" + rows + b"1,7x\n2,3\n")
+
+
+def test_a_recipe_reads_what_has_no_header(tmp_path: Path) -> None:
+    found = read(tmp_path, b"965\r\n966\r\n", {"columns": ["count"], "units": ["count"]})
+    assert (found.channels[0].name, found.channels[0].unit, found.channels[0].values.tolist()) == ("count", "count", [965, 966])
+    ramp = b"START\r\n0.02, -0.33\r\n0.04, -0.00\r\nSTOP\r\n"
+    found = read(tmp_path, ramp, {"columns": ["thrust", "current"], "ignore": ["START", "STOP"]})
+    assert found.channels[0].values.tolist() == [0.02, 0.04]
+
+
+def test_labelled_cells(tmp_path: Path) -> None:
+    found = read(tmp_path, b"T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n", {"labels": True})
+    assert [(c.name, c.values.tolist()) for c in found.channels] == [("T", [0.01, 0.02]), ("C", [0.65, 0.7])]
+    with pytest.raises(InputRefused, match="line 2: is labelled T, V, not T, C"):
+        read(tmp_path, b"T: 0.01 \t C: 0.65\nT: 0.02 \t V: 0.7\n", {"labels": True})

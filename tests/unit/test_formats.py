@@ -1,0 +1,418 @@
+"""Each outside format: what is written comes back, its traps are sprung, and what contradicts the manifest is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nearlift import readers, units
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import child
+from nearlift.readers.channel import Malformed, fold, pick, split_unit, unit_word
+
+from . import written
+from .bench_campaign import manifest, write_schedule
+
+NUMBERS = st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=40)
+
+
+@pytest.fixture(scope="module")
+def open_reader() -> Iterator[Any]:
+    """One child process for each format that wants one, for all tests of the module."""
+    with ExitStack() as stack:
+        known: dict[str, Any] = {}
+
+        def reading(name: str) -> Any:
+            if name not in known:
+                known[name] = stack.enter_context(child.source(readers.reader(name).format))
+            return known[name]
+
+        yield reading
+
+
+def contents(open_reader: Any, name: str, path: Path, dialect: Any = None, names: Any = None) -> Any:
+    return open_reader(name)(path, dialect or {}, names)
+
+
+def records(root: Path, reader: str, column: str, unit: str, files: str, rate: str = "1000 Hz", **changes: Any) -> list[Any]:
+    """Records of trials a, b through the seam."""
+    given_manifest = manifest(
+        load_cell={"sample_rate": rate}, records={"reader": reader, "files": files, "force": {"column": column, "unit": unit, "sign": 1}, **changes}
+    )
+    return list(readers.reader(reader).read(given_manifest, root, ["a", "b"]))
+
+
+# ---- round trips
+
+
+@pytest.mark.parametrize("name", [n for n in written.WRITERS if n != "csv"])
+def test_what_is_written_comes_back(open_reader: Any, tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
+    write, column, _, suffix = written.WRITERS[name]
+    folder = tmp_path_factory.mktemp(name)
+
+    @settings(max_examples=15, deadline=None)
+    @given(force=NUMBERS)
+    def turn(force: list[float]) -> None:
+        path = written.put(folder, f"a.{suffix}", write(force))
+        found = contents(open_reader, name, path, names=(column,))
+        channel = pick(found.channels, column, "records.force.column", "a")
+        np.testing.assert_array_equal(channel.values, np.float32(force) if name == "crazyflie-usd" else force)
+        assert set(found.codes) <= {"dead_speed"}
+
+    turn()
+
+
+@pytest.mark.parametrize("name", list(written.WRITERS))
+def test_records_are_newtons_of_lift_through_the_seam(tmp_path: Path, name: str) -> None:
+    write, column, unit, suffix = written.WRITERS[name]
+    force = [1.5, 2.25, 3.5, 4.0, 5.75, 6.5]
+    written.put(tmp_path, f"trials/a.{suffix}", write(force))
+    written.put(tmp_path, f"trials/b.{suffix}", b"")
+    if name == "csv":
+        column = "force"
+    a, b = records(tmp_path, name, column, unit, f"trials/{{trial}}.{suffix}")
+    factor, _ = units.to_si(unit, "force", "")
+    np.testing.assert_allclose(a.force_N, factor * np.array(force), rtol=1e-7)
+    assert a.source == f"trials/a.{suffix}"
+    assert b.codes == ("EMPTY",)
+    assert len(b.force_N) == 0
+
+
+@pytest.mark.parametrize("name", ["rcbenchmark", "flight-stand", "hdf5", "tdms", "lvm", "text"])
+def test_a_unit_in_the_file_that_the_manifest_contradicts_is_refused(tmp_path: Path, name: str) -> None:
+    """Gram-force read as newton is a factor of 102."""
+    write, column, unit, suffix = written.WRITERS[name]
+    written.put(tmp_path, f"a.{suffix}", write([1.0, 2.0, 3.0]))
+    other = "N" if unit != "N" else "gf"
+    with pytest.raises(InputRefused, match=rf"states .* in {unit}, the manifest says {other}: a factor of .*\n  records.force.unit = \"{unit}\""):
+        records(tmp_path, name, column, other, f"{{trial}}.{suffix}")
+
+
+def test_one_file_may_hold_all_trials(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "all.h5", "w") as file:
+        file["a/force"], file["b/force"] = np.arange(3.0), np.arange(4.0)
+    a, b = records(tmp_path, "hdf5", "/{trial}/force", "N", "all.h5")
+    assert (len(a.force_N), len(b.force_N)) == (3, 4)
+    with pytest.raises(ManifestError, match="does not say where the trial's id stands"):
+        records(tmp_path, "hdf5", "/a/force", "N", "all.h5")
+    with pytest.raises(ManifestError, match="both say where"):
+        records(tmp_path, "hdf5", "/{trial}/force", "N", "{trial}.h5")
+
+
+def test_a_rate_in_the_file_that_the_manifest_contradicts_is_refused(tmp_path: Path) -> None:
+    written.put(tmp_path, "a.lvm", written.lvm([1.0, 2.0, 3.0], columns="No"))
+    with pytest.raises(InputRefused, match=r"'Force' has 1000 Hz, the manifest says 200 Hz\n.*ignore_rate"):
+        records(tmp_path, "lvm", "Force", "N", "{trial}.lvm", rate="200 Hz")
+    (a,) = records(tmp_path, "lvm", "Force", "N", "{trial}.lvm", rate="200 Hz", dialect={"ignore_rate": True})
+    assert len(a.force_N) == 3
+
+
+def test_a_clock_beside_the_force(tmp_path: Path) -> None:
+    written.put(tmp_path, "a.bin", written.usd([1.0, 2.0, 3.0, 4.0]))
+    (a,) = records(tmp_path, "crazyflie-usd", "force", "gf", "{trial}.bin", time={"column": "cell.time", "unit": "s"})
+    np.testing.assert_allclose(a.time_s, [0, 0.001, 0.002, 0.003])
+    with pytest.raises(InputRefused, match=r"has 4 samples of 'cell.force' and 1 of 'rare.time'"):
+        records(tmp_path, "crazyflie-usd", "force", "gf", "{trial}.bin", time={"column": "rare.time", "unit": "s"})
+
+
+@pytest.mark.parametrize(
+    ("dialect", "match"),
+    [
+        ({"seperator": ";"}, "did you mean 'separator'"),
+        ({"skip": "1"}, "'1' is no int"),
+        ({"skip": True}, "True is no int"),
+        ({"skip": -1}, "-1 is negative"),
+        ({"columns": ["a", 1]}, "holds more than texts"),
+        ({"columns": ["a"], "units": ["s", "N"]}, "names 2 units for 1 columns"),
+        ({"decimal": "'"}, "is no decimal sign"),
+        ({"encoding": "utf-99"}, "is no encoding"),
+    ],
+)
+def test_a_dialect_is_checked(tmp_path: Path, dialect: dict[str, Any], match: str) -> None:
+    written.put(tmp_path, "a.txt", written.german([1.0, 2.0]))
+    with pytest.raises(ManifestError, match=match):
+        records(tmp_path, "text", "Kraft", "mN", "{trial}.txt", dialect=dialect)
+
+
+# ---- names and units
+
+
+def test_names_are_folded_before_they_are_compared() -> None:
+    assert fold("Torque (N\u00b7m)") == fold("torque  (N\u22c5m)") == fold("Torque (N*m)")
+    assert fold("ESC signal (\u00b5s)") == fold("ESC signal (\u03bcs)")
+    assert split_unit("Thrust (gf)") == ("Thrust", "gf")
+    assert split_unit("weight[g]") == ("weight", "g")
+    assert split_unit("Powertrain 1 - force Fz (thrust) (N)") == ("Powertrain 1 - force Fz (thrust)", "N")
+    assert split_unit("rpm1") == ("rpm1", "")
+    assert unit_word("[\u00b5s]") == "us"
+    assert unit_word("furlong") is None
+
+
+def test_a_column_that_is_not_there_or_twice_is_refused(open_reader: Any, tmp_path: Path) -> None:
+    found = contents(open_reader, "rcbenchmark", written.put(tmp_path, "a.csv", written.rcbenchmark([1.0, 2.0])))
+    assert pick(found.channels, "thrust", "k", "f").name == "Thrust (gf)"
+    with pytest.raises(InputRefused, match=r"has no column 'Trust'\n  k = \"Thrust \(gf\)\""):
+        pick(found.channels, "Trust", "k", "f")
+    doubled = (*found.channels, *found.channels)
+    with pytest.raises(InputRefused, match="has more than one column 'Thrust'"):
+        pick(doubled, "Thrust", "k", "f")
+
+
+# ---- stands
+
+
+def test_rcbenchmark_traps(open_reader: Any, tmp_path: Path) -> None:
+    """Byte order mark, trailing comma, micro signs, a clock that runs backwards, a speed that reads zero while there is lift."""
+    rows = "0.424,1000,,0.1,0,5.0,4.0,0,0.1,,\n0.378,1000,,0.1,0,6.0,4.0,0,0.1,hello,\n4.318,1000,,0.1,0,7.0,4.0,0,0.1,,\n"
+    path = written.put(tmp_path, "a.csv", (written.RC_HEADER + "\n" + rows).encode())
+    found = contents(open_reader, "rcbenchmark", path)
+    assert [c.name for c in found.channels][:2] == ["Time (s)", "ESC signal (\u00b5s)"]
+    assert "App message" not in [c.name for c in found.channels]
+    assert found.codes == ("dead_speed",)
+    assert pick(found.channels, "Time", "k", "f").values.tolist() == [0.424, 0.378, 4.318]
+    path.write_bytes(path.read_bytes() + b"5,1000,,0.1\n")
+    with pytest.raises(InputRefused, match=r"a.csv, line 5: has 4 cells under 10 column names"):
+        contents(open_reader, "rcbenchmark", path)
+
+
+def test_stands_refuse_each_others_files(open_reader: Any, tmp_path: Path) -> None:
+    for name, content in (
+        ("rcbenchmark", written.tyto([1.0])),
+        ("flight-stand", written.crazyflie([1.0])),
+        ("crazyflie", written.rcbenchmark([1.0])),
+    ):
+        with pytest.raises(InputRefused, match="line 1: has not the header of"):
+            contents(open_reader, name, written.put(tmp_path, "a.csv", content))
+
+
+def test_a_stand_with_a_column_twice_is_refused(open_reader: Any, tmp_path: Path) -> None:
+    path = written.put(tmp_path, "a.csv", b"weight[g],pwm,vbat[V],pwm\n1,2,3,4\n")
+    with pytest.raises(InputRefused, match="more than one column 'pwm'"):
+        contents(open_reader, "crazyflie", path)
+
+
+def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(open_reader: Any, tmp_path: Path) -> None:
+    text = "weight[g],pwm,vbat[V],rpm1,rpm2,rpm3,rpm4\n-1.0586,0,3.9,0,0,0,0\n30.5,20000,3.8,9000,0,9100,9050\n"
+    found = contents(open_reader, "crazyflie", written.put(tmp_path, "a.csv", text.encode()))
+    assert pick(found.channels, "weight", "k", "f").values.tolist() == [-1.0586, 30.5]
+    assert found.codes == ("dead_speed",)
+
+
+# ---- the Crazyflie's binary log
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_both_versions_of_the_log(open_reader: Any, tmp_path: Path, version: int) -> None:
+    found = contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", written.usd([1.0, 2.5, 4.0], version=version)))
+    assert [c.name for c in found.channels] == ["cell.time", "cell.force", "cell.vbat", "rare.time", "rare.mark"]
+    assert found.channels[0].rate_Hz == pytest.approx(1000)
+    assert found.channels[2].values.tolist() == [3900] * 3
+
+
+def test_a_wrong_check_sum_rejects_and_salvage_keeps_what_comes_before(open_reader: Any, tmp_path: Path) -> None:
+    whole = written.usd([float(i) for i in range(50)])
+    cut = written.put(tmp_path, "a.bin", whole[: len(whole) // 2])
+    with pytest.raises(Malformed, match=r"its check sum is wrong: it is cut off or damaged; dialect = { salvage = true }"):
+        contents(open_reader, "crazyflie-usd", cut)
+    found = contents(open_reader, "crazyflie-usd", cut, {"salvage": True})
+    force = pick(found.channels, "force", "k", "f").values
+    assert found.codes == ("salvaged",)
+    assert force.tolist() == list(range(len(force)))
+    assert 15 < len(force) < 30
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        (b"\xbd" + written.usd([1.0])[1:], "begins with 0xBD"),
+        (written.usd([1.0])[:3], "within its head"),
+        (written.usd([1.0])[:12], "check sum|within its head|without an end"),
+        (written.usd([1.0]).replace(b"force(f)", b"force(z)"), "'force\\(z\\)', which is none"),
+    ],
+)
+def test_a_damaged_head_of_a_log(open_reader: Any, tmp_path: Path, content: bytes, match: str) -> None:
+    with pytest.raises(Malformed, match=match):
+        contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", content))
+
+
+def test_a_log_of_a_later_version_is_refused_by_name(open_reader: Any, tmp_path: Path) -> None:
+    content = bytearray(written.usd([1.0]))
+    content[1] = 3
+    with pytest.raises(InputRefused, match="is a uSD log of version 3\n  this reads versions 1 and 2"):
+        contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", bytes(content)))
+
+
+# ---- LVM
+
+
+def test_lvm_segments_are_joined_and_counted(open_reader: Any, tmp_path: Path) -> None:
+    path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5, 3.5], segments=2))
+    found = contents(open_reader, "lvm", path)
+    assert pick(found.channels, "Force", "k", "f").values.tolist() == [1.5, 2.5, 3.5] * 2
+    assert found.channels[0].name == "X_Value"
+    cut = path.read_bytes().rstrip(b"\n")
+    path.write_bytes(cut[: cut.rfind(b"\n") + 1])
+    found = contents(open_reader, "lvm", path)
+    assert found.codes == ("truncated",), "the last segment has fewer rows than its header promises"
+
+
+def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(open_reader: Any, tmp_path: Path) -> None:
+    content = written.lvm([1.5, 2.5, 3.5]).replace(b"Delta_X\t0,001\t0,001", b"Delta_X\t1,0\t1,0")
+    found = contents(open_reader, "lvm", written.put(tmp_path, "a.lvm", content))
+    assert found.notes == ("the header says 1 Hz, X_Value 1000 Hz: the column is believed",)
+    assert found.channels[1].rate_Hz == pytest.approx(1000)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ((b"LabVIEW", b"NoVIEW"), "this is no LVM file"),
+        ((b"2,5", b"2,5x"), "'2,5x' in column 'Force' is not a number"),
+        ((b"2,5\t4,0", b"2,5"), "has 2 cells under 4 columns"),
+        ((b"\tSupply", b"\tForce"), "names two columns alike"),
+        ((b"Decimal_Separator\t,", b"Decimal_Separator\t;"), "states the decimal separator ';'"),
+    ],
+)
+def test_a_damaged_lvm_is_refused_with_its_line(open_reader: Any, tmp_path: Path, change: tuple[bytes, bytes], match: str) -> None:
+    path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5, 3.5]).replace(*change))
+    with pytest.raises(InputRefused, match=match):
+        contents(open_reader, "lvm", path)
+
+
+def test_no_pickle_beside_an_lvm_is_opened(open_reader: Any, tmp_path: Path) -> None:
+    path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5]))
+    trap = written.put(tmp_path, "a.lvm.pkl", b"cos\nsystem\n(S'touch " + str(tmp_path / "pwned").encode() + b"'\ntR.")
+    contents(open_reader, "lvm", path)
+    assert sorted(tmp_path.iterdir()) == [path, trap]
+
+
+# ---- what C libraries parse
+
+
+@pytest.mark.filterwarnings("ignore::pandas.errors.Pandas4Warning")
+@pytest.mark.filterwarnings("ignore:duration_to_mat")
+def test_matlab_of_every_age(open_reader: Any, tmp_path: Path) -> None:
+    import pandas as pd
+    import scipy.io
+    from matio import save_to_mat
+
+    force = [1.0, 2.0, 3.0]
+    for name, content in (("v5", written.mat(force, compressed=False)), ("v7", written.mat(force))):
+        found = contents(open_reader, "mat", written.put(tmp_path, f"{name}.mat", content))
+        assert [(c.name, c.values.tolist()) for c in found.channels] == [("run.force", force)]
+    found = contents(open_reader, "mat", written.put(tmp_path, "v73.mat", written.v73(force)))
+    assert [(c.name, c.values.tolist()) for c in found.channels] == [("force", force)]
+    scipy.io.savemat(tmp_path / "m.mat", {"data": np.arange(6.0).reshape(3, 2), "who": "me"})
+    found = contents(open_reader, "mat", tmp_path / "m.mat", names=("data(:,2)",))
+    assert [(c.name, c.values.tolist()) for c in found.channels] == [("data(:,2)", [1.0, 3.0, 5.0])]
+    table = pd.DataFrame({"force": force}, index=pd.Index(np.array([0, 1, 2], dtype="timedelta64[ms]"), name="Time"))
+    for version in ("v7", "v7.3"):
+        save_to_mat(str(tmp_path / "tt.mat"), {"tt": table}, version=version)
+        found = contents(open_reader, "mat", tmp_path / "tt.mat")
+        assert [(c.name, c.unit) for c in found.channels] == [("tt.Time", "s"), ("tt.force", "")]
+        np.testing.assert_allclose(found.channels[0].values, [0, 0.001, 0.002])
+
+
+def test_hdf5_follows_no_link_out_of_the_file(open_reader: Any, tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["secret"] = np.ones(3)
+    layout = h5py.VirtualLayout(shape=(3,), dtype="f8")
+    layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "secret", shape=(3,))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["force"] = np.arange(3.0)
+        file["out"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/secret")
+        file.create_virtual_dataset("virtual", layout)
+        file.create_dataset("far", (3,), dtype="f8", external=[(str(tmp_path / "raw.bin"), 0, h5py.h5f.UNLIMITED)])
+        file["circle"] = file["/"]
+    found = contents(open_reader, "hdf5", tmp_path / "a.h5")
+    assert [c.name for c in found.channels] == ["/force"]
+    assert len(found.notes) == 3
+    assert any("is a link to another file" in n for n in found.notes)
+
+
+def test_a_half_written_tdms_is_flagged_and_its_index_not_believed(open_reader: Any, tmp_path: Path) -> None:
+    whole = written.tdms(list(range(500)))
+    path = written.put(tmp_path, "a.tdms", whole[:-100])
+    found = contents(open_reader, "tdms", path)
+    assert found.codes == ("truncated",)
+    assert len(found.channels[0].values) < 500
+    path.write_bytes(whole)
+    written.put(tmp_path, "a.tdms_index", b"TDSh" + b"\xff" * 40)
+    found = contents(open_reader, "tdms", path)
+    assert (found.codes, len(found.channels[0].values), found.channels[0].unit) == ((), 500, "N")
+
+
+@pytest.mark.parametrize(("name", "suffix"), [("hdf5", "h5"), ("mat", "mat"), ("tdms", "tdms")])
+def test_garbage_costs_its_trial_only(tmp_path: Path, name: str, suffix: str) -> None:
+    write, column, unit, _ = written.WRITERS[name]
+    written.put(tmp_path, f"a.{suffix}", b"\x89HDF garbage " * 50)
+    written.put(tmp_path, f"b.{suffix}", write([1.0, 2.0, 3.0]))
+    a, b = records(tmp_path, name, column, unit, f"{{trial}}.{suffix}")
+    assert a.codes == ("MALFORMED",)
+    assert a.notes[0].startswith(f"a.{suffix}: ")
+    assert len(b.force_N) == 3
+
+
+def test_a_file_that_claims_too_much_memory_is_stopped(tmp_path: Path) -> None:
+    """Zeros compress a thousandfold: 4 GiB of them in 4 MiB."""
+    import h5py
+
+    with h5py.File(tmp_path / "bomb.h5", "w") as file:
+        # chunks never written read as zeros: the file stays small
+        file.create_dataset("force", (1 << 29,), dtype="f8", chunks=(1 << 20,), compression="gzip")
+    with child.source(readers.reader("hdf5").format) as read, pytest.raises(Malformed, match=r"memory|allocate|crashed"):
+        read(tmp_path / "bomb.h5", {}, None)
+
+
+def test_a_reader_that_takes_too_long_is_stopped(tmp_path: Path) -> None:
+    path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
+    with child.source(readers.reader("hdf5").format, time_s=0.01) as read, pytest.raises(Malformed, match=r"its reader was stopped after 0\.01 s"):
+        read(path, {}, None)
+
+
+def test_a_child_imports_nothing_from_the_folder_of_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
+    path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
+    monkeypatch.chdir(tmp_path)
+    with child.source(readers.reader("hdf5").format) as read:
+        assert len(read(path, {}, None).channels[0].values) == 3
+    assert not (tmp_path / "pwned").exists()
+
+
+def test_half_written_trials_are_flagged_and_held_against_the_planned_length(tmp_path: Path) -> None:
+    """Flag and sample count, through a whole ingest."""
+    from .bench_campaign import HEAD, LIVE, RATE, force_mN, run_ingest
+
+    rows = ["trial,boundary,distance,throttle"]
+    for k in range(4):
+        rows.append(f"t{k},ground,300,{(25, 50, 75, 92)[k]}")
+        written.put(tmp_path, f"raw/t{k}.tdms", written.tdms(force_mN(100.0 * (k + 1), seed=k).tolist()))
+    write_schedule(tmp_path / "raw", "\n".join(rows) + "\n")
+    whole = (tmp_path / "raw/t1.tdms").read_bytes()
+    (tmp_path / "raw/t1.tdms").write_bytes(whole[: int(0.97 * len(whole))])
+    (tmp_path / "raw/t2.tdms").write_bytes((tmp_path / "raw/t2.tdms").read_bytes()[: len(whole) // 2])
+    chosen = {"reader": "tdms", "files": "{trial}.tdms", "force": {"column": "daq/force", "unit": "mN", "sign": 1}, "dialect": {"ignore_rate": True}}
+    with pytest.raises(InputRefused, match="in N, the manifest says mN"):
+        run_ingest(tmp_path / "raw", tmp_path, manifest(records=chosen))
+    for k in range(4):
+        path = tmp_path / f"raw/t{k}.tdms"
+        path.write_bytes(path.read_bytes().replace(b"unit_string", b"unit_sXXXXX"))
+    outcome, job = run_ingest(tmp_path / "raw", tmp_path, manifest(records=chosen, load_cell={"record": f"{(HEAD + LIVE) / RATE} s"}))
+    from nearlift.products import TRIALS
+
+    table = job.read(TRIALS)
+    assert [t for t, _ in outcome.rejected] == ["t2"]
+    assert "truncated" in table["quality"][1].split()
+    assert list(table["completeness"]) == ["complete", "truncated", "truncated", "complete"]
+    assert table["samples"][0] == HEAD + LIVE

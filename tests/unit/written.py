@@ -1,0 +1,138 @@
+"""Files in outside formats as instruments write them, from a series of numbers: for round trips, damage and fuzzing."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+RC_HEADER = (
+    "\ufeffTime (s),ESC signal (\u00b5s),Servo 1 (\u00b5s),AccX (g),Torque (N\u00b7m),Thrust (gf),Voltage (V),"
+    "Motor Electrical Speed (RPM),Vibration (g),App message,"
+)
+TYTO_HEADER = (
+    "Time (s),Powertrain 1 - ESC throttle (\u03bcs),Powertrain 1 - force Fz (thrust) (N),"
+    "Powertrain 1 - torque MZ (torque) (N\u22c5m),Powertrain 1 - rotation speed (rpm)"
+)
+
+
+def csv(force: Sequence[float]) -> bytes:
+    return b"t,force\n" + b"".join(f"{i / 1000!r},{f!r}\n".encode() for i, f in enumerate(force))
+
+
+def german(force: Sequence[float]) -> bytes:
+    """What a spreadsheet in a German locale saves: semicolons, decimal commas, a row of units, UTF-16."""
+    rows = "".join(f"{i / 1000!r};{f!r}\r\n".replace(".", ",") for i, f in enumerate(force))
+    return ("Zeit;Kraft\r\ns;mN\r\n" + rows).encode("utf-16")
+
+
+def rcbenchmark(force: Sequence[float]) -> bytes:
+    return (RC_HEADER + "\n" + "".join(f"{i / 40!r},1500,,0.1,0.002,{f!r},4.01,9000,0.2,,\n" for i, f in enumerate(force))).encode()
+
+
+def tyto(force: Sequence[float]) -> bytes:
+    return (TYTO_HEADER + "\n" + "".join(f"{i / 40!r},1500,{f!r},0.1,9000\n" for i, f in enumerate(force))).encode()
+
+
+def crazyflie(force: Sequence[float]) -> bytes:
+    return ("weight[g],pwm,vbat[V],rpm1,rpm2\n" + "".join(f"{f!r},30000,3.9,9000,9100\n" for f in force)).encode()
+
+
+def lvm(force: Sequence[float], *, decimal: str = ",", columns: str = "One", segments: int = 1) -> bytes:
+    """LabVIEW's measurement text, each segment with all samples."""
+    head = (
+        "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\n"
+        f"Decimal_Separator\t{decimal}\nMulti_Headings\tYes\nX_Columns\t{columns}\nTime_Pref\tRelative\n***End_of_Header***\t\n\t\n"
+    )
+    part = (
+        f"Channels\t2\t\t\nSamples\t{len(force)}\t{len(force)}\t\nY_Unit_Label\tNewtons\tVolts\t\nX_Dimension\tTime\tTime\t\n"
+        "X0\t0.0\t0.0\t\nDelta_X\t0.001\t0.001\t\n***End_of_Header***\t\t\t\nX_Value\tForce\tSupply\tComment\n"
+    )
+    clock = (lambda i: repr(i / 1000)) if columns == "One" else (lambda i: "")
+    rows = "".join(f"{clock(i)}\t{f!r}\t{4.0!r}\n" for i, f in enumerate(force))
+    return (head + segments * (part + rows + "\n")).replace(".", decimal).replace("Y_Unit_Label", "Y_Unit_Label").encode()
+
+
+def usd(force: Sequence[float], *, version: int = 2, checksum: bool = True) -> bytes:
+    """A log with one event of force and battery, and a rarer one."""
+    head = struct.pack("<BHH", 0xBC, version, 2)
+    head += struct.pack("<H", 0) + b"cell\0" + struct.pack("<H", 2) + b"force(f)\0" + b"vbat(H)\0"
+    head += struct.pack("<H", 7) + b"rare\0" + struct.pack("<H", 1) + b"mark(B)\0"
+    clock, tick = ("<HI", 1) if version == 1 else ("<HQ", 1000)
+    body = b""
+    for i, f in enumerate(force):
+        body += struct.pack(clock, 0, i * tick) + struct.pack("<fH", f, 3900)
+        if i % 10 == 0:
+            body += struct.pack(clock, 7, i * tick) + b"\1"
+    content = head + body
+    return content + struct.pack("<I", zlib.crc32(content) if checksum else 1)
+
+
+def tdms(force: Sequence[float]) -> bytes:
+    from nptdms import ChannelObject, TdmsWriter
+
+    sink = io.BytesIO()
+    with TdmsWriter(sink) as writer:
+        # a logger appends segments
+        for part in np.array_split(np.asarray(force, dtype=float), 5):
+            writer.write_segment([ChannelObject("daq", "force", part, properties={"unit_string": "N", "wf_increment": 0.001})])
+    return sink.getvalue()
+
+
+def mat(force: Sequence[float], *, compressed: bool = True) -> bytes:
+    import scipy.io
+
+    sink = io.BytesIO()
+    scipy.io.savemat(sink, {"run": {"force": np.asarray(force, dtype=float)}}, do_compression=compressed)
+    return sink.getvalue()
+
+
+def hdf5(force: Sequence[float], *, fletcher: bool = False) -> bytes:
+    import h5py
+
+    sink = io.BytesIO()
+    with h5py.File(sink, "w") as file:
+        series = np.asarray(force, dtype=float)
+        item = file.create_dataset("daq/force", data=series, fletcher32=fletcher, chunks=True if fletcher else None)
+        item.attrs["units"] = "N"
+        item.attrs["sample_rate"] = 1000.0
+    return sink.getvalue()
+
+
+def v73(force: Sequence[float]) -> bytes:
+    """As MATLAB lays it out: a block of 512 bytes before the HDF5, arrays with their class."""
+    import h5py
+
+    sink = io.BytesIO()
+    with h5py.File(sink, "w", userblock_size=512) as file:
+        item = file.create_dataset("force", data=np.asarray(force, dtype=float)[:, None].T)
+        item.attrs["MATLAB_class"] = np.bytes_("double")
+    content = bytearray(sink.getvalue())
+    content[:19] = b"MATLAB 7.3 MAT-file"
+    return bytes(content)
+
+
+#: Reader -> how to write, the column that holds the force, its unit in the manifest, and the file's suffix.
+WRITERS: dict[str, tuple[Callable[[Sequence[float]], bytes], str, str, str]] = {
+    "csv": (csv, "force", "N", "csv"),
+    "text": (german, "Kraft", "mN", "txt"),
+    "rcbenchmark": (rcbenchmark, "Thrust", "gf", "csv"),
+    "flight-stand": (tyto, "Powertrain 1 - force Fz (thrust)", "N", "csv"),
+    "crazyflie": (crazyflie, "weight", "gf", "csv"),
+    "crazyflie-usd": (usd, "cell.force", "gf", "bin"),
+    "lvm": (lvm, "Force", "N", "lvm"),
+    "tdms": (tdms, "daq/force", "N", "tdms"),
+    "mat": (mat, "run.force", "N", "mat"),
+    "hdf5": (hdf5, "/daq/force", "N", "h5"),
+}
+
+
+def put(folder: Path, name: str, content: bytes) -> Path:
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    return path
