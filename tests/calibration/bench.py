@@ -112,7 +112,15 @@ def wander(rng: np.random.Generator, time: np.ndarray, tau: float) -> np.ndarray
 
 
 def build(
-    boundary: str, design: str, seed: int, *, visits: int = 15, sessions: int = 6, throttles: tuple[float, ...] = THROTTLES, reverse: float = 0.2
+    boundary: str,
+    design: str,
+    seed: int,
+    *,
+    visits: int = 15,
+    sessions: int = 6,
+    throttles: tuple[float, ...] = THROTTLES,
+    reverse: float = 0.2,
+    every: int = 1,
 ) -> Bench:
     """A bench with its whole campaign planned and logged.
 
@@ -120,9 +128,11 @@ def build(
     ----------
     reverse : float
         Share of visits that overshoot and come back, so that approach is not a function of distance at the ends.
+    every : int
+        Takes every so-manieth station, the farthest among them.
     """
     rng = stream(seed, "bench", boundary)
-    z_stations = stations(boundary, design)
+    z_stations = stations(boundary, design)[::-every][::-1]
     path = shuffled(rng, len(z_stations), visits)
     n_visits, k = len(path), len(throttles)
     n = n_visits * k

@@ -79,6 +79,8 @@ class Spec:
         every trial of a throttle, so that L_inf absorbs it and only the records show it; rho does not apply.
     samples : int or None
         Running samples per record; 260 to 500 if None.
+    every : int
+        Takes every so-manieth station of the design.
     shared : Shared
         Errors that many trials share, on top of `Scatter`.
     """
@@ -94,6 +96,7 @@ class Spec:
     spread: float = 0.2
     sink: float = 0.0
     samples: int | None = None
+    every: int = 1
     shared: Shared = Shared()
 
 
@@ -283,7 +286,7 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
         An effect cannot be as strong as asked on this bench.
     """
     rng = stream(seed, "truth", spec.boundary)
-    bench = build(spec.boundary, spec.design, seed, visits=spec.visits, sessions=spec.sessions, throttles=spec.throttles)
+    bench = build(spec.boundary, spec.design, seed, visits=spec.visits, sessions=spec.sessions, throttles=spec.throttles, every=spec.every)
     nominal = forms.COEFFICIENTS[spec.boundary]
     theta = {name: value * (1 + spec.spread * rng.uniform(-1, 1)) for name, value in nominal.items()}
     setting = forms.Setting(bench=bench, theta=theta, levels_N=levels_N(rng, spec.throttles))

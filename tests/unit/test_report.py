@@ -73,7 +73,7 @@ def test_files_of_the_contract(made):
     job, outcome, _ = made
     names = set(digests(job.reports))
     assert names == {"index.html", "tables/coefficients.tex", "tables/coefficients.csv"} | {
-        f"{n}.{k}" for n in ("fig2", "residuals") for k in ("pdf", "png", "csv")
+        f"{n}.{k}" for n in ("fig2", "assumptions", "residuals") for k in ("pdf", "png", "csv")
     }
     assert outcome.notes == ("diagnosis was not drawn: its products are missing or empty",)
 
@@ -106,7 +106,7 @@ def test_links_lead_somewhere(made):
 def test_pictures_are_described_with_numbers(made):
     _, _, text = made
     pictures = Elements(text).every("img")
-    assert len(pictures) == 2
+    assert len(pictures) == 3
     assert all(len(a["alt"]) > 100 and re.search(r"\d", a["alt"]) for a in pictures)
     assert "ground" in pictures[0]["alt"]
 

@@ -27,6 +27,8 @@ class Trend:
     ----------
     mean, u_mean : float
         Of a constant C_L.
+    middle_Hz, C_middle : float
+        A speed, and the power law's C_L there.
     p_constant : float or None
         Of one C_L for all throttles; None for one throttle.
     exponent, u_exponent : float
@@ -41,6 +43,8 @@ class Trend:
 
     mean: float
     u_mean: float
+    middle_Hz: float = np.nan
+    C_middle: float = np.nan
     p_constant: float | None = None
     exponent: float = np.nan
     u_exponent: float = np.nan
@@ -119,6 +123,8 @@ def trend(log_C: FloatArray, covariance: FloatArray, log_f: FloatArray) -> Trend
     ratio = abs(float(beta[1])) / u
     return replace(
         constant,
+        middle_Hz=float(np.exp(log_f.mean())),
+        C_middle=float(np.exp(beta[0])),
         p_constant=float(chi2.sf(left, k - 1)),
         exponent=float(beta[1]),
         u_exponent=u,

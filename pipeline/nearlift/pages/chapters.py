@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import diagnosis, models, records, verdict
+from nearlift.pages import assumptions, diagnosis, models, records, verdict
 from nearlift.products import DIAGNOSIS, FIT, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
 
@@ -52,6 +52,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
     Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), template=False),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
+    Chapter(name="assumptions", title="What the ratio takes for granted", facts=assumptions.facts, needs=(FIT,), figures=("assumptions",)),
     Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),
     Chapter(name="quality", title="Quality ledger", facts=records.ledger, needs=(TRIALS, FIT)),
     Chapter(name="provenance", title="Provenance", facts=records.provenance),

@@ -58,6 +58,7 @@ def held(campaign: Campaign, problem: Problem, found: held_quantity.Held, quanti
 
     entry: dict[str, Any] = {
         "declared": campaign.rig.held,
+        "declared_text": words.declared(campaign.rig.held),
         "coefficient": problem.names[0],
         "plausible": [{"supposes": held_quantity.PLAUSIBLE[x.n], **at(x)} for x in found.plausible],
         "exponent_from_lift": interval(found.n, found.u_n, quantile) if np.isfinite(found.n) else None,
@@ -84,7 +85,7 @@ def held(campaign: Campaign, problem: Problem, found: held_quantity.Held, quanti
         else None,
         "curve": [at(x) for x in found.curve],
     }
-    return {**entry, "text": words.held(found, problem.names[0], campaign.rig.held)}
+    return {**entry, "text": words.held(found, problem.names[0])}
 
 
 def rotor_coefficient(
@@ -128,6 +129,7 @@ def rotor_coefficient(
         "mean": interval(law.mean, law.u_mean, NORMAL90),
         "p_constant": law.p_constant,
         "exponent": None if law.p_trend is None else interval(law.exponent, law.u_exponent, _quantile90(law.dof)),
+        "law": {"C_L": law.C_middle, "speed_Hz": law.middle_Hz},
         "p_trend": law.p_trend,
         "excess": law.excess,
         "paper": rotor.PAPER,

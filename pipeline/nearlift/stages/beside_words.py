@@ -6,6 +6,7 @@ import numpy as np
 
 from nearlift.fitting import collapse, held_quantity
 from nearlift.fitting.rotor import PAPER, Rotor
+from nearlift.summaries.rounding import plus_minus
 
 NO_SPEED = "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is estimated per throttle."
 NO_DENSITY = "The density of air is not known: give air_density in [rig], or log temperature (pressure, humidity)."
@@ -16,77 +17,68 @@ NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply volt
 
 def chance(p: float) -> str:
     """``p = 0.31``, or its bound."""
-    return f"p = {p:.2g}" if p > 1e-12 else "p < 1e-12"
+    return f"p = {p:.2g}" if p >= 1e-3 else "p < 0.001"
 
 
 def throttle_collapse(found: collapse.Collapse) -> str:
     """Whether the curves of all throttles are one, and how far apart they may be."""
     if len(found.throttles) < 2:
         return "All trials ran at one throttle: whether Delta L depends on it cannot be tested."
-    tests = {
-        f"one {found.name} for all throttles": found.coefficient,
-        "one curve for all throttles": found.curve,
-        "the same Delta L in every cell of a distance, with no model at all": found.cells,
-    }
-    parts = []
-    for claim, test in tests.items():
-        if test is not None:
-            verdict = "is rejected" if test.p_value < REJECTS else "is not rejected"
-            parts.append(f"{claim} {verdict} (F = {test.statistic:.2f} with {test.dof[0]} and {_dof(test.dof[1])}, {chance(test.p_value)})")
-    text = "; ".join(parts) + "." if parts else "The trials cannot test the collapse."
+    tests = {f"one {found.name}": found.coefficient, "one curve": found.curve, "one Delta L in all cells of a distance, no model": found.cells}
+    made = {claim: test for claim, test in tests.items() if test is not None}
+    if not made:
+        return "These trials cannot test whether Delta L depends on throttle."
+    rejected = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value < REJECTS]
+    kept = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value >= REJECTS]
+    parts = [f"For all throttles {verdict}: {'; '.join(claims)}." for verdict, claims in (("rejected", rejected), ("not rejected", kept)) if claims]
     bounds = [
-        f"{100 * d.bound:.2g} % in {what} (between {d.between[0]:.4g} and {d.between[1]:.4g} of full throttle)"
+        f"{100 * d.bound:.2g} % in {what} (between {100 * d.between[0]:.3g} and {100 * d.between[1]:.3g} %)"
         for what, d in ((found.name, found.of_coefficient), ("Delta L", found.of_curve))
         if d is not None and np.isfinite(d.bound)
     ]
-    text = text[:1].upper() + text[1:]
-    return f"{text} At 95 % no two throttles differ by more than {', nor by more than '.join(bounds)}." if bounds else text
+    if bounds:
+        parts.append(f"With 95 % confidence no two throttles differ by more than {', nor by more than '.join(bounds)}.")
+    return " ".join(parts)
 
 
-def _dof(dof: float) -> str:
-    return f"{dof:.0f} degrees of freedom" if np.isfinite(dof) else "known noise"
-
-
-def held(found: held_quantity.Held, name: str, declared: str) -> str:
+def held(found: held_quantity.Held, name: str) -> str:
     """What the exponent does to the coefficient, and what was logged of it."""
-    parts = [_declared(declared)]
+    parts = []
     if found.plausible:
-        values = [x.value for x in found.plausible]
         least, most = min(found.plausible, key=lambda x: x.value), max(found.plausible, key=lambda x: x.value)
-        parts.append(f"Over the plausible exponents {name} runs from {min(values):.3g} (n = {least.n:.2g}) to {max(values):.3g} (n = {most.n:.2g}).")
+        parts.append(f"Over the plausible exponents {name} runs from {least.value:.3g} (n = {least.n:.2g}) to {most.value:.3g} (n = {most.n:.2g}).")
     if np.isfinite(found.n):
-        parts.append(f"Lift alone, the form taken for true, gives n = {found.n:.2g} ± {found.u_n:.1g}.")
+        parts.append(f"Lift alone, the form taken for true, gives n = {plus_minus(found.n, found.u_n)}.")
         excluded = [f"{x.n:.2g} ({chance(x.p_value)})" for x in found.plausible if x.p_value < REJECTS]
         if excluded:
             parts.append(f"Under this form it is against n = {', '.join(excluded)}; a wrong form does that too.")
     else:
         parts.append(f"Lift alone cannot tell the exponent from {name}.")
     parts += [_response(r) for r in found.responses]
-    if found.supported:
-        low, high = found.supported
-        ends = [x.value for x in found.at_ends]
-        if ends:
-            parts.append(f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(ends):.3g} to {max(ends):.3g}.")
-    else:
+    if not found.supported:
         parts.append("Log rpm, or power, and the exponent can be inferred.")
+    elif found.at_ends:
+        (low, high), ends = found.supported, [x.value for x in found.at_ends]
+        parts.append(f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(ends):.3g} to {max(ends):.3g}.")
     return " ".join(parts)
 
 
-def _declared(declared: str) -> str:
+def declared(held: str) -> str:
+    """What the manifest's `held` means for the exponent."""
     follows = "the exponent n of the ratio depends on what else stays constant."
     return {
         "throttle": f"A trial holds the throttle, which fixes neither speed nor power; {follows}",
         "voltage": f"A trial is said to hold the voltage, which fixes neither speed nor power; {follows}",
         "rpm": "A trial is said to hold the rotor speed: blade-element theory then wants n between 0.60 and 0.82.",
         "power": "A trial is said to hold the power: momentum theory then wants n = 2/3.",
-    }[declared]
+    }[held]
 
 
 def _response(r: held_quantity.Response) -> str:
-    what = NAMES[r.quantity]
+    what, answer = NAMES[r.quantity], f"{plus_minus(r.slope, r.u)}, {chance(r.p_value)}"
     spread = f"it varied by {100 * r.spread:.2g} % within a throttle"
     if r.held:
-        return f"The {what} logged does not follow the boundary (response {r.slope:+.2g} ± {r.u:.1g}, {chance(r.p_value)}); {spread}."
+        return f"The {what} logged does not follow the boundary (response {answer}); {spread}."
     return (
         f"The {what} logged was not held: it follows the change of lift with a power of {r.slope:+.2g} ± {r.u:.1g} ({chance(r.p_value)}); {spread}."
     )
@@ -101,7 +93,7 @@ def rotor(found: Rotor, exact_map: bool) -> str:
     if law.p_constant is not None and law.p_trend is not None:
         verdict = "is rejected" if law.p_constant < REJECTS else "is not rejected"
         text += f" One C_L for all throttles {verdict} ({chance(law.p_constant)}); it goes as speed, and so as the Reynolds number, to the power "
-        text += f"{law.exponent:+.3f} ± {law.u_exponent:.1g} ({chance(law.p_trend)} for none)."
+        text += f"{plus_minus(law.exponent, law.u_exponent)} ({chance(law.p_trend)} for none)."
         if law.excess > 1:
             text += f" About that power law C_L scatters {law.excess:.2g} times as much as its uncertainties say, which has widened the interval."
     return text + (" The speeds of the map are taken as exact." if exact_map else "")

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from nearlift.figures import assumptions as draw_assumptions
 from nearlift.figures import fig2 as draw_fig2
 from nearlift.figures import loop as draw_loop
 from nearlift.figures import residuals as draw_residuals
 from nearlift.figures.render import Draw
 from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, TRIALS, Product
-from nearlift.summaries import fig2, loop, loop_text, residuals
+from nearlift.summaries import assumptions, fig2, loop, loop_text, residuals
 from nearlift.summaries.evidence import Columns, Evidence
 
 
@@ -58,6 +59,15 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(TRIALS, FIT, DIAGNOSIS, LOOP_RESIDUALS),
         caption=loop_text.caption,
         alt=loop_text.alt,
+    ),
+    FigureSpec(
+        name="assumptions",
+        title="Throttle, held quantity, rotor",
+        summarise=assumptions.summarise,
+        draw=draw_assumptions.draw,
+        needs=(FIT,),
+        caption=assumptions.caption,
+        alt=assumptions.alt,
     ),
     FigureSpec(
         name="residuals",

@@ -1,0 +1,67 @@
+"""Intervals under shared errors cover as often as they say, and a likelihood that forgets what is shared is found out."""
+
+import os
+
+import numpy as np
+import pytest
+from tests.calibration import coverage, forms
+from tests.calibration.simulator import simulate
+
+#: Boundary, datum, coefficient and level make 24 figures: all of them together cry wolf in 5 % of runs.
+CHANCE = 1 - 0.05 / 24
+
+
+@pytest.fixture(scope="module")
+def few():
+    return coverage.run(4, first=1)
+
+
+def test_a_few_campaigns_under_shared_errors(few):
+    """Four campaigns of each kind, pooled: the 99.9 % bands catch intervals that are too narrow by half."""
+    headline = [r for r in few if r.name == forms.HEADLINE[r.boundary]]
+    assert len(headline) == 24
+    for level in coverage.LEVELS:
+        low, high = coverage.band(24, level, 0.999)
+        assert low <= coverage.covered(headline, "declared", level) <= high, level
+    # 24 at 90 %: below 16 is a chance of 5e-4, and both of these get there
+    assert coverage.covered(headline, "ignored", 0.9) < 16
+    assert coverage.covered(headline, "lmfit", 0.9) < 16
+
+
+@pytest.mark.parametrize("boundary", forms.BOUNDARIES)
+def test_a_gain_per_throttle_moves_no_coefficient(boundary):
+    with_gain, without = (simulate(coverage.spec(boundary, 0.2, throttle=present), 5).data for present in (True, False))
+    assert np.abs(np.log(with_gain.lift_N / without.lift_N)).max() > 1e-3
+    found = [
+        coverage.answers(data, coverage.parts(0.2, said))["declared"] for data, said in ((with_gain, True), (with_gain, False), (without, False))
+    ]
+    for name in forms.COEFFICIENTS[boundary]:
+        estimates = [f[name] for f in found]
+        assert np.ptp([e.value for e in estimates]) < 0.05 * estimates[0].u
+        assert np.ptp([e.u for e in estimates]) < 0.02 * estimates[0].u
+
+
+def test_what_is_injected_is_what_is_declared():
+    """The spread over 200 draws of each shared error, as the simulator makes it, against the manifest's standard uncertainty."""
+    boundary = "ground"
+    spec = coverage.spec(boundary, 0.5)
+    components = {c.name: c for c in coverage.parts(0.5)}
+    assert components["distance datum"].standard == pytest.approx(spec.shared.datum_m)
+    assert components["session gain"].standard == pytest.approx(spec.shared.session_gain)
+    assert components["throttle gain"].standard == pytest.approx(spec.shared.throttle_gain)
+    cell = components["load cell linearity"]
+    assert cell.standard * np.sqrt(3) == pytest.approx(1.5 * 9.80665e-3)
+    assert cell.range_N == pytest.approx(9.80665)
+    assert spec.shared.cell_N == pytest.approx(cell.standard * np.sqrt(3), rel=1e-3)
+
+
+@pytest.mark.calibration
+def test_intervals_cover_under_shared_errors():
+    """NEARLIFT_COVERAGE_N (400) campaigns of each boundary and datum: 68, 90 and 95 % within their bands, and wrong likelihoods outside."""
+    rows = coverage.run(int(os.environ.get("NEARLIFT_COVERAGE_N", "400")), first=coverage.REPORTED)
+    coverage.check(rows, "declared", CHANCE)
+    for boundary in forms.BOUNDARIES:
+        mine = [r for r in rows if r.boundary == boundary]
+        for way in ("ignored", "lmfit"):
+            with pytest.raises(AssertionError, match="intervals of"):
+                coverage.check(mine, way, CHANCE)

@@ -1,0 +1,88 @@
+"""What the ratio takes for granted, from products to picture and page."""
+
+import numpy as np
+import pytest
+from tests.unit.conftest import raw_manifest
+
+from nearlift.figures import assumptions as drawing
+from nearlift.figures import style
+from nearlift.pages import assumptions as page
+from nearlift.products import FIT
+from nearlift.stages.report import gather
+from nearlift.summaries import assumptions
+
+MAP = {"points": [["25 percent", "10885 rpm"], ["50 percent", "15924 rpm"], ["92 percent", "23600 rpm"]], "uncertainty": "0.5 percent"}
+
+
+@pytest.fixture(scope="module")
+def mapped(make_job):
+    raw = raw_manifest()
+    return make_job(boundaries=("ground",), vehicle={**raw["vehicle"], "throttle_map": MAP}, rig={**raw["rig"], "air_density": "1.2 kg/m^3"})
+
+
+def drawn(table):
+    look = style.style("aiaa")
+    with style.context(look):
+        return drawing.draw(table, look)
+
+
+def test_the_table_is_what_fit_json_says(small_job):
+    evidence = gather(small_job)
+    table = assumptions.summarise(evidence)
+    assert set(table["part"]) == {"throttle", "exponent"}
+    found = evidence.document(FIT)
+    for boundary in ("ground", "ceiling", "sidewall"):
+        mine = table["panel"] == boundary
+        each = mine & (table["kind"] == "throttle")
+        assert table["x"][each].tolist() == [25, 50, 75, 92]
+        assert table["value"][each].tolist() == [e["value"] for e in found["throttle_collapse"][boundary]["per_throttle"].values()]
+        # what throttles share is in the thin interval and not in the thick one
+        assert (table["hi90_apart"][each] <= table["hi90"][each] * (1 + 1e-9)).all()
+        marks = mine & (table["kind"] == "plausible")
+        assert table["x"][marks] == pytest.approx([1, 0.82, 2 / 3, 0.6])
+        curve = mine & (table["kind"] == "curve")
+        assert np.interp(0.82, table["x"][curve], table["value"][curve]) == pytest.approx(table["value"][marks][1], rel=0.01)
+
+
+def test_a_row_of_panels_per_question_and_a_column_per_boundary(small_job):
+    figure = drawn(assumptions.summarise(gather(small_job)))
+    assert [ax.get_title(loc="left") for ax in figure.axes] == ["ground", "ceiling", "sidewall", "", "", ""]
+    assert [ax.get_xlabel() for ax in figure.axes[::3]] == ["throttle (%)", "exponent $n$ of the ratio"]
+    assert [ax.get_ylabel() for ax in figure.axes[:3]] == ["$K_b$", r"$\alpha$", "$a$"]
+
+
+def test_a_map_adds_the_rotor_to_picture_and_page(mapped):
+    evidence = gather(mapped)
+    table = assumptions.summarise(evidence)
+    figure = drawn(table)
+    assert len(figure.axes) == 3
+    assert figure.axes[2].get_xlabel() == "rotor speed $f$ (Hz)"
+    points = table["kind"] == "C_L"
+    assert table["x"][points][0] == pytest.approx(10885 / 60)
+    # the law goes through the middle of the points
+    law = table["kind"] == "law"
+    on_it = np.interp(table["x"][points], table["x"][law], table["value"][law])
+    assert np.abs(on_it / table["value"][points] - 1).max() < 0.2
+    assert "dashed: the constant of Carter et al. 2021" in assumptions.caption(evidence, table)
+    assert "Ground: C_L per speed:" in assumptions.alt(evidence, table)
+    rows = page.facts(evidence)["rotor"][0]["rows"]
+    assert [r["throttle"] for r in rows] == ["25 %", "50 %", "75 %", "92 %"]
+    assert rows[0]["speed"].source == "fit.json#/rotor_coefficient/ground/per_throttle/0.25/speed_Hz"
+
+
+def test_supported_exponents_are_shaded(small_job):
+    table = assumptions.summarise(gather(small_job))
+    row = {name: column[:2].copy() for name, column in table.items()}
+    row["kind"][:], row["part"][:], row["x"][:] = "supported", "exponent", [0.5, 0.7]
+    both = {name: np.concatenate([column, row[name]]) for name, column in table.items()}
+    assert len(drawn(both).axes[3].patches) == 1 + len(drawn(table).axes[3].patches)
+    assert "Shade" in assumptions.caption(gather(small_job), both)
+
+
+def test_every_number_of_the_page_has_its_place(small_job):
+    facts = page.facts(gather(small_job))
+    assert [c["boundary"] for c in facts["collapse"]] == ["ground", "ceiling", "sidewall"]
+    assert facts["collapse"][0]["p"][2].source == "fit.json#/throttle_collapse/ground/tests/cells/p_value"
+    assert facts["held"][1]["rows"][0]["value"].source == "fit.json#/held_quantity/ceiling/plausible/0/value"
+    assert "fixes neither speed nor power" in facts["held"][0]["declared"]
+    assert facts["rotor"][0]["rows"] == []
