@@ -14,9 +14,10 @@ import json
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Self
 
 import lmfit
 import numpy as np
@@ -27,7 +28,7 @@ from tests.calibration.simulator import Shared, Spec, simulate
 from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.fitting import budget
-from nearlift.fitting.least_squares import fit
+from nearlift.fitting.least_squares import Fit, fit
 from nearlift.results import Observations
 
 LEVELS = (0.68, 0.9, 0.95)
@@ -85,16 +86,22 @@ def spec(boundary: str, datum_mm: float, throttle: bool = True) -> Spec:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An estimate with its standard uncertainty and the quantile of each level."""
+    """An estimate with its standard uncertainty and the two ends of its interval at each of `LEVELS`."""
 
     value: float
     u: float
-    dof: float
+    ends: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, value: float, u: float, dof: float) -> Self:
+        """Value and uncertainty with the quantiles of Student's t."""
+        quantiles = [t.ppf(0.5 + level / 2, dof) if np.isfinite(dof) else norm.ppf(0.5 + level / 2) for level in LEVELS]
+        return cls(float(value), float(u), tuple((float(value - q * u), float(value + q * u)) for q in quantiles))
 
     def covers(self, truth: float, level: float) -> bool:
         """Whether the two-sided interval at this level holds the truth."""
-        quantile = t.ppf(0.5 + level / 2, self.dof) if np.isfinite(self.dof) else norm.ppf(0.5 + level / 2)
-        return bool(abs(self.value - truth) <= quantile * self.u)
+        low, high = self.ends[LEVELS.index(level)]
+        return bool(low <= truth <= high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,15 +123,27 @@ class Row:
     def read(cls, line: str) -> Row:
         """The row of such a line."""
         given = json.loads(line)
-        return cls(**{**given, "found": {way: Interval(**i) for way, i in given["found"].items()}})
+        return cls(**{**given, "found": {way: Interval(i["value"], i["u"], tuple(map(tuple, i["ends"]))) for way, i in given["found"].items()}})
 
 
 def answers(data: Observations, components: tuple[budget.Component, ...]) -> dict[str, dict[str, Interval]]:
     """The library's answer under a budget, and with the same noise when what is shared is ignored."""
     model = catalogue.model(BASE[data.boundary])
     right = fit(model, data, components)
-    wrong = fit(model, data, (), right.noise)
-    return {way: {n: Interval(e.value, e.u, f.noise.dof) for n, e in f.estimates.items()} for way, f in (("declared", right), ("ignored", wrong))}
+    return {"declared": intervals(right), "ignored": intervals(fit(model, data, (), right.noise))}
+
+
+def intervals(found: Fit) -> dict[str, Interval]:
+    """The intervals of a fit, by the quantiles that it reports its own 90 % with."""
+    made = {name: Interval.of(e.value, e.u, found.noise.dof) for name, e in found.estimates.items()}
+    over = getattr(found, "marginal", None)
+    if over is not None:
+        for i, name in enumerate(found.names):
+            ends = [tuple(over.quantile(i, p, found.noise.dof) for p in (0.5 - level / 2, 0.5 + level / 2)) for level in LEVELS]
+            made[name] = replace(made[name], ends=tuple(ends))
+    for name, e in found.estimates.items():
+        assert np.allclose(made[name].ends[1], (e.lo90, e.hi90)), "these are not the intervals that the library reports"
+    return made
 
 
 def with_lmfit(data: Observations) -> dict[str, Interval]:
@@ -141,7 +160,7 @@ def with_lmfit(data: Observations) -> dict[str, Interval]:
     for name in set(nominal) - {"K_b"}:
         parameters[name].min = 1e-6
     result = model.fit(mean[near], parameters, z=cell[0][near])
-    return {name: Interval(p.value, p.stderr or np.nan, np.inf) for name, p in result.params.items()}
+    return {name: Interval.of(p.value, p.stderr or np.nan, np.inf) for name, p in result.params.items()}
 
 
 def _ground(z: np.ndarray, K_b: float) -> np.ndarray:

@@ -14,6 +14,7 @@ name          = "FILL IN"
 rotors        = 4                    # 1 for an isolated rotor
 rotor_radius  = "FILL IN mm"
 rotor_spacing = "FILL IN mm"         # ADJACENT axes; the opposite spacing is sqrt(2) times it unless rotor_diagonal is given
+# throttle_map = {{ points = [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]] }}   # for C_L, where no rpm is logged
 mass          = "FILL IN g"
 
 [rig]

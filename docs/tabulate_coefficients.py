@@ -1,0 +1,124 @@
+"""Write docs/coefficients.md from finished runs: python docs/tabulate_coefficients.py OUT NAME [NAME ...]; OUT holds processed/."""
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+HEAD = """# Coefficients of measured and blind campaigns
+
+    nearlift run ../shared/... --out OUT
+    python docs/tabulate_coefficients.py OUT NAME ...
+
+`pitt-ras-2017` is measured (one rotor, nine throttle sweeps at four distances); the blind campaigns are simulated by others,
+with unknown effects inside, or none. Nothing was tuned on them. These are the coefficients of the *base* models as they
+are, before any effect that the diagnosis may name ([what it names](campaigns.md)): where the residuals hold an effect,
+neither column is the truth, since the interval knows the budget and the scatter of repeats, and no more.
+
+Every interval is 90 %. *Chi2/dof* far above one says that the base model, not the noise, is at fault. *Over the
+exponents* is the range of the least-squares value over the quantities that a trial may hold constant (the ratio raised to
+1, 0.82, 2/3, 0.60; [why](assumptions.md)), wider than any interval beside it.
+
+| campaign | base model | coefficient | least squares | posterior | chi2/dof | over the exponents |
+|---|---|---|---|---|---|---|
+"""
+BUDGET = """
+## Where the uncertainty comes from
+
+Share of each source in the variance of each coefficient, in per cent; A from repeats, B declared. Shares below half a
+per cent are left out.
+
+| campaign | coefficient | U95 | effective dof | sources |
+|---|---|---|---|---|
+"""
+COLLAPSE = """
+## Does relative lift depend on throttle?
+
+Chance of data as uneven if it does not: one coefficient per throttle against one for all, one scale of the curve per
+throttle, and cells with no model at all; and the largest difference between two throttles that 95 % confidence cannot
+exclude, as a share of the coefficient and of Delta L.
+
+| campaign | per throttle, p | scale, p | cells, p | coefficient, at most | Delta L, at most |
+|---|---|---|---|---|---|
+"""
+
+
+def span(e: dict[str, Any]) -> str:
+    """Value and 90 % interval."""
+    if e["value"] is None or not math.isfinite(e["value"]):
+        return "-"
+    return f"{e['value']:.4g} ({e['lo90']:.4g} to {e['hi90']:.4g})" if math.isfinite(e["lo90"] or math.nan) else f"{e['value']:.4g} (no end)"
+
+
+def chance(p: float) -> str:
+    """A p-value; below a thousandth only that."""
+    return f"{p:.2g}" if p >= 1e-3 else "< 0.001"
+
+
+def bases(out: Path, name: str) -> list[tuple[str, str, dict[str, Any], dict[str, Any]]]:
+    """Boundary, base model, its entry, and the whole document."""
+    found = json.loads((out / "processed" / name / "fit.json").read_text())
+    return [(b, model, found["boundaries"][b][model], found) for b, model in found["base"].items()]
+
+
+def posterior(found: dict[str, Any], boundary: str, model: str, parameter: str) -> str:
+    """The posterior's interval where it was drawn."""
+    entry = found["boundaries"][boundary][model].get("posterior") or found.get("posterior", {}).get(boundary, {}).get(model, {})
+    e = (entry.get("parameters") or {}).get(parameter)
+    if e is None:
+        return "-"
+    return span({"value": e.get("value", e.get("median", e.get("mean"))), "lo90": e["lo90"], "hi90": e["hi90"]})
+
+
+def estimates(out: Path, name: str) -> list[str]:
+    """A line per coefficient."""
+    lines = []
+    for boundary, model, entry, found in bases(out, name):
+        for i, (p, e) in enumerate(entry["parameters"].items()):
+            plausible = found.get("held_quantity", {}).get(boundary, {}).get("plausible") or []
+            values = [x["value"] for x in plausible]
+            over = f"{min(values):.3g} to {max(values):.3g}" if values and not i else ""
+            cells = [
+                name,
+                f"{model} ({boundary})",
+                p.rstrip("_"),
+                span(e),
+                posterior(found, boundary, model, p),
+                f"{entry['chi2'] / entry['dof']:.2f}",
+                over,
+            ]
+            lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def budgets(out: Path, name: str) -> list[str]:
+    """A line per coefficient."""
+    lines = []
+    for _, _, entry, _ in bases(out, name):
+        for p, b in entry.get("budget", {}).items():
+            shown = sorted((x for x in b["lines"] if x["share"] > 0.005), key=lambda x: -x["share"])
+            sources = "; ".join(f"{x['component']} ({x['type']}) {100 * x['share']:.0f}" for x in shown)
+            dof = f"{b['dof']:.0f}" if b["dof"] is not None and math.isfinite(b["dof"]) else "inf"
+            lines.append(f"| {name} | {p.rstrip('_')} | {b['U95']:.3g} | {dof} | {sources} |")
+    return lines
+
+
+def collapses(out: Path, name: str) -> list[str]:
+    """A line per boundary."""
+    lines = []
+    for boundary, _, _, found in bases(out, name):
+        c = found["throttle_collapse"][boundary]
+        tests = [chance(t["p_value"]) if t else "-" for t in (c["tests"][k] for k in ("coefficient", "curve", "cells"))]
+        bounds = [f"{100 * d['bound95']:.2g} %" if d else "-" for d in (c["largest_departure"][k] for k in ("coefficient", "delta_L"))]
+        lines.append(f"| {name} ({boundary}) | " + " | ".join(tests + bounds) + " |")
+    return lines
+
+
+if __name__ == "__main__":
+    out, names = Path(sys.argv[1]), sys.argv[2:]
+    page = HEAD + "\n".join(line for n in names for line in estimates(out, n)) + "\n"
+    shares = [line for n in names for line in budgets(out, n)]
+    page += BUDGET + "\n".join(shares) + "\n" if shares else ""
+    page += COLLAPSE + "\n".join(line for n in names for line in collapses(out, n)) + "\n"
+    Path(__file__).with_name("coefficients.md").write_text(page)
