@@ -265,6 +265,27 @@ class FitChoice(Section):
     rivals: list[str] | None = None
 
 
+class Fit(Section):
+    """How models are fitted: the choice of models by boundary, and how their posteriors are sampled.
+
+    `sampler` is "auto" (importance sampling where its check passes, else emcee), "emcee" or "importance"; `ess` the effective draws
+    wanted; `steps` the most that emcee may take; `netcdf` asks for posterior.nc as well.
+    """
+
+    ground: FitChoice | None = None
+    ceiling: FitChoice | None = None
+    sidewall: FitChoice | None = None
+    sampler: Literal["auto", "emcee", "importance"] = "auto"
+    ess: int = Field(default=4000, ge=100, le=1_000_000)
+    steps: int = Field(default=20_000, ge=400)
+    netcdf: bool = False
+
+    def of(self, boundary: Boundary) -> FitChoice | None:
+        """The choice of models for one boundary, where there is one."""
+        choice: FitChoice | None = getattr(self, boundary)
+        return choice
+
+
 class Overlay(Section):
     """Further data for Figure 2: a CSV with the columns z_hat, delta_L and u (fractions)."""
 
@@ -307,7 +328,7 @@ class Campaign(Section):
     records: Records
     trials: Trials = Trials()
     uncertainty: list[Uncertainty] = []
-    fit: dict[Boundary, FitChoice] = {}
+    fit: Fit = Fit()
     report: Report = Report()
     quality: Quality = Quality()
     diagnose: Diagnose = Diagnose()

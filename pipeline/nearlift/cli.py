@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 STAGE_NAMES = {
     "ingest": "Raw records to one row per trial (trials.parquet).",
     "reduce": "Trials to Delta L per cell with its covariance (lift.parquet).",
-    "fit": "Lift models by least squares on trials (fit.json).",
+    "fit": "Lift models by least squares and as posteriors (fit.json, posterior.parquet).",
     "diagnose": "The residual traced to a named effect, or not (diagnosis.json).",
     "report": "Figures, tables and index.html.",
 }
@@ -294,6 +294,35 @@ def new(folder: Path, quiet: bool, as_json: bool, **_: Any) -> None:
     written = [str(path) for path in write_template(folder)]
     if as_json:
         click.echo(json.dumps({"written": written}))
+    elif not quiet:
+        click.echo("\n".join(written))
+
+
+EXPORTS = {"netcdf": "posterior.nc: draws of every model, for ArviZ and xarray."}
+
+
+def _exports(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A flag for every format."""
+    for name, meaning in reversed(EXPORTS.items()):
+        command = click.option(f"--{name}", is_flag=True, help=meaning)(command)
+    return command
+
+
+@main.command()
+@CAMPAIGN
+@_exports
+@common
+def export(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool, **formats: bool) -> None:
+    """What was fitted, in forms that other programs read. Stage fit must have run."""
+    from nearlift.stages.export import export as write
+
+    wanted = tuple(name for name, asked in formats.items() if asked)
+    if not wanted:
+        raise UsageError("export", "no format was asked for", f"add {', '.join(f'--{name}' for name in formats)}")
+    with open_job(campaign, out, "serial", seed, Voice(quiet, verbose, as_json), keep=False) as job:
+        written = write(job, wanted)
+    if as_json:
+        click.echo(json.dumps({"campaign": job.campaign.name, "written": written}))
     elif not quiet:
         click.echo("\n".join(written))
 

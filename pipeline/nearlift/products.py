@@ -99,7 +99,7 @@ LIFT_COVARIANCE = Product(
     row="a cell of lift.parquet, in the same order; column c0, c1, ... its covariance with cell 0, 1, ...",
     open_ended=True,
 )
-FIT = Product(file="fit.json", title="Least-squares fits", row="boundary, then model")
+FIT = Product(file="fit.json", title="Fits: least squares and posterior", row="boundary, then model")
 POSTERIOR = Product(
     file="posterior.parquet",
     title="Posterior draws",
@@ -107,11 +107,11 @@ POSTERIOR = Product(
     columns=(
         Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
         Column(name="model", kind="text", meaning="name of the lift model"),
-        Column(name="chain", kind="integer", meaning="walker"),
-        Column(name="draw", kind="integer", meaning="step, thinned"),
-        Column(name="parameter", kind="text", meaning="name of the parameter"),
-        Column(name="value", meaning="value, in the parameter's unit"),
-        Column(name="log_prob", meaning="log posterior density of the draw"),
+        Column(name="chain", kind="integer", meaning="walker of emcee, or one of four hands that independent draws were dealt to"),
+        Column(name="draw", kind="integer", meaning="position in the chain, thinned"),
+        Column(name="parameter", kind="text", meaning="name of the parameter; for base models also L_inf_N[throttle], that throttle's lift far away"),
+        Column(name="value", meaning="value, in the parameter's unit (L_inf in N)"),
+        Column(name="log_prob", meaning="log posterior density of the draw's parameters, L_inf integrated out; not normalised"),
     ),
 )
 DIAGNOSIS = Product(file="diagnosis.json", title="The closed loop's findings", row="boundary")

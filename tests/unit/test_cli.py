@@ -106,7 +106,7 @@ def test_one_stage_runs_even_if_it_is_up_to_date_and_makes_the_same(raw, finishe
     before = {name: sha for name, (sha, _) in state(out).items() if "provenance" not in name and "cache" not in name}
     found = nearlift("fit", raw, "--out", out)
     assert found.exit_code == 0
-    assert "fit      lift models by least squares (asked for)" in found.stderr
+    assert "fit      lift models by least squares, and their posteriors (asked for)" in found.stderr
     assert {name: sha for name, (sha, _) in state(out).items() if "provenance" not in name and "cache" not in name} == before
 
 

@@ -75,7 +75,7 @@ def test_files_of_the_contract(made):
     assert names == {"index.html", "tables/coefficients.tex", "tables/coefficients.csv"} | {
         f"{n}.{k}" for n in ("fig2", "assumptions", "residuals") for k in ("pdf", "png", "csv")
     }
-    assert outcome.notes == ("diagnosis was not drawn: its products are missing or empty",)
+    assert outcome.notes == tuple(f"{n} was not drawn: its products are missing or empty" for n in ("diagnosis", "corner", "prior_posterior"))
 
 
 def test_running_twice_gives_the_same_bytes(made):
@@ -222,7 +222,9 @@ def test_a_figure_without_products_is_not_made_and_old_files_go(make_job):
     outcome = report.run(job)
     assert not list(job.reports.glob("fig2.*"))
     assert (job.reports / "residuals.png").is_file()
-    assert outcome.notes == tuple(f"{name} was not drawn: its products are missing or empty" for name in ("fig2", "diagnosis"))
+    assert outcome.notes == tuple(
+        f"{name} was not drawn: its products are missing or empty" for name in ("fig2", "diagnosis", "corner", "prior_posterior")
+    )
 
 
 DIAGNOSED = {

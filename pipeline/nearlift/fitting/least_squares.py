@@ -34,7 +34,8 @@ class Fit:
 
     `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle. `rmse` is the root mean square
     of relative lift residuals over trials; `r2` is of cell means of Delta L, `r2_near` the same over 1 < z_hat < 3.
-    `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model, not the noise, is at fault.
+    `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model, not the noise, is at fault. `problem` is the
+    likelihood that was maximised.
     """
 
     model: LiftModel
@@ -54,6 +55,7 @@ class Fit:
     degeneracies: tuple[Degeneracy, ...]
     excluded: tuple[tuple[str, str], ...]
     noise: Noise
+    problem: Problem
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -214,6 +216,7 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
         degeneracies=degeneracies(problem, theta, jacobian, covariance, determined),
         excluded=excluded,
         noise=scatter,
+        problem=problem,
     )
 
 

@@ -57,6 +57,18 @@ class Problem:
         q, r = np.linalg.qr(self.covariance.whiten(indicator.T).T)
         return q, r
 
+    @property
+    def levels_log_det(self) -> tuple[int, float]:
+        """How many levels there are, and the log determinant of their information: what integrating them out leaves behind."""
+        _, r = self._levels
+        return len(r), 2 * float(np.log(np.abs(np.diag(r))).sum())
+
+    @property
+    def level_mean(self) -> FloatArray:
+        """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds `level_sensitivity` of its logarithm."""
+        q, r = self._levels
+        return np.asarray(np.linalg.solve(r, q.T @ self.covariance.whiten(np.log(self.data.lift_N))), dtype=np.float64)
+
     def project(self, x: FloatArray) -> FloatArray:
         """Whiten along the last axis and remove what a free L_inf per throttle absorbs."""
         white = self.covariance.whiten(x)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import assumptions, diagnosis, models, records, verdict
-from nearlift.products import DIAGNOSIS, FIT, TRIALS, Product
+from nearlift.pages import assumptions, diagnosis, models, posterior, records, verdict
+from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
 
 
@@ -50,6 +50,13 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="fig2", title="Lift change near each boundary", needs=(FIT,), figures=("fig2",), template=False),
     Chapter(name="diagnosis", title="What the residuals say", facts=diagnosis.facts, needs=(DIAGNOSIS,), figures=("diagnosis",), pictures_lead=True),
     Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
+    Chapter(
+        name="posterior",
+        title="What is believed after the data",
+        facts=posterior.facts,
+        needs=(FIT, POSTERIOR),
+        figures=("corner", "prior_posterior"),
+    ),
     Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), template=False),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
     Chapter(name="assumptions", title="What the ratio takes for granted", facts=assumptions.facts, needs=(FIT,), figures=("assumptions",)),

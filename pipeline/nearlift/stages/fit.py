@@ -1,4 +1,4 @@
-"""fit: every lift model that suits each boundary and the vehicle, by least squares on trials, to fit.json."""
+"""fit: every lift model that suits each boundary and the vehicle, by least squares and as a posterior, on trials."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fitting import budget
-from nearlift.fitting.least_squares import Fit, assemble, fit
-from nearlift.fitting.problem import height_slope, usable
+from nearlift.fitting.least_squares import Fit, fit
+from nearlift.fitting.problem import height_slope
 from nearlift.products import FIT, TRIALS
 from nearlift.results import Estimate, Observations
 from nearlift.stages import beside
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
+from nearlift.stages.posteriors import Posteriors
 
 
 def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[LiftModel, ...]]:
     """Base model and rivals of one boundary: the manifest's, else the vehicle's defaults."""
-    chosen = campaign.fit.get(boundary)
+    chosen = campaign.fit.of(boundary)
     vehicle, geometry = campaign.vehicle, campaign.vehicle.geometry()
     base = catalogue.model(chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors))
     if chosen and chosen.rivals is not None:
@@ -42,6 +43,7 @@ def run(job: Job) -> Outcome:
     parts = budget.components(job.campaign)
     content: dict[str, Any] = {"schema": FIT.schema, "base": {}, "noise": {}, "boundaries": {}, "failed": {}}
     notes = []
+    posteriors = Posteriors(job=job)
     present = boundaries(trials)
     if not present:
         raise InputRefused(job.campaign.name, "no trial was accepted, so there is nothing to fit", "trials.parquet gives the reason for each")
@@ -64,12 +66,19 @@ def run(job: Job) -> Outcome:
             if scatter is None:
                 scatter = result.noise
                 slope = height_slope(model, data, dict(zip(result.names, result.theta, strict=True)))
+            job.say(f"posterior {boundary}: {model.name}")
             fits[model.name] = record(result, data)
             if model is base:
-                used = data.take(usable(model, data))
-                problem = assemble(model, used, parts, result.noise, result.theta)
-                for key, entry in beside.ask(job.campaign, problem, result.theta, result.covariance, result.noise.dof).items():
+                for key, entry in beside.ask(job.campaign, result.problem, result.theta, result.covariance, result.noise.dof).items():
                     content.setdefault(key, {})[boundary] = entry
+            try:
+                found = posteriors.add(result, base=model is base)
+            except NotConverged as fault:
+                if model is base:
+                    raise
+                notes.append(f"{boundary}: {model.name} has no posterior: {fault.what}; {fault.remedy}")
+                continue
+            fits[model.name] |= {"log_evidence": found.pop("log_evidence"), "posterior": found}
         content["base"][boundary] = base.name
         content["boundaries"][boundary] = fits
         assert scatter is not None
@@ -81,7 +90,15 @@ def run(job: Job) -> Outcome:
             "source": scatter.source,
             "dof": scatter.dof,
         }
+    posteriors.write()
     job.write_json(FIT, content)
+    if job.campaign.fit.netcdf:
+        from nearlift.stages import netcdf
+
+        netcdf.write(job)
+    else:
+        # draws of an earlier fit beside those of this one would be taken for its own
+        (job.processed / "posterior.nc").unlink(missing_ok=True)
     return Outcome(notes=tuple(notes))
 
 

@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nearlift.figures import assumptions as draw_assumptions
+from nearlift.figures import corner as draw_corner
 from nearlift.figures import fig2 as draw_fig2
 from nearlift.figures import loop as draw_loop
+from nearlift.figures import prior_posterior as draw_prior_posterior
 from nearlift.figures import residuals as draw_residuals
 from nearlift.figures.render import Draw
-from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, TRIALS, Product
-from nearlift.summaries import assumptions, fig2, loop, loop_text, residuals
+from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, POSTERIOR, TRIALS, Product
+from nearlift.summaries import assumptions, corner, fig2, loop, loop_text, prior_posterior, residuals
 from nearlift.summaries.evidence import Columns, Evidence
 
 
@@ -77,5 +79,23 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(TRIALS, FIT),
         caption=residuals.caption,
         alt=residuals.alt,
+    ),
+    FigureSpec(
+        name="corner",
+        title="Posterior of the base models",
+        summarise=corner.summarise,
+        draw=draw_corner.draw,
+        needs=(FIT, POSTERIOR),
+        caption=corner.caption,
+        alt=corner.alt,
+    ),
+    FigureSpec(
+        name="prior_posterior",
+        title="Prior against posterior",
+        summarise=prior_posterior.summarise,
+        draw=draw_prior_posterior.draw,
+        needs=(FIT, POSTERIOR),
+        caption=prior_posterior.caption,
+        alt=prior_posterior.alt,
     ),
 )

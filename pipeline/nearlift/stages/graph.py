@@ -12,6 +12,7 @@ import hashlib
 import importlib
 import json
 import platform
+import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from typing import Any
 import nearlift
 from nearlift import store
 from nearlift.errors import UsageError
-from nearlift.products import DIAGNOSIS, FIT, LIFT, LIFT_COVARIANCE, LOOP_RESIDUALS, PROVENANCE, TRIALS, Product
+from nearlift.products import DIAGNOSIS, FIT, LIFT, LIFT_COVARIANCE, LOOP_RESIDUALS, POSTERIOR, PROVENANCE, TRIALS, Product
 from nearlift.stages.job import Job, Outcome
 
 
@@ -62,9 +63,9 @@ STAGES = (
     ),
     Stage(
         name="fit",
-        summary="lift models by least squares",
+        summary="lift models by least squares, and their posteriors",
         reads=(TRIALS,),
-        writes=(FIT,),
+        writes=(FIT, POSTERIOR),
         sections=("vehicle", "rig", "load_cell", "uncertainty", "fit"),
     ),
     Stage(
@@ -77,7 +78,7 @@ STAGES = (
     Stage(
         name="report",
         summary="figures, tables and index.html",
-        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, DIAGNOSIS, LOOP_RESIDUALS),
+        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS),
         sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty"),
         raw=True,
         report=True,
@@ -240,4 +241,5 @@ def run(job: Job, wanted: Sequence[Stage] = STAGES, begin: Callable[[Stage, str]
         outcome = item.run(job)
         wall_s = time.perf_counter() - start
         ledger.commit(item, outcome, material, wall_s)
+        shutil.rmtree(job.unfinished(item.name).parent, ignore_errors=True)
         yield Step(stage=item, why=why, outcome=outcome, wall_s=wall_s)

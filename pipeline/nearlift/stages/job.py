@@ -48,6 +48,10 @@ class Job:
     seed: int = 0
     say: Callable[[str], None] = _silent
 
+    def unfinished(self, stage: str) -> Path:
+        """Where a stage may keep what an interrupted run can go on from; removed once the stage is committed."""
+        return self.processed / "unfinished" / stage
+
     def read(self, product: Product) -> store.Table:
         """A table product of this campaign."""
         return store.read_table(self.processed / product.file, product)

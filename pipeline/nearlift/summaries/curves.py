@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray, LiftModel
+from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.products import POSTERIOR
+from nearlift.summaries.evidence import Evidence
 
 #: Normal quantile of a two-sided 90 % interval, for a fit that quotes none of its own.
 NORMAL_90 = 1.6448536269514722
@@ -36,6 +38,24 @@ def uncertainty(model: LiftModel, z_hat: FloatArray, known: Mapping[str, Any], e
     variance = np.einsum("iz,ij,jz->z", jacobian, covariance, jacobian)
     result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
     return result
+
+
+def posterior_band(
+    evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray, known: Mapping[str, Any]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Central 90 % of L / L_inf - 1 at each `z_hat` over the posterior's draws; None where there are none."""
+    if not evidence.has(POSTERIOR):
+        return None
+    draws = evidence.table(POSTERIOR)
+    mine = (draws["boundary"] == boundary) & (draws["model"] == model.name)
+    each = {p.name: draws["value"][mine & (draws["parameter"] == p.name)][:, None] for p in model.parameters}
+    if not each or not all(len(x) for x in each.values()):
+        return None
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        value = np.asarray(model(z_hat, **known, **each), dtype=float) - 1
+    inside = np.isfinite(ratio(model, z_hat, {**known, **{n: float(np.median(x)) for n, x in each.items()}}))
+    low, high = np.nanquantile(np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.95], axis=0)
+    return np.where(inside, low, np.nan), np.where(inside, high, np.nan)
 
 
 def quantile90(entry: Mapping[str, Any]) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
-from nearlift.products import LIFT
+from nearlift.products import LIFT, POSTERIOR
 from nearlift.summaries import curves
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column, values
 from nearlift.summaries.rounding import fixed, plain, plus_minus
@@ -95,9 +95,12 @@ def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> Columns:
     model, entry = evidence.base(boundary)
     known = evidence.known(boundary, model)
     delta = curves.ratio(model, grid, {**known, **values(entry)}) - 1
-    reach = curves.quantile90(entry) * curves.uncertainty(model, grid, known, entry)
     label = f"{SHORT.get(model.name, model.title)} (fit)"
-    return _rows(boundary, "band", label, grid, 100 * delta, lo90=100 * (delta - reach), hi90=100 * (delta + reach))
+    drawn = curves.posterior_band(evidence, boundary, model, grid, known)
+    if drawn is None:
+        reach = curves.quantile90(entry) * curves.uncertainty(model, grid, known, entry)
+        drawn = delta - reach, delta + reach
+    return _rows(boundary, "band", label, grid, 100 * delta, lo90=100 * drawn[0], hi90=100 * drawn[1])
 
 
 def _rows(boundary: str, kind: str, label: Any, z_hat: FloatArray, delta: FloatArray, **more: FloatArray) -> Columns:
@@ -120,7 +123,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know to read the figure, numbers included."""
     parts = ["Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius."]
     parts.append("Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which a throttle's cells share through L∞.")
-    parts.append("Solid line and shade: base model fitted to the trials, with the 90 % band that the covariance of its parameters implies.")
+    source = "of its posterior" if evidence.has(POSTERIOR) else "that the covariance of its parameters implies"
+    parts.append(f"Solid line and shade: base model fitted to the trials, with the pointwise 90 % band {source}.")
     drawn = {r.label for b in evidence.boundaries for r in references(evidence, b)}
     if "C-B (theory)" in drawn:
         parts.append("C-B: Cheeseman and Bennett, one rotor.")

@@ -1,0 +1,77 @@
+"""Effective sample size and R-hat of chains: rank-normalised and split, as Vehtari et al., Bayesian Analysis 16 (2021), define them.
+
+Those take the chains for independent. Walkers of an ensemble are not: each proposes from where the others stand. `worth` therefore also looks
+at the ensemble's mean from step to step, whose wander is the true error of an average.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+
+
+def _split(chains: FloatArray) -> FloatArray:
+    half = chains.shape[1] // 2
+    return np.concatenate([chains[:, :half], chains[:, -half:]])
+
+
+def _normal_scores(chains: FloatArray) -> FloatArray:
+    from scipy.special import ndtri
+
+    # average ranks of what stands more than once; scipy.stats would take half a second to import
+    _, index, count = np.unique(chains, return_inverse=True, return_counts=True)
+    rank = (np.cumsum(count) - 0.5 * (count - 1))[index].reshape(chains.shape)
+    return np.asarray(ndtri((rank - 0.375) / (chains.size + 0.25)), dtype=np.float64)
+
+
+def r_hat(chains: FloatArray) -> float:
+    """Greater of the R-hats of location and of spread, chains (m, n); 1 for a parameter without spread."""
+    if np.ptp(chains) == 0:
+        return 1.0
+    folded = np.abs(chains - np.median(chains))
+    return max(_r_hat(_normal_scores(_split(x))) for x in (chains, folded))
+
+
+def _r_hat(z: FloatArray) -> float:
+    n = z.shape[1]
+    within = z.var(axis=1, ddof=1).mean()
+    between = z.mean(axis=1).var(ddof=1)
+    return float(np.sqrt((n - 1) / n + between / within)) if within > 0 else 1.0
+
+
+def ess(chains: FloatArray) -> float:
+    """Bulk effective sample size of chains (m, n); all of them for a parameter without spread."""
+    if np.ptp(chains) == 0 or chains.shape[1] < 8:
+        return float(chains.size)
+    return _ess(_normal_scores(_split(chains)))
+
+
+def worth(chains: FloatArray) -> float:
+    """Independent draws that an ensemble's steps (m, n) are worth: the lesser of `ess` and what the wander of the ensemble's mean says."""
+    if np.ptp(chains) == 0 or chains.shape[1] < 8:
+        return float(chains.size)
+    mean = chains.mean(axis=0, keepdims=True)
+    wander = float(mean.var(ddof=1)) / _ess(mean)
+    return min(ess(chains), float(chains.var()) / wander) if wander > 0 else ess(chains)
+
+
+def _ess(z: FloatArray) -> float:
+    m, n = z.shape
+    deviation = z - z.mean(axis=1, keepdims=True)
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(deviation, size, axis=1)
+    covariance = np.fft.irfft(spectrum * spectrum.conj(), size, axis=1)[:, :n].mean(axis=0) / n
+    within = covariance[0] * n / (n - 1)
+    total = covariance[0] + (z.mean(axis=1).var(ddof=1) if m > 1 else 0.0)
+    rho = 1 - (within - covariance * n / (n - 1)) / total
+    rho[0] = 1.0
+    # sums of neighbouring pairs are positive and fall in theory (Geyer): cut and smooth what the noise adds
+    pairs = rho[: n - n % 2].reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs < 0)
+    last = int(negative[0]) if len(negative) else len(pairs)
+    pairs = np.minimum.accumulate(pairs[:last])
+    # one more even lag stands for the first of the pairs that were cut
+    tail = max(float(rho[2 * last]), 0.0) if 2 * last < n else 0.0
+    tau = max(-1 + 2 * float(pairs.sum()) + tail, 1 / np.log10(m * n))
+    return float(m * n / tau)

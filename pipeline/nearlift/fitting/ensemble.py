@@ -1,0 +1,168 @@
+"""emcee, called directly: an ensemble of walkers with differential-evolution and snooker moves, all of them evaluated at once.
+
+The chain grows in blocks. A block carries the state that the next one starts from, the generator's included, so a chain that was
+interrupted and goes on from its last block is bit for bit the chain that was not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
+from nearlift.fitting import convergence
+from nearlift.fitting.density import Density
+from nearlift.fitting.importance import peak
+
+BLOCK = 200
+#: An autocorrelation time is believed once the chain is this many times as long.
+LENGTHS = 50
+#: So many autocorrelation times are left out at the start.
+BURN = 10
+#: R-hat of every parameter must be below this.
+MIXED = 1.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """Steps (t, w, p) with their log_prob (t, w), moves accepted per walker (w,), and the generator's state after them: `keys` and `place`."""
+
+    theta: FloatArray
+    log_prob: FloatArray
+    accepted: FloatArray
+    keys: NDArray[np.uint32]
+    place: NDArray[np.int64]
+    cached: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chain:
+    """What is kept of a converged ensemble: thinned draws (w, n, p), log_prob (w, n), and how it went."""
+
+    theta: FloatArray
+    log_prob: FloatArray
+    tau: FloatArray
+    acceptance: float
+    steps: int
+    burn: int
+    thin: int
+
+
+def walkers(p: int, wanted: int) -> int:
+    """Enough that a chain just long enough for its autocorrelation time to be believed yields `wanted` independent draws."""
+    return max(2 * math.ceil(1.25 * wanted / LENGTHS / 2), 2 * (p + 1), 32)
+
+
+def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
+    """Where the walkers start, (w, p): twice as widely spread about the peak as the posterior is to first order."""
+    root = 2 * np.linalg.cholesky(density.spread())
+    mean = peak(density)
+    p = len(mean)
+    found = np.empty((0, p))
+    for attempt in range(200):
+        some = mean + rng.standard_normal((count, p)) @ root.T / (1 + attempt / 10)
+        found = np.vstack([found, some[np.isfinite(density(some))]])
+        if len(found) >= count:
+            return found[:count]
+    raise NotConverged(
+        f"posterior of {density.problem.model.name}",
+        "no place near the fit has a finite density to start walkers from",
+        "look at the fit and its bounds",
+    )
+
+
+def run(density: Density, rng: np.random.Generator, wanted: int, longest: int, stored: Sequence[Block], keep: Callable[[Block], None]) -> Chain:
+    """Sample until `wanted` effective draws of every parameter are there.
+
+    Parameters
+    ----------
+    density : Density
+    rng : Generator
+        Places the walkers and seeds emcee; a resumed chain needs it in the same state as the first time.
+    wanted, longest : int
+        Bulk effective sample size, and the most steps that may be spent on it.
+    stored : sequence of Block
+        What an interrupted run had kept, in order.
+    keep : callable
+        Given each new block as soon as it is done.
+
+    Raises
+    ------
+    NotConverged
+        `longest` steps were too few; says how many would have been enough.
+    """
+    import emcee
+
+    p = len(density.centre)
+    count = walkers(p, wanted)
+    start = begin(density, rng, count)
+    seed = int(rng.integers(2**32))
+    sampler = emcee.EnsembleSampler(count, p, density, moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], vectorize=True)
+    state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
+    blocks = [b for b in stored if b.theta.shape[1:] == (count, p)]
+    if blocks:
+        state = _state(emcee, blocks[-1])
+    while True:
+        if blocks:
+            chain = _assess(blocks, wanted, longest)
+            if isinstance(chain, Chain):
+                return chain
+            if BLOCK * len(blocks) >= longest:
+                raise NotConverged(f"posterior of {density.problem.model.name}", *chain)
+        sampler.reset()
+        state = sampler.run_mcmc(state, BLOCK)
+        kind, keys, position, has_cached, cached = state.random_state
+        assert kind == "MT19937"
+        block = Block(
+            theta=sampler.get_chain(),
+            log_prob=sampler.get_log_prob(),
+            accepted=np.asarray(sampler.backend.accepted, dtype=np.float64),
+            keys=np.asarray(keys, dtype=np.uint32),
+            place=np.array([position, has_cached], dtype=np.int64),
+            cached=float(cached),
+        )
+        keep(block)
+        blocks.append(block)
+
+
+def _state(emcee: Any, block: Block) -> Any:
+    generator = ("MT19937", block.keys, int(block.place[0]), int(block.place[1]), block.cached)
+    return emcee.State(block.theta[-1], log_prob=block.log_prob[-1], random_state=generator)
+
+
+def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> Chain | tuple[str, str]:
+    """The chain if it is long enough; else what is wrong and what would be enough."""
+    from emcee.autocorr import integrated_time
+
+    theta = np.concatenate([b.theta for b in blocks])
+    steps, count, _ = theta.shape
+    late = theta[steps // 4 :]
+    moving = np.ptp(late, axis=(0, 1)) > 0
+    tau = np.ones(theta.shape[2])
+    if moving.any():
+        tau[moving] = integrated_time(late[:, :, moving], tol=0, quiet=True)
+    slowest = float(np.nanmax(tau))
+    if not math.isfinite(slowest):
+        slowest = float(steps)
+    burn = min(math.ceil(BURN * slowest), steps - 1)
+    # thinning by half of tau loses hardly any effective draws and most of the file
+    thin = max(int(slowest / 2), 1)
+    kept = theta[burn::thin].transpose(1, 0, 2)
+    need = math.ceil(max(LENGTHS * slowest, 1.1 * wanted * slowest / count) + BURN * slowest)
+    least, mixed = 0.0, math.inf
+    if steps >= need:
+        chains = [kept[:, :, i] for i in range(theta.shape[2])]
+        least, mixed = min(convergence.worth(c) for c in chains), max(convergence.r_hat(c) for c in chains)
+        if least >= wanted and mixed < MIXED:
+            accepted = sum(b.accepted for b in blocks) / steps
+            log_prob = np.concatenate([b.log_prob for b in blocks])[burn::thin].T
+            return Chain(theta=kept, log_prob=log_prob, tau=tau, acceptance=float(np.mean(accepted)), steps=steps, burn=burn, thin=thin)
+        need = math.ceil(steps * max(1.2, 1.1 * wanted / max(least, 1.0) if least < wanted else 1.2))
+    found = f", effective draws {least:.0f} of {wanted}, R-hat {mixed:.3f}" if least else ""
+    return f"{steps} steps of {count} walkers, tau = {slowest:.3g}{found}", f"run at least {need}: `steps = {need}` in [fit] (now {longest})"

@@ -1,0 +1,56 @@
+"""What the data said and what they did not: the posterior of a parameter beside its prior and its bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fitting.belief import Belief
+
+#: A 90 % interval that keeps this much of the prior's width is the prior's; above the second, the prior still has a say.
+SAME, SHAPED = 0.8, 0.3
+#: Share of the bounded range that counts as lying at a bound, and how much of the posterior must lie there to be mentioned.
+EDGE, CROWD = 0.005, 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learnt:
+    """One parameter after the data: `ratio` of the 90 % widths after and before, share of draws at either bound, and words where they matter."""
+
+    prior: str
+    prior_lo90: float
+    prior_hi90: float
+    ratio: float
+    at_low: float
+    at_high: float
+    words: str
+
+
+def learnt(belief: Belief, draws: FloatArray) -> Learnt:
+    """Compare draws (n,) of a parameter's posterior with what was believed of it."""
+    low, high = belief.parameter.bounds
+    before = belief.quantile([0.05, 0.95])
+    after = np.quantile(draws, [0.05, 0.95])
+    ratio = float(np.ptp(after) / np.ptp(before))
+    edge = EDGE * (high - low)
+    at_low, at_high = float(np.mean(draws < low + edge)), float(np.mean(draws > high - edge))
+    name = belief.parameter.name
+    words = []
+    if ratio > SAME:
+        words.append(f"the data say nothing about {name}: its interval is the prior's ({belief.parameter.prior}), not a result")
+    elif ratio > SHAPED:
+        words.append(f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width ({belief.parameter.prior})")
+    for share, bound in ((at_low, low), (at_high, high)):
+        if share > CROWD:
+            words.append(f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}")
+    return Learnt(
+        prior=str(belief.parameter.prior),
+        prior_lo90=float(before[0]),
+        prior_hi90=float(before[1]),
+        ratio=ratio,
+        at_low=at_low,
+        at_high=at_high,
+        words="; ".join(words),
+    )

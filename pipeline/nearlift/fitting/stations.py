@@ -1,0 +1,67 @@
+"""chi2 of thousands of parameter vectors at once, exactly, at the price of the distinct stations instead of the trials.
+
+The model's log ratio takes one value per station (distance, and whatever else of a trial the model asks for), whitening is linear,
+so ``chi2 = |t - A f(theta)|^2`` with one column of A per station; the triangle of ``[A t]`` holds all of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fitting.problem import Problem
+
+#: With more stations than this the triangle costs more than whitening every trial.
+MOST = 400
+#: Numbers held at once by one batch.
+BATCH = 4_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stations:
+    """A problem seen through its distinct stations; `triangle` (s + 1, s + 1) for chi2 and `level_rows` (k, s) for L_inf.
+
+    Both are None where every trial is its own station, and the problem itself is asked.
+    """
+
+    problem: Problem
+    at: Problem
+    triangle: FloatArray | None
+    level_rows: FloatArray | None
+
+    @classmethod
+    def of(cls, problem: Problem) -> Stations:
+        """The stations of a problem."""
+        data = problem.data
+        own = [np.asarray(value, dtype=float) for name, value in problem.known.items() if name not in data.geometry]
+        _, first, index = np.unique(np.stack([data.z_hat, *own]), axis=1, return_index=True, return_inverse=True)
+        if len(first) > MOST or len(first) + 1 > data.n:
+            return cls(problem=problem, at=problem, triangle=None, level_rows=None)
+        indicator = np.eye(len(first))[index.ravel()]
+        columns = problem.project(indicator.T)
+        target = problem.project(np.log(data.lift_N))
+        triangle = np.asarray(np.linalg.qr(np.vstack([columns, target]).T, mode="r"), dtype=np.float64)
+        at = Problem(model=problem.model, data=data.take(first), covariance=problem.covariance)
+        return cls(problem=problem, at=at, triangle=triangle, level_rows=problem.level_sensitivity(indicator))
+
+    def chi2(self, theta: FloatArray) -> FloatArray:
+        """As `Problem.chi2`, for theta (m, p): (m,), inf where the model has no value."""
+        size = max(BATCH // (self.at.data.n + 1), 1)
+        return np.concatenate([np.zeros(0), *(self._batch(theta[i : i + size]) for i in range(0, len(theta), size))])
+
+    def _batch(self, theta: FloatArray) -> FloatArray:
+        if self.triangle is None:
+            return self.problem.chi2(theta)
+        r = self.at.log_ratio(theta) @ self.triangle[:, :-1].T - self.triangle[:, -1]
+        total = np.einsum("ij,ij->i", r, r)
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def log_levels(self, theta: FloatArray) -> FloatArray:
+        """Log L_inf per throttle given theta (m, p): (m, k)."""
+        if self.level_rows is None:
+            return np.stack([self.problem.log_levels(t)[0] for t in theta])
+        none = self.problem.level_mean
+        result: FloatArray = none + self.at.log_ratio(theta) @ self.level_rows.T
+        return result

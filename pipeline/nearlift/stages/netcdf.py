@@ -1,0 +1,96 @@
+"""posterior.nc: the draws as netCDF-4, laid out as ArviZ wants them.
+
+Every model of every boundary has a group, such as ``/ground/sanchez_cuevas``, with the groups `posterior` (each parameter by chain and draw,
+and L_inf by throttle) and `sample_stats` in it. The first boundary's base model stands in the root as well, so that a reader who
+names no group finds a posterior.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+import nearlift
+from nearlift import catalogue, store
+from nearlift.declare import BOUNDARIES
+from nearlift.errors import InputRefused
+from nearlift.products import FIT, POSTERIOR, TRIALS
+from nearlift.stages.job import Job
+from nearlift.stages.posteriors import LEVEL, split_level
+
+FILE = "posterior.nc"
+
+
+def write(job: Job) -> str:
+    """Write posterior.nc beside the other products; returns its path.
+
+    Raises
+    ------
+    InputRefused
+        h5netcdf is not installed.
+    """
+    try:
+        import h5netcdf
+    except ImportError:
+        raise InputRefused(FILE, "needs the package h5netcdf, which is not installed", "pip install 'nearlift[netcdf]'") from None
+    draws, fits = job.read(POSTERIOR), job.read_json(FIT)
+    digest = store.sha256(job.processed / TRIALS.file)
+    about = {"created_by": f"nearlift {nearlift.__version__}", "campaign": job.campaign.name, "data_sha256": digest}
+    sink = io.BytesIO()
+    with h5netcdf.File(sink, "w") as file:
+        root = False
+        for boundary in (b for b in BOUNDARIES if b in fits["boundaries"]):
+            base = fits["base"][boundary]
+            for model in (base, *(m for m in fits["boundaries"][boundary] if m != base)):
+                mine = (draws["boundary"] == boundary) & (draws["model"] == model)
+                if not mine.any():
+                    continue
+                chosen = {name: column[mine] for name, column in draws.items()}
+                entry = fits["boundaries"][boundary][model]["posterior"]
+                notes = {**about, "boundary": boundary, "model": model, "sampler": entry["sampler"], **_diagnostics(entry)}
+                _model(file.create_group(f"{boundary}/{model}"), model, chosen, notes)
+                if not root:
+                    _model(file, model, chosen, notes)
+                    root = True
+    path = job.processed / FILE
+    store.write_bytes(path, sink.getvalue())
+    return str(path)
+
+
+def _diagnostics(entry: Mapping[str, Any]) -> dict[str, float]:
+    return {k: float(entry[k]) for k in ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof") if entry.get(k) is not None}
+
+
+def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, Any]) -> None:
+    """Groups `posterior` and `sample_stats` of one model."""
+    chains, length = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
+    group.attrs.update(notes)
+    posterior, stats = _group(group, "posterior", chains, length, notes), _group(group, "sample_stats", chains, length, notes)
+    by_name = {n: draws["value"][draws["parameter"] == n].reshape(chains, length) for n in dict.fromkeys(draws["parameter"].tolist())}
+    declared = catalogue.model(model)
+    levels = {split_level(n): values for n, values in by_name.items() if n.startswith(LEVEL)}
+    for name, values in by_name.items():
+        if name.startswith(LEVEL):
+            continue
+        variable = posterior.create_variable(name, ("chain", "draw"), data=values)
+        parameter = declared.parameter(name)
+        variable.attrs.update({"units": parameter.unit, "long_name": parameter.meaning, "prior": str(parameter.prior)})
+    if levels:
+        posterior.dimensions["throttle"] = len(levels)
+        posterior.create_variable("throttle", ("throttle",), data=np.array(list(levels)))
+        variable = posterior.create_variable(LEVEL, ("chain", "draw", "throttle"), data=np.stack(list(levels.values()), axis=-1))
+        variable.attrs.update({"units": "N", "long_name": "lift far from the boundary"})
+    first = draws["parameter"] == draws["parameter"][0]
+    stats.create_variable("lp", ("chain", "draw"), data=draws["log_prob"][first].reshape(chains, length))
+
+
+def _group(parent: Any, name: str, chains: int, length: int, notes: Mapping[str, Any]) -> Any:
+    group = parent.create_group(name)
+    group.attrs.update(notes)
+    group.dimensions = {"chain": chains, "draw": length}
+    group.create_variable("chain", ("chain",), data=np.arange(chains))
+    group.create_variable("draw", ("draw",), data=np.arange(length))
+    return group

@@ -1,0 +1,142 @@
+"""The base models' posteriors: each parameter's histogram and each pair's regions of highest density, with one throttle's L_inf."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary, FloatArray
+from nearlift.products import POSTERIOR
+from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
+from nearlift.summaries.rounding import plain
+
+BINS, CELLS = 40, 26
+#: Shares of the draws between which an axis runs.
+SHOWN = (0.001, 0.999)
+
+
+def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
+    """Draws of the base model's parameters, and of L_inf in mN at the highest throttle, (n,) each."""
+    table = evidence.table(POSTERIOR)
+    model, _ = evidence.base(boundary)
+    mine = (table["boundary"] == boundary) & (table["model"] == model.name)
+    names = list(dict.fromkeys(table["parameter"][mine].tolist()))
+    parameters = [n for n in names if not n.startswith("L_inf_N")]
+    levels = [n for n in names if n.startswith("L_inf_N")]
+    found = {n: table["value"][mine & (table["parameter"] == n)] for n in (*parameters, *levels[-1:])}
+    return {n.replace("_N[", "_mN["): 1000 * x if n in levels else x for n, x in found.items()}
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `kind` (histogram or region), `x_name`, `y_name` (empty for a histogram), the cell's `x_low`, `x_high`, `y_low`,
+        `y_high`, and `value`: of a histogram the density over its greatest, of a region the share of the posterior that lies where it is at
+        least as dense as here.
+    """
+    rows = []
+    for boundary in evidence.boundaries:
+        found = draws(evidence, boundary)
+        edges = {name: _edges(x, CELLS) for name, x in found.items()}
+        for i, (name, x) in enumerate(found.items()):
+            rows.append(_histogram(boundary, name, x))
+            rows += [_region(boundary, (name, x, edges[name]), (other, found[other], edges[other])) for other in list(found)[i + 1 :]]
+    return stack(rows) if rows else {}
+
+
+def _edges(x: FloatArray, bins: int) -> FloatArray:
+    low, high = np.quantile(x, SHOWN)
+    if not high > low:
+        # a parameter without spread still has a place
+        reach = 1e-3 * max(abs(float(low)), 1e-6)
+        low, high = low - reach, high + reach
+    margin = 0.04 * (high - low)
+    return np.linspace(float(low - margin), float(high + margin), bins + 1)
+
+
+def _histogram(boundary: str, name: str, x: FloatArray) -> Columns:
+    edges = _edges(x, BINS)
+    count = np.histogram(x, edges)[0]
+    none = np.full(BINS, np.nan)
+    return _rows(boundary, "histogram", (name, ""), (edges[:-1], edges[1:], none, none), count / max(count.max(), 1))
+
+
+def _region(boundary: str, first: tuple[str, FloatArray, FloatArray], second: tuple[str, FloatArray, FloatArray]) -> Columns:
+    (x_name, x, x_edges), (y_name, y, y_edges) = first, second
+    count = np.histogram2d(x, y, (x_edges, y_edges))[0]
+    count = _smooth(_smooth(count).T).T
+    order = np.argsort(-count, axis=None)
+    share = np.empty(count.size)
+    share[order] = np.cumsum(count.ravel()[order]) / count.sum()
+    i, j = (index.ravel() for index in np.indices(count.shape))
+    keep = (count.ravel() > 0) & (share < 0.995)
+    ends = (x_edges[i], x_edges[i + 1], y_edges[j], y_edges[j + 1])
+    low_x, high_x, low_y, high_y = (end[keep] for end in ends)
+    return _rows(boundary, "region", (x_name, y_name), (low_x, high_x, low_y, high_y), share[keep])
+
+
+def _smooth(count: FloatArray) -> FloatArray:
+    """A binomial window over neighbouring cells along the first axis; counts of a few draws scatter more than the density."""
+    padded = np.pad(count, ((2, 2), (0, 0)))
+    n = len(count)
+    return np.asarray(sum(w * padded[k : k + n] for k, w in enumerate((1, 4, 6, 4, 1))) / 16, dtype=np.float64)
+
+
+def _rows(boundary: str, kind: str, names: tuple[str, str], ends: tuple[NDArray[np.float64], ...], value: FloatArray) -> Columns:
+    n = len(value)
+    x_low, x_high, y_low, y_high = ends
+    return {
+        "panel": text_column(boundary, n),
+        "kind": text_column(kind, n),
+        "x_name": text_column(names[0], n),
+        "y_name": text_column(names[1], n),
+        "x_low": x_low,
+        "x_high": x_high,
+        "y_low": y_low,
+        "y_high": y_high,
+        "value": value,
+    }
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know to read the figure, numbers included."""
+    parts = ["Posterior of each base model: histograms of the draws and, for each pair, the regions of highest density that hold 50, 90 and 99 %."]
+    for boundary in evidence.boundaries:
+        found = draws(evidence, boundary)
+        names = list(found)
+        model, entry = evidence.base(boundary)
+        n = len(found[names[0]]) if names else 0
+        pairs = [(a, b, _correlation(found[a], found[b])) for i, a in enumerate(names) for b in names[i + 1 :]]
+        strongest = max(pairs, key=lambda p: abs(p[2]), default=None)
+        told = f"; strongest correlation {plain(strongest[2], 2)}, of {_word(strongest[0])} and {_word(strongest[1])}" if strongest else ""
+        parts.append(f"{boundary.capitalize()}: {model.title}, {n} draws by {SAMPLERS[entry['posterior']['sampler']]}{told}.")
+    return " ".join(parts)
+
+
+SAMPLERS = {"importance": "importance sampling", "emcee": "emcee", "none": "its closed form"}
+
+
+def _correlation(x: FloatArray, y: FloatArray) -> float:
+    return float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
+
+
+def _word(name: str) -> str:
+    if name.startswith("L_inf_mN["):
+        return f"L∞ at {100 * float(name[9:-1]):.3g} %"
+    return {"alpha": "α", "lambda_": "λ"}.get(name, name)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    told = []
+    for boundary in evidence.boundaries:
+        spans = []
+        for name, x in draws(evidence, boundary).items():
+            low, high = np.quantile(x, [0.05, 0.95])
+            unit = " mN" if "_mN[" in name else ""
+            spans.append(f"{_word(name)} from {plain(float(low), 4)} to {plain(float(high), 4)}{unit}")
+        told.append(f"{boundary.capitalize()}: {', '.join(spans)} (90 %).")
+    return f"Corner plots of the posteriors. {' '.join(told)}"

@@ -1,0 +1,69 @@
+"""Simulation-based calibration: where the truth ranks among the draws of its posterior, over many campaigns from records.
+
+The truth is drawn from a prior, records are simulated by the referee with that truth, and the library makes a posterior with the very same
+prior. If everything in between is right, the rank of the truth is uniform (Talts, Betancourt, Simpson, Vehtari and Gelman 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from tests.calibration import forms
+from tests.calibration.simulator import Spec, simulate
+
+from nearlift import catalogue
+from nearlift.declare import LiftModel, uniform
+from nearlift.fitting import posterior
+from nearlift.fitting.density import Density
+from nearlift.fitting.least_squares import fit
+from nearlift.results import Noise
+
+SPREAD = 0.6
+BINS = 10
+MODELS = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rank:
+    """Share of the posterior's draws below the truth, and whether the central 90 % held it."""
+
+    share: float
+    inside90: bool
+
+
+def believed(boundary: str) -> LiftModel:
+    """The base model with the prior that the simulator draws its truth from: flat within +- SPREAD of the nominal coefficient."""
+    model = catalogue.model(MODELS[boundary])
+    parameter = model.parameters[0]
+    nominal = forms.COEFFICIENTS[boundary][parameter.name]
+    ends = sorted((nominal * (1 - SPREAD), nominal * (1 + SPREAD)))
+    return replace(model, parameters=(replace(parameter, prior=uniform(*ends), bounds=(ends[0], ends[1]), value=nominal),))
+
+
+def same(noise: Noise) -> Noise:
+    """The noise as the library estimated it."""
+    return noise
+
+
+def rank(boundary: str, seed: int, scatter: Callable[[Noise], Noise] = same) -> Rank:
+    """One campaign; `scatter` spoils the noise for a test of the test."""
+    found = simulate(Spec(boundary=boundary, spread=SPREAD, realism=False, visits=4, samples=120), seed)
+    model = believed(boundary)
+    fitted = fit(model, found.data)
+    if scatter is not same:
+        fitted = fit(model, found.data, scatter=scatter(fitted.noise))
+    density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.noise.dof)
+    drawn = posterior.sample(density, posterior.Settings(ess=1000), seed, boundary).flat()[:, 0]
+    truth = found.truth.theta[model.parameters[0].name]
+    low, high = np.quantile(drawn, [0.05, 0.95])
+    return Rank(share=float(np.mean(drawn < truth)), inside90=bool(low <= truth <= high))
+
+
+def uniformity(shares: np.ndarray) -> float:
+    """p-value that shares are uniform: the smaller of chi-square over bins and Kolmogorov-Smirnov, doubled."""
+    from scipy.stats import chisquare, kstest
+
+    count = np.histogram(shares, BINS, (0, 1))[0]
+    return min(1.0, 2 * min(chisquare(count).pvalue, kstest(shares, "uniform").pvalue))

@@ -1,0 +1,197 @@
+"""Posteriors through the stages: the table, fit.json, the report, a killed run, posterior.nc."""
+
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit import small_run
+
+from nearlift import store
+from nearlift.cli import EXPORTS
+from nearlift.errors import ManifestError
+from nearlift.products import FIT, POSTERIOR, TRIALS
+from nearlift.stages.checkpoint import Checkpoint
+from nearlift.stages.export import FORMATS
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A campaign that is ingested and fitted, and its output folder."""
+    raw = small_run.write(tmp_path_factory.mktemp("posterior") / "raw", visits=2)
+    out = tmp_path_factory.mktemp("posterior-out")
+    for stage in ("ingest", "fit"):
+        assert small_run.nearlift(stage, raw, "--out", out).exit_code == 0
+    return raw, out
+
+
+def products(out):
+    return out / "processed" / small_run.NAME
+
+
+def ask(raw, folder, text):
+    """The same campaign with a [fit] section."""
+    copy = shutil.copytree(raw, folder / "raw")
+    (copy / "campaign.toml").write_text((raw / "campaign.toml").read_text() + f"\n[fit]\n{text}\n")
+    return copy
+
+
+def test_the_table_holds_every_model_and_fit_json_says_how(done):
+    _, out = done
+    table = store.read_table(products(out) / POSTERIOR.file, POSTERIOR)
+    fits = json.loads((products(out) / FIT.file).read_text())
+    for name, entry in fits["boundaries"]["ground"].items():
+        said = entry["posterior"]
+        assert said["model"] == name
+        assert said["data_sha256"] == store.sha256(products(out) / TRIALS.file)
+        assert entry["log_evidence"]["u"] < 0.1
+        for parameter, summary in said["parameters"].items():
+            draws = table["value"][(table["model"] == name) & (table["parameter"] == parameter)]
+            assert len(draws) == said["chains"] * said["draws"] >= 4000
+            assert summary["value"] == pytest.approx(draws.mean(), rel=1e-9)
+            assert summary["lo90"] < summary["median"] < summary["hi90"]
+            assert summary["ess"] >= 4000
+            assert summary["prior"]["text"]
+    base = table["model"] == "sanchez_cuevas"
+    assert {"K_b", "L_inf_N[0.25]", "L_inf_N[0.92]"} <= set(table["parameter"][base])
+    assert not any(p.startswith("L_inf") for p in table["parameter"][~base])
+    levels = fits["boundaries"]["ground"]["sanchez_cuevas"]
+    for throttle, level in levels["posterior"]["L_inf_N"].items():
+        assert level["value"] == pytest.approx(levels["L_inf_N"][throttle]["value"], abs=3 * level["u"])
+    assert not (products(out) / "unfinished").exists()
+
+
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(done, tmp_path):
+    """Really killed, by SIGKILL, once it has written a block."""
+    raw, out = done
+    asked = ask(raw, tmp_path, 'sampler = "emcee"\ness = 600\nground = { rivals = [] }')
+    results = {}
+    for kind in ("whole", "killed"):
+        work = tmp_path / kind
+        (work / "processed" / small_run.NAME).mkdir(parents=True)
+        trials = products(out) / TRIALS.file
+        (products(work) / TRIALS.file).write_bytes(trials.read_bytes())
+        command = [sys.executable, "-c", "from nearlift.cli import main; main()", "fit", str(asked), "--out", str(work), "-q"]
+        if kind == "killed":
+            process = subprocess.Popen(command, env={**os.environ})
+            folder = products(work) / "unfinished" / "fit"
+            deadline = time.monotonic() + 60
+            while not list(folder.glob("*.npz")) and time.monotonic() < deadline:
+                time.sleep(0.002)
+            process.send_signal(signal.SIGKILL)
+            assert process.wait() == -signal.SIGKILL
+            left = sorted(p.name for p in folder.glob("*.npz"))
+            assert left
+            assert not (products(work) / POSTERIOR.file).exists()
+            # what a kill in the middle of a write would leave behind is no block
+            (folder / "ground-sanchez_cuevas-00099.npz").write_bytes(b"half a blo")
+        assert subprocess.run(command, check=False).returncode == 0
+        assert not (products(work) / "unfinished").exists()
+        results[kind] = ((products(work) / POSTERIOR.file).read_bytes(), (products(work) / FIT.file).read_bytes())
+    assert results["killed"] == results["whole"]
+    said = json.loads(results["whole"][1])["boundaries"]["ground"]["sanchez_cuevas"]["posterior"]
+    assert said["sampler"] == "emcee"
+    assert said["ess"] >= 600
+    assert 0 < said["acceptance"] < 1
+
+
+def test_blocks_of_another_run_and_damaged_ones_are_no_blocks(tmp_path):
+    from nearlift.fitting.ensemble import Block
+
+    block = Block(
+        theta=np.ones((3, 4, 1)),
+        log_prob=np.ones((3, 4)),
+        accepted=np.ones(4),
+        keys=np.arange(624, dtype=np.uint32),
+        place=np.array([5, 0]),
+        cached=0.25,
+    )
+    kept = Checkpoint(folder=tmp_path, name="a", key="one")
+    for _ in range(3):
+        kept.keep(block)
+    again = Checkpoint(folder=tmp_path, name="a", key="one").read()
+    assert len(again) == 3
+    np.testing.assert_array_equal(again[0].keys, block.keys)
+    assert again[0].cached == 0.25
+    assert Checkpoint(folder=tmp_path, name="a", key="two").read() == []
+    path = tmp_path / "a-00001.npz"
+    path.write_bytes(path.read_bytes()[:-40])
+    assert len(Checkpoint(folder=tmp_path, name="a", key="one").read()) == 1
+
+
+def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
+    raw, out = done
+    asked = ask(raw, tmp_path, 'sampler = "emcee"\nsteps = 400\ness = 4000')
+    found = small_run.nearlift("fit", asked, "--out", out)
+    assert found.exit_code == 5
+    assert "run at least" in found.stderr
+    assert "Traceback" not in found.stderr
+    raw_again = small_run.nearlift("fit", raw, "--out", out)
+    assert raw_again.exit_code == 0
+
+
+@pytest.mark.parametrize(("text", "told"), [('sampler = "gibbs"', "fit.sampler"), ("ess = 5", "fit.ess"), ("walkers = 8", "did you mean|known here")])
+def test_what_cannot_be_asked_for_is_refused(done, tmp_path, text, told):
+    raw, _ = done
+    from nearlift import campaign
+
+    with pytest.raises(ManifestError, match=told):
+        campaign.load(ask(raw, tmp_path, text))
+
+
+def test_posterior_nc_opens_in_arviz(done):
+    raw, out = done
+    found = small_run.nearlift("export", raw, "--out", out, "--netcdf")
+    assert found.exit_code == 0
+    path = Path(found.stdout.strip())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+    table = store.read_table(products(out) / POSTERIOR.file, POSTERIOR)
+    mine = (table["model"] == "sanchez_cuevas") & (table["parameter"] == "K_b")
+    if int(arviz.__version__.split(".")[0]) >= 1:
+        tree = arviz.from_netcdf(path)
+        root, group = tree["posterior"], tree["ground/sanchez_cuevas/posterior"]
+    else:
+        root = arviz.from_netcdf(path).posterior
+        group = arviz.InferenceData.from_netcdf(path, base_group="ground/sanchez_cuevas").posterior
+    for opened in (root, group):
+        np.testing.assert_array_equal(np.asarray(opened["K_b"]).ravel(), table["value"][mine])
+        assert opened["K_b"].attrs["prior"] == "normal, mean 2, sd 4"
+    assert list(np.asarray(group["throttle"])) == [0.25, 0.5, 0.75, 0.92]
+    assert group.attrs["data_sha256"] == store.sha256(products(out) / TRIALS.file)
+    assert float(arviz.ess(np.asarray(root["K_b"]))) > 3800
+
+
+def test_export_asks_for_a_format_and_all_are_on_the_command_line(done):
+    raw, out = done
+    assert set(EXPORTS) == {f.name for f in FORMATS}
+    found = small_run.nearlift("export", raw, "--out", out)
+    assert found.exit_code == 2
+    assert "no format was asked for" in found.stderr
+
+
+def test_posterior_nc_without_its_package_is_refused(done, monkeypatch):
+    raw, out = done
+    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    found = small_run.nearlift("export", raw, "--out", out, "--netcdf")
+    assert found.exit_code == 4
+    assert "pip install 'nearlift[netcdf]'" in found.stderr
+    assert importlib.util.find_spec("emcee")
+
+
+def test_a_fit_writes_posterior_nc_when_asked_and_leaves_no_old_one(done, tmp_path):
+    raw, out = done
+    asked = ask(raw, tmp_path, "netcdf = true\nground = { rivals = [] }")
+    assert small_run.nearlift("fit", asked, "--out", out).exit_code == 0
+    assert (products(out) / "posterior.nc").is_file()
+    assert small_run.nearlift("fit", raw, "--out", out).exit_code == 0
+    assert not (products(out) / "posterior.nc").exists()
