@@ -61,6 +61,12 @@ class Prior:
             return f"uniform on [{self.loc:g}, {self.loc + self.scale:g}]"
         if self.distribution == "norm":
             return f"normal, mean {self.loc:g}, sd {self.scale:g}"
+        if self.distribution == "lognorm" and self.loc == 0:
+            return f"log-normal, median {self.scale:g}, sd of the logarithm {self.shape[0]:g}"
+        if self.distribution == "expon" and self.loc == 0:
+            return f"exponential, mean {self.scale:g}"
+        if self.distribution == "halfnorm" and self.loc == 0:
+            return f"half-normal, scale {self.scale:g}"
         inside = ", ".join(f"{s:g}" for s in (*self.shape, self.loc, self.scale))
         return f"{self.distribution}({inside})"
 

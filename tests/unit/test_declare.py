@@ -70,7 +70,7 @@ def test_priors():
     assert Prior(distribution="lognorm", shape=(1.0,), scale=3.0).frozen().median() == pytest.approx(3.0)
     assert str(uniform(2, 5)) == "uniform on [2, 5]"
     assert str(normal(1, 2)) == "normal, mean 1, sd 2"
-    assert str(Prior(distribution="lognorm", shape=(1.0,), scale=3.0)) == "lognorm(1, 0, 3)"
+    assert str(Prior(distribution="lognorm", shape=(1.0,), scale=3.0)) == "log-normal, median 3, sd of the logarithm 1"
 
 
 # --- declarations

@@ -12,7 +12,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fitting.density import Density
 from nearlift.fitting.mixture import Mixture
-from nearlift.fitting.pareto import pareto_k
+from nearlift.fitting.pareto import LIMIT, pareto_k
 
 ROUND = 1500
 ROUNDS = 10
@@ -24,6 +24,8 @@ LIGHT = 0.4
 #: Rounds after which a shape that one component cannot follow gets more.
 PATIENCE = 2
 COMPONENTS = 8
+#: Times that the final draws may serve to learn from.
+AGAIN = 3
 #: At most so many draws for each one that is wanted.
 GENEROUS = 40
 
@@ -131,7 +133,7 @@ def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted
         for _ in range(STEPS):
             learnt = learnt.learn(theta, weight)
         proposals.append(learnt)
-    best = max(range(ROUNDS), key=lambda i: rounds[i].ess / len(rounds[i].theta))
+    best = max(range(ROUNDS), key=lambda i: (rounds[i].pareto_k < LIMIT, rounds[i].ess / len(rounds[i].theta)))
     return proposals[best], rounds[best]
 
 
@@ -148,5 +150,13 @@ def sample(density: Density, rng: np.random.Generator, wanted: int) -> Weighted:
     proposal, trial = adapt(density, rng)
     n = len(trial.weight)
     # resampling repeats no draw whose weight is below 1 / wanted
-    size = int(min(1.2 * wanted * n * float(trial.weight.max()), GENEROUS * wanted))
-    return weigh(density, proposal, rng, max(size, wanted + wanted // 4))
+    size = max(int(min(1.2 * wanted * n * float(trial.weight.max()), GENEROUS * wanted)), wanted + wanted // 4)
+    drawn = weigh(density, proposal, rng, size)
+    for _ in range(AGAIN):
+        if drawn.pareto_k < LIMIT:
+            break
+        # so many draws have found what the rounds before had missed: learn from them and draw afresh
+        for _ in range(STEPS):
+            proposal = proposal.learn(drawn.theta, np.minimum(drawn.weight, len(drawn.weight) ** -0.5))
+        drawn = weigh(density, proposal, rng, size)
+    return drawn

@@ -11,7 +11,8 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fitting.belief import Beliefs
 
-DOF = 5.0
+#: Of the t components: tails far heavier than a posterior's cost little, and find what lies off its main body.
+DOF = 2.5
 #: Least share of draws that come from the prior: with it no weight can exceed the greatest likelihood over this, so the tail is bounded.
 DEFENCE = 0.05
 
