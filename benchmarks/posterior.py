@@ -1,6 +1,6 @@
 """A posterior to 4000 effective draws, whole process, beside emcee as a lab would write it.
 
-    python benchmarks/posterior.py [--ess 4000] [--repeat 2]
+    python benchmarks/posterior.py [--ess 4000] [--repeat 2] [--quick]
 
 One simulated campaign near the ground (Sanchez-Cuevas with a free exponent, four throttles), its covariance known. Each contestant runs in
 a process of its own, imports included, and stops by its own measure; the bulk effective sample size of what it returns is then
@@ -178,6 +178,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ess", type=int, default=4000)
     parser.add_argument("--repeat", type=int, default=2)
+    parser.add_argument("--quick", action="store_true", help="without the scalar chain, which takes minutes")
     parser.add_argument("--only", nargs=2, metavar=("CONTESTANT", "DATA"))
     options = parser.parse_args()
     if options.only:
@@ -195,7 +196,7 @@ def main() -> None:
         data = Path(folder) / "campaign.npz"
         write(data)
         for _ in range(options.repeat):
-            for name in CONTESTANTS:
+            for name in (n for n in CONTESTANTS if n != "scalar" or not options.quick):
                 command = [sys.executable, __file__, "--ess", str(options.ess), "--only", name, str(data)]
                 begin = time.clock_gettime(time.CLOCK_MONOTONIC)
                 told = json.loads(subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout)
