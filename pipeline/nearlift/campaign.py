@@ -20,6 +20,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from nearlift import units
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray
+from nearlift.design_manifest import Planned
 from nearlift.errors import ManifestError
 from nearlift.piv_manifest import Piv
 from nearlift.quantities import (
@@ -333,6 +334,7 @@ class Campaign(Section):
     quality: Quality = Quality()
     diagnose: Diagnose = Diagnose()
     piv: Piv | None = None
+    design: Planned | None = None
 
     @model_validator(mode="after")
     def _coherent(self) -> Self:

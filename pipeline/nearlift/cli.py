@@ -136,6 +136,19 @@ def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice, 
         remember(processed, stamps)
 
 
+@contextlib.contextmanager
+def open_plan(campaign: Path, out: Path, seed: int, voice: Voice) -> Iterator[Job]:
+    """The campaign as a job that has no records yet: the manifest is checked, no input is looked for."""
+    from nearlift import campaign as manifests
+    from nearlift.executors import open_executor
+    from nearlift.stages.job import Job
+
+    loaded = manifests.load(campaign)
+    processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
+    with open_executor("serial") as pool:
+        yield Job(root=campaign, campaign=loaded, processed=processed, reports=reports, executor=pool, seed=seed, say=voice.progress)
+
+
 def execute(
     campaign: Path,
     stages: tuple[Stage, ...] | None,
@@ -247,7 +260,56 @@ def _stage_command(name: str, summary: str) -> None:
 
 
 for _name, _summary in STAGE_NAMES.items():
-    _stage_command(_name, _summary)
+    if _name != "diagnose":
+        _stage_command(_name, _summary)
+
+
+@main.command(help=STAGE_NAMES["diagnose"] + " Runs even if it is up to date; earlier stages must have run.")
+@CAMPAIGN
+@click.option("--explain", metavar="NAME", help="Instead: one effect, what it is, what this campaign could see of it, and what it is confused with.")
+@common
+def diagnose(campaign: Path, explain: str | None, **options: Any) -> None:
+    """The stage, or one effect explained."""
+    from nearlift.stages import graph
+
+    if explain is None:
+        execute(campaign, (graph.stage("diagnose"),), force=True, **options)
+        return
+    from nearlift.stages import explain as explaining
+    from nearlift.store import plain
+    from nearlift.summaries.explain import text
+
+    voice = Voice(options["quiet"], options["verbose"], options["as_json"])
+    with open_job(campaign, options["out"], "serial", options["seed"], voice) as job, voice.busy(f"nearlift: {explain}"):
+        found = explaining.run(job, explain)
+    if options["as_json"]:
+        click.echo(json.dumps(plain(found)))
+    elif not options["quiet"]:
+        click.echo(text(found), nl=False)
+
+
+@main.command()
+@CAMPAIGN
+@click.option("--noise-from", metavar="NAME", help="An earlier campaign under processed/ whose noise floor is expected.")
+@click.option("--write", type=click.Path(path_type=Path), metavar="PATH", help="Where the random schedule goes; never over a file.")
+@common
+def design(campaign: Path, noise_from: str | None, write: Path | None, **options: Any) -> None:
+    """Before CAMPAIGN is run: what its plan could see, what it would confuse, what to change; draws a random schedule.
+
+    The plan is the folder's schedule, or the manifest's [design].
+    """
+    from nearlift.stages import design as designing
+    from nearlift.store import plain
+    from nearlift.summaries.design import text
+
+    out: Path = options["out"]
+    voice = Voice(options["quiet"], options["verbose"], options["as_json"])
+    with open_plan(campaign, out, options["seed"], voice) as job, voice.busy(f"nearlift: {job.campaign.name}"):
+        found = designing.run(job, earlier=None if noise_from is None else out / "processed" / noise_from, write=write)
+    if options["as_json"]:
+        click.echo(json.dumps(plain(found)))
+    elif not options["quiet"]:
+        click.echo(text(found), nl=False)
 
 
 @main.command()

@@ -140,19 +140,27 @@ def set_up(
         )
     first = fit(base, kept, parts)
     kept = derive(kept, np.array([first.levels[float(t)].value for t in kept.levels]))
+    known, untestable = could_act(kept, base, effects)
+    # effects within a trial leave no mark on trial means; they have a test of their own
+    between = tuple(e for e in known if "drift_hat" not in e.needs)
+    stage = prepare(kept, base, between, parts, first.theta, options)
+    return stage, known, untestable
+
+
+def could_act(data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None) -> tuple[tuple[Effect, ...], list[dict[str, Any]]]:
+    """The effects that can occur at this boundary and whose needs the trials meet; the others, with what to log next time.
+
+    `data` has its derived covariates; `effects` is the catalogue if None.
+    """
     library = catalogue.effects() if effects is None else effects
     taken = {p.name for p in base.parameters}
     library = tuple(e for e in library if data.boundary in e.boundaries and not taken & {p.name for p in e.parameters})
     if "spacing_hat" not in data.geometry:
         # what rotors do to each other is not missing information where there is only one
         library = tuple(e for e in library if "spacing_hat" not in e.needs)
-    needs = {e.name: missing(e, kept) for e in library}
+    needs = {e.name: missing(e, data) for e in library}
     untestable = [{"effect": e.name, "needs": list(needs[e.name]), "log_next_time": list(e.log_next_time)} for e in library if needs[e.name]]
-    testable = tuple(e for e in library if not needs[e.name])
-    # effects within a trial leave no mark on trial means; they have a test of their own
-    between = tuple(e for e in testable if "drift_hat" not in e.needs)
-    stage = prepare(kept, base, between, parts, first.theta, options)
-    return stage, testable, untestable
+    return tuple(e for e in library if not needs[e.name]), untestable
 
 
 def declared_sizes(parts: tuple[budget.Component, ...], library: tuple[Effect, ...]) -> dict[str, float]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray
+from nearlift.declare import Effect, FloatArray
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import Answer, Explanation, Stage
@@ -39,19 +39,19 @@ def menu(data: Observations) -> list[Proposal]:
         f"visits beyond z_hat = 10, and at {max(far, 10.0):.3g}": (10.0, max(far, 10.0)),
         "the closest, a middle and the farthest distance in turn": (near, 2.5 * near, far),
     }
-    proposals = [Proposal(text=text, added=_session(data, z)) for text, z in places.items()]
+    proposals = [Proposal(text=text, added=session(data, z)) for text, z in places.items()]
     if "approach" in data.covariates:
-        both = _session(data, (near, 1.3 * near))
+        both = session(data, (near, 1.3 * near))
         direction = np.where(np.arange(both.n) // len(data.levels) % 2 == 0, 1.0, -1.0)
         both = dataclasses.replace(both, covariates={**both.covariates, "approach": direction})
         proposals.append(Proposal(text="the closest distances, each approached from both directions in turn", added=both))
     return proposals
 
 
-def _session(data: Observations, places: tuple[float, ...]) -> Observations:
+def session(data: Observations, places: tuple[float, ...], trials: int = SESSION) -> Observations:
     """Trials at these distances, every throttle at each visit, all other covariates in their middle, as a session of their own time."""
     levels = data.levels if len(data.levels) <= 8 else np.quantile(data.levels, [0.1, 0.4, 0.7, 1.0], method="nearest")
-    visits = max(SESSION // len(levels), 1)
+    visits = max(trials // len(levels), 1)
     z = np.repeat(np.resize(np.asarray(places), visits), len(levels))
     throttle = np.tile(levels, visits)
     n = len(z)
@@ -84,12 +84,17 @@ def join(a: Observations, b: Observations) -> Observations:
 
 def parting(stage: Stage, data: Observations, one: Explanation, other: Explanation) -> float:
     """Non-centrality with which trials at `data` would part two fitted explanations: what the other cannot imitate of the one."""
+    return parted(stage, data, (one.fitted.candidate.effects, one.fitted.vector), (other.fitted.candidate.effects, other.fitted.vector))
+
+
+def parted(stage: Stage, data: Observations, one: tuple[tuple[Effect, ...], FloatArray], other: tuple[tuple[Effect, ...], FloatArray]) -> float:
+    """The same for effects with their flat vectors, fitted or supposed."""
     slope = height_slope(stage.base, data, dict(zip((p.name for p in stage.base.parameters), stage.theta, strict=True)))
     space = Problem(model=stage.base, data=data, covariance=trial_covariance(data, stage.noise, slope))
-    mine = Candidate(base=stage.base, effects=one.fitted.candidate.effects, data=data)
-    theirs = Candidate(base=stage.base, effects=other.fitted.candidate.effects, data=data)
-    difference = np.nan_to_num(mine.log_ratio(one.fitted.vector) - theirs.log_ratio(other.fitted.vector))
-    absorbed = space.project(theirs.jacobian(other.fitted.vector).T).T
+    mine = Candidate(base=stage.base, effects=one[0], data=data)
+    theirs = Candidate(base=stage.base, effects=other[0], data=data)
+    difference = np.nan_to_num(mine.log_ratio(one[1]) - theirs.log_ratio(other[1]))
+    absorbed = space.project(theirs.jacobian(other[1]).T).T
     white: FloatArray = space.project(difference)
     basis = orthonormal(absorbed)
     left = white - basis @ (basis.T @ white)

@@ -42,3 +42,22 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> dic
         "significant": significant,
         "candidates": names if significant else [],
     }
+
+
+def power(data: Observations, rate: float, chance: float) -> dict[str, Any] | None:
+    """The mean relative change over a record that `heating` finds with that chance at that rate; None where records are unknown."""
+    from scipy.optimize import brentq
+    from scipy.stats import nct, t
+
+    drift = data.covariates.get("drift_hat")
+    if drift is None or not np.isfinite(drift).all() or not np.any(drift):
+        return None
+    _, visit = np.unique(data.visit, return_inverse=True)
+    means = np.bincount(visit, drift) / np.bincount(visit)
+    blocks = len(means)
+    if blocks < 5:
+        return None
+    u = float(means.std(ddof=1) / np.sqrt(blocks))
+    critical = float(t.ppf(1 - rate / 2, blocks - 1))
+    limit = u * float(brentq(lambda shift: nct.sf(critical, blocks - 1, shift) - chance, 0.0, 20.0))
+    return {"u_of_mean": u, "visits": blocks, "limit": max(limit, HARMLESS)}

@@ -174,9 +174,8 @@ class Ledger:
     def commit(self, stage: Stage, outcome: Outcome, material: dict[str, Any], wall_s: float) -> None:
         """Record that the stage is done; the last write of a stage."""
         outputs = {f"processed/{p.file}": store.sha256(self.job.processed / p.file) for p in stage.writes}
-        if stage.report:
-            files = sorted(p for p in self.job.reports.rglob("*") if p.is_file())
-            outputs |= {f"reports/{p.relative_to(self.job.reports).as_posix()}": store.sha256(p) for p in files}
+        # only what the stage itself made: whatever else lies in the folder is somebody's own
+        outputs |= {f"reports/{name}": store.sha256(path) for name, path in sorted(self.job.published.items())}
         stages = dict(self.content.get("stages", {}))
         stages[stage.name] = {
             "material": material,
@@ -238,6 +237,7 @@ def run(job: Job, wanted: Sequence[Stage] = STAGES, begin: Callable[[Stage, str]
         begin(item, why)
         material = ledger.material(item)
         start = time.perf_counter()
+        job.published.clear()
         outcome = item.run(job)
         wall_s = time.perf_counter() - start
         ledger.commit(item, outcome, material, wall_s)

@@ -36,6 +36,8 @@ class Job:
     executor : Executor
     say : callable
         Takes a short progress text, such as ``"ingest 120 of 3600 trials"``.
+    published : dict of str to Path
+        What the present stage has put under `reports`, by name there.
     """
 
     root: Path
@@ -47,6 +49,7 @@ class Job:
     stamps: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     say: Callable[[str], None] = _silent
+    published: dict[str, Path] = field(default_factory=dict)
 
     def unfinished(self, stage: str) -> Path:
         """Where a stage may keep what an interrupted run can go on from; removed once the stage is committed."""
@@ -59,6 +62,13 @@ class Job:
     def write(self, product: Product, table: Mapping[str, Any]) -> None:
         """Write a table product of this campaign."""
         store.write_table(self.processed / product.file, table, product)
+
+    def publish(self, name: str, content: bytes) -> Path:
+        """Write a file under `reports`, and note that this stage made it."""
+        path = self.reports / name
+        store.write_bytes(path, content)
+        self.published[name] = path
+        return path
 
     def read_json(self, product: Product) -> dict[str, Any]:
         """A JSON product of this campaign."""

@@ -39,13 +39,13 @@ def run(job: Job) -> Outcome:
         job.say(f"report {spec.name}")
         files = render(spec.draw, rows, look)
         for kind in ("pdf", "png"):
-            store.write_bytes(job.reports / f"{spec.name}.{kind}", files[kind])
-        store.write_bytes(job.reports / f"{spec.name}.csv", to_csv(rows))
+            job.publish(f"{spec.name}.{kind}", files[kind])
+        job.publish(f"{spec.name}.csv", to_csv(rows))
         caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
         pictures.append(Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"]))
-    store.write_bytes(job.reports / "tables" / "coefficients.tex", table(evidence).encode())
-    store.write_bytes(job.reports / "tables" / "coefficients.csv", to_csv(coefficients(evidence)))
-    store.write_bytes(job.reports / "index.html", page(evidence, pictures))
+    job.publish("tables/coefficients.tex", table(evidence).encode())
+    job.publish("tables/coefficients.csv", to_csv(coefficients(evidence)))
+    job.publish("index.html", page(evidence, pictures))
     return Outcome(notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out))
 
 

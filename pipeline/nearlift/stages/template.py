@@ -43,6 +43,14 @@ distance = "mm"
 throttle = "percent"
 start    = "s"
 
+# A plan to weigh before it is run: `nearlift design` says what it could see, and draws a schedule.
+# [design]
+# distances = {{ ground = ["26 mm", "30 mm", "40 mm", "60 mm", "120 mm", "260 mm"] }}
+# throttles = ["25 percent", "50 percent", "75 percent", "92 percent"]
+# visits    = 15
+# sessions  = 5
+# noise     = {{ relative = "0.5 percent", force = "0.3 mN", height = "0.05 mm" }}
+
 # What repeats do not show. One table per component; `scope` says what shares it.
 # [[uncertainty]]
 # name  = "distance datum"

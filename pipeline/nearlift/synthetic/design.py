@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -119,14 +120,73 @@ def randomised(
 
 
 def _order(distances: FloatArray, visits: int, rng: np.random.Generator) -> FloatArray:
-    """Rounds over all stations, each in a random order; the end of one never meets itself at the start of the next."""
+    """Rounds over all stations, each in a random order; the end of one never meets itself at the start of the next.
+
+    A station that stands several times in `distances` is visited so many times a round, and not twice running if that can be helped.
+    """
     rounds: list[FloatArray] = []
     for _ in range(visits):
         turn = rng.permutation(distances)
-        if rounds and len(turn) > 1 and turn[0] == rounds[-1][-1]:
+        if len(np.unique(distances)) < len(distances):
+            for _ in range(100):
+                if not np.any(turn[1:] == turn[:-1]) and not (rounds and turn[0] == rounds[-1][-1]):
+                    break
+                turn = rng.permutation(distances)
+        elif rounds and len(turn) > 1 and turn[0] == rounds[-1][-1]:
             turn[[0, -1]] = turn[[-1, 0]]
         rounds.append(turn)
     return np.concatenate(rounds)
+
+
+def balanced(design: Design, *, seed: int) -> Design:
+    """The same visits with throttles in Williams's orders: over a few visits each throttle follows each other one equally often.
+
+    What one trial leaves behind for the next (creep, heat) then falls on all throttles alike. Visits that lack a throttle keep
+    their own order.
+    """
+    rng = generator(seed, "design", "throttles")
+    orders = _williams(len(np.unique(design.throttle)))
+    levels, throttle = np.unique(design.throttle), design.throttle.copy()
+    turn: list[NDArray[np.int64]] = []
+    for visit in np.unique(design.visit):
+        here = np.flatnonzero(design.visit == visit)
+        if not np.array_equal(np.sort(throttle[here]), levels):
+            continue
+        if not turn:
+            # the numbering of the throttles is drawn anew for each square
+            turn = [rng.permutation(len(levels))[row] for row in orders[rng.permutation(len(orders))]]
+        throttle[here] = levels[turn.pop()]
+    return dataclasses.replace(design, throttle=throttle)
+
+
+def _williams(count: int) -> NDArray[np.int64]:
+    """Orders of `count` things, each following each other one equally often: `count` rows, or twice as many if it is odd."""
+    first = np.array([(j + 1) // 2 if j % 2 else (count - j // 2) % count for j in range(count)])
+    rows = (first + np.arange(count)[:, None]) % count
+    result: NDArray[np.int64] = np.vstack([rows, rows[:, ::-1]]) if count % 2 else rows
+    return result
+
+
+def from_both_sides(design: Design, *, overshoot_m: float, seed: int) -> Design:
+    """Each station approached equally often from either side, by driving past it where the last station lies on the wrong one.
+
+    Adds ``further["via_m"]``, the recorded distance to go to first (nan: go straight). The side is free only between the nearest
+    and the farthest station: nobody is asked to go closer, or farther, than the campaign does anyway.
+    """
+    rng = generator(seed, "design", "sides")
+    approach, via = design.approach.copy(), np.full(len(design), np.nan)
+    for side in dict.fromkeys(design.boundary):
+        mine = design.boundary == side
+        near, far = design.recorded_m[mine].min(), design.recorded_m[mine].max()
+        for distance in np.unique(design.recorded_m[mine]):
+            stops = np.unique(design.visit[mine & (design.recorded_m == distance)])
+            wanted = rng.permutation(np.resize([1.0, -1.0], len(stops)))
+            for stop, sign in zip(stops, wanted, strict=True):
+                here = design.visit == stop
+                past = np.clip(distance - sign * overshoot_m, near, far)
+                if approach[here][0] != sign and abs(past - distance) >= overshoot_m / 2:
+                    approach[here], via[here] = sign, past
+    return dataclasses.replace(design, approach=approach, further={**design.further, "via_m": via})
 
 
 def battery_V(design: Design, *, seed: int, full_V: float = 4.0, falls_V: float = 0.15, scatter_V: float = 0.02) -> FloatArray:

@@ -1,0 +1,212 @@
+"""`design`: a campaign weighed before it is run, and a random schedule for it.
+
+Not a stage: it makes no product. It reads the manifest, and the schedule where there is one, and writes
+``reports/<campaign>/design/``. The schedule it draws goes there too, or where `--write` says, but never over anything: a
+campaign's folder is its owner's.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift import store, units
+from nearlift.campaign import Campaign
+from nearlift.declare import Boundary
+from nearlift.design_manifest import Planned
+from nearlift.diagnosis.foresight import Foresight, planned
+from nearlift.diagnosis.outlook import outlook
+from nearlift.diagnosis.search import Options
+from nearlift.diagnosis.setting import derive
+from nearlift.errors import NotConverged, UsageError
+from nearlift.fitting import budget
+from nearlift.fitting.problem import usable
+from nearlift.readers.columns import BY_NAME
+from nearlift.stages.fit import choice
+from nearlift.stages.job import Job
+from nearlift.stages.observe import boundaries, observe
+from nearlift.stages.plans import Plan, as_schedule, draw, levels, plan, ranged, scatter, table_of
+from nearlift.synthetic.design import Design
+
+SCHEDULE = "trials.csv"
+
+
+def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> dict[str, Any]:
+    """Weigh the planned campaign; writes the figure, the numbers and a random schedule, and returns what the console shows.
+
+    Parameters
+    ----------
+    job : Job
+    earlier : Path or None
+        ``processed/<campaign>`` of one whose noise floor is expected here too.
+    write : Path or None
+        File, or existing folder, for the schedule; ``reports/<campaign>/design/trials.csv`` if None.
+
+    Raises
+    ------
+    UsageError
+        Neither a schedule nor a `[design]`, or `write` names a file that exists.
+    NotConverged
+        No boundary has enough planned trials.
+    """
+    target = _target(job, write)
+    made = plan(job.campaign, job.root, job.seed)
+    parts = budget.components(job.campaign)
+    options = Options(seed=job.seed, false_alarm_rate=job.campaign.diagnose.false_alarm_rate)
+    found: dict[str, Any] = {"campaign": job.campaign.name, "plan": made.source, "assumed": list(made.assumed), "boundaries": {}, "notes": []}
+    for boundary in boundaries(made.table):
+        job.say(f"design {boundary}")
+        base, _ = choice(job.campaign, boundary)
+        given = job.campaign.design.expected.get(boundary, {}) if job.campaign.design else {}
+        unknown = sorted(given.keys() - {p.name for p in base.parameters})
+        if unknown:
+            raise UsageError(
+                f"design.expected.{boundary}", f"{base.name} has no {unknown[0]}", f"it has {', '.join(p.name for p in base.parameters)}"
+            )
+        theta = np.array([given.get(p.name, p.value) for p in base.parameters])
+        data = observe(made.table, job.campaign, boundary)
+        noise = scatter(job.campaign, boundary, earlier)
+        try:
+            stage, library, untestable = planned(data, base, parts, noise, options, theta)
+        except NotConverged as fault:
+            found["notes"].append(f"{boundary}: {fault.what}; {fault.remedy}")
+            continue
+        variants = {}
+        if made.design is None:
+            for text, table in _otherwise(job.campaign, made, job.seed).items():
+                other = observe(table, job.campaign, boundary)
+                other = other.take(usable(base, other))
+                variants[text] = derive(other, np.array([np.median(other.lift_N[other.throttle == t]) for t in other.levels]))
+        result = outlook(Foresight(stage=stage, seed=job.seed), library, variants)
+        found["boundaries"][boundary] = result | {"untestable": untestable}
+    if not found["boundaries"]:
+        raise NotConverged(f"design of {job.campaign.name}", "; ".join(found["notes"]) or "no trial is planned", "plan more trials")
+    drawn = made.design or draw(job.campaign, job.seed, _read_off(job.campaign, made))
+    found["schedule"] = _write(job, drawn, target)
+    found["files"] = _draw(job, found)
+    return found
+
+
+def _target(job: Job, write: Path | None) -> Path:
+    if write is None:
+        return job.reports / "design" / SCHEDULE
+    path = write / SCHEDULE if write.is_dir() else write
+    if path.exists():
+        raise UsageError(str(path), "exists", "name another file; a schedule that may have been run is never overwritten")
+    return path
+
+
+def _read_off(campaign: Campaign, made: Plan) -> Planned:
+    """A `[design]` with the stations, throttles, visits and sessions of a schedule; what it cannot tell is the manifest's or the default."""
+    table = made.table
+    distances: dict[Boundary, list[float]] = {}
+    visits = []
+    for side in boundaries(table):
+        mine = table["boundary"] == side
+        recorded = np.round(table["z_m"][mine] - campaign.rig.offset(side), 9)
+        distances[side] = np.unique(recorded).tolist()
+        visits.append(mine.sum() / len(distances[side]) / len(np.unique(table["throttle"])))
+    sessions = len(np.unique(table["session"])) if "session" in table else 1
+    throttles = np.unique(table["throttle"]).tolist()
+    given = {
+        "distances": distances,
+        "throttles": throttles,
+        "visits": max(int(np.ceil(np.mean(visits))), 1),
+        "sessions": max(-(-sessions // len(distances)), 1),
+    }
+    return (campaign.design or Planned.model_construct(distances=distances, throttles=throttles)).model_copy(update=given)
+
+
+def _otherwise(campaign: Campaign, made: Plan, seed: int) -> dict[str, store.Table]:
+    """The schedule's trials in random order, and from both sides."""
+    drawn = draw(campaign, seed, _read_off(campaign, made))
+    schedule = as_schedule(drawn, campaign)
+    far, _ = levels(campaign, schedule.throttle)
+    covariates, _ = ranged(campaign.design, schedule)
+    # what only the schedule on disk knows cannot be ordered anew, so only the usual covariates are compared
+    lacking = {"supply_V", "temperature_K", "tilt_rad"} & made.table.keys() - covariates.keys()
+    return {} if lacking else {"the same trials in random order, each distance from both sides": table_of(schedule, far, covariates)}
+
+
+def _write(job: Job, drawn: Design, target: Path) -> dict[str, Any]:
+    text = schedule_text(drawn, job.campaign)
+    if target.is_relative_to(job.reports):
+        job.publish(str(target.relative_to(job.reports)), text.encode())
+    else:
+        store.write_bytes(target, text.encode())
+    wanted = job.campaign.design
+    trial_s = wanted.trial if wanted else 20.0
+    via = drawn.further.get("via_m", np.full(len(drawn), np.nan))
+    stops = np.unique(drawn.visit, return_index=True)[1]
+    sides = drawn.approach[stops]
+    return {
+        "file": str(target),
+        "trials": len(drawn),
+        "visits": len(stops),
+        "sessions": len(np.unique(drawn.session)),
+        "hours": float((drawn.start_s[-1] + trial_s) / 3600),
+        "from_afar": float(np.mean(sides < 0)),
+        "detours": int(np.isfinite(via[stops]).sum()),
+        "seed": job.seed,
+    }
+
+
+def schedule_text(drawn: Design, campaign: Campaign) -> str:
+    """A schedule as CSV in the manifest's units, with a blank column for everything that `[design] logs` names.
+
+    `via` is the distance to drive to before the station, to arrive from the other side.
+    """
+    given = campaign.trials.units
+    constant = campaign.trials.constants
+
+    def outside(values: Any, name: str, usual: str, dimension: str) -> list[str]:
+        factor, offset = units.to_si(given.get(name, usual), dimension, f"trials.units.{name}")
+        return ["" if np.isnan(v) else f"{(v - offset) / factor:.6g}" for v in values]
+
+    columns: dict[str, list[str]] = {
+        "trial": [str(t) for t in drawn.trial],
+        "boundary": [str(b) for b in drawn.boundary],
+        "distance": outside(drawn.recorded_m, "distance", "mm", "length"),
+        "throttle": outside(drawn.throttle, "throttle", "percent", "fraction"),
+        "session": [str(s) for s in drawn.session],
+        "start": outside(drawn.start_s, "start", "s", "time"),
+        "approach": [f"{a:+.0f}" for a in drawn.approach],
+    }
+    if np.isfinite(drawn.further.get("via_m", np.nan)).any():
+        # a detour is made once, on the way to the visit
+        arrives = np.r_[True, drawn.visit[1:] != drawn.visit[:-1]]
+        columns["via"] = outside(np.where(arrives, drawn.further["via_m"], np.nan), "distance", "mm", "length")
+    logs = campaign.design.logs if campaign.design else []
+    # a schedule whose every cell of a known column is blank is refused by nobody: it is filled in while the campaign is run
+    columns |= {name: [""] * len(drawn) for name in logs if name in BY_NAME and name not in columns}
+    columns = {name: cells for name, cells in columns.items() if name not in constant}
+    sink = io.StringIO()
+    writer = csv.writer(sink, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return sink.getvalue()
+
+
+def _draw(job: Job, found: dict[str, Any]) -> list[str]:
+    """Numbers as JSON, the figure as pdf, png and csv; the paths written."""
+    import json
+
+    from nearlift.figures import design as picture
+    from nearlift.figures.render import render
+    from nearlift.figures.style import style
+    from nearlift.summaries import design as summary
+    from nearlift.summaries.tidy import to_csv
+
+    table = summary.rows(found)
+    files = render(picture.draw, table, style(job.campaign.report.style))
+    content = {
+        "design.json": (json.dumps(store.plain(found), indent=1, ensure_ascii=False) + "\n").encode(),
+        "design.pdf": files["pdf"],
+        "design.png": files["png"],
+        "design.csv": to_csv(table),
+    }
+    return [str(job.publish(f"design/{name}", data)) for name, data in content.items()]

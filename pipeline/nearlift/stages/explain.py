@@ -1,0 +1,216 @@
+"""`diagnose --explain NAME`: one effect in one campaign, from its mechanism to what this design could see of it.
+
+Not a stage: it makes no product and stales none. It reads trials.parquet, and diagnosis.json where there is one, and writes
+``reports/<campaign>/explain/NAME.*``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from nearlift import catalogue, store
+from nearlift.declare import Boundary, Effect
+from nearlift.diagnosis import coefficients
+from nearlift.diagnosis.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handles
+from nearlift.diagnosis.loop import set_up
+from nearlift.diagnosis.search import SILENT, Options, Stage, visibility
+from nearlift.diagnosis.within_trial import power as heating_power
+from nearlift.errors import InputRefused, NotConverged
+from nearlift.fitting import budget
+from nearlift.products import DIAGNOSIS, TRIALS
+from nearlift.results import Noise
+from nearlift.stages.fit import choice
+from nearlift.stages.job import Job
+from nearlift.stages.observe import boundaries, observe
+from nearlift.summaries.evidence import Columns
+
+#: Rivals listed.
+MOST = 8
+
+
+def run(job: Job, name: str) -> dict[str, Any]:
+    """Explain the effect of that name at every boundary of the campaign; writes the figure, and returns what the console shows.
+
+    Raises
+    ------
+    UsageError
+        There is no such effect.
+    InputRefused
+        No boundary of the campaign could be looked at, with the reasons.
+    """
+    effect = catalogue.effect(name)
+    trials = job.read(TRIALS)
+    parts = budget.components(job.campaign)
+    options = Options(seed=job.seed, false_alarm_rate=job.campaign.diagnose.false_alarm_rate)
+    loop = store.read_json_if_whole(job.processed / DIAGNOSIS.file).get("boundaries", {})
+    told: dict[str, Any] = {}
+    pictures: list[Columns] = []
+    refused = []
+    for boundary in boundaries(trials):
+        job.say(f"explain {name}: {boundary}")
+        base, _ = choice(job.campaign, boundary)
+        try:
+            stage, library, untestable = set_up(observe(trials, job.campaign, boundary), base, parts, options)
+        except NotConverged as fault:
+            refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
+            continue
+        if boundary in loop:
+            stage = _at_floor(stage, loop[boundary]["noise_floor"])
+        told[boundary], rows = _at(stage, effect, library, untestable, loop.get(boundary), boundary, job.seed)
+        pictures += rows
+    if not told:
+        raise InputRefused(job.campaign.name, "; ".join(refused) or "no trial was accepted", "an explanation needs what a diagnosis needs")
+    found = {**_words(effect), "campaign": job.campaign.name, "boundaries": told, "notes": refused, "files": []}
+    if pictures:
+        found["files"] = _draw(job, name, pictures)
+    return found
+
+
+def _at_floor(stage: Stage, floor: dict[str, Any]) -> Stage:
+    """The stage at the noise floor that the loop ended with: beside a large effect it is taken about the explanation."""
+    noise = Noise(
+        relative=floor["relative"],
+        force_N=floor["force_N"],
+        height_m=floor["height_m"],
+        serial=floor["serial"],
+        serial_length=floor["serial_length"],
+        source=floor["source"],
+        dof=stage.noise.dof,
+    )
+    return dataclasses.replace(stage, noise=noise)
+
+
+def _words(effect: Effect) -> dict[str, Any]:
+    """What the declaration says."""
+    source = effect.source
+    return {
+        "effect": effect.name,
+        "title": effect.title,
+        "mechanism": effect.mechanism,
+        "notes_of_declaration": effect.notes,
+        "formula": effect.formula,
+        "acts_on": effect.acts_on + (", additive" if effect.additive else ""),
+        "varies_with": effect.varies_with,
+        "source": {"citation": source.citation, "equation": source.equation, "doi": source.doi, "doubts": list(source.doubts)},
+        "parameters": [
+            {"name": p.name, "unit": p.unit, "null": p.value, "bounds": list(p.bounds), "expected": str(p.prior), "meaning": p.meaning, "per": p.per}
+            for p in effect.parameters
+        ],
+        "log": list(effect.log_next_time),
+    }
+
+
+def _at(
+    stage: Stage,
+    effect: Effect,
+    library: tuple[Effect, ...],
+    untestable: list[dict[str, Any]],
+    loop: dict[str, Any] | None,
+    boundary: Boundary,
+    seed: int,
+) -> tuple[dict[str, Any], list[Columns]]:
+    """One boundary: numbers, and the rows of the figure."""
+    lacking = next((u for u in untestable if u["effect"] == effect.name), None)
+    if lacking is not None:
+        return {"testable": False, "needs": lacking["needs"], "log_next_time": lacking["log_next_time"]}, []
+    if effect.name not in {e.name for e in library}:
+        reason = "it does not occur at this boundary, or the base model holds it already"
+        return {"testable": False, "needs": [], "log_next_time": [], "reason": reason}, []
+    common: dict[str, Any] = {
+        "testable": True,
+        "base_model": stage.base.name,
+        "trials": stage.data.n,
+        "false_alarm_rate": stage.options.false_alarm_rate,
+        "draws": DRAWS,
+        "noise": {k: getattr(stage.noise, k) for k in ("relative", "force_N", "height_m", "serial", "source")},
+        "in_this_campaign": _verdict(effect.name, loop),
+    }
+    if "drift_hat" in effect.needs:
+        return common | {"within_trial": heating_power(stage.data, stage.options.false_alarm_rate, LIMIT_POWER)}, []
+    foresight = Foresight(stage=stage, seed=seed)
+    sizes, rows = [], []
+    for handle in handles(effect):
+        found, table = _size(foresight, handle, boundary)
+        sizes.append(found)
+        rows.append(table)
+    return common | {"share_visible": visibility(stage, effect), "sizes": sizes}, rows
+
+
+def _size(foresight: Foresight, handle: Handle, boundary: Boundary) -> tuple[dict[str, Any], Columns]:
+    """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
+    from nearlift.summaries.explain import rows
+
+    stage = foresight.stage
+    silent = visibility(stage, handle.effect) <= SILENT
+    power = None if silent else foresight.power(handle)
+    limit = power.limit() if power else None
+    shown = min(handle.plausible, handle.largest) if limit is None else limit
+    raw, left = foresight.signature(handle, shown)
+    contest = None if silent else foresight.contest(handle, shown)
+    absorbed = {} if silent else foresight.absorbed(handle)
+    value, u = coefficients.spread(stage, stage.base_fit)
+    shift = foresight.harm(handle, shown)
+    confused: list[dict[str, Any]] = [
+        {"effect": n, "energy_absorbed": a, "correlation": float(np.sqrt(a)), "rival_chance": contest.rivals.get(n, 0.0) if contest else 0.0}
+        for n, a in absorbed.items()
+    ]
+    confused.sort(key=lambda c: (-c["rival_chance"], -c["energy_absorbed"]))
+    found = {
+        "parameter": handle.parameter.name,
+        "unit": handle.parameter.unit,
+        "meaning": handle.parameter.meaning,
+        "per": handle.parameter.per,
+        "shape": dict(handle.shape),
+        "plausible_size": handle.plausible,
+        "largest_size": handle.largest,
+        "detection_limit": limit,
+        "limit_within_set": power.limit("within") if power else None,
+        "limit_named_alone": power.limit("alone") if power else None,
+        "shown_size": shown,
+        "signature": {"rms": _rms(raw), "rms_left": _rms(left), "largest_left": float(np.abs(left).max())},
+        "power": {k: getattr(power, k).tolist() for k in ("size", "seen", "within", "first", "alone")} if power else None,
+        "confused_with": confused,
+        "bias": {
+            p.name: {"value": float(v), "shift": float(d), "in_u": float(d / s) if s > 0 else 0.0}
+            for p, v, d, s in zip(stage.base.parameters, value, shift, u, strict=True)
+        },
+    }
+    return found, rows(stage, handle, boundary, found, raw, left, confused[:MOST])
+
+
+def _rms(x: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+def _verdict(name: str, loop: dict[str, Any] | None) -> dict[str, Any] | None:
+    """What the loop made of the effect in this campaign; None where it has not run."""
+    if loop is None:
+        return None
+    named = next((e for e in loop["effects"] if e["name"] == name), None)
+    rival_of = [e["name"] for e in loop["effects"] if name in e["rivals"]]
+    tried = next((c for r in loop["rounds"] for c in r["candidates"] if c["name"] == name), None)
+    return {
+        "verdict": loop["verdict"],
+        "named": named is not None,
+        "parameters": named["parameters"] if named else None,
+        "rivals": named["rivals"] if named else [],
+        "rival_of": rival_of,
+        "tried": {k: tried[k] for k in ("gain", "p_value", "accepted", "left_in") if k in tried} if tried else None,
+    }
+
+
+def _draw(job: Job, name: str, pictures: list[Columns]) -> list[str]:
+    """pdf, png and csv; the paths written."""
+    from nearlift.figures import explain as picture
+    from nearlift.figures.render import render
+    from nearlift.figures.style import style
+    from nearlift.summaries.evidence import stack
+    from nearlift.summaries.tidy import to_csv
+
+    table = stack(pictures)
+    files = render(picture.draw, table, style(job.campaign.report.style))
+    content = {"pdf": files["pdf"], "png": files["png"], "csv": to_csv(table)}
+    return [str(job.publish(f"explain/{name}.{kind}", data)) for kind, data in content.items()]

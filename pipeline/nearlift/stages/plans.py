@@ -1,0 +1,189 @@
+"""A campaign before it is run, as trials: from the schedule that lies in its folder, or from `[design]`; and its expected scatter."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import store
+from nearlift.campaign import Campaign
+from nearlift.declare import Boundary, FloatArray
+from nearlift.design_manifest import Planned
+from nearlift.errors import ManifestError, UsageError
+from nearlift.products import DIAGNOSIS
+from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
+from nearlift.results import Noise
+from nearlift.synthetic.design import Design, balanced, from_both_sides, randomised
+from nearlift.synthetic.records import GRAVITY
+
+#: What is assumed where neither `[design]` nor an earlier campaign says how trials scatter: a small rig in good order.
+ASSUMED = Noise(relative=5e-3, force_N=3e-4, height_m=5e-5, source="assumed: 0.5 % of lift, 0.3 mN, 0.05 mm per visit")
+#: Full throttle lifts twice the weight, and lift goes with this power of throttle: Bitcraze's table of the Crazyflie has 1.3 to 1.5.
+FULL_WEIGHTS, THRUST_POWER = 2.0, 1.4
+#: How far past a station the traverse goes to arrive from the other side.
+OVERSHOOT_RADII = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """Planned trials as a table in the shape of trials.parquet, `lift_N` being L_inf; where they came from; what was assumed."""
+
+    table: store.Table
+    source: str
+    assumed: tuple[str, ...]
+    design: Design | None = None
+
+
+def has_schedule(campaign: Campaign, root: Path) -> bool:
+    """Whether the folder holds a schedule with at least one trial."""
+    path = schedule_file(campaign, root)
+    return path.is_file() and sum(1 for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if line.strip()) > 1
+
+
+def plan(campaign: Campaign, root: Path, seed: int) -> Plan:
+    """The trials that are planned: the schedule in the folder where there is one, else a random one from `[design]`.
+
+    Raises
+    ------
+    UsageError
+        There is neither.
+    """
+    if has_schedule(campaign, root):
+        schedule = read_schedule(campaign, root)
+        far, assumed = levels(campaign, schedule.throttle)
+        covariates, more = ranged(campaign.design, schedule)
+        return Plan(table=table_of(schedule, far, covariates), source=schedule_file(campaign, root).name, assumed=(*assumed, *more))
+    if campaign.design is None:
+        raise UsageError(
+            str(root), "has neither a schedule with trials nor a [design]", "write [design] with distances, throttles, visits and sessions"
+        )
+    drawn = draw(campaign, seed)
+    schedule = as_schedule(drawn, campaign)
+    far, assumed = levels(campaign, schedule.throttle)
+    covariates, more = ranged(campaign.design, schedule)
+    return Plan(table=table_of(schedule, far, covariates), source="[design]", assumed=(*assumed, *more), design=drawn)
+
+
+def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Design:
+    """A random schedule of a `[design]`: visits in random order, throttles balanced, each station from both sides where it can be."""
+    wanted = planned or campaign.design
+    assert wanted is not None
+    drawn = randomised(
+        wanted.distances,
+        seed=seed,
+        offset_m={side: campaign.rig.offset(side) for side in wanted.distances},
+        throttles=wanted.throttles,
+        visits=wanted.visits,
+        sessions=wanted.sessions,
+        trial_s=wanted.trial,
+        move_s=wanted.move,
+    )
+    # the usual pause between sessions is the schedule's own; another one shifts all that follows
+    starts = drawn.start_s + (wanted.change - 300.0) * drawn.session
+    drawn = balanced(dataclasses.replace(drawn, start_s=np.round(starts - starts[0] + wanted.move, 1)), seed=seed)
+    overshoot = OVERSHOOT_RADII * campaign.vehicle.rotor_radius if wanted.overshoot is None else wanted.overshoot
+    return from_both_sides(drawn, overshoot_m=overshoot, seed=seed) if overshoot > 0 else drawn
+
+
+def as_schedule(design: Design, campaign: Campaign) -> Schedule:
+    """A drawn design as the reader would give it."""
+    return Schedule(
+        trial=design.trial,
+        boundary=design.boundary,
+        z_m=design.z_m,
+        z_hat=design.z_m / campaign.vehicle.rotor_radius,
+        throttle=design.throttle,
+        visit=design.visit,
+        covariates={"start_s": design.start_s, "session": design.session.astype(str).astype(object), "approach": design.approach},
+    )
+
+
+def table_of(schedule: Schedule, far_N: FloatArray, covariates: dict[str, NDArray[Any]]) -> store.Table:
+    """Planned trials in the shape of trials.parquet."""
+    n = len(schedule)
+    return {
+        "trial": schedule.trial,
+        "boundary": schedule.boundary,
+        "z_hat": schedule.z_hat,
+        "z_m": schedule.z_m,
+        "throttle": schedule.throttle,
+        "lift_N": far_N,
+        "u_lift_N": np.zeros(n),
+        "n_eff": np.ones(n),
+        "visit": schedule.visit,
+        "quality": np.full(n, "", dtype=object),
+        **covariates,
+    }
+
+
+def levels(campaign: Campaign, throttle: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+    """L_inf of each trial, N, and what was assumed to get it."""
+    wanted = campaign.design
+    if wanted is not None and wanted.lift is not None:
+        known = dict(zip(wanted.throttles, wanted.lift, strict=True))
+        lacking = sorted(set(throttle.tolist()) - set(known))
+        if lacking:
+            raise ManifestError(
+                "design.lift", f"has no lift for the throttle {lacking[0]:g}", "list every throttle of the schedule in design.throttles"
+            )
+        return np.array([known[t] for t in throttle.tolist()]), ()
+    full = FULL_WEIGHTS * campaign.vehicle.mass * GRAVITY
+    text = f"lift far away: {FULL_WEIGHTS:g} weights ({full:.3g} N) at full throttle, with throttle to the power {THRUST_POWER:g}"
+    return full * throttle**THRUST_POWER, (text,)
+
+
+def ranged(wanted: Planned | None, schedule: Schedule) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """The schedule's covariates that hold numbers, and those that `[design]` expects; what was assumed."""
+    known = {k: v for k, v in schedule.covariates.items() if v.dtype.kind not in "fiu" or np.isfinite(np.asarray(v, dtype=float)).all()}
+    if wanted is None:
+        return known, ()
+    n, said = len(schedule), []
+    session = known.get("session", np.zeros(n))
+    if wanted.supply and "supply_V" not in known:
+        share = np.zeros(n)
+        for label in np.unique(session):
+            here = session == label
+            share[here] = np.linspace(0, 1, int(here.sum()))
+        known["supply_V"] = wanted.supply[0] + (wanted.supply[1] - wanted.supply[0]) * share
+        said.append(f"supply falls from {wanted.supply[0]:g} to {wanted.supply[1]:g} V in every session")
+    if wanted.temperature and "temperature_K" not in known:
+        low, high = wanted.temperature
+        known["temperature_K"] = low + (high - low) * np.sin(np.linspace(0, 3 * np.pi, n)) ** 2
+        said.append(f"temperature swings three times between {low:g} and {high:g} K")
+    if wanted.tilt and "tilt_rad" not in known:
+        known["tilt_rad"] = np.resize(np.asarray(wanted.tilt), int(schedule.visit.max()) + 1)[schedule.visit]
+        said.append("tilt takes the listed values visit by visit")
+    return known, tuple(said)
+
+
+def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noise:
+    """How trials are expected to scatter: an earlier campaign's noise floor, else `[design.noise]`, else `ASSUMED`.
+
+    Raises
+    ------
+    UsageError
+        The earlier campaign has no diagnosis.
+    """
+    if earlier is not None:
+        path = earlier / DIAGNOSIS.file
+        if not path.is_file():
+            raise UsageError("--noise-from", f"{earlier.name} has no {DIAGNOSIS.file}", "run it first, or name another with a diagnosis")
+        found = store.read_json(path)["boundaries"]
+        floor = (found.get(boundary) or next(iter(found.values())))["noise_floor"]
+        return Noise(
+            relative=floor["relative"],
+            force_N=floor["force_N"],
+            height_m=floor["height_m"],
+            serial=floor["serial"],
+            serial_length=floor["serial_length"],
+            source=f"the noise floor of {earlier.name}",
+        )
+    if campaign.design is not None and campaign.design.noise is not None:
+        given = campaign.design.noise
+        return Noise(relative=given.relative, force_N=given.force, height_m=given.height, source="[design.noise]")
+    return ASSUMED

@@ -1,0 +1,134 @@
+"""Does a plan foretell its campaign? Chances of `nearlift design` beside what the loop makes of simulated campaigns of that plan.
+
+``python -m tests.calibration.test_foresight N EFFECT,EFFECT`` prints the rows of docs/stages/design.md for N campaigns each.
+"""
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import beta
+
+from nearlift import campaign as manifests
+from nearlift import catalogue
+from nearlift.diagnosis.foresight import Foresight, handles, planned
+from nearlift.diagnosis.loop import diagnose
+from nearlift.diagnosis.search import Options
+from nearlift.stages.observe import observe
+from nearlift.stages.plans import plan, scatter
+
+K_B = 2.0
+#: Sizes, in units of the detection limit.
+SIZES = (0.6, 1.0, 1.6)
+EFFECTS = ("supply_sag", "height_offset", "session_gain", "reynolds")
+MANIFEST = {
+    "schema": "nearlift.campaign/1",
+    "name": "planned",
+    "vehicle": {"name": "Crazyflie 2.0", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
+    "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2"},
+    "records": {"reader": "means"},
+    "design": {
+        "distances": {"ground": [f"{mm} mm" for mm in (26, 30, 35, 42, 52, 66, 92, 138, 207, 265)]},
+        "throttles": ["25 percent", "50 percent", "75 percent", "92 percent"],
+        "lift": ["10.9 gf", "24.4 gf", "41.7 gf", "56.2 gf"],
+        "visits": 8,
+        "sessions": 5,
+        "supply": ["4.05 V", "3.75 V"],
+        "temperature": ["293 K", "296 K"],
+        "noise": {"relative": "0.4 percent", "force": "0.3 mN", "height": "0.05 mm"},
+    },
+}
+
+
+class Bench:
+    """A plan, its forecast, and campaigns of it: 320 trials near the ground, noise as planned, drawn here and not by the forecast."""
+
+    def __init__(self):
+        campaign = manifests.parse(MANIFEST)
+        made = plan(campaign, Path("nowhere"), 1)
+        self.data = observe(made.table, campaign, "ground")
+        self.base = catalogue.model("sanchez_cuevas")
+        self.noise = scatter(campaign, "ground", None)
+        stage, _, _ = planned(self.data, self.base, (), self.noise, Options(), np.array([K_B]))
+        self.foresight = Foresight(stage=stage)
+
+    def draw(self, handle, size, seed):
+        rng, data = np.random.default_rng([seed, 77]), self.foresight.stage.data
+        candidate = self.foresight.stage.candidate(handle.effect)
+        if candidate.by_session.any():
+            draw = rng.normal(size=int(data.session.max()) + 1)
+            signal = np.log1p(size * (draw - draw.mean()) / draw.std())[data.session]
+        else:
+            signal = candidate.contribution(self.foresight.vector(handle, size), handle.effect)
+        jitter = rng.normal(0, self.noise.height_m, data.visit.max() + 1)[data.visit] / data.radius_m
+        ratio = self.base(data.z_hat + jitter, K_b=K_B, **{k: data.geometry[k] for k in self.base.needs})
+        lift = data.covariates["lift_inf_N"] * ratio * np.exp(signal) * (1 + self.noise.relative * rng.normal(size=data.n))
+        return dataclasses.replace(self.data, lift_N=lift + self.noise.force_N * rng.normal(size=data.n))
+
+    def row(self, name, factor, count, confirm):
+        """The forecast for one size, and what the loop said of `count` campaigns."""
+        handle = handles(catalogue.effect(name))[0]
+        size = factor * self.foresight.limit(handle)
+        contest = self.foresight.contest(handle, size)
+        got = dict.fromkeys(("seen", "within", "alone"), 0)
+        rivals: dict[str, int] = {}
+        for seed in range(count):
+            found = diagnose(self.draw(handle, size, 1000 + seed), self.base, (), Options(seed=seed), confirm=confirm).findings
+            named = {e["name"] for e in found["effects"]}
+            others = {r for e in found["effects"] for r in e["rivals"]}
+            got["seen"] += found["verdict"] != "adequate"
+            got["within"] += name in named | others
+            got["alone"] += named == {name} and not others
+            for rival in (named | others) - {name}:
+                rivals[rival] = rivals.get(rival, 0) + 1
+        return {
+            "effect": name,
+            "unit": handle.parameter.unit,
+            "factor": factor,
+            "size": size,
+            "n": count,
+            "foretold": {k: getattr(contest, k) for k in got},
+            "counted": got,
+            "rivals_foretold": {k: v for k, v in sorted(contest.rivals.items(), key=lambda i: -i[1]) if v > 0.1},
+            "rivals_counted": dict(sorted(rivals.items(), key=lambda i: -i[1])),
+        }
+
+
+def interval(hits, n, level=0.95):
+    """Clopper and Pearson's."""
+    low = beta.ppf((1 - level) / 2, hits, n - hits + 1) if hits else 0.0
+    high = beta.ppf((1 + level) / 2, hits + 1, n - hits) if hits < n else 1.0
+    return low, high
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("factor", SIZES)
+def test_the_chance_to_see_is_as_foretold(name, factor):
+    """60 campaigns: the forecast within the 99.5 % interval, widened by 6 % for a noise floor that each campaign has to estimate anew."""
+    found = Bench().row(name, factor, 60, confirm=False)
+    low, high = interval(found["counted"]["seen"], found["n"], 0.995)
+    assert low - 0.06 <= found["foretold"]["seen"] <= high + 0.06
+
+
+@pytest.mark.calibration
+def test_foretold_rivals_are_the_ones_that_come():
+    """At 1.6 limits: whoever is foretold in half the campaigns or more comes in a fifth or more, and nobody else in half."""
+    for name in EFFECTS:
+        found = Bench().row(name, 1.6, 60, confirm=False)
+        for rival, chance in found["rivals_foretold"].items():
+            if chance > 0.5:
+                assert found["rivals_counted"].get(rival, 0) > 12, (name, rival)
+        for rival, count in found["rivals_counted"].items():
+            if count > 30:
+                assert found["rivals_foretold"].get(rival, 0.0) > 0.2, (name, rival)
+
+
+if __name__ == "__main__":
+    bench = Bench()
+    for wanted in sys.argv[2].split(",") if len(sys.argv) > 2 else EFFECTS:
+        for size in SIZES:
+            print(json.dumps(bench.row(wanted, size, int(sys.argv[1]), confirm=len(sys.argv) > 3)), flush=True)
