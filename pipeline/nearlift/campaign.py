@@ -226,9 +226,13 @@ class Records(Section):
 
 
 class Trials(Section):
-    """The schedule: its file, the units of its columns, and columns that are the same for every trial."""
+    """The schedule: its file, the units of its columns, columns that are the same for every trial, and whether its rows are in run order.
+
+    ``order = "unknown"``, as in a published table: nothing is then read into which trial came before which.
+    """
 
     file: str = "trials.csv"
+    order: Literal["run", "unknown"] = "run"
     units: dict[str, str] = {}
     constants: dict[str, Any] = {}
 

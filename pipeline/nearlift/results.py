@@ -40,6 +40,8 @@ class Observations:
         What models may need: `spacing_hat`, `diagonal_hat`, `layout_hat`.
     covariates : mapping of str to array
         Further columns of the trials, SI; nan where missing.
+    ordered : bool
+        Whether the trials stand in the order in which they were run; a published table may not say.
     """
 
     boundary: Boundary
@@ -54,6 +56,7 @@ class Observations:
     radius_m: float
     geometry: Mapping[str, Any] = field(default_factory=dict)
     covariates: Mapping[str, FloatArray] = field(default_factory=dict)
+    ordered: bool = True
 
     @property
     def n(self) -> int:

@@ -109,12 +109,21 @@ def families(data: Observations) -> tuple[Family, ...]:
     for name in sorted(known.keys() - SPOKEN_FOR):
         if varies(data, name):
             found.append(Family(name=name, covariate=name, columns=powers(known[name], 3)))
-    kept = [f for f in found if 0 < f.columns.shape[1] <= max(LARGEST_SHARE * n, 1)]
+    kept = [f for f in found if 0 < f.columns.shape[1] <= max(LARGEST_SHARE * n, 1) and _tells(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
+
+
+def _tells(columns: FloatArray, data: Observations) -> bool:
+    """Whether anything varies within a throttle; what does not is L_inf itself, and its rounding errors would be taken for a family."""
+    level = indicators(data.throttle)
+    means = level @ ((level.T @ columns) / level.sum(axis=0)[:, None])
+    return bool(np.abs(columns - means).max() > 1e-9 * np.abs(columns).max())
 
 
 def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
     """A step at up to `STEPS` changes of visit, evenly spread: one column each, since each is its own hypothesis."""
+    if np.ptp(order) == 0:
+        return []
     changes = order[1:][visit[1:] != visit[:-1]] - 0.5
     at = changes[np.unique(np.linspace(0, len(changes) - 1, min(STEPS + 2, len(changes))).astype(int))[1:-1]] if len(changes) > 2 else changes
     return [Family(name=STEP, covariate="start", columns=(order > a).astype(float)[:, None]) for a in at]

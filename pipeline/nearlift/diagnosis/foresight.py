@@ -2,7 +2,7 @@
 
 Nothing here needs measured lift. A stage (trials, base model, noise) is enough: noiseless data with one effect in them are given
 to every candidate, and the noise is drawn about those fits, which are linear in it. `loop.set_up` makes the stage of a campaign that
-was run, `planned` that of one that was not.
+was run, `planned` does all of it for one that was not.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from nearlift.diagnosis import structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, moments, search
 from nearlift.diagnosis.loop import could_act
 from nearlift.diagnosis.noise_floor import orthonormal
-from nearlift.diagnosis.search import CREDIT, FORM_SD, RIVAL, SILENT, Options, Stage, visibility
+from nearlift.diagnosis.search import CREDIT, FORM_SD, RIVAL, SILENT, Options, Stage, prepare, visibility
 from nearlift.diagnosis.setting import derive
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget
+from nearlift.fitting.noise import trial_covariance
 from nearlift.fitting.problem import usable
 from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
@@ -32,6 +33,8 @@ from nearlift.results import Noise, Observations
 DRAWS = 1000
 #: A detection limit is the size seen with this chance.
 LIMIT_POWER = 0.8
+#: Campaigns drawn to learn how the noise floor of a plan would come out.
+REHEARSALS = 3
 #: A power curve has so many sizes, up to so many times the one whose visible part has a length of four standard deviations.
 STEPS, REACH = 16, 3.0
 VISIBLE_LENGTH = 4.0
@@ -111,10 +114,14 @@ class Contest:
 
 @dataclass(frozen=True, kw_only=True)
 class Foresight:
-    """A stage, and what can be known of every effect before any of them is looked for."""
+    """A stage, and what can be known of every effect before any of them is looked for.
+
+    `quiet` is the noise's true size over the stage's, which is what the loop would take it for.
+    """
 
     stage: Stage
     seed: int = 0
+    quiet: float = 1.0
 
     @cached_property
     def _space(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -129,7 +136,7 @@ class Foresight:
         """Draws of unit noise in the reduced space (m, d), and of the scale that the noise floor's own uncertainty gives them (m, 1)."""
         rng = generator(self.seed, "foresight")
         dof = min(self.stage.noise.dof, 1e6)
-        return rng.standard_normal((DRAWS, self._space[0].shape[1])), np.sqrt(dof / rng.chisquare(dof, size=(DRAWS, 1)))
+        return self.quiet * rng.standard_normal((DRAWS, self._space[0].shape[1])), np.sqrt(dof / rng.chisquare(dof, size=(DRAWS, 1)))
 
     @property
     def threshold(self) -> float:
@@ -179,8 +186,23 @@ class Foresight:
 
         return np.asarray(chi2.isf(10.0**self.threshold, self._space[3]), dtype=np.float64)
 
+    def _elsewhere(self, handle: Handle, size: float) -> FloatArray:
+        """How the visible part differs in other draws of what differs by session, (m, d); (1, d) of zeros for any other effect."""
+        basis, remove, _, _ = self._space
+        candidate = self.stage.candidate(handle.effect)
+        if handle.parameter.per != "session":
+            return np.zeros((1, basis.shape[1]))
+        vector = self.vector(handle, 0.0)
+        mine = np.concatenate([np.arange(s.start, s.stop) for s in candidate.slots if s.parameter.name == handle.parameter.name])
+        reduced = basis.T @ self.stage.space.project(candidate.jacobian(vector)[:, mine].T).T
+        reduced = reduced - remove @ (remove.T @ reduced)
+        rng = generator(self.seed, "foresight", "sessions", "all")
+        others = _standard(rng.standard_normal((DRAWS, len(mine))))
+        result: FloatArray = size * (others - _spread(len(mine), self.seed)) @ reduced.T
+        return result
+
     def seen(self, signal: FloatArray) -> NDArray[np.bool_]:
-        """Of each draw, whether the test of everything exceeds its threshold with this signal in the reduced space."""
+        """Of each draw, whether the test of everything exceeds its threshold with this signal (d,) or (m, d) in the reduced space."""
         _, remove, stacked, ranks = self._space
         draws, scale = self._noise
         scores = draws + signal
@@ -193,7 +215,8 @@ class Foresight:
     def unit(self, handle: Handle) -> float:
         """The size whose visible part has a length of `VISIBLE_LENGTH` standard deviations, to first order; inf if nothing shows."""
         small = 1e-3 * min(handle.plausible, handle.largest)
-        length = float(np.linalg.norm(self.visible(handle, small)))
+        signal = self.visible(handle, small) + self._elsewhere(handle, small)
+        length = float(np.sqrt(np.mean(np.sum(signal**2, axis=1))))
         return VISIBLE_LENGTH * small / length if length > 1e-12 else np.inf
 
     def _sizes(self, handle: Handle) -> FloatArray:
@@ -204,7 +227,7 @@ class Foresight:
         if visibility(self.stage, handle.effect) <= SILENT:
             return None
         size = self._sizes(handle)
-        chance = np.array([self.seen(self.visible(handle, s)).mean() for s in size])
+        chance = np.array([self.seen(self.visible(handle, s) + self._elsewhere(handle, s)).mean() for s in size])
         none = np.zeros_like(chance)
         return Power(size=size, seen=chance, within=none, first=none, alone=none).limit()
 
@@ -219,12 +242,13 @@ class Foresight:
         stage = self.stage
         truth = stage.candidate(handle.effect)
         log_lift = stage.candidate().log_ratio(stage.base_fit.vector) + truth.contribution(self.vector(handle, size), handle.effect)
-        seen = self.seen(self.visible(handle, size))
-        none, _ = self._evidence(fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector))
+        elsewhere = self._elsewhere(handle, size)
+        seen = self.seen(self.visible(handle, size) + elsewhere)
+        none, _ = self._evidence(fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector), elsewhere)
         by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
         for effect in self.candidates:
             fits = [search(c, stage.space, log_lift, stage.base_fit.vector) for c in self._variants(effect)]
-            found = [self._evidence(f) for f in fits if not f.at_bound]
+            found = [self._evidence(f, elsewhere) for f in fits if not f.at_bound]
             if found:
                 table, order = (np.stack(x) for x in zip(*found, strict=True))
                 pick = table.argmax(axis=0)[None]
@@ -256,8 +280,9 @@ class Foresight:
             return [candidate]
         return [dataclasses.replace(candidate, session_spread=s) for s in SESSION_SPREADS]
 
-    def _evidence(self, fitted: Fitted) -> tuple[FloatArray, FloatArray]:
+    def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of every draw of the noise, a fit's log evidence by unit information, which decides who belongs, and by its priors, which ranks; (m,)."""
+        draws = self._noise[0] + elsewhere
         mean, sd = fitted.candidate.prior
         low, high = fitted.candidate.bounds
         p = len(self.stage.theta)
@@ -268,13 +293,14 @@ class Foresight:
         prior = float(np.sum(((fitted.vector - mean)[own] / sd[own]) ** 2))
         count = len(own) + (1 if len(session) else 0)
         tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
-        by_information = self._marginal(fitted, session, np.r_[np.arange(p), own], tube) - 0.5 * (prior + count * float(np.log(self.stage.data.n)))
-        return by_information, self._marginal(fitted, free, np.arange(p), tube)
+        by_information = self._marginal(fitted, draws, session, np.r_[np.arange(p), own], tube) - 0.5 * (
+            prior + count * float(np.log(self.stage.data.n))
+        )
+        return by_information, self._marginal(fitted, draws, free, np.arange(p), tube)
 
-    def _marginal(self, fitted: Fitted, integrated: NDArray[np.int64], free: NDArray[np.int64], tube: FloatArray) -> FloatArray:
+    def _marginal(self, fitted: Fitted, draws: FloatArray, integrated: NDArray[np.int64], free: NDArray[np.int64], tube: FloatArray) -> FloatArray:
         """Log evidence with some entries integrated over their priors, others free, and the form uncertain."""
         basis = self._space[0]
-        draws, _ = self._noise
         mean, sd = fitted.candidate.prior
         u, s, _ = np.linalg.svd(basis.T @ np.hstack([fitted.jacobian[:, integrated] * sd[integrated], tube]), full_matrices=False)
         shrink = 1 - 1 / np.sqrt(1 + s**2)
@@ -318,10 +344,14 @@ class Foresight:
 
 def _spread(count: int, seed: int) -> FloatArray:
     """One draw per session, of mean 0 and rms 1: what they have in common is L_inf."""
-    draw = generator(seed, "foresight", "sessions").standard_normal(count)
-    draw = draw - draw.mean()
-    rms = np.sqrt(np.mean(draw**2))
-    result: FloatArray = draw / rms if rms > 0 else draw
+    return _standard(generator(seed, "foresight", "sessions").standard_normal(count))
+
+
+def _standard(draw: FloatArray) -> FloatArray:
+    """Mean 0 and rms 1 along the last axis; zeros where there is only one."""
+    centred = draw - draw.mean(axis=-1, keepdims=True)
+    rms = np.sqrt(np.mean(centred**2, axis=-1, keepdims=True))
+    result: FloatArray = centred / np.where(rms > 0, rms, 1.0)
     return result
 
 
@@ -333,8 +363,11 @@ def planned(
     options: Options,
     theta: FloatArray,
     effects: tuple[Effect, ...] | None = None,
-) -> tuple[Stage, tuple[Effect, ...], list[dict[str, object]]]:
-    """The search's ground for trials that are only planned.
+) -> tuple[Foresight, tuple[Effect, ...], list[dict[str, object]]]:
+    """What trials that are only planned could see.
+
+    The noise floor is rehearsed on drawn campaigns: a component that a plan can hardly tell from nothing is not taken for nothing, so the
+    floor comes out a little higher than the noise is, and the loop sees a little less.
 
     Parameters
     ----------
@@ -343,13 +376,13 @@ def planned(
     base, parts, options, effects
         As for `loop.set_up`.
     noise : Noise
-        Expected; its degrees of freedom are worked out here.
+        Expected.
     theta : (p,)
         Expected coefficients.
 
     Returns
     -------
-    Stage, testable effects, and the untestable ones with what to log.
+    Foresight, testable effects, and the untestable ones with what to log.
     """
     kept = data.take(usable(base, data))
     if kept.n <= len(kept.levels) + len(base.parameters):
@@ -362,5 +395,30 @@ def planned(
     kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
     log_lift = np.log(kept.lift_N)
     stage = Stage(data=kept, base=base, effects=between, parts=parts, noise=noise, log_lift=log_lift, theta=theta, options=options)
-    dof = max(kept.n - len(kept.levels) - stage.hypotheses[1].shape[1], 5)
-    return dataclasses.replace(stage, noise=dataclasses.replace(noise, dof=float(dof))), known, untestable
+    return _rehearsed(stage), known, untestable
+
+
+def _rehearsed(stage: Stage) -> Foresight:
+    """The stage at the noise floor that its own drawn campaigns would be given."""
+    root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
+    found, quiet = [], []
+    for i in range(REHEARSALS):
+        log_lift = stage.log_lift + root @ generator(stage.options.seed, "rehearsal", str(i)).standard_normal(stage.data.n)
+        data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
+        drawn = prepare(data, stage.base, stage.effects, stage.parts, stage.theta, stage.options)
+        freedom = data.n - len(data.levels) - len(stage.theta)
+        found.append(drawn.noise)
+        quiet.append(drawn.base_fit.chi2 / freedom)
+
+    def typical(name: str) -> float:
+        return float(np.sqrt(np.mean([getattr(n, name) ** 2 for n in found])))
+
+    noise = dataclasses.replace(
+        stage.noise,
+        relative=typical("relative"),
+        force_N=typical("force_N"),
+        height_m=typical("height_m"),
+        serial=typical("serial"),
+        dof=float(np.mean([n.dof for n in found])),
+    )
+    return Foresight(stage=dataclasses.replace(stage, noise=noise), seed=stage.options.seed, quiet=float(np.sqrt(np.mean(quiet))))

@@ -154,7 +154,7 @@ def _after(foresight: Foresight, change: Change, pairs: list[Pair]) -> list[dict
     stage = foresight.stage
     log_ratio = stage.candidate().log_ratio(stage.base_fit.vector, change.data)
     changed = dataclasses.replace(stage, data=change.data, log_lift=np.log(change.data.covariates["lift_inf_N"]) + log_ratio)
-    then = Foresight(stage=changed, seed=foresight.seed)
+    then = dataclasses.replace(foresight, stage=changed)
     return [
         {"pair": [p.handle.effect.name, p.rival], "before": p.chance, "after": then.contest(p.handle, p.size).rivals.get(p.rival, 0.0)} for p in pairs
     ]

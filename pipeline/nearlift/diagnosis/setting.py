@@ -32,12 +32,16 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
     `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at the start of a session), `order_in_visit`,
     `drift_hat` (relative change of lift within a record), `lift_inf_N` (`levels`, L_inf per throttle in N, spread over the
     trials); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`, `pressure_ref_Pa`,
-    `throttle_ref`, and `radius_m`.
+    `throttle_ref`, and `radius_m`. Where the order of the trials is unknown, all that follows from it is constant.
     """
     known = dict(data.covariates)
     n = data.n
     first = np.r_[True, data.session[1:] != data.session[:-1]]
     index = np.arange(n, dtype=float)
+    if not data.ordered:
+        # nobody knows what came before what, so nothing may vary along it
+        first, index = np.ones(n, dtype=bool), np.zeros(n)
+        known.pop("start_s", None)
     order = known["start_s"] if "start_s" in known and np.isfinite(known["start_s"]).all() else index
     known["elapsed_hat"] = _scaled(order)
     known["run_order"] = index

@@ -44,7 +44,8 @@ base   = "cheeseman_bennett"
 rivals = ["cheeseman_bennett_fixed", "cheeseman_bennett_constant_power", "hayden", "power_law", "exponential"]
 
 [trials]
-file = "trials.csv"
+file  = "trials.csv"
+order = "unknown"                    # the table is sorted by configuration and height
 [trials.units]
 distance = "m"
 throttle = "fraction"                # one speed, 6300 rpm, so one level
@@ -83,18 +84,19 @@ def convert(table: Path, folder: Path, *, along_axes: bool = False, name: str | 
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(str(folder), "is not empty" if folder.is_dir() else "is a file", "name a new folder; nothing is ever overwritten")
-    lines = ["trial,distance,session,tilt,beta,facing,lift,lift_sd"]
+    lines = ["trial,distance,session,tilt,beta,lift,lift_sd"]
     for number, row in enumerate(read(table), 2):
         try:
             alpha, beta, z_m, force, spread = (float(row[c]) for c in ("alpha_deg", "beta_deg", "z_m", "Fz_N", "Fz_std_N"))
         except ValueError as fault:
             raise InputRefused(f"{table}, line {number}", str(fault), "mend that cell") from None
         share = math.cos(math.radians(alpha)) * math.cos(math.radians(beta)) if along_axes else 1.0
+        # tilted towards each other counts positive
         facing = {"face_to_face": 1, "coplanar": 0, "back_to_back": -1}.get(row["config"])
         if facing is None:
             raise InputRefused(f"{table}, line {number}", f"{row['config']!r} is no known configuration", "coplanar, face_to_face or back_to_back")
         trial = f"{row['case']}-{float(row['z_over_R']):g}"
-        lines.append(f"{trial},{z_m:.6g},{row['case']},{alpha:g},{beta:g},{facing},{force / share:.6g},{spread / share:.6g}")
+        lines.append(f"{trial},{z_m:.6g},{row['case']},{facing * alpha:g},{beta:g},{force / share:.6g},{spread / share:.6g}")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "campaign.toml").write_text(MANIFEST.format(name=name or folder.name, note=NOTES[along_axes]), encoding="utf-8")
     (folder / "trials.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")

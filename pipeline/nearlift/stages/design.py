@@ -17,8 +17,9 @@ import numpy as np
 from nearlift import store, units
 from nearlift.campaign import Campaign
 from nearlift.declare import Boundary
+from nearlift.declare import Boundary
 from nearlift.design_manifest import Planned
-from nearlift.diagnosis.foresight import Foresight, planned
+from nearlift.diagnosis.foresight import planned
 from nearlift.diagnosis.outlook import outlook
 from nearlift.diagnosis.search import Options
 from nearlift.diagnosis.setting import derive
@@ -71,7 +72,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
         data = observe(made.table, job.campaign, boundary)
         noise = scatter(job.campaign, boundary, earlier)
         try:
-            stage, library, untestable = planned(data, base, parts, noise, options, theta)
+            foresight, library, untestable = planned(data, base, parts, noise, options, theta)
         except NotConverged as fault:
             found["notes"].append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
@@ -81,8 +82,9 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
                 other = observe(table, job.campaign, boundary)
                 other = other.take(usable(base, other))
                 variants[text] = derive(other, np.array([np.median(other.lift_N[other.throttle == t]) for t in other.levels]))
-        result = outlook(Foresight(stage=stage, seed=job.seed), library, variants)
-        found["boundaries"][boundary] = result | {"untestable": untestable}
+        result = outlook(foresight, library, variants)
+        expected = {k: getattr(noise, k) for k in ("relative", "force_N", "height_m", "source")}
+        found["boundaries"][boundary] = result | {"expected_noise": expected, "untestable": untestable}
     if not found["boundaries"]:
         raise NotConverged(f"design of {job.campaign.name}", "; ".join(found["notes"]) or "no trial is planned", "plan more trials")
     drawn = made.design or draw(job.campaign, job.seed, _read_off(job.campaign, made))

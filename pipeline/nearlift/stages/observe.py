@@ -43,6 +43,7 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         radius_m=campaign.vehicle.rotor_radius,
         geometry=campaign.vehicle.geometry(),
         covariates=covariates,
+        ordered=campaign.trials.order == "run",
     )
 
 

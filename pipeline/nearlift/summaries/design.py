@@ -80,7 +80,7 @@ def text(found: dict[str, Any]) -> str:
 
 
 def _boundary(at: dict[str, Any]) -> list[str]:
-    noise = at["noise"]
+    noise = at["expected_noise"]
     lines = _wrap(
         f"Noise ({noise['source']}): {100 * noise['relative']:.2g} % of lift, {1e3 * noise['force_N']:.2g} mN, "
         f"{1e3 * noise['height_m']:.2g} mm per visit. False-alarm rate {at['false_alarm_rate']:g}, for all tests together."
