@@ -37,9 +37,9 @@ class Planned(Section):
     supply: list[Voltage] | None = Field(default=None, min_length=2, max_length=2)
     temperature: list[Temperature] | None = Field(default=None, min_length=2, max_length=2)
     tilt: list[Angle] | None = None
-    logs: list[str] = []
+    logs: list[str] = Field(default=[])
     noise: PlannedNoise | None = None
-    expected: dict[Boundary, dict[str, float]] = {}
+    expected: dict[Boundary, dict[str, float]] = Field(default={})
 
     @model_validator(mode="after")
     def _coherent(self) -> Self:

@@ -17,7 +17,6 @@ import numpy as np
 from nearlift import store, units
 from nearlift.campaign import Campaign
 from nearlift.declare import Boundary
-from nearlift.declare import Boundary
 from nearlift.design_manifest import Planned
 from nearlift.diagnosis.foresight import planned
 from nearlift.diagnosis.outlook import outlook
