@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.unit.conftest import raw_manifest
+from tests.unit.conftest import raw_manifest, true_ratio
 
 from nearlift.figures import assumptions as drawing
 from nearlift.figures import style
@@ -86,3 +86,29 @@ def test_every_number_of_the_page_has_its_place(small_job):
     assert facts["held"][1]["rows"][0]["value"].source == "fit.json#/held_quantity/ceiling/plausible/0/value"
     assert "fixes neither speed nor power" in facts["held"][0]["declared"]
     assert facts["rotor"][0]["rows"] == []
+
+
+def test_logged_speed_reaches_held_quantity_and_rotor(make_job):
+    """A speed that gives way to the load, as trials.parquet carries the schedule's rpm."""
+
+    def log_speed(table):
+        rng = np.random.default_rng(3)
+        answer = true_ratio("ground", np.minimum(table["z_hat"], 1e3)) ** -0.15
+        table["speed_Hz"] = 390 * (table["throttle"] / 0.92) ** 0.6 * answer * np.exp(0.002 * rng.standard_normal(len(answer)))
+
+    raw = raw_manifest()
+    job = make_job(boundaries=("ground",), edit=log_speed, rig={**raw["rig"], "air_density": "1.2 kg/m^3"})
+    found = job.read_json(FIT)
+    held = found["held_quantity"]["ground"]
+    speed = held["logged"][0]
+    assert (speed["quantity"], speed["held"]) == ("speed_Hz", False)
+    assert speed["response"]["lo90"] - 0.05 < -0.15 < speed["response"]["hi90"] + 0.05
+    low, high = held["supported_exponents"]
+    assert low < 0.6 / 1.3 < 0.82 / 1.3 < high
+    assert held["range"]["from"] == "logged quantities"
+    rotor = found["rotor_coefficient"]["ground"]
+    assert rotor["speed_from"] == "the rpm logged, far from the boundary"
+    # the trials' L_inf goes as throttle to 1.4, the speed squared as 1.2
+    assert rotor["exponent"]["value"] == pytest.approx(0.2 / 0.6, abs=0.02)
+    assert rotor["p_trend"] < 1e-3
+    assert (assumptions.summarise(gather(job))["kind"] == "supported").sum() == 2
