@@ -110,7 +110,10 @@ def collapses(out: Path, name: str) -> list[str]:
     for boundary, _, _, found in bases(out, name):
         c = found["throttle_collapse"][boundary]
         tests = [chance(t["p_value"]) if t else "-" for t in (c["tests"][k] for k in ("coefficient", "curve", "cells"))]
-        bounds = [f"{100 * d['bound95']:.2g} %" if d else "-" for d in (c["largest_departure"][k] for k in ("coefficient", "delta_L"))]
+        bounds = [
+            f"{100 * d['bound95']:.{2 if d['bound95'] < 1 else 3}g} %" if d else "-"
+            for d in (c["largest_departure"][k] for k in ("coefficient", "delta_L"))
+        ]
         lines.append(f"| {name} ({boundary}) | " + " | ".join(tests + bounds) + " |")
     return lines
 

@@ -37,7 +37,17 @@ def _collapse(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     def percent(what: str) -> Number | None:
         if found["largest_departure"][what] is None:
             return None
-        return cite(evidence, FIT, *path, "largest_departure", what, "bound95", digits=2, scale=100, how="in percent")
+        return cite(
+            evidence,
+            FIT,
+            *path,
+            "largest_departure",
+            what,
+            "bound95",
+            digits=2 if found["largest_departure"][what]["bound95"] < 1 else 3,
+            scale=100,
+            how="in percent",
+        )
 
     return {
         "boundary": boundary,

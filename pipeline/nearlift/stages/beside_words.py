@@ -20,6 +20,11 @@ def chance(p: float) -> str:
     return f"p = {p:.2g}" if p >= 1e-3 else "p < 0.001"
 
 
+def percent(x: float) -> str:
+    """A fraction in per cent: two digits, and whole numbers from ten on."""
+    return f"{100 * x:.0f}" if x >= 0.1 else f"{100 * x:.2g}"
+
+
 def throttle_collapse(found: collapse.Collapse) -> str:
     """Whether the curves of all throttles are one, and how far apart they may be."""
     if len(found.throttles) < 2:
@@ -32,7 +37,7 @@ def throttle_collapse(found: collapse.Collapse) -> str:
     kept = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value >= REJECTS]
     parts = [f"For all throttles {verdict}: {'; '.join(claims)}." for verdict, claims in (("rejected", rejected), ("not rejected", kept)) if claims]
     bounds = [
-        f"{100 * d.bound:.2g} % in {what} (between {100 * d.between[0]:.3g} and {100 * d.between[1]:.3g} %)"
+        f"{percent(d.bound)} % in {what} (between {100 * d.between[0]:.3g} and {100 * d.between[1]:.3g} %)"
         for what, d in ((found.name, found.of_coefficient), ("Delta L", found.of_curve))
         if d is not None and np.isfinite(d.bound)
     ]
@@ -76,7 +81,7 @@ def declared(held: str) -> str:
 
 def _response(r: held_quantity.Response) -> str:
     what, answer = NAMES[r.quantity], f"{plus_minus(r.slope, r.u)}, {chance(r.p_value)}"
-    spread = f"it varied by {100 * r.spread:.2g} % within a throttle"
+    spread = f"it varied by {percent(r.spread)} % within a throttle"
     if r.held:
         return f"The {what} logged does not follow the boundary (response {answer}); {spread}."
     return (
