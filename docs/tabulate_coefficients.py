@@ -104,16 +104,21 @@ def budgets(out: Path, name: str) -> list[str]:
     return lines
 
 
+def bound(departure: dict[str, Any] | None) -> str:
+    """The largest departure in per cent."""
+    if departure is None:
+        return "-"
+    x = 100 * departure["bound95"]
+    return f"{x:.0f} %" if x >= 10 else f"{x:.2g} %"
+
+
 def collapses(out: Path, name: str) -> list[str]:
     """A line per boundary."""
     lines = []
     for boundary, _, _, found in bases(out, name):
         c = found["throttle_collapse"][boundary]
         tests = [chance(t["p_value"]) if t else "-" for t in (c["tests"][k] for k in ("coefficient", "curve", "cells"))]
-        bounds = [
-            f"{100 * d['bound95']:.{2 if d['bound95'] < 1 else 3}g} %" if d else "-"
-            for d in (c["largest_departure"][k] for k in ("coefficient", "delta_L"))
-        ]
+        bounds = [bound(c["largest_departure"][k]) for k in ("coefficient", "delta_L")]
         lines.append(f"| {name} ({boundary}) | " + " | ".join(tests + bounds) + " |")
     return lines
 

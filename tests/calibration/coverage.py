@@ -276,9 +276,10 @@ Seeds from {first} on are for reporting; others were used to try things out.
 
 ## Measured
 
-Share of intervals that hold the truth, with its 95 % interval (Clopper and Pearson). By chance (99 %) a share of 68 %
-lies between {low68:.1%} and {high68:.1%} over {n} campaigns, one of 90 % between {low90:.1%} and {high90:.1%}, one of
-95 % between {low95:.1%} and {high95:.1%}.
+Share of nearlift's intervals that hold the truth at either datum and at both, with its 95 % interval (Clopper and
+Pearson), and the other two ways' at both. By chance (99 %) a share of 68 % lies between {low68:.1%} and {high68:.1%}
+over {n} campaigns, one of 90 % between {low90:.1%} and {high90:.1%}, one of 95 % between {low95:.1%} and {high95:.1%};
+over both together between {low68b:.1%} and {high68b:.1%}, {low90b:.1%} and {high90b:.1%}, {low95b:.1%} and {high95b:.1%}.
 
 {table}
 Stated uncertainty (median) beside actual error (root mean square); pull is (estimate - truth) / stated of nearlift,
@@ -292,23 +293,25 @@ throttle.
 
 
 def tables(rows: list[Row]) -> tuple[str, str]:
-    """The two tables of the page."""
-    first = "| | datum | | nearlift | shared ignored | lmfit |\n|---|---|---|---|---|---|\n"
+    """The two tables of the page: shares that cover, and errors stated and made."""
+    head = ["", "", *(f"{d:g} mm" for d in DATUMS_MM), "both", "shared ignored", "lmfit"]
+    first = f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n"
     second = "| | datum | | nearlift: stated, actual | pull: mean, sd | lmfit: stated, actual |\n|---|---|---|---|---|---|\n"
-    for (boundary, datum_mm, name), mine in groups(rows).items():
-        shown = name.rstrip("_")
+    for boundary, name in dict.fromkeys((b, n) for b, _, n in groups(rows)):
+        both = [r for r in rows if (r.boundary, r.name) == (boundary, name)]
         for level in LEVELS:
-            shares = []
-            for way in WAYS:
-                count = covered(mine, way, level)
-                low, high = clopper_pearson(count, len(mine))
-                share = f"{count / len(mine):.1%}"
-                shares.append(f"**{share}** ({low:.1%} to {high:.1%})" if way == "declared" else share)
-            first += f"| {boundary} | {datum_mm:g} mm | {shown}, {level:.0%} | {' | '.join(shares)} |\n"
+            cells = [f"{boundary}, {name.rstrip('_')}", f"{level:.0%}"]
+            for mine in (*([r for r in both if r.datum_mm == d] for d in DATUMS_MM), both):
+                count = covered(mine, "declared", level)
+                cells.append(f"{count / len(mine):.1%} ({' to '.join(f'{x:.1%}' for x in clopper_pearson(count, len(mine)))})")
+            cells[-1] = f"**{cells[-1].replace(' (', '** (')}"
+            cells += [f"{covered(both, way, level) / len(both):.1%}" for way in ("ignored", "lmfit")]
+            first += f"| {' | '.join(cells)} |\n"
+    for (boundary, datum_mm, name), mine in groups(rows).items():
         stated = {way: float(np.median([r.found[way].u for r in mine])) for way in WAYS}
         actual = {way: float(np.sqrt(np.mean([(r.found[way].value - r.truth) ** 2 for r in mine]))) for way in WAYS}
         pull = np.array([(r.found["declared"].value - r.truth) / r.found["declared"].u for r in mine])
-        second += f"| {boundary} | {datum_mm:g} mm | {shown} | {stated['declared']:.2g}, {actual['declared']:.2g} | "
+        second += f"| {boundary} | {datum_mm:g} mm | {name.rstrip('_')} | {stated['declared']:.2g}, {actual['declared']:.2g} | "
         second += f"{pull.mean():+.2f}, {pull.std(ddof=1):.2f} | {stated['lmfit']:.2g}, {actual['lmfit']:.2g} |\n"
     return first, second
 
@@ -327,7 +330,12 @@ def main() -> None:
     start = time.process_time()
     rows = run(given.n, given.first, rows=given.rows)
     shares, errors = tables(rows)
-    bands = {f"{end}{100 * level:.0f}": band(given.n, level, 0.99)[i] / given.n for level in LEVELS for i, end in enumerate(("low", "high"))}
+    bands = {
+        f"{end}{100 * level:.0f}{mark}": band(size, level, 0.99)[i] / size
+        for level in LEVELS
+        for i, end in enumerate(("low", "high"))
+        for mark, size in (("", given.n), ("b", given.n * len(DATUMS_MM)))
+    }
     seconds = time.process_time() - start
     given.out.write_text(
         PAGE.format(n=given.n, first=given.first, seconds=seconds, table=shares, errors=errors, remarks=REMARKS, **bands), encoding="utf-8"

@@ -35,19 +35,11 @@ def _collapse(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     found = entry(evidence, *path)
 
     def percent(what: str) -> Number | None:
-        if found["largest_departure"][what] is None:
+        departure = found["largest_departure"][what]
+        if departure is None:
             return None
-        return cite(
-            evidence,
-            FIT,
-            *path,
-            "largest_departure",
-            what,
-            "bound95",
-            digits=2 if found["largest_departure"][what]["bound95"] < 1 else 3,
-            scale=100,
-            how="in percent",
-        )
+        digits = 2 if departure["bound95"] < 1 else 3
+        return cite(evidence, FIT, *path, "largest_departure", what, "bound95", digits=digits, scale=100, how="in percent")
 
     return {
         "boundary": boundary,
