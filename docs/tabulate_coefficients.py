@@ -18,7 +18,7 @@ neither column is the truth, since the interval knows the budget and the scatter
 
 Every interval is 90 %. *Chi2/dof* far above one says that the base model, not the noise, is at fault. *Over the
 exponents* is the range of the least-squares value over the quantities that a trial may hold constant (the ratio raised to
-1, 0.82, 2/3, 0.60; [why](assumptions.md)), wider than any interval beside it.
+1, 0.82, 2/3, 0.60; [why](assumptions.md)), wider than any interval beside it. A dash: no posterior was drawn.
 
 | campaign | base model | coefficient | least squares | posterior | chi2/dof | over the exponents |
 |---|---|---|---|---|---|---|
