@@ -57,8 +57,8 @@ def test_what_is_injected_is_what_is_declared():
 
 @pytest.mark.calibration
 def test_intervals_cover_under_shared_errors():
-    """NEARLIFT_COVERAGE_N (400) campaigns of each boundary and datum: 68, 90 and 95 % within their bands, and wrong likelihoods outside."""
-    rows = coverage.run(int(os.environ.get("NEARLIFT_COVERAGE_N", "400")), first=coverage.REPORTED)
+    """NEARLIFT_COVERAGE_N (250) campaigns of each boundary and datum: 68, 90 and 95 % within their bands, and wrong likelihoods outside."""
+    rows = coverage.run(int(os.environ.get("NEARLIFT_COVERAGE_N", "250")), first=coverage.REPORTED)
     coverage.check(rows, "declared", CHANCE)
     for boundary in forms.BOUNDARIES:
         mine = [r for r in rows if r.boundary == boundary]
