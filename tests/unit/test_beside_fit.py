@@ -164,6 +164,13 @@ def test_a_held_speed_leaves_the_exponents_of_constant_speed():
     assert 0.5 < low < 0.6 < 0.82 < high < 0.95
 
 
+def test_a_speed_that_explains_all_of_the_change_says_nothing_of_the_exponent():
+    data = logging(ground(8), 0.5)
+    speed = held_quantity.response(data, np.log(sanchez_cuevas(data.z_hat)), "speed_Hz")
+    assert not speed.held
+    assert speed.exponents() is None
+
+
 def test_held_quantities_are_accused_as_often_as_stated():
     """40 schedules at 1 %: more than four accusations is a chance of 4e-5."""
     ratio = np.log(sanchez_cuevas(ground(1).z_hat))

@@ -134,7 +134,8 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
         # a step over a pole must cost more than any real misfit
         return np.where(np.isfinite(r), r, 1e3)
 
-    start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+    inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
+    start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
     found = least_squares(residuals, start, bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
     whole = np.zeros(len(start))

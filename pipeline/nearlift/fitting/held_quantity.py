@@ -31,6 +31,8 @@ POWER = 2 / 3
 CURVE = np.round(np.arange(0.5, 1.2001, 0.05), 2)
 #: A logged quantity whose response to load has a smaller p-value was not held.
 NOT_HELD = 0.01
+#: Part of the change of lift that must be left at constant speed or power.
+LEAST_LEFT = 0.1
 #: Fewest visits that can show a response.
 ENOUGH = 8
 
@@ -89,14 +91,15 @@ class Response:
         return self.p_value >= NOT_HELD
 
     def exponents(self) -> tuple[float, float] | None:
-        """The exponent at constant throttle that theory at constant speed or power implies, least and most over 90 % of the slope."""
+        """The exponent at constant throttle that theory at constant speed or power implies, least and most over 90 % of the slope.
+
+        None for other quantities, and where lift would follow the quantity's own change alone: theory then says nothing.
+        """
         ends = self.slope + np.array([-1.645, 1.645]) * self.u
-        if self.quantity == "speed_Hz":
-            found = np.outer(SPEED, 1 / (1 - 2 * ends))
-        elif self.quantity == "power_W":
-            found = POWER / (1 - POWER * ends)
-        else:
+        at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(self.quantity, ((), 1.0))
+        if not at_constant or (left := 1 - follows * ends).min() < LEAST_LEFT:
             return None
+        found = np.outer(at_constant, 1 / left)
         return float(found.min()), float(found.max())
 
 
