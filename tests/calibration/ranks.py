@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from tests.calibration import forms
-from tests.calibration.simulator import Spec, simulate
+from tests.calibration.simulator import Campaign, Spec, simulate
 
 from nearlift import catalogue
 from nearlift.declare import LiftModel, uniform
@@ -42,18 +42,21 @@ def believed(boundary: str) -> LiftModel:
     return replace(model, parameters=(replace(parameter, prior=uniform(*ends), bounds=(ends[0], ends[1]), value=nominal),))
 
 
-def same(noise: Noise) -> Noise:
-    """The noise as the library estimated it."""
-    return noise
+def from_repeats(campaign: Campaign) -> None:
+    """The noise is left to the library."""
 
 
-def rank(boundary: str, seed: int, scatter: Callable[[Noise], Noise] = same) -> Rank:
-    """One campaign; `scatter` spoils the noise for a test of the test."""
+def half(campaign: Campaign) -> Noise:
+    """A wrong likelihood: trials are believed to be twice as good as they are."""
+    true = campaign.truth.scatter
+    return Noise(relative=true.relative / 2, force_N=true.force_N / 2, height_m=true.height_m / 2)
+
+
+def rank(boundary: str, seed: int, noise: Callable[[Campaign], Noise | None] = from_repeats) -> Rank:
+    """One campaign; `noise` says what the library is told of it, None to let it look for itself."""
     found = simulate(Spec(boundary=boundary, spread=SPREAD, realism=False, visits=4, samples=120), seed)
     model = believed(boundary)
-    fitted = fit(model, found.data)
-    if scatter is not same:
-        fitted = fit(model, found.data, scatter=scatter(fitted.noise))
+    fitted = fit(model, found.data, scatter=noise(found))
     density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.noise.dof)
     drawn = posterior.sample(density, posterior.Settings(ess=1000), seed, boundary).flat()[:, 0]
     truth = found.truth.theta[model.parameters[0].name]

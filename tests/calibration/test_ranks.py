@@ -4,12 +4,11 @@ NEARLIFT_RANKS_N campaigns of each kind (200). A right engine fails here once in
 """
 
 import os
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import binom
-from tests.calibration.ranks import MODELS, rank, uniformity
+from tests.calibration.ranks import MODELS, half, rank, uniformity
 
 pytestmark = pytest.mark.calibration
 N = int(os.environ.get("NEARLIFT_RANKS_N", "200"))
@@ -30,14 +29,9 @@ def test_the_truth_ranks_uniformly_among_the_draws(boundary):
     assert binom.ppf(ALARM / 2, N, 0.9) <= inside <= binom.ppf(1 - ALARM / 2, N, 0.9)
 
 
-def half_the_noise(noise):
-    """A likelihood that believes trials twice as good as they are."""
-    return replace(noise, relative=noise.relative / 2, force_N=noise.force_N / 2, height_m=noise.height_m / 2, serial=noise.serial / 2)
-
-
 @pytest.mark.parametrize("boundary", MODELS)
 def test_a_wrong_likelihood_does_not(boundary):
     """A referee that passes a broken engine is worth nothing."""
-    shares, inside = ranks(boundary, scatter=half_the_noise)
+    shares, inside = ranks(boundary, noise=half)
     assert uniformity(shares) < ALARM
     assert inside < binom.ppf(ALARM / 2, N, 0.9)
