@@ -1,0 +1,107 @@
+"""Corner plot, prior against posterior, bands and words, from draws made up here."""
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.figures import corner as draw_corner
+from nearlift.figures import prior_posterior as draw_prior_posterior
+from nearlift.figures.render import render
+from nearlift.figures.style import style
+from nearlift.pages import posterior as page
+from nearlift.products import FIT, POSTERIOR
+from nearlift.summaries import corner, curves, prior_posterior
+from nearlift.summaries.evidence import Evidence
+
+N = 4000
+
+
+def evidence(K_b, levels=0.5):
+    draws = {"K_b": K_b, "L_inf_N[0.5]": np.full(N, levels) if np.isscalar(levels) else levels}
+    table = {
+        "boundary": np.full(2 * N, "ground", dtype=object),
+        "model": np.full(2 * N, "sanchez_cuevas", dtype=object),
+        "chain": np.tile(np.repeat(np.arange(4), N // 4), 2),
+        "draw": np.tile(np.arange(N // 4), 8),
+        "parameter": np.repeat(np.array(list(draws), dtype=object), N),
+        "value": np.concatenate(list(draws.values())),
+        "log_prob": np.zeros(2 * N),
+    }
+    low, median, high = np.quantile(K_b, [0.05, 0.5, 0.95])
+    entry = {"value": K_b.mean(), "u": K_b.std(), "median": median, "lo90": low, "hi90": high, "unit": "1", "ess": 4000.0, "r_hat": 1.0, "tau": 1.0}
+    entry |= {"prior": {"text": "normal, mean 2, sd 4", "lo90": -4.5, "hi90": 8.5}, "width_ratio": (high - low) / 13, "words": ""}
+    said = {"sampler": "importance", "chains": 4, "draws": N // 4, "pareto_k": 0.1, "checks": [], "parameters": {"K_b": entry}}
+    fitted = {"title": "Sanchez-Cuevas", "parameters": {"K_b": {k: entry[k] for k in ("value", "u", "lo90", "hi90")}}, "posterior": said}
+    content = {"base": {"ground": "sanchez_cuevas"}, "boundaries": {"ground": {"sanchez_cuevas": fitted}}}
+    return Evidence(campaign=None, tables={POSTERIOR.file: table}, documents={FIT.file: content})
+
+
+def spread(seed=1, sd=0.3):
+    return np.random.default_rng(seed).normal(2.0, sd, N)
+
+
+def test_regions_hold_the_shares_that_they_say():
+    x = spread()
+    found = evidence(x, 0.5 + 0.01 * spread(2))
+    table = corner.summarise(found)
+    region = {k: v[table["kind"] == "region"] for k, v in table.items()}
+    inside = np.zeros(N, dtype=bool)
+    y = 1000 * found.tables[POSTERIOR.file]["value"][N:]
+    for i in np.flatnonzero(region["value"] <= 0.9):
+        inside |= (x >= region["x_low"][i]) & (x < region["x_high"][i]) & (y >= region["y_low"][i]) & (y < region["y_high"][i])
+    # smoothing widens a region by less than a cell
+    assert 0.87 < inside.mean() < 0.95
+    assert "strongest correlation" in corner.caption(found, table)
+    assert "L∞ at 50 %" in corner.alt(found, table)
+
+
+@pytest.mark.parametrize("x", [np.full(N, 2.0), np.zeros(N)])
+def test_the_corner_plot_survives_a_parameter_without_spread(x):
+    found = evidence(x)
+    table = corner.summarise(found)
+    histogram = {k: v[(table["kind"] == "histogram") & (table["x_name"] == "K_b")] for k, v in table.items()}
+    assert histogram["value"].max() == 1.0
+    assert np.all(np.isfinite(table["value"]))
+    files = render(draw_corner.draw, table, style("aiaa"))
+    assert files["png"].startswith(b"\x89PNG")
+    assert files == render(draw_corner.draw, table, style("aiaa"))
+
+
+def test_prior_against_posterior_is_in_units_of_the_prior():
+    found = evidence(spread(sd=2.5))
+    table = prior_posterior.summarise(found)
+    assert table["low"][0] == pytest.approx((table["lo90"][0] + 4.5) / 13)
+    assert "1 of 1 parameters keep more than 30 % of their prior's width: K_b of Sanchez-Cuevas (6" in prior_posterior.caption(found, table)
+    known = evidence(spread(sd=0.01))
+    assert "All 1 parameters are known to better than 30 %" in prior_posterior.caption(known, prior_posterior.summarise(known))
+    assert render(draw_prior_posterior.draw, table, style("aiaa"))["pdf"].startswith(b"%PDF")
+    assert "times as wide as the prior" in prior_posterior.alt(found, table)
+
+
+def test_a_band_holds_the_share_of_curves_that_it_says():
+    found = evidence(spread())
+    model = catalogue.model("sanchez_cuevas")
+    known = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
+    z = np.array([0.2, 1.2, 3.0])
+    low, high = curves.posterior_band(found, "ground", model, z, known)
+    assert np.isnan(low[0])
+    assert np.isnan(high[0])
+    each = model(z[1:], **known, K_b=spread()[:, None]) - 1
+    share = np.mean((each >= low[1:]) & (each <= high[1:]), axis=0)
+    np.testing.assert_allclose(share, 0.9, atol=2e-3)
+    assert curves.posterior_band(Evidence(campaign=None), "ground", model, z, known) is None
+
+
+def test_how_it_was_sampled_is_said_in_words():
+    done = {"chains": 100, "draws": 200, "steps": 600, "acceptance": 0.42, "tau": 8.3, "ess": 5012.3, "sampler": "emcee"}
+    done["checks"] = [
+        {"by": "importance sampling", "apart": 1.23, "where": "", "unfit": ""},
+        {"by": "grid", "apart": 9.0, "where": "", "unfit": "too coarse for this shape"},
+    ]
+    told = page.how(done)
+    assert "emcee took 600 steps of 100 walkers" in told
+    assert "42 % accepted, τ = 8.3); 20000 draws are kept, worth 5012 independent ones" in told
+    assert "the importance sampling agrees, within 1.2 Monte Carlo standard errors" in told
+    assert "the grid could not judge (too coarse for this shape)" in told
+    assert page.how({"sampler": "none"}) == "it has no free parameter, and nothing had to be sampled"
+    assert page.how({}) == "it has no posterior"
