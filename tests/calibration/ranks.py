@@ -46,6 +46,12 @@ def from_repeats(campaign: Campaign) -> None:
     """The noise is left to the library."""
 
 
+def true(campaign: Campaign) -> Noise:
+    """The noise that was put in."""
+    scatter = campaign.truth.scatter
+    return Noise(relative=scatter.relative, force_N=scatter.force_N, height_m=scatter.height_m)
+
+
 def half(campaign: Campaign) -> Noise:
     """A wrong likelihood: trials are believed to be twice as good as they are."""
     true = campaign.truth.scatter

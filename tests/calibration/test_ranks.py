@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 from scipy.stats import binom
-from tests.calibration.ranks import MODELS, half, rank, uniformity
+from tests.calibration.ranks import MODELS, from_repeats, half, rank, true, uniformity
 
 pytestmark = pytest.mark.calibration
 N = int(os.environ.get("NEARLIFT_RANKS_N", "200"))
@@ -18,13 +18,16 @@ ALARM = 1e-3
 def ranks(boundary, **how):
     found = [rank(boundary, seed, **how) for seed in range(70_000, 70_000 + N)]
     shares, inside = np.array([r.share for r in found]), sum(r.inside90 for r in found)
-    print(f"{MODELS[boundary]}: p = {uniformity(shares):.3g}, 90 % held {inside} of {N}, bins {np.histogram(shares, 10, (0, 1))[0].tolist()}")
+    told = how["noise"].__name__
+    count = np.histogram(shares, 10, (0, 1))[0].tolist()
+    print(f"{MODELS[boundary]}, noise {told}: p = {uniformity(shares):.3g}, 90 % held {inside} of {N}, bins {count}")
     return shares, inside
 
 
 @pytest.mark.parametrize("boundary", MODELS)
-def test_the_truth_ranks_uniformly_among_the_draws(boundary):
-    shares, inside = ranks(boundary)
+@pytest.mark.parametrize("noise", [true, from_repeats])
+def test_the_truth_ranks_uniformly_among_the_draws(boundary, noise):
+    shares, inside = ranks(boundary, noise=noise)
     assert uniformity(shares) > ALARM
     assert binom.ppf(ALARM / 2, N, 0.9) <= inside <= binom.ppf(1 - ALARM / 2, N, 0.9)
 
