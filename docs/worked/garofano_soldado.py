@@ -86,13 +86,11 @@ def draw_models(found: list[dict[str, Any]], look: Any) -> Figure:
     figure = Figure(figsize=(look.double_in, 2.7), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     at = found[0]
-    fine = np.geomspace(0.58, 5.2, 200)
     looks = [(REFERENCES[0][0], REFERENCES[0][1]), (SERIES[1][0], "-"), (SERIES[0][0], "--"), (SERIES[2][0], ":")]
     for (name, (curve, _)), (colour, dash) in zip(MODELS.items(), looks, strict=True):
         _, _, x = fit(at, name)
         expected = x[0] * curve(at["z"], *x[1:])
         left.plot(at["z"], 100 * (at["force"] / expected - 1), color=colour, linestyle=dash, label=name, marker="o", markersize=2.5)
-    del fine
     left.fill_between(at["z"], -100 * at["sd"] / at["force"], 100 * at["sd"] / at["force"], color="0.85", linewidth=0, label="published sd")
     left.axhline(0, color="0.3", linewidth=0.6)
     left.set_xscale("log")
@@ -101,7 +99,7 @@ def draw_models(found: list[dict[str, Any]], look: Any) -> Figure:
     left.set_xlabel(r"$z / R$")
     left.set_ylabel("force over fit $-$ 1 (%)")
     left.set_title("coplanar pair", loc="left")
-    left.set_ylim(-3.4, 4.6)
+    left.set_ylim(-7.2, 4.8)
     left.legend(loc="upper right")
     place = np.arange(len(found))
     for i, ((name, _), (colour, _)) in enumerate(zip(MODELS.items(), looks, strict=True)):

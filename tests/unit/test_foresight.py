@@ -10,6 +10,7 @@ import pytest
 from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.diagnosis import outlook, proposals
+from nearlift.diagnosis.absorption import unknowable
 from nearlift.diagnosis.foresight import LIMIT_POWER, Power, handles, planned
 from nearlift.diagnosis.loop import set_up
 from nearlift.diagnosis.search import Options, run
@@ -156,7 +157,7 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
 
 def test_too_few_planned_trials_are_refused():
     data = campaign(3, visits=1).take(np.arange(4))
-    with pytest.raises(NotConverged, match="4 usable trials"):
+    with pytest.raises(NotConverged, match="at least 45 are wanted"):
         planned(data, GROUND, (), NOISE, Options(), np.array([2.0]))
 
 
@@ -466,3 +467,14 @@ def test_explain_names_what_to_log_and_what_does_not_exist(explained):
     refused = nearlift("diagnose", raw, "--out", out, "--explain", "suply_sag")
     assert refused.exit_code == 2
     assert "did you mean supply_sag" in refused.stderr
+
+
+def test_a_visit_holds_one_distance_always_and_that_is_no_finding(foresight):
+    """Sessions hold them all; only a campaign of a few long visits has no more sessions than visits."""
+    stage = foresight.stage
+    assert unknowable(stage, stage.base_fit) == []
+    data = stage.data
+    first = data.take(np.isin(data.visit, np.unique(data.visit)[:15]))
+    few, _, _ = planned(first, GROUND, (), NOISE, Options(), np.array([2.0]))
+    texts = [f.get("text", "") for f in unknowable(few.stage, few.stage.base_fit)]
+    assert any("A gain of its own for every visit" in t for t in texts)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.diagnosis.candidate import Fitted
+from nearlift.diagnosis.few_visits import applies
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import SILENT, Answer, Stage
 
@@ -44,7 +46,11 @@ def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[d
 
 def limits(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     """What cannot be known from so few distances or visits: coefficients that rest on one of them, or that levels of their own absorb."""
-    best = answer.best
+    return unknowable(stage, answer.best)
+
+
+def unknowable(stage: Stage, best: Fitted) -> list[dict[str, Any]]:
+    """The same about any fit; also about one to trials that are only planned."""
     beside = orthonormal(np.delete(best.jacobian, np.arange(len(stage.theta)), axis=1))
     found: list[dict[str, Any]] = []
     for i, parameter in enumerate(stage.base.parameters):
@@ -56,7 +62,9 @@ def limits(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
         if share >= RESTS and len(np.unique(stage.data.visit[stage.data.z_hat == where])) == 1:
             text = f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}: {100 * share:.0f} % of what is known of it."
             found.append({"coefficient": parameter.name, "rests_on": {"z_hat": where}, "share": share, "text": text})
-        for label, values in (("session", stage.data.session), ("visit", stage.data.visit)):
+        # a visit holds one distance always; only where visits are as few and as long as sessions is each a level of its own
+        levelled = [("session", stage.data.session), *([("visit", stage.data.visit)] if applies(stage.data) else [])]
+        for label, values in levelled:
             levels = stage.space.project(np.eye(len(np.unique(values)))[np.unique(values, return_inverse=True)[1]].T).T
             basis = orthonormal(levels)
             left = best.jacobian[:, i] - basis @ (basis.T @ best.jacobian[:, i])

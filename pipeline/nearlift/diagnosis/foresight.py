@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter
 from nearlift.diagnosis import structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, moments, search
-from nearlift.diagnosis.loop import could_act
+from nearlift.diagnosis.loop import LEAST_TRIALS, could_act
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import CREDIT, FORM_SD, RIVAL, SILENT, Options, Stage, prepare, visibility
 from nearlift.diagnosis.setting import derive
@@ -385,8 +385,11 @@ def planned(
     Foresight, testable effects, and the untestable ones with what to log.
     """
     kept = data.take(usable(base, data))
-    if kept.n <= len(kept.levels) + len(base.parameters):
-        raise NotConverged(f"design of the {data.boundary}", f"{kept.n} usable trials", "plan more trials inside the model's range")
+    wanted = LEAST_TRIALS + len(kept.levels) + len(base.parameters)
+    if kept.n < wanted:
+        raise NotConverged(
+            f"design of the {data.boundary}", f"{kept.n} usable trials", f"at least {wanted} are wanted to tell a noise floor from structure"
+        )
     levels = np.array([np.median(kept.lift_N[kept.throttle == t]) for t in kept.levels])
     kept = derive(kept, levels)
     known, untestable = could_act(kept, base, effects)

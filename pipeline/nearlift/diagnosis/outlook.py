@@ -9,6 +9,7 @@ import numpy as np
 
 from nearlift.declare import Effect
 from nearlift.diagnosis import coefficients
+from nearlift.diagnosis.absorption import unknowable
 from nearlift.diagnosis.foresight import LIMIT_POWER, Foresight, Handle, handles
 from nearlift.diagnosis.proposals import Pair, changes
 from nearlift.diagnosis.search import SILENT, visibility
@@ -55,6 +56,7 @@ def outlook(foresight: Foresight, library: tuple[Effect, ...], variants: Mapping
         },
         "effects": rows,
         "groups": groups(rows),
+        "limits": unknowable(stage, stage.base_fit),
         "changes": changes(foresight, pairs, variants or {}),
     }
 

@@ -14,6 +14,7 @@ import numpy as np
 from nearlift import catalogue, store
 from nearlift.declare import Boundary, Effect
 from nearlift.diagnosis import coefficients
+from nearlift.diagnosis.few_visits import applies
 from nearlift.diagnosis.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handles
 from nearlift.diagnosis.loop import set_up
 from nearlift.diagnosis.search import SILENT, Options, Stage, visibility
@@ -125,6 +126,7 @@ def _at(
         "trials": stage.data.n,
         "false_alarm_rate": stage.options.false_alarm_rate,
         "draws": DRAWS,
+        "few_visits": applies(stage.data),
         "noise": {k: getattr(stage.noise, k) for k in ("relative", "force_N", "height_m", "serial", "source")},
         "in_this_campaign": _verdict(effect.name, loop),
     }

@@ -101,6 +101,8 @@ def _boundary(at: dict[str, Any]) -> list[str]:
         worst = sorted(hidden, key=lambda r: -abs(r["bias"][first]["in_u"]))[:3]
         told = "; ".join(f"{label(r)} of {size_text(r['hides_up_to'], r['unit'])}: {r['bias'][first]['shift']:+.2g}" for r in worst)
         lines += _wrap(f"Bias of {first} by what this plan would not see: {told}.")
+    for limit in at["limits"]:
+        lines += _wrap(limit["text"])
     for group in at["groups"]:
         lines += _wrap(f"Not told apart: {', '.join(group)}.")
     for lacking in at["untestable"]:

@@ -150,7 +150,11 @@ def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
         named = s["limit_named_alone"]
         lines += _wrap(
             f"Among the names or their rivals with 80 % chance from {_or(s['limit_within_set'], unit)}; named alone from {_or(named, unit)}. "
-            "(Before held-out visits have their say, which lowers the chances of weak effects.)"
+            + (
+                "(With so few visits the loop decides by what it predicts of a visit left out, so take the chances to be named as upper ends.)"
+                if at["few_visits"]
+                else "(Before held-out visits have their say, which lowers the chances of weak effects.)"
+            )
         )
     sig = s["signature"]
     lines += _wrap(

@@ -1,0 +1,45 @@
+"""Make again the figures of docs/closing-the-loop.md: ``python docs/worked/closing_the_loop.py OUT [PITT]``.
+
+Runs the demo, and the measured campaign pitt-ras-2017 if its folder PITT is given, into OUT, explains their effect, and puts reduced copies of
+the figures into docs/figures.
+"""
+
+import sys
+from pathlib import Path
+
+from click.testing import CliRunner
+from PIL import Image
+
+from nearlift.cli import main
+
+FIGURES = Path(__file__).resolve().parent.parent / "figures"
+WIDTH = 1350
+
+
+def nearlift(*words: object) -> None:
+    """One command."""
+    answer = CliRunner().invoke(main, [str(w) for w in words])
+    assert answer.exit_code == 0, answer.output
+
+
+def keep(source: Path, name: str) -> None:
+    """A copy for the page: as wide as a page on a screen, in few colours."""
+    picture = Image.open(source).convert("RGB")
+    small = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
+    small.quantize(128).save(FIGURES / f"{name}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    out = Path(sys.argv[1])
+    nearlift("demo", "--out", out, "-q")
+    nearlift("diagnose", out / "demo-campaign", "--out", out, "--explain", "supply_sag", "-q")
+    nearlift("diagnose", out / "demo-campaign", "--out", out, "--explain", "height_offset", "-q")
+    reports = out / "reports"
+    keep(reports / "demo/diagnosis.png", "loop-demo")
+    keep(reports / "demo/explain/height_offset.png", "explain-height_offset")
+    if len(sys.argv) > 2:
+        pitt = Path(sys.argv[2])
+        nearlift("run", pitt, "--out", out, "-q")
+        nearlift("diagnose", pitt, "--out", out, "--explain", "supply_sag", "-q")
+        keep(reports / "pitt-ras-2017/diagnosis.png", "loop-pitt")
+        keep(reports / "pitt-ras-2017/explain/supply_sag.png", "explain-supply_sag-pitt")
