@@ -35,6 +35,8 @@ DRAWS = 1000
 LIMIT_POWER = 0.8
 #: Campaigns drawn to learn how the noise floor of a plan would come out.
 REHEARSALS = 3
+#: Degrees of freedom beyond families and effects that a noise floor wants at the least.
+LEAST_FREEDOM = 10
 #: A power curve has so many sizes, up to so many times the one whose visible part has a length of four standard deviations.
 STEPS, REACH = 16, 3.0
 VISIBLE_LENGTH = 4.0
@@ -402,7 +404,11 @@ def planned(
 
 
 def _rehearsed(stage: Stage) -> Foresight:
-    """The stage at the noise floor that its own drawn campaigns would be given."""
+    """The stage at the noise floor that its own drawn campaigns would be given; as it is where the plan leaves too little for one."""
+    left = stage.data.n - len(stage.data.levels) - stage.hypotheses[1].shape[1]
+    if left < LEAST_FREEDOM:
+        noise = dataclasses.replace(stage.noise, dof=float(max(left, LEAST_FREEDOM)))
+        return Foresight(stage=dataclasses.replace(stage, noise=noise), seed=stage.options.seed)
     root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
     found, quiet = [], []
     for i in range(REHEARSALS):
