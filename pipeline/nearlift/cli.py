@@ -29,6 +29,7 @@ STAGE_NAMES = {
     "reduce": "Trials to Delta L per cell with its covariance (lift.parquet).",
     "fit": "Lift models by least squares and as posteriors (fit.json, posterior.parquet).",
     "diagnose": "The residual traced to a named effect, or not (diagnosis.json).",
+    "flow": "Velocity grids to downwash and topology (downwash.parquet), where [piv] lists any.",
     "report": "Figures, tables and index.html.",
 }
 

@@ -25,6 +25,9 @@ from nearlift.stages import fit, graph
 from . import small_run
 from .small_run import nearlift, state
 
+#: Stages of a campaign without velocity grids.
+ALWAYS = [name for name in STAGE_NAMES if name != "flow"]
+
 
 @pytest.fixture(scope="session")
 def raw(tmp_path_factory) -> Path:
@@ -69,7 +72,7 @@ def test_a_second_run_does_nothing(raw, finished):
     before = state(finished)
     found = nearlift("run", raw, "--out", finished)
     assert found.exit_code == 0
-    assert re.findall(r"^(\w+) +up to date$", found.stderr, re.M) == list(STAGE_NAMES)
+    assert re.findall(r"^(\w+) +up to date$", found.stderr, re.M) == ALWAYS
     assert found.stdout == f"{finished}/reports/small/index.html\n"
     assert state(finished) == before
 
@@ -98,7 +101,7 @@ def test_plan_runs_nothing_and_writes_nothing(raw, finished, tmp_path, monkeypat
     assert out.exists() == (where != "nothing")
     expected = {"nothing": "run: has not run yet", "finished": "up to date", "stale": "run: trials.csv has changed"}[where]
     assert found.stdout.splitlines()[0] == f"ingest   {expected}"
-    assert len(found.stdout.splitlines()) == len(STAGE_NAMES)
+    assert len(found.stdout.splitlines()) == len(ALWAYS)
 
 
 def test_one_stage_runs_even_if_it_is_up_to_date_and_makes_the_same(raw, finished, tmp_path):

@@ -172,6 +172,7 @@ def settings(look: Style) -> dict[str, Any]:
         "pdf.fonttype": 42,
         "svg.hashsalt": "nearlift",
         "path.simplify": True,
+        "hatch.linewidth": 0.35,
     }
 
 

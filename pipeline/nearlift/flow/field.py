@@ -18,8 +18,8 @@ from nearlift.errors import InputRefused
 Direction = Literal["+x", "-x", "+y", "-y"]
 #: Neighbouring nodes may be this much more or less apart than the grid's spacing.
 EVEN = 0.02
-#: Least share of a map's variance that divergences of both components must have in common before a sign is doubted.
-DOUBT = 0.5
+#: A sign is doubted where both components' divergences go together this much, and by so many standard errors.
+DOUBT, ERRORS = 0.2, 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,5 +204,7 @@ def sign_doubt(field: Field) -> str:
         return ""
     a, b = gx[known], gy[known]
     scale = np.sqrt((a @ a) * (b @ b))
-    together = float(a @ b / scale) if scale > 0 else 0.0
-    return "one component is flipped against its axis" if together > DOUBT else ""
+    spread = float(np.sqrt(np.sum((a * b) ** 2)))
+    together = float(a @ b)
+    flipped = together > DOUBT * scale and together > ERRORS * spread
+    return "one component is flipped against its axis" if flipped and spread > 0 else ""

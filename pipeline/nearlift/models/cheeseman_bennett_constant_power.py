@@ -25,11 +25,17 @@ def evaluate(z_hat: Any, /, *, k: Any) -> Any:
     return cheeseman_bennett.evaluate(z_hat, k=k) ** (2.0 / 3.0)
 
 
+def downwash(z_hat: Any, /, *, k: Any) -> Any:
+    """Induced velocity at the disk over its value far away, at the same thrust: 1 - s."""
+    return cheeseman_bennett.downwash(z_hat, k=k)
+
+
 MODEL = LiftModel(
     name="cheeseman_bennett_constant_power",
     title="Cheeseman-Bennett, constant power",
     formula=r"\frac{L}{L_\infty} = \left(1 - \frac{k}{16 \hat{z}^2}\right)^{-2/3}",
     evaluate=evaluate,
+    downwash=downwash,
     boundary="ground",
     rotors="one",
     parameters=(cheeseman_bennett.COEFFICIENT,),

@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal
 from nearlift.models import sanchez_cuevas
 
@@ -24,6 +26,11 @@ from nearlift.models import sanchez_cuevas
 def evaluate(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any) -> Any:
     """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
     return sanchez_cuevas.evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b) ** n
+
+
+def downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any) -> Any:  # same signature as `evaluate`, as the contract wants
+    """Induced velocity at the disk over its value far away, at the same thrust: 1 - s, whatever n."""
+    return sanchez_cuevas.downwash(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b) * np.ones_like(n)
 
 
 EXPONENT = Parameter(
@@ -42,6 +49,7 @@ MODEL = LiftModel(
     title="Sanchez-Cuevas, free exponent",
     formula=r"\frac{L}{L_\infty} = \left(1 - s(\hat{z}; \hat{d}, \hat{b}, K_b)\right)^{-n}",
     evaluate=evaluate,
+    downwash=downwash,
     boundary="ground",
     rotors="several",
     parameters=(sanchez_cuevas.FOUNTAIN, EXPONENT),

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import assumptions, diagnosis, models, posterior, records, verdict
-from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS, Product
+from nearlift.pages import assumptions, diagnosis, flow, models, posterior, records, verdict
+from nearlift.products import DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
 
 
@@ -58,6 +58,14 @@ CHAPTERS: tuple[Chapter, ...] = (
         figures=("corner", "prior_posterior"),
     ),
     Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), template=False),
+    Chapter(
+        name="flow",
+        title="Flow",
+        facts=flow.facts,
+        needs=(FIT, *FLOW_PRODUCTS),
+        figures=("fig3", "fig4", "fig5", "flow_topology"),
+        pictures_lead=True,
+    ),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
     Chapter(name="assumptions", title="What the ratio takes for granted", facts=assumptions.facts, needs=(FIT,), figures=("assumptions",)),
     Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),

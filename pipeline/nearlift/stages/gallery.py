@@ -8,12 +8,29 @@ from dataclasses import dataclass
 from nearlift.figures import assumptions as draw_assumptions
 from nearlift.figures import corner as draw_corner
 from nearlift.figures import fig2 as draw_fig2
+from nearlift.figures import fig3 as draw_fig3
+from nearlift.figures import fig4 as draw_fig4
+from nearlift.figures import fig5 as draw_fig5
+from nearlift.figures import flow_topology as draw_flow_topology
 from nearlift.figures import loop as draw_loop
 from nearlift.figures import prior_posterior as draw_prior_posterior
 from nearlift.figures import residuals as draw_residuals
 from nearlift.figures.render import Draw
-from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, POSTERIOR, TRIALS, Product
-from nearlift.summaries import assumptions, corner, fig2, loop, loop_text, prior_posterior, residuals
+from nearlift.products import (
+    DIAGNOSIS,
+    DOWNWASH,
+    DOWNWASH_PROFILE,
+    FIT,
+    FLOW,
+    FLOW_FIELDS,
+    FLOW_TOPOLOGY,
+    LIFT,
+    LOOP_RESIDUALS,
+    POSTERIOR,
+    TRIALS,
+    Product,
+)
+from nearlift.summaries import assumptions, corner, fig2, fig3, fig4, fig5, flow_topology, loop, loop_text, prior_posterior, residuals
 from nearlift.summaries.evidence import Columns, Evidence
 
 
@@ -97,5 +114,41 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(FIT, POSTERIOR),
         caption=prior_posterior.caption,
         alt=prior_posterior.alt,
+    ),
+    FigureSpec(
+        name="fig3",
+        title="Flow near ground and ceiling",
+        summarise=fig3.summarise,
+        draw=draw_fig3.draw,
+        needs=(DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW),
+        caption=fig3.caption,
+        alt=fig3.alt,
+    ),
+    FigureSpec(
+        name="fig4",
+        title="Airspeed less the control's",
+        summarise=fig4.summarise,
+        draw=draw_fig4.draw,
+        needs=(FLOW_FIELDS, FLOW),
+        caption=fig4.caption,
+        alt=fig4.alt,
+    ),
+    FigureSpec(
+        name="fig5",
+        title="Wake over a tilted ground",
+        summarise=fig5.summarise,
+        draw=draw_fig5.draw,
+        needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
+        caption=fig5.caption,
+        alt=fig5.alt,
+    ),
+    FigureSpec(
+        name="flow_topology",
+        title="The wake against tilt",
+        summarise=flow_topology.summarise,
+        draw=draw_flow_topology.draw,
+        needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
+        caption=flow_topology.caption,
+        alt=flow_topology.alt,
     ),
 )

@@ -23,13 +23,16 @@ from typing import Any
 import nearlift
 from nearlift import store
 from nearlift.errors import UsageError
-from nearlift.products import DIAGNOSIS, FIT, LIFT, LIFT_COVARIANCE, LOOP_RESIDUALS, POSTERIOR, PROVENANCE, TRIALS, Product
-from nearlift.stages.job import Job, Outcome
+from nearlift.products import DIAGNOSIS, FIT, FLOW_PRODUCTS, LIFT, LIFT_COVARIANCE, LOOP_RESIDUALS, POSTERIOR, PROVENANCE, TRIALS, Product
+from nearlift.stages.job import PIV_INPUT, Job, Outcome
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """One verb: what it reads and writes, and the module whose `run(job)` does it (imported only when it runs)."""
+    """One verb: what it reads and writes, and the module whose `run(job)` does it (imported only when it runs).
+
+    `raw`: it reads the records; `piv`: it reads the velocity grids. `where`: it belongs to a run only where the manifest has that section.
+    """
 
     name: str
     summary: str
@@ -37,7 +40,13 @@ class Stage:
     writes: tuple[Product, ...] = ()
     sections: tuple[str, ...] = ()
     raw: bool = False
+    piv: bool = False
     report: bool = False
+    where: str = ""
+
+    def configured(self, job: Job) -> bool:
+        """Whether this campaign asks for the stage."""
+        return not self.where or getattr(job.campaign, self.where) is not None
 
     def run(self, job: Job) -> Outcome:
         """Do it."""
@@ -76,11 +85,20 @@ STAGES = (
         sections=("vehicle", "rig", "load_cell", "uncertainty", "fit", "diagnose"),
     ),
     Stage(
+        name="flow",
+        summary="velocity grids to downwash and topology",
+        writes=FLOW_PRODUCTS,
+        sections=("name", "vehicle", "rig", "piv"),
+        piv=True,
+        where="piv",
+    ),
+    Stage(
         name="report",
         summary="figures, tables and index.html",
-        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS),
-        sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty"),
+        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS),
+        sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty", "piv"),
         raw=True,
+        piv=True,
         report=True,
     ),
 )
@@ -141,10 +159,8 @@ class Ledger:
 
     def _inputs(self, stage: Stage) -> dict[str, str]:
         """Digests of the raw files that the stage reads; the manifest counts by its sections, but a report quotes its digest."""
-        if not stage.raw:
-            return {}
         apart = set() if stage.report else {"campaign.toml", *(overlay.file for overlay in self.job.campaign.report.overlay)}
-        return {name: sha for name, sha in self.job.inputs.items() if name not in apart}
+        return {name: sha for name, sha in self.job.inputs.items() if name not in apart and (stage.piv if name.startswith(PIV_INPUT) else stage.raw)}
 
     def why_stale(self, stage: Stage) -> str:
         """Why the stage must run, in words; empty if it need not."""
@@ -217,6 +233,8 @@ def plan(job: Job, wanted: Sequence[Stage] = STAGES) -> Iterator[tuple[Stage, st
     ledger = Ledger.open(job)
     upstream: dict[str, str] = {}
     for item in wanted:
+        if not item.configured(job):
+            continue
         why = ledger.why_stale(item)
         late = next((upstream[p.file] for p in item.reads if p.file in upstream), "")
         why = why or (f"{late} will run" if late else "")
@@ -229,6 +247,8 @@ def run(job: Job, wanted: Sequence[Stage] = STAGES, begin: Callable[[Stage, str]
     """Bring the wanted stages up to date, in order; yields what happened to each."""
     ledger = Ledger.open(job)
     for item in wanted:
+        if not (force or item.configured(job)):
+            continue
         why = ledger.why_stale(item) or ("asked for" if force else "")
         if not why:
             record = ledger.content["stages"][item.name]

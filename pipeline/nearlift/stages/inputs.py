@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from pathlib import Path
 from typing import Any
 
 from nearlift import store
 from nearlift.campaign import Campaign
+from nearlift.readers.piv.cases import files_of
+from nearlift.readers.seam import source_of
 from nearlift.stages import ingest
+from nearlift.stages.job import PIV_INPUT
 
 #: A file younger than this may change again without its time stamp telling, so its digest is not kept.
 RACY_NS = 2_000_000_000
@@ -25,16 +29,28 @@ def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, 
     cache is no cache.
     """
     cache: Stamps = store.read_json_if_whole(processed / CACHE)
-    overlays = (o.file for o in campaign.report.overlay if (root / o.file).is_file())
-    result, fresh = {}, {}
-    for name in dict.fromkeys((*ingest.inputs(root, campaign), *overlays)):
+    result: dict[str, str] = {}
+    fresh: Stamps = {}
+
+    def digest(name: str) -> str:
         status = (root / name).stat()
         known = cache.get(name)
         stamp = [status.st_size, status.st_mtime_ns, status.st_ino]
-        sha = known["sha256"] if known and known["stamp"] == stamp else store.sha256(root / name)
-        result[name] = sha
+        sha: str = known["sha256"] if known and known["stamp"] == stamp else store.sha256(root / name)
         racy = time.time_ns() - status.st_mtime_ns <= RACY_NS
         fresh[name] = {"stamp": stamp, "sha256": sha, "remembered": bool(known and known["stamp"] == stamp), "racy": racy}
+        return sha
+
+    overlays = (o.file for o in campaign.report.overlay if (root / o.file).is_file())
+    for name in dict.fromkeys((*ingest.inputs(root, campaign), *overlays)):
+        result[name] = digest(name)
+    for case in campaign.piv.case if campaign.piv is not None else ():
+        # hundreds of files in one line: names and digests of all of them
+        listed = hashlib.sha256()
+        files = [source_of(root, path) for path in files_of(root, case)]
+        for name in files:
+            listed.update(f"{name} {digest(name)}\n".encode())
+        result[f"{PIV_INPUT}{case.name} ({len(files)} files)"] = listed.hexdigest()
     return result, fresh
 
 

@@ -12,6 +12,9 @@ from nearlift import store
 from nearlift.campaign import Campaign
 from nearlift.products import Product
 
+#: What the name of an input begins with that stands for all velocity grids of one case.
+PIV_INPUT = "[piv] "
+
 
 def _silent(_: str) -> None:
     """Say nothing."""

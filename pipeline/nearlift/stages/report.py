@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from nearlift import store
-from nearlift.products import FIT, PRODUCTS, TRIALS
+from nearlift.products import FIT, FLOW_PRODUCTS, PRODUCTS, TRIALS
 from nearlift.stages import overlays
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
@@ -61,7 +61,8 @@ def gather(job: Job) -> Evidence:
     digests = {}
     for product in PRODUCTS:
         path = job.processed / product.file
-        if product not in read or (product not in NEEDED and not path.is_file()):
+        gone = product in FLOW_PRODUCTS and job.campaign.piv is None
+        if product not in read or gone or (product not in NEEDED and not path.is_file()):
             continue
         if path.suffix == ".json":
             documents[product.file] = job.read_json(product)

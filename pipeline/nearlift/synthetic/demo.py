@@ -14,6 +14,7 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, Check, Effect, Parameter, Source, normal
+from nearlift.synthetic.demo_flow import write_piv
 from nearlift.synthetic.design import Design, battery_V, bench_V, randomised
 from nearlift.synthetic.presets import PERCENT_DIAMETER
 from nearlift.synthetic.records import GRAVITY, Bench, Simulated, write_campaign
@@ -115,4 +116,8 @@ def write_demo(folder: Path) -> Path:
 def simulated_demo(folder: Path, seed: int = SEED) -> Simulated:
     """Write the demo campaign and return what is true in it, trial by trial."""
     bench = Bench(rate_Hz=500.0, tare_s=0.5, record_s=2.0, text=UNCERTAINTY)
-    return write_campaign(folder, design(seed), truths(), name=NAME, note=NOTE, seed=seed, bench=bench)
+    true = write_campaign(folder, design(seed), truths(), name=NAME, note=NOTE, seed=seed, bench=bench)
+    listed = write_piv(folder, bench, seed)
+    manifest = folder / "campaign.toml"
+    manifest.write_text(manifest.read_text(encoding="utf-8") + listed, encoding="utf-8")
+    return true

@@ -1,0 +1,48 @@
+"""Resampled mean fields from one pass over the fields: each block of fields enters each resample a Poisson number of times."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+
+
+class Resamples:
+    """Sums and counts of `size` resamples of columns; flat in memory however many fields there are.
+
+    Fields next to each other in time are drawn together, `block` at a time, so that their correlation stays in the resamples.
+    """
+
+    def __init__(self, size: int, columns: int, block: int, rng: np.random.Generator) -> None:
+        self.total = np.zeros((size, columns))
+        self.count = np.zeros((size, columns))
+        self.block = max(block, 1)
+        self.rng = rng
+        self.held: list[FloatArray] = []
+
+    def add(self, row: FloatArray) -> None:
+        """One field's values (columns,); nan is no observation."""
+        self.held.append(row)
+        if len(self.held) == self.block:
+            self._draw()
+
+    def _draw(self) -> None:
+        if not self.held:
+            return
+        block = np.stack(self.held)
+        known = np.isfinite(block)
+        times = self.rng.poisson(1.0, len(self.total)).astype(float)
+        self.total += np.outer(times, np.where(known, block, 0.0).sum(axis=0))
+        self.count += np.outer(times, known.sum(axis=0))
+        self.held = []
+
+    def means(self) -> FloatArray:
+        """Resampled means (size, columns); nan where a resample has no observation."""
+        self._draw()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.where(self.count > 0, self.total / self.count, np.nan), dtype=np.float64)
+
+
+def block_length(n: int) -> int:
+    """Fields in a block for n fields: the cube root, the usual rate for a mean."""
+    return int(max(round(n ** (1 / 3)), 1))

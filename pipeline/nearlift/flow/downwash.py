@@ -1,0 +1,239 @@
+"""Downwash through a cut across the wake beneath each rotor, and its reduction against the control.
+
+The cut is a line one rotor diameter below the rotor plane unless said otherwise: that is the wake, not the inflow at the disk. Far
+from boundaries the two are in proportion; where the cut stands in the zone in which the ground turns the jet, they are not,
+and the result says so.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.flow.average import Average, series_tau
+from nearlift.flow.scene import Scene
+
+#: Clearances below this many radii lie in the zone in which an impinging jet is turned (about one jet diameter above the plate).
+DEFLECTION_HAT = 2.0
+#: Part of the span that must have vectors.
+COVERED = 0.9
+#: Part of the span that may lie in the measured stagnation zone.
+STAGNANT = 0.1
+WARNINGS = {
+    "meets_boundary": "the cut meets the boundary",
+    "deflection_zone": "the cut stands less than one rotor diameter above the boundary, where the jet turns: it is not the inflow at the disk",
+    "stagnation_zone": "the cut passes through the stagnation zone: it is not the inflow at the disk",
+    "partly_covered": "a tenth or more of the cut has no vectors",
+    "no_scatter": "one field and no uncertainty in it: noise is unknown",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cut:
+    """A cut: `below_m` under the rotor plane, `half_span_m` to both sides of each axis in `centres_m`, whose place is known to `u_position_m`."""
+
+    below_m: float
+    half_span_m: float
+    centres_m: tuple[float, ...]
+    u_position_m: float
+    u_scale: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Downwash:
+    """Mean downwash through a cut, m/s, and what it is uncertain by.
+
+    Attributes
+    ----------
+    value, u : float
+        Mean over the span, positive against thrust; standard uncertainty, all parts together.
+    u_noise, u_mask, u_position, u_scale : float
+        From the scatter of fields, correlation in time included; from the part without vectors; from the place of the cut; from
+        the velocity scale.
+    span : float
+        Signed change where the cut is longer by the uncertainty of its place; case and control share it.
+    covered : float
+        Part of the span with vectors.
+    n_eff : float
+        Independent fields behind `u_noise`.
+    clearance_hat : float
+        Least distance from cut to boundary over rotor radius; inf without a boundary.
+    warnings : tuple of str
+        Keys of `WARNINGS`.
+    """
+
+    value: float
+    u: float
+    u_noise: float
+    u_mask: float
+    u_position: float
+    span: float
+    u_scale: float
+    covered: float
+    n_eff: float
+    clearance_hat: float
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduction:
+    """1 - downwash / control's downwash, with standard uncertainty and 90 % interval; the velocity scale cancels."""
+
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+
+
+def along_cut(vy: FloatArray, y_m: FloatArray, below_m: float) -> FloatArray:
+    """Downwash (..., nx) of vy (..., ny, nx) at y = -below_m, linear between rows; nan outside the grid or beside a missing vector."""
+    position = (-below_m - y_m[0]) / (y_m[1] - y_m[0])
+    low = math.floor(position + 1e-9)
+    if low < 0 or position > len(y_m) - 1 + 1e-9:
+        return np.full((*vy.shape[:-2], vy.shape[-1]), np.nan)
+    share = position - low
+    if share < 1e-6 or low + 1 >= len(y_m):
+        return -vy[..., low, :]
+    result: FloatArray = -(1 - share) * vy[..., low, :] - share * vy[..., low + 1, :]
+    return result
+
+
+def span_weights(x_m: FloatArray, centres_m: tuple[float, ...], half_span_m: float) -> FloatArray:
+    """Share of the span that each node (nx,) stands for; sums to 1 over a grid that holds the whole span."""
+    dx = x_m[1] - x_m[0]
+    total = np.zeros(len(x_m))
+    for centre in centres_m:
+        low = np.maximum(x_m - dx / 2, centre - half_span_m)
+        high = np.minimum(x_m + dx / 2, centre + half_span_m)
+        total += np.maximum(high - low, 0.0)
+    result: FloatArray = total / (2 * half_span_m * len(centres_m))
+    return result
+
+
+def over_span(profile: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    """Mean of a profile (nx,) over the span's part with vectors, and that part."""
+    known = np.isfinite(profile)
+    covered = float(weights[known].sum())
+    return (float(weights[known] @ profile[known]) / covered if covered > 0 else math.nan), covered
+
+
+def measure(found: Average, series: FloatArray, cut: Cut, scene: Scene, stagnant: NDArray[np.bool_] | None = None) -> Downwash:
+    """Downwash through one cut.
+
+    Parameters
+    ----------
+    found : Average
+        Mean field in vehicle axes.
+    series : (n, nx)
+        Downwash along the cut of each field, as `along_cut` gives it.
+    cut : Cut
+    scene : Scene
+    stagnant : (ny, nx) bool or None
+        The measured stagnation zone.
+    """
+    x, y, vy = found.mean.x_m, found.mean.y_m, found.mean.vy_m_s
+    weights = span_weights(x, cut.centres_m, cut.half_span_m)
+    profile = along_cut(vy, y, cut.below_m)
+    value, covered = over_span(profile, weights)
+    inside = weights > 0
+    u_noise, n_eff = _noise(found, series, profile, weights, cut)
+    spread = float(np.std(profile[inside & np.isfinite(profile)])) if covered > 0 else math.nan
+    shift = cut.u_position_m
+    u_position = math.hypot(
+        _half_difference(over_span(along_cut(vy, y, cut.below_m + shift), weights)[0], over_span(along_cut(vy, y, cut.below_m - shift), weights)[0]),
+        _half_difference(*(over_span(profile, span_weights(x, tuple(c + s for c in cut.centres_m), cut.half_span_m))[0] for s in (shift, -shift))),
+    )
+    span = _signed(*(over_span(profile, span_weights(x, cut.centres_m, cut.half_span_m + s))[0] for s in (shift, -shift)))
+    u_mask = max(1 - covered, 0.0) * spread
+    u_scale = cut.u_scale * abs(value)
+    ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
+    clearance = float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min()) / scene.radius_m
+    return Downwash(
+        value=value,
+        u=math.sqrt(sum(part**2 for part in (u_noise, u_mask, u_position, span, u_scale))),
+        u_noise=u_noise,
+        u_mask=u_mask,
+        u_position=u_position,
+        span=span,
+        u_scale=u_scale,
+        covered=covered,
+        n_eff=n_eff,
+        clearance_hat=clearance,
+        warnings=_warnings(scene, clearance, covered, u_noise, stagnant, weights, y, cut),
+    )
+
+
+def _noise(found: Average, series: FloatArray, profile: FloatArray, weights: FloatArray, cut: Cut) -> tuple[float, float]:
+    """Standard error of the span's mean and the independent fields behind it."""
+    known = np.isfinite(profile) & (weights > 0)
+    if not known.any():
+        return math.nan, 0.0
+    share = weights[known] / weights[known].sum()
+    n = len(series)
+    if n < 2:
+        if found.mean.u_m_s is None:
+            return math.nan, 1.0
+        own = along_cut(found.mean.u_m_s, found.mean.y_m, cut.below_m)[known]
+        return float(np.sqrt(np.nansum((share * own) ** 2))), 1.0
+    # a vector that is missing in one field counts as that node's mean there, and the scatter is that of those present
+    away = series[:, known] - profile[known]
+    present = np.isfinite(away)
+    means = np.where(present, away, 0.0) @ share
+    seen = present @ share
+    lifted = means / math.sqrt(max(float(np.mean(seen)), 1e-9))
+    tau = series_tau(lifted)
+    return float(np.sqrt(np.var(lifted, ddof=1) * tau / n)), n / tau
+
+
+def _signed(a: float, b: float) -> float:
+    return (a - b) / 2 if math.isfinite(a) and math.isfinite(b) else 0.0
+
+
+def _half_difference(a: float, b: float) -> float:
+    return abs(_signed(a, b))
+
+
+def _warnings(
+    scene: Scene, clearance: float, covered: float, u_noise: float, stagnant: NDArray[np.bool_] | None, weights: FloatArray, y_m: FloatArray, cut: Cut
+) -> tuple[str, ...]:
+    found = []
+    if scene.boundary == "ground":
+        if clearance <= 0:
+            found.append("meets_boundary")
+        elif clearance < DEFLECTION_HAT:
+            found.append("deflection_zone")
+        if stagnant is not None:
+            row = stagnant[int(np.argmin(np.abs(y_m + cut.below_m)))]
+            if float(weights @ row) > STAGNANT:
+                found.append("stagnation_zone")
+    if covered < COVERED:
+        found.append("partly_covered")
+    if not math.isfinite(u_noise):
+        found.append("no_scatter")
+    return tuple(found)
+
+
+def reduction(case: Downwash, control: Downwash) -> Reduction:
+    """How much less downwash a case has than its control; intervals with the effective degrees of freedom of Welch and Satterthwaite."""
+    from scipy.stats import t
+
+    ratio = case.value / control.value
+    parts = []
+    for d in (case, control):
+        noise = d.u_noise / d.value
+        rest = math.hypot(d.u_mask, d.u_position) / d.value
+        parts += [(ratio * noise, max(d.n_eff - 1, 1.0)), (ratio * rest, math.inf)]
+    # a cut that is too long is so in both pictures
+    parts.append((ratio * (case.span / case.value - control.span / control.value), math.inf))
+    variance = sum(u**2 for u, _ in parts)
+    if not math.isfinite(variance):
+        return Reduction(value=1 - ratio, u=math.nan, lo90=math.nan, hi90=math.nan)
+    small = sum(u**4 / dof for u, dof in parts if math.isfinite(dof))
+    dof = variance**2 / small if small > 0 else math.inf
+    u = math.sqrt(variance)
+    quantile = float(t.ppf(0.95, min(dof, 1e6)))
+    return Reduction(value=1 - ratio, u=u, lo90=1 - ratio - quantile * u, hi90=1 - ratio + quantile * u)

@@ -1,0 +1,68 @@
+"""The files of one case of [piv], and their fields in vehicle axes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.flow.field import Field, masked, orient
+from nearlift.piv_manifest import Piv, PivCase
+from nearlift.readers.piv.seam import Setting
+from nearlift.readers.piv.sniff import read
+from nearlift.readers.seam import inside, source_of
+
+
+def files_of(root: Path, case: PivCase) -> list[Path]:
+    """Every file of a case, in the order of the numbers in their names.
+
+    Raises
+    ------
+    ManifestError
+        The pattern leads outside the campaign's folder, or matches nothing.
+    InputRefused
+        A file leads outside by a link, or is no regular file.
+    """
+    where = f"piv case {case.name!r}: files"
+    if Path(case.files).is_absolute() or ".." in Path(case.files).parts:
+        raise ManifestError(where, f"{case.files!r} leads outside the campaign's folder", "put the files themselves into the folder")
+    found = sorted((p for p in root.glob(case.files) if p.is_file()), key=lambda p: _natural(source_of(root, p)))
+    if not found:
+        raise ManifestError(where, f"no file matches {case.files!r} in {root}", 'write a pattern such as "piv/ground-3.4/*.txt"')
+    return [inside(root, source_of(root, p), where) for p in found]
+
+
+def _natural(name: str) -> list[tuple[int, int, str]]:
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+
+
+@dataclass
+class Stream:
+    """The fields of one case, one in memory at a time; what was refused is listed in `refused` (file, reason) as it goes."""
+
+    root: Path
+    piv: Piv
+    case: PivCase
+    files: list[Path]
+    refused: list[tuple[str, InputRefused]] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[Field]:
+        said = {key: self.piv.of(self.case, key) for key in ("length_unit", "velocity_unit", "scale", "frame_time", "format")}
+        setting = Setting(
+            length_unit=said["length_unit"], velocity_unit=said["velocity_unit"], scale_m=said["scale"], frame_time_s=said["frame_time"]
+        )
+        lie = {
+            "thrust": self.piv.of(self.case, "thrust"),
+            "across": self.piv.of(self.case, "across"),
+            "origin_m": self.piv.of(self.case, "origin"),
+            "v_sign": self.piv.of(self.case, "v_sign", 1),
+        }
+        hidden = self.piv.of(self.case, "mask", [])
+        for path in self.files:
+            try:
+                for found in read(path, setting, said["format"]):
+                    yield masked(orient(found, **lie), hidden)
+            except InputRefused as refusal:
+                self.refused.append((source_of(self.root, path), refusal))

@@ -1,0 +1,241 @@
+"""The stage on files: known downwash comes back, nothing bad goes by unseen, and it runs where it is configured."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit import small_run
+
+from nearlift import campaign as manifests
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_PRODUCTS, FLOW_TOPOLOGY
+from nearlift.readers.piv.cases import files_of
+from nearlift.stages import flow, graph
+from nearlift.synthetic import demo_flow
+from nearlift.synthetic.records import Bench
+
+from .conftest import HEAD, Made, job
+
+NEW = "# x\ty\tu\tv\tflags\tmask\n"
+
+
+def test_the_true_reductions_lie_in_their_intervals(wakes: Made):
+    """Twelve 90 % intervals with 8 fields each: fewer than 7 hits have a chance of 1 in 2000 even at 0.85."""
+    table = wakes.job.read(DOWNWASH)
+    true = demo_flow.wakes(Bench())
+    control = true["control"].downwash_m_s(0.046, 0.023, (0.0325,))
+    hits = total = 0
+    for i in np.flatnonzero(table["rotor"] == "all"):
+        name = table["case"][i]
+        if name == "control" or not np.isfinite(table["reduction"][i]):
+            continue
+        rotors = (-0.0325, 0.0325) if name.startswith("tilt") else (0.0325,)
+        less = 1 - true[name].downwash_m_s(0.046, 0.023, rotors) / control
+        hits += table["reduction_lo90"][i] < less < table["reduction_hi90"][i]
+        total += 1
+    assert total == 13
+    assert hits >= 7
+
+
+def test_a_measured_half_is_reflected_and_marked(wakes: Made):
+    profile = wakes.job.read(DOWNWASH_PROFILE)
+    mine = profile["case"] == "ground-3.4"
+    x, v, marked = (profile[n][mine] for n in ("x_m", "downwash_m_s", "mirrored"))
+    np.testing.assert_allclose(x, -x[::-1], atol=1e-12)
+    np.testing.assert_allclose(v, v[::-1])
+    np.testing.assert_array_equal(marked == 1, x < -1e-9)
+    rotors = wakes.job.read(DOWNWASH)
+    assert rotors["rotor"][rotors["case"] == "ground-3.4"].tolist() == ["1", "all"]
+    assert rotors["rotor"][rotors["case"] == "tilt+4.6"].tolist() == ["0", "1", "all"]
+    document = wakes.job.read_json(FLOW)
+    assert document["cases"]["ground-3.4"]["mirrored"]
+    assert not document["cases"]["tilt+4.6"]["mirrored"]
+
+
+def test_what_was_masked_and_what_lies_behind_the_ground_has_no_vectors(wakes: Made):
+    fields = wakes.job.read(FLOW_FIELDS)
+    behind = fields["z_m"] <= 0
+    assert behind.any()
+    assert np.isnan(fields["vx_m_s"][behind]).all()
+    body = (np.abs(fields["x_m"]) < 0.04) & (np.abs(fields["y_m"] + 0.002) < 0.003)
+    assert np.isnan(fields["vy_m_s"][body]).all()
+
+
+def test_topology_has_a_row_for_each_number_of_each_ground_case(wakes: Made):
+    table = wakes.job.read(FLOW_TOPOLOGY)
+    assert len(table["case"]) == 10 * 7
+    tilted = np.abs(table["tilt_rad"]) > 1e-3
+    pairs = {c: v for c, q, v in zip(table["case"], table["quantity"], table["value"], strict=True) if q == "vortex_pairs"}
+    assert pairs["tilt+4.6"] == pairs["tilt+3.1"] == 2
+    known = tilted & np.isfinite(table["u"])
+    assert (table["lo90"][known] <= table["hi90"][known]).all()
+
+
+def test_the_cut_s_place_is_told_in_notes(wakes: Made):
+    assert any(n.startswith("ground-3.4: the cut stands less than one rotor diameter above") for n in wakes.outcome.notes)
+    assert any(n.startswith("ground-1.8: the cut meets the boundary") for n in wakes.outcome.notes)
+
+
+def test_running_twice_gives_the_same_bytes(wakes: Made, tmp_path):
+    again = job(wakes.job.root, tmp_path)
+    flow.run(again)
+    for product in FLOW_PRODUCTS:
+        assert (again.processed / product.file).read_bytes() == (wakes.job.processed / product.file).read_bytes()
+
+
+# ---- spoilt files
+
+
+@pytest.fixture
+def two(wakes: Made, tmp_path) -> Path:
+    """A campaign of control and one ground case, to spoil."""
+    for name in ("control", "ground-4"):
+        shutil.copytree(wakes.job.root / "piv" / name, tmp_path / "piv" / name)
+    text = (wakes.job.root / "campaign.toml").read_text()
+    blocks = text.split("\n[[piv.case]]\n")
+    kept = [b for b in blocks[1:] if 'name = "control"' in b or 'name = "ground-4"' in b]
+    head = "\n".join(line for line in blocks[0].split("\n") if not line.startswith("figure3"))
+    (tmp_path / "campaign.toml").write_text("\n[[piv.case]]\n".join([head, *kept]))
+    return tmp_path
+
+
+def edit(root: Path, old: str, new: str) -> None:
+    path = root / "campaign.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def rewrite(root: Path, case: str, change) -> None:
+    for path in (root / "piv" / case).iterdir():
+        rows = np.loadtxt(path)
+        change(rows)
+        path.write_text(NEW + "\n".join("\t".join(f"{v:.6g}" for v in row) for row in rows) + "\n")
+
+
+def test_two_cases_pass_as_they_are(two):
+    assert flow.run(job(two, two)).notes == ()
+
+
+def test_a_file_of_zeros_is_left_out_with_its_reason(two):
+    path = two / "piv/control/0003.txt"
+    rows = np.loadtxt(path)
+    rows[:, 2:4] = 0
+    path.write_text(NEW + "\n".join("\t".join(f"{v:.6g}" for v in row) for row in rows) + "\n")
+    made = job(two, two)
+    outcome = flow.run(made)
+    assert outcome.notes == ("control: piv/control/0003.txt left out: every vector is zero",)
+    facts = made.read_json(FLOW)["cases"]["control"]
+    assert (facts["files"], facts["fields"], len(facts["left_out"])) == (8, 7, 1)
+
+
+def test_a_case_of_zeros_is_refused(two):
+    rewrite(two, "control", lambda rows: rows.__setitem__((slice(None), slice(2, 4)), 0))
+    with pytest.raises(InputRefused, match="every vector is zero"):
+        flow.run(job(two, two))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda r: r.__setitem__((slice(None), 3), -r[:, 3]), "one component is flipped|moves along thrust"),
+        (lambda r: r.__setitem__((slice(None), slice(2, 4)), 1e3 * r[:, 2:4]), "mm/s written as m/s"),
+        (lambda r: r.__setitem__((slice(None), slice(0, 2)), 1e-3 * r[:, :2]), "the cut 46 mm below the rotor plane has no vector"),
+    ],
+)
+def test_wrong_signs_and_units_in_files_are_refused(two, change, says):
+    rewrite(two, "ground-4", change)
+    with pytest.raises(InputRefused, match=says):
+        flow.run(job(two, two))
+
+
+def test_v_sign_mends_a_flipped_component_and_thrust_an_inverted_vehicle(two):
+    made = job(two, two)
+    flow.run(made)
+    plain = made.read(DOWNWASH)["reduction"]
+    rewrite(two, "ground-4", lambda r: r.__setitem__((slice(None), 3), -r[:, 3]))
+    edit(two, 'name = "ground-4"', 'name = "ground-4"\nv_sign = -1')
+    flow.run(job(two, two))
+    np.testing.assert_allclose(made.read(DOWNWASH)["reduction"], plain, atol=1e-4)
+    # hung upside down: the picture turned by half a turn, files as the camera wrote them
+    rewrite(two, "ground-4", lambda r: (r.__setitem__((slice(None), slice(0, 3)), -r[:, :3]),))
+    edit(two, "v_sign = -1", 'thrust = "-y"\nacross = "-x"')
+    flow.run(job(two, two))
+    np.testing.assert_allclose(made.read(DOWNWASH)["reduction"], plain, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('control = "control"', 'control = "free"', "there is no case 'free'; cases are control, ground-4"),
+        ('control = "control"', 'control = "ground-4"', "the control 'ground-4' must have boundary = \"none\""),
+        ('thrust = "+y"', "", "case 'control': thrust is missing"),
+        ('origin = ["0 mm", "0 mm"]', "origin = [0, 0]", "has no unit"),
+        ("z_hat = 4", "", "needs z_hat"),
+        ('boundary = "none"', 'boundary = "none"\nz_hat = 3', "has no distance: leave z_hat out"),
+        ('name = "ground-4"', 'name = "control"', "two cases have the same name: control"),
+        ('thrust = "+y"', 'thrust = "+y"\nacross = "+y"', "across and thrust are the same axis"),
+        ('length_unit = "mm"', 'scale = "20 um"', 'is not a length per pixel; write it as "20 um/px"'),
+        ("bootstrap = 20", "bootstraps = 20", "unknown key; did you mean 'bootstrap'"),
+    ],
+)
+def test_a_manifest_that_cannot_be_is_refused(two, old, new, says):
+    edit(two, old, new)
+    with pytest.raises(ManifestError, match=says):
+        manifests.load(two)
+
+
+def test_patterns_stay_in_the_folder_and_match_something(two):
+    edit(two, "piv/ground-4/*.txt", "piv/nothing/*.txt")
+    with pytest.raises(ManifestError, match="no file matches"):
+        flow.run(job(two, two))
+    edit(two, "piv/nothing/*.txt", "../*.txt")
+    with pytest.raises(ManifestError, match="leads outside"):
+        flow.run(job(two, two))
+
+
+def test_files_come_in_the_order_of_their_numbers(two):
+    for n in ("b10.txt", "b9.txt", "b1.txt"):
+        (two / "piv" / n).write_text("x")
+    edit(two, "piv/ground-4/*.txt", "piv/b*.txt")
+    made = job(two, two)
+    assert [p.name for p in files_of(two, made.campaign.piv.named("ground-4"))] == ["b1.txt", "b9.txt", "b10.txt"]
+
+
+# ---- in the graph
+
+
+def test_a_campaign_without_grids_has_no_flow_stage_and_says_so_when_asked(tmp_path):
+    (tmp_path / "campaign.toml").write_text(HEAD)
+    with pytest.raises(ManifestError, match=r"piv: is missing\n  list velocity grids"):
+        flow.run(job(tmp_path, tmp_path))
+
+
+def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(two, tmp_path):
+    raw = small_run.write(tmp_path / "raw")
+    shutil.copytree(two / "piv", raw / "piv")
+    text = (two / "campaign.toml").read_text()
+    path = raw / "campaign.toml"
+    path.write_text(path.read_text() + '\n[report]\nstyle = "screen"\n\n' + text[text.index("[piv]") :])
+    ran = small_run.ran(small_run.job(raw, tmp_path))
+    assert ran == ["ingest", "reduce", "fit", "diagnose", "flow", "report"]
+    assert (tmp_path / "reports/small/fig3.png").is_file()
+    page = (tmp_path / "reports/small/index.html").read_text()
+    assert 'id="flow"' in page
+    assert "SIMULATED fields, no measurement" in page
+    assert small_run.ran(small_run.job(raw, tmp_path)) == []
+    rewrite(raw, "ground-4", lambda r: r.__setitem__((slice(None), slice(2, 4)), 0.9 * r[:, 2:4]))
+    assert small_run.ran(small_run.job(raw, tmp_path)) == ["flow", "report"]
+    ledger = json.loads((tmp_path / "processed/small/provenance.json").read_text())
+    assert "[piv] ground-4 (8 files)" in ledger["inputs"]
+    (raw / "campaign.toml").write_text(path.read_text()[: path.read_text().index("[piv]")])
+    assert [s.name for s, why in graph.plan(small_run.job(raw, tmp_path)) if why] == ["report"]
+
+
+def test_the_stages_are_listed_in_an_order_in_which_they_can_run():
+    names = [s.name for s in graph.STAGES]
+    assert names.index("flow") < names.index("report")

@@ -1,0 +1,139 @@
+"""Vortices, stagnation zone, split and asymmetry on flows that have them by construction; the bootstrap."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nearlift.flow.bootstrap import Resamples, block_length
+from nearlift.flow.field import Field
+from nearlift.flow.scene import Scene
+from nearlift.flow.topology import QUANTITIES, asymmetry, describe, gamma, split_angle_deg, stagnation, vortices
+from nearlift.randomness import generator
+from nearlift.synthetic.demo_flow import wakes
+from nearlift.synthetic.flow import Blob, Wake
+from nearlift.synthetic.records import Bench
+
+R = 0.023
+X, Y = 2e-3 * np.arange(-35, 36), 2e-3 * np.arange(-40, 12)
+XX, YY = np.meshgrid(X, Y)
+GROUND = Scene(boundary="ground", distance_m=3.4 * R, tilt_rad=0.0, rotors_m=(-0.0325, 0.0325), radius_m=R)
+
+
+def swirl(x: float, y: float, turn: float, core: float = 0.012) -> tuple[np.ndarray, np.ndarray]:
+    r2 = (XX - x) ** 2 + (YY - y) ** 2
+    speed = turn * 4.0 * np.exp(-r2 / (2 * core**2))
+    return -speed * (YY - y) / core, speed * (XX - x) / core
+
+
+def field(*parts: tuple[np.ndarray, np.ndarray]) -> Field:
+    return Field(x_m=X, y_m=Y, vx_m_s=sum(p[0] for p in parts), vy_m_s=sum(p[1] for p in parts))
+
+
+def test_gamma_is_one_at_the_centre_of_a_vortex_and_zero_in_a_stream_and_in_strain():
+    whirl = field(swirl(0.0, -0.04, 1.0))
+    at = (int(np.argmin(np.abs(Y + 0.04))), int(np.argmin(np.abs(X))))
+    assert gamma(whirl, 0.4 * R)[at] == pytest.approx(1.0, abs=1e-6)
+    assert gamma(field(swirl(0.0, -0.04, -1.0)), 0.4 * R)[at] == pytest.approx(-1.0, abs=1e-6)
+    stream = Field(x_m=X, y_m=Y, vx_m_s=np.full(XX.shape, 3.0), vy_m_s=np.zeros(XX.shape))
+    assert np.nanmax(np.abs(gamma(stream, 0.4 * R)[8:-8, 8:-8])) < 1e-9
+    strain = field((50 * XX, -50 * YY))
+    assert np.nanmax(np.abs(gamma(strain, 0.4 * R)[8:-8, 8:-8])) < 1e-6
+
+
+def test_vortices_are_counted_with_their_sign_and_place():
+    whirl = field(swirl(-0.02, -0.04, 1.0), swirl(0.02, -0.045, -1.0))
+    found = vortices(whirl, GROUND, 8.0)
+    assert [math.copysign(1, v.circulation_m2_s) for v in found] == [1, -1]
+    assert [v.x_m for v in found] == pytest.approx([-0.02, 0.02], abs=2e-3)
+    assert [v.y_m for v in found] == pytest.approx([-0.04, -0.045], abs=2e-3)
+
+
+def test_a_vortex_that_is_carried_along_does_not_stand():
+    carried = field(swirl(0.0, -0.04, 1.0), (np.full(XX.shape, 9.0), np.zeros(XX.shape)))
+    assert np.nanmax(gamma(carried, 0.4 * R)) > 0.9  # Gamma_2 does not see the stream
+    assert vortices(carried, GROUND, 8.0) == ()
+
+
+def test_gaps_do_not_make_vortices():
+    rng = generator(0, "gaps")
+    whirl = field(swirl(0.0, -0.04, 1.0))
+    holes = rng.random(XX.shape) < 0.05
+    spoilt = replace(whirl, vx_m_s=np.where(holes, np.nan, whirl.vx_m_s), vy_m_s=np.where(holes, np.nan, whirl.vy_m_s))
+    assert len(vortices(spoilt, GROUND, 8.0)) == 1
+
+
+def mean_of(wake: Wake) -> Field:
+    vx, vy = wake.velocity(XX, YY)
+    hidden = wake.scene.height_m(XX, YY) <= 0
+    return Field(x_m=X, y_m=Y, vx_m_s=np.where(hidden, np.nan, vx), vy_m_s=np.where(hidden, np.nan, vy))
+
+
+WAKE = Wake(scene=GROUND, speed_m_s=8.0)
+
+
+def test_the_stagnation_zone_rests_on_the_ground_beneath_the_rotors():
+    found = mean_of(WAKE)
+    zone = stagnation(found, GROUND, 7.1)
+    assert zone.any()
+    assert GROUND.beneath(XX[zone]).all()
+    assert found.speed_m_s[zone].max() < 0.3 * 7.1
+    np.testing.assert_array_equal(zone, zone[:, ::-1])
+    assert not stagnation(replace(found, vx_m_s=found.vx_m_s + 9), GROUND, 7.1).any()
+
+
+def test_a_nearer_ground_parts_the_jets_more():
+    near = Wake(scene=replace(GROUND, distance_m=2.0 * R), speed_m_s=8.0)
+    high = Wake(scene=replace(GROUND, distance_m=9.0 * R), speed_m_s=8.0)
+    assert split_angle_deg(mean_of(near), near.scene, 7.1) > split_angle_deg(mean_of(WAKE), GROUND, 7.1) > 20
+    assert math.isnan(split_angle_deg(mean_of(high), high.scene, 7.1))
+
+
+def test_asymmetry_has_the_sign_of_the_lean():
+    assert asymmetry(mean_of(WAKE), GROUND) == pytest.approx(0.0, abs=1e-6)
+    assert asymmetry(mean_of(replace(WAKE, lean=0.3)), GROUND) > 0.05
+    assert asymmetry(mean_of(replace(WAKE, lean=-0.3)), GROUND) < -0.05
+
+
+def test_a_blob_turns_as_it_says():
+    turned = replace(WAKE, blobs=(Blob(x_hat=0.0, y_hat=-1.3, strength=0.15, size=0.3),))
+    (found,) = vortices(mean_of(turned), GROUND, 7.1)
+    assert found.circulation_m2_s > 0
+
+
+def test_the_demo_s_tilts_have_the_paper_s_vortices():
+    """Two pairs at +4.6 and +3.1 degrees; a single counter-clockwise vortex at negative tilts."""
+    numbers = {n: describe(mean_of(w), w.scene, 7.1).numbers for n, w in wakes(Bench()).items() if n.startswith("tilt")}
+    assert [numbers[f"tilt{t:+g}"]["vortex_pairs"] for t in (4.6, 3.1)] == [2, 2]
+    for t in (-1.7, -3.2, -4.9):
+        assert (numbers[f"tilt{t:+g}"]["vortices_ccw"], numbers[f"tilt{t:+g}"]["vortices_cw"]) == (1, 0)
+    assert set(numbers["tilt+4.6"]) == set(QUANTITIES)
+
+
+def test_resampled_means_scatter_as_the_mean_does():
+    """Resamples of 400 draws of 60 independent rows have the standard error of their mean; 5 sd of its estimate from 400 are 18 %."""
+    rng = generator(1, "boot")
+    data = 3 + rng.standard_normal((60, 200))
+    made = Resamples(400, 200, 1, generator(2, "boot"))
+    for row in data:
+        made.add(row)
+    spread = made.means().std(axis=0, ddof=1)
+    assert np.median(spread / (data.std(axis=0) / math.sqrt(60))) == pytest.approx(1.0, abs=0.05)
+
+
+def test_blocks_keep_correlation_and_missing_values_count_for_nothing():
+    rng = generator(3, "boot")
+    data = np.repeat(rng.standard_normal((20, 100)), 4, axis=0)
+    alone, blocks = (Resamples(300, 100, b, generator(4, "boot")) for b in (1, 4))
+    for row in data:
+        alone.add(row)
+        blocks.add(row)
+    assert np.median(blocks.means().std(axis=0) / alone.means().std(axis=0)) == pytest.approx(2.0, rel=0.15)
+    gaps = Resamples(50, 2, 3, generator(5, "boot"))
+    for i in range(30):
+        gaps.add(np.array([1.0, np.nan if i % 2 else 1.0]))
+    np.testing.assert_allclose(gaps.means(), 1.0)
+    assert [block_length(n) for n in (1, 8, 150)] == [1, 2, 5]
