@@ -41,6 +41,6 @@ def wakes(tmp_path_factory: pytest.TempPathFactory) -> Made:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo_flow, "FIELDS", 8)
         text = demo_flow.write_piv(root, Bench(), seed=3)
-    (root / "campaign.toml").write_text(HEAD + text.replace("bootstrap = 40", "bootstrap = 20"))
+    (root / "campaign.toml").write_text(HEAD + text)
     made = job(root, root / "out")
     return Made(job=made, outcome=flow.run(made))

@@ -36,7 +36,7 @@ def draw(table: Rows, look: Style) -> Figure:
             ax.set_axis_off()
         for name, ax in zip(line, places, strict=False):
             mine = select(table, table["panel"] == name)
-            shade = flow_panel.field(ax, mine, matplotlib.colormaps["RdBu_r"], norm, line_pt=0.35, density=0.65)
+            shade = flow_panel.field(ax, mine, matplotlib.colormaps["RdBu_r"], norm, line_pt=0.35, density=0.5)
             ax.set_xlim(x0, x1)
             ax.set_ylim(y0, y1)
             ax.set_title(labels[name], loc="left", fontsize=look.text_pt - 0.5)

@@ -33,7 +33,7 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_axis_off()
     for letter, name, ax in zip("abcdefghijkl", names, axes.ravel(), strict=False):
         mine = select(table, table["panel"] == name)
-        shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm, density=1.1)
+        shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm, density=0.85)
         x, y, zone = flow_panel.grid(select(mine, mine["kind"] == "node"), "flag")
         if zone.max() > 0:
             ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)

@@ -47,7 +47,7 @@ def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
     return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
 
 
-def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float = 0.45, density: float = 0.9) -> Any:
+def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float = 0.45, density: float = 0.75) -> Any:
     """Draw one panel and hand back what a colour bar needs."""
     node = select(rows, rows["kind"] == "node")
     x, y, value = grid(node, "value_m_s")
@@ -56,6 +56,9 @@ def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float 
     _, _, vx = grid(node, "vx_m_s")
     _, _, vy = grid(node, "vy_m_s")
     ax.streamplot(x, y, vx, vy, color=LINES, linewidth=line_pt, arrowsize=0.45, density=density, broken_streamlines=True, zorder=2)
+    for arrow in ax.patches:
+        # hundreds of them, all inside the axes: the layout need not measure each
+        arrow.set_in_layout(False)
     for end in pairs(select(rows, rows["kind"] == "rotor")):
         ax.plot(*end, color="black", linewidth=2.0, solid_capstyle="butt", zorder=4)
     wall = select(rows, rows["kind"] == "boundary")

@@ -210,6 +210,8 @@ def _warnings(
             row = stagnant[int(np.argmin(np.abs(y_m + cut.below_m)))]
             if float(weights @ row) > STAGNANT:
                 found.append("stagnation_zone")
+    if covered == 0:
+        return tuple(found)
     if covered < COVERED:
         found.append("partly_covered")
     if not math.isfinite(u_noise):

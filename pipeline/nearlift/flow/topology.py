@@ -114,7 +114,7 @@ def vortices(field: Field, scene: Scene, reference_m_s: float) -> tuple[Vortex, 
     from scipy.ndimage import label
 
     radius = max(WINDOW_HAT * scene.radius_m, WINDOW_NODES * max(field.dx_m, field.dy_m))
-    g, still = gamma(field, radius), np.nan_to_num(gamma(field, radius, moving=False))
+    turning, still = np.nan_to_num(gamma(field, radius)), None
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
     outer = max(abs(c) for c in scene.rotors_m) + 0.25 * scene.radius_m
@@ -123,13 +123,15 @@ def vortices(field: Field, scene: Scene, reference_m_s: float) -> tuple[Vortex, 
     cell = field.dx_m * field.dy_m
     found = []
     for sign in (1.0, -1.0):
-        labels, n = label(where & (sign * np.nan_to_num(g) > CORE))
+        labels, n = label(where & (sign * turning > CORE))
         for k in range(1, n + 1):
             core = labels == k
             area = float(core.sum() * cell)
             circulation = float(np.nansum(curl[core]) * cell)
             if area < LEAST_AREA * scene.radius_m**2 or sign * circulation < LEAST_CIRCULATION * reference_m_s * scene.radius_m:
                 continue
+            if still is None:
+                still = np.nan_to_num(gamma(field, radius, moving=False))
             if float(np.max(sign * still[core])) < STANDING:
                 continue
             weight = np.maximum(sign * still[core], 0.0) ** 4

@@ -73,12 +73,13 @@ def _measured(evidence: Evidence, name: str) -> dict[str, Any]:
         "tilt": fixed(math.degrees(float(row["tilt_rad"])), 1) if abs(row["tilt_rad"]) > 1e-4 else "0",
         "fields": _entry(row, "n_fields", str(int(row["n_fields"]))),
         "downwash": _entry(row, "downwash_m_s", like(float(row["downwash_m_s"]), float(row["u_downwash_m_s"])), ", in m/s"),
-        "u": _entry(row, "u_downwash_m_s", f"{float(row['u_downwash_m_s']):.2g}" if math.isfinite(row["u_downwash_m_s"]) else "–", ", in m/s"),
+        "u": _entry(row, "u_downwash_m_s", like(float(row["u_downwash_m_s"]), float(row["u_downwash_m_s"])), ", in m/s"),
         "covered": _entry(row, "covered", fixed(100 * float(row["covered"]), 0), ", in percent"),
         "clearance": _entry(row, "clearance_hat", "–" if math.isinf(row["clearance_hat"]) else plain(float(row["clearance_hat"]), 3)),
         "reduction": None if name == manifest(evidence).control else _entry(row, "reduction", percent["reduction"], ", in percent"),
         "lo90": _entry(row, "reduction_lo90", percent["reduction_lo90"], ", in percent"),
         "hi90": _entry(row, "reduction_hi90", percent["reduction_hi90"], ", in percent"),
+        "seen": bool(math.isfinite(row["reduction"])),
         "warnings": str(row["warnings"]).split(),
     }
 
@@ -163,7 +164,7 @@ def _interval(row: dict[str, Any], count: bool) -> dict[str, Any]:
         share = f"{100 * float(row['agreement']):.0f} %" if math.isfinite(row["agreement"]) else ""
         return {
             "value": Number(text=fixed(value, 0), value=value, source=FLOW_TOPOLOGY.file, how=how),
-            "note": share and f"{share} of resamples agree",
+            "note": share and f"{share} agree",
         }
     low, high = (like(float(row[k]), u) for k in ("lo90", "hi90"))
     return {

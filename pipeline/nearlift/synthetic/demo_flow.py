@@ -11,7 +11,7 @@ from nearlift.flow.scene import Scene
 from nearlift.synthetic.flow import Blob, Camera, Wake, fields, write_openpiv
 from nearlift.synthetic.records import Bench
 
-FIELDS = 20
+FIELDS = 16
 SPACING_M = 3.0e-3
 GROUND, CEILING = (4.0, 3.4, 2.6, 1.8), (3.0, 2.0, 0.7, 0.3)
 #: The paper's tilts of the ground, degrees, at one distance.
@@ -81,7 +81,7 @@ def write_piv(folder: Path, bench: Bench, seed: int) -> str:
         'origin = ["0 mm", "0 mm"]',
         f'rotors = ["{-half_mm:g} mm", "{half_mm:g} mm"]',
         'rate = "15 Hz"',
-        "bootstrap = 40",
+        "bootstrap = 20",
         'figure3 = ["control", "ground-3.4", "ceiling-2"]',
     ]
     for name, wake in wakes(bench).items():

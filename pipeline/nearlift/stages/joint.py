@@ -1,0 +1,95 @@
+"""joint: the base model of a boundary fitted to lift and downwash together, where `[fit.<boundary>] downwash = true`, to joint.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift.campaign import Campaign
+from nearlift.declare import Boundary
+from nearlift.errors import ManifestError, NearliftError
+from nearlift.fitting import budget
+from nearlift.fitting.joint import Downwash, JointFit, fit_joint
+from nearlift.fitting.least_squares import Fit, fit
+from nearlift.products import DOWNWASH, JOINT, TRIALS
+from nearlift.stages.fit import choice
+from nearlift.stages.job import Job, Outcome
+from nearlift.stages.observe import boundaries, observe
+from nearlift.store import Table
+
+#: Warnings under which a cut does not stand for the inflow at the disk.
+NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone")
+LEVEL_RAD = 1e-3
+
+
+def run(job: Job) -> Outcome:
+    """Fit each boundary that asks for it; one that cannot be is noted."""
+    asked = job.campaign.joint
+    if asked is None:
+        raise ManifestError("fit.<boundary>.downwash", "is not asked for", "say downwash = true under [fit.ground] or [fit.ceiling]")
+    trials, table = job.read(TRIALS), job.read(DOWNWASH)
+    parts = budget.components(job.campaign)
+    content: dict[str, Any] = {}
+    notes = []
+    for boundary in asked:
+        if boundary not in boundaries(trials):
+            notes.append(f"{boundary}: no joint fit: no trial was accepted")
+            continue
+        job.say(f"joint {boundary}")
+        used, left_out, measured = select(table, job.campaign, boundary)
+        data = observe(trials, job.campaign, boundary)
+        base, _ = choice(job.campaign, boundary)
+        try:
+            alone = fit(base, data, parts)
+            found = fit_joint(alone, data, measured, parts)
+        except NearliftError as fault:
+            notes.append(f"{boundary}: no joint fit: {fault.what}; {fault.remedy}")
+            continue
+        content[boundary] = _record(alone, found) | {"used": used, "left_out": left_out}
+    job.write_json(JOINT, {"schema": JOINT.schema, "boundaries": content})
+    return Outcome(notes=tuple(notes))
+
+
+def select(table: Table, campaign: Campaign, boundary: Boundary) -> tuple[list[str], list[dict[str, str]], Downwash]:
+    """The untilted cases whose cut stands for the inflow at the disk, why others do not, and the former's downwash."""
+    assert campaign.piv is not None
+    whole = table["rotor"] == "all"
+    own = np.sqrt(sum(table[f"u_{part}_m_s"] ** 2 for part in ("noise", "mask", "position"))) / table["downwash_m_s"]
+    (control,) = np.flatnonzero(whole & (table["case"] == campaign.piv.control))
+    used, left_out = [], []
+    for i in np.flatnonzero(whole & (table["boundary"] == boundary)):
+        why = next((w for w in str(table["warnings"][i]).split() if w in NOT_AT_THE_DISK), "")
+        if abs(table["tilt_rad"][i]) > LEVEL_RAD:
+            why = "tilted"
+        elif not why and not (table["downwash_m_s"][i] > 0 and np.isfinite(own[i])):
+            why = "no downwash, or no uncertainty"
+        if why:
+            left_out.append({"case": str(table["case"][i]), "reason": why.replace("_", " ")})
+        else:
+            used.append(i)
+    at = np.array(used, dtype=np.int64)
+    measured = Downwash(
+        z_hat=table["z_hat"][at],
+        ratio=table["downwash_m_s"][at] / table["downwash_m_s"][control],
+        u_own=own[at],
+        u_control=float(own[control]),
+    )
+    return [str(table["case"][i]) for i in used], left_out, measured
+
+
+def _record(alone: Fit, found: JointFit) -> dict[str, Any]:
+    def estimates(of: Any) -> dict[str, Any]:
+        return {n: {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit, "at_bound": e.at_bound} for n, e in of.items()}
+
+    return {
+        "model": found.model.name,
+        "title": found.model.title,
+        "parameters": estimates(found.estimates),
+        "lift_alone": estimates(alone.estimates),
+        "covariance": {"names": [p.name for p in found.model.parameters], "values": found.covariance},
+        "chi2_lift": found.chi2_lift,
+        "chi2_downwash": found.chi2_downwash,
+        "n_downwash": found.n_downwash,
+        "p_value": found.p_value,
+    }
