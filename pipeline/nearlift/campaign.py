@@ -264,10 +264,11 @@ class Uncertainty(Section):
 
 
 class FitChoice(Section):
-    """The base model of one boundary and the models that it is compared with."""
+    """The base model of one boundary (`downwash`: fitted to lift and downwash together, too) and the models that it is compared with."""
 
     base: str | None = None
     rivals: list[str] | None = None
+    downwash: bool = False
 
 
 class Fit(Section):
@@ -346,6 +347,8 @@ class Campaign(Section):
             raise ValueError(f"name {self.name!r} is not a slug: lower-case letters, digits, '-', '_' and '.', since it names folders")
         if len({u.name for u in self.uncertainty}) != len(self.uncertainty):
             raise ValueError("two [[uncertainty]] components have the same name")
+        if self.joint is not None and self.piv is None:
+            raise ValueError(f"fit.{self.joint[0]}.downwash = true, but no velocity grids are listed under [piv]")
         if self.records.reader == "means":
             return self
         cell = self.load_cell
@@ -359,6 +362,11 @@ class Campaign(Section):
                 '"none" if nobody knows (an offset then enters the budget)'
             )
         return self
+
+    @property
+    def joint(self) -> tuple[Boundary, ...] | None:
+        """Boundaries whose base model is to be fitted to lift and downwash together; None if none is."""
+        return tuple(b for b in BOUNDARIES if (choice := self.fit.of(b)) is not None and choice.downwash) or None
 
     @property
     def tare_s(self) -> float:

@@ -30,6 +30,7 @@ STAGE_NAMES = {
     "fit": "Lift models by least squares and as posteriors (fit.json, posterior.parquet).",
     "diagnose": "The residual traced to a named effect, or not (diagnosis.json).",
     "flow": "Velocity grids to downwash and topology (downwash.parquet), where [piv] lists any.",
+    "joint": "Base models fitted to lift and downwash together, where [fit.<boundary>] downwash = true (joint.json).",
     "report": "Figures, tables and index.html.",
 }
 

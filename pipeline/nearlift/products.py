@@ -207,10 +207,11 @@ FLOW_TOPOLOGY = Product(
     ),
 )
 FLOW = Product(file="flow.json", title="What was read and averaged of each velocity field", row="case")
+JOINT = Product(file="joint.json", title="Lift and downwash fitted together", row="boundary")
 FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
 PROVENANCE = Product(file="provenance.json", title="What made these products", row="stage")
 
-PRODUCTS = (TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, PROVENANCE)
+PRODUCTS = (TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT, PROVENANCE)
 
 
 def product(file: str) -> Product:

@@ -104,7 +104,7 @@ def test_what_cannot_be_joined_is_refused():
     data = trials(2.0)
     empty = Downwash(z_hat=np.zeros(0), ratio=np.zeros(0), u_own=np.zeros(0), u_control=0.0)
     alone = fit(MODEL, data)
-    with pytest.raises(InputRefused, match="no case of .piv. stands for the inflow"):
+    with pytest.raises(InputRefused, match=r"no case of \[piv\] stands for the inflow"):
         fit_joint(alone, data, empty)
     with pytest.raises(InputRefused, match="declares no downwash"):
         fit_joint(fit(catalogue.model("exponential"), data), data, wash(2.0))

@@ -26,7 +26,7 @@ from . import small_run
 from .small_run import nearlift, state
 
 #: Stages of a campaign without velocity grids.
-ALWAYS = [name for name in STAGE_NAMES if name != "flow"]
+ALWAYS = [name for name in STAGE_NAMES if name not in ("flow", "joint")]
 
 
 @pytest.fixture(scope="session")

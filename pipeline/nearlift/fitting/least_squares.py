@@ -182,7 +182,7 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
     covariance, determined = parameter_covariance(problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1))
     quantile = _t90(scatter.dof)
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
-    estimates = {q.name: _estimate(t, u, quantile, q.unit, q.bounds) for q, t, u in zip(model.parameters, theta, sd, strict=True)}
+    estimates = interval90(model, theta, sd, scatter.dof)
     log_levels, given = problem.log_levels(theta)
     toll = problem.level_sensitivity(jacobian) if p else np.zeros((k, 0))
     level_covariance = given + toll @ covariance @ toll.T
@@ -236,6 +236,12 @@ def parameter_covariance(white: FloatArray, whole: FloatArray | None = None) -> 
     inverse = (vector[:, ~blind] / value[~blind]) @ vector[:, ~blind].T
     determined = seen & np.all(np.abs(vector[:, blind]) < 1e-6, axis=1)
     return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
+
+
+def interval90(model: LiftModel, theta: FloatArray, sd: FloatArray, dof: float) -> dict[str, Estimate]:
+    """Each parameter with its standard uncertainty and 90 % interval by Student's t at the noise's degrees of freedom."""
+    quantile = _t90(dof)
+    return {q.name: _estimate(t, u, quantile, q.unit, q.bounds) for q, t, u in zip(model.parameters, theta, sd, strict=True)}
 
 
 def _t90(dof: float) -> float:

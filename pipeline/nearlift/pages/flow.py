@@ -10,8 +10,8 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, LiftModel
 from nearlift.flow.downwash import WARNINGS
-from nearlift.pages.number import Number, cite, pointer
-from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY
+from nearlift.pages.number import Number, chance, cite, pointer, quote
+from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY, JOINT
 from nearlift.summaries import fig5
 from nearlift.summaries.evidence import Evidence, values
 from nearlift.summaries.flow_panels import cut, manifest
@@ -50,6 +50,7 @@ def facts(evidence: Evidence) -> dict[str, Any]:
         "warnings": sorted({w for c in piv.case for w in str(cut(evidence, c.name)["warnings"]).split()}),
         "meanings": WARNINGS,
         "implied": [table for b in ("ground", "ceiling") if (table := _implied(evidence, b)) is not None],
+        "joint": _joint(evidence),
         "convergence": [_convergence(evidence, c.name) for c in piv.case],
         "topology": _topology(evidence),
         "claims": CLAIMS,
@@ -127,6 +128,27 @@ def reduction_percent(model: LiftModel, z_hat: Any, parameters: dict[str, float]
 
 def _percent(value: float) -> str:
     return "–" if not math.isfinite(value) else fixed(value, 2 if abs(value) < 10 else 1)
+
+
+def _joint(evidence: Evidence) -> list[dict[str, Any]]:
+    """Each coefficient from lift alone, and from lift and downwash together."""
+    if not evidence.has(JOINT):
+        return []
+    rows = []
+    for boundary, entry in evidence.document(JOINT)["boundaries"].items():
+        path = ("boundaries", boundary)
+        rows.append(
+            {
+                "boundary": boundary,
+                "title": entry["title"],
+                "alone": [quote(evidence, JOINT, *path, "lift_alone", n) for n in entry["parameters"]],
+                "both": [quote(evidence, JOINT, *path, "parameters", n) for n in entry["parameters"]],
+                "p_value": chance(evidence, JOINT, *path, "p_value"),
+                "used": entry["used"],
+                "left_out": entry["left_out"],
+            }
+        )
+    return rows
 
 
 def _convergence(evidence: Evidence, name: str) -> dict[str, Any]:

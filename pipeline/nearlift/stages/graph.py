@@ -23,7 +23,20 @@ from typing import Any
 import nearlift
 from nearlift import store
 from nearlift.errors import UsageError
-from nearlift.products import DIAGNOSIS, FIT, FLOW_PRODUCTS, LIFT, LIFT_COVARIANCE, LOOP_RESIDUALS, POSTERIOR, PROVENANCE, TRIALS, Product
+from nearlift.products import (
+    DIAGNOSIS,
+    DOWNWASH,
+    FIT,
+    FLOW_PRODUCTS,
+    JOINT,
+    LIFT,
+    LIFT_COVARIANCE,
+    LOOP_RESIDUALS,
+    POSTERIOR,
+    PROVENANCE,
+    TRIALS,
+    Product,
+)
 from nearlift.stages.job import PIV_INPUT, Job, Outcome
 
 
@@ -31,7 +44,7 @@ from nearlift.stages.job import PIV_INPUT, Job, Outcome
 class Stage:
     """One verb: what it reads and writes, and the module whose `run(job)` does it (imported only when it runs).
 
-    `raw`: it reads the records; `piv`: it reads the velocity grids. `where`: it belongs to a run only where the manifest has that section.
+    `raw`: it reads the records; `piv`: it reads the velocity grids. `where`: it belongs to a run only where the campaign has that.
     """
 
     name: str
@@ -93,9 +106,17 @@ STAGES = (
         where="piv",
     ),
     Stage(
+        name="joint",
+        summary="lift and downwash informing one coefficient",
+        reads=(TRIALS, DOWNWASH),
+        writes=(JOINT,),
+        sections=("vehicle", "rig", "load_cell", "uncertainty", "fit", "piv"),
+        where="joint",
+    ),
+    Stage(
         name="report",
         summary="figures, tables and index.html",
-        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS),
+        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT),
         sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty", "piv"),
         raw=True,
         piv=True,

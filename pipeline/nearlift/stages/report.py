@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from nearlift import store
-from nearlift.products import FIT, FLOW_PRODUCTS, PRODUCTS, TRIALS
+from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, TRIALS
 from nearlift.stages import overlays
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
@@ -55,13 +55,13 @@ def gather(job: Job) -> Evidence:
     from nearlift.stages.gallery import FIGURES
     from nearlift.stages.graph import versions
 
-    read = {p for spec in FIGURES for p in spec.needs} | {p for chapter in CHAPTERS for p in chapter.needs}
+    read = {p for spec in FIGURES for p in spec.needs} | {p for chapter in CHAPTERS for p in chapter.needs} | {JOINT}
     tables: dict[str, Any] = {}
     documents: dict[str, Any] = {}
     digests = {}
     for product in PRODUCTS:
         path = job.processed / product.file
-        gone = product in FLOW_PRODUCTS and job.campaign.piv is None
+        gone = (product in FLOW_PRODUCTS and job.campaign.piv is None) or (product == JOINT and job.campaign.joint is None)
         if product not in read or gone or (product not in NEEDED and not path.is_file()):
             continue
         if path.suffix == ".json":
