@@ -99,8 +99,8 @@ def draw_models(found: list[dict[str, Any]], look: Any) -> Figure:
     left.set_xlabel(r"$z / R$")
     left.set_ylabel("force over fit $-$ 1 (%)")
     left.set_title("coplanar pair", loc="left")
-    left.set_ylim(-7.2, 4.8)
-    left.legend(loc="upper right")
+    left.set_ylim(-6.6, 3.2)
+    left.legend(loc="lower right")
     place = np.arange(len(found))
     for i, ((name, _), (colour, _)) in enumerate(zip(MODELS.items(), looks, strict=True)):
         values = [fit(c, name)[0] / fit(c, name)[1] for c in found]

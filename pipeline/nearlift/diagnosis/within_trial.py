@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Effect
+from nearlift.declare import Effect, FloatArray
 from nearlift.results import Observations
 
 #: A mean change within the record below this fraction of lift harms nobody, however significant.
@@ -23,14 +23,10 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> dic
     """
     from scipy.stats import t
 
-    drift = data.covariates.get("drift_hat")
-    if drift is None or not np.isfinite(drift).all() or not np.any(drift):
+    means = _by_visit(data)
+    if means is None:
         return None
-    _, visit = np.unique(data.visit, return_inverse=True)
-    means = np.bincount(visit, drift) / np.bincount(visit)
     blocks = len(means)
-    if blocks < 5:
-        return None
     value, u = float(means.mean()), float(means.std(ddof=1) / np.sqrt(blocks))
     p_value = float(2 * t.sf(abs(value) / u, blocks - 1)) if u > 0 else 0.0
     half = float(t.ppf(0.95, blocks - 1)) * u
@@ -49,15 +45,21 @@ def power(data: Observations, rate: float, chance: float) -> dict[str, Any] | No
     from scipy.optimize import brentq
     from scipy.stats import nct, t
 
-    drift = data.covariates.get("drift_hat")
-    if drift is None or not np.isfinite(drift).all() or not np.any(drift):
+    means = _by_visit(data)
+    if means is None:
         return None
-    _, visit = np.unique(data.visit, return_inverse=True)
-    means = np.bincount(visit, drift) / np.bincount(visit)
     blocks = len(means)
-    if blocks < 5:
-        return None
     u = float(means.std(ddof=1) / np.sqrt(blocks))
     critical = float(t.ppf(1 - rate / 2, blocks - 1))
     limit = u * float(brentq(lambda shift: nct.sf(critical, blocks - 1, shift) - chance, 0.0, 20.0))
     return {"u_of_mean": u, "visits": blocks, "limit": max(limit, HARMLESS)}
+
+
+def _by_visit(data: Observations) -> FloatArray | None:
+    """Mean relative change over a record of every visit; None where records are unknown or visits too few."""
+    drift = data.covariates.get("drift_hat")
+    if drift is None or not np.isfinite(drift).all() or not np.any(drift):
+        return None
+    _, visit = np.unique(data.visit, return_inverse=True)
+    means: FloatArray = np.bincount(visit, drift) / np.bincount(visit)
+    return means if len(means) >= 5 else None
