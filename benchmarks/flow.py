@@ -72,16 +72,19 @@ def main() -> None:
             moments.add(holed[i : i + BATCH])
         return moments
 
-    one = best(lambda: (stack.mean(axis=0), stack.var(axis=0)), given.rounds)
     print(f"{given.fields} fields of {given.nodes} x {given.nodes}, {stack.nbytes / 1e6:.0f} MB, best of {given.rounds}")
-    for name, function in (
+    contestants = (
         ("pass", lambda: (stack.mean(axis=0), stack.var(axis=0))),
         ("nan pass", lambda: (np.nanmean(holed, axis=0), np.nanvar(holed, axis=0))),
         ("mean and variance, streamed", accumulate),
         ("all of average()", lambda: average(fields)),
-    ):
-        wall = best(function, given.rounds)
-        print(f"{name:30s} {wall:7.1f} ms = {wall / one:5.2f} x pass")
+    )
+    # in turn, so that what else the machine does hits all alike
+    walls = {name: best(function, 1) for name, function in contestants}
+    for _ in range(given.rounds - 1):
+        walls = {name: min(walls[name], best(function, 1)) for name, function in contestants}
+    for name, wall in walls.items():
+        print(f"{name:30s} {wall:7.1f} ms = {wall / walls['pass']:5.2f} x pass")
     for n in (given.fields, 10 * given.fields, 40 * given.fields):
         command = [sys.executable, __file__, "--stream", str(n), "--nodes", str(given.nodes)]
         peak = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()

@@ -56,9 +56,7 @@ def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float 
     _, _, vx = grid(node, "vx_m_s")
     _, _, vy = grid(node, "vy_m_s")
     ax.streamplot(x, y, vx, vy, color=LINES, linewidth=line_pt, arrowsize=0.45, density=density, broken_streamlines=True, zorder=2)
-    for arrow in ax.patches:
-        # hundreds of them, all inside the axes: the layout need not measure each
-        arrow.set_in_layout(False)
+    _as_one(ax)
     for end in pairs(select(rows, rows["kind"] == "rotor")):
         ax.plot(*end, color="black", linewidth=2.0, solid_capstyle="butt", zorder=4)
     wall = select(rows, rows["kind"] == "boundary")
@@ -70,6 +68,20 @@ def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float 
     ax.xaxis.set_major_locator(MultipleLocator(2))
     ax.yaxis.set_major_locator(MultipleLocator(1))
     return shade
+
+
+def _as_one(ax: Axes) -> None:
+    """The hundreds of arrow heads of the streamlines as one artist, which is laid out and drawn in a fraction of the time."""
+    arrows: list[Any] = list(ax.patches)
+    ends = np.array([arrow._posA_posB for arrow in arrows]).reshape(-1, 2, 2)
+    for arrow in arrows:
+        arrow.remove()
+    along = ends[:, 1] - ends[:, 0]
+    length = np.hypot(along[:, 0], along[:, 1])
+    seen = length > 0
+    along = along[seen] / length[seen, None]
+    style: dict[str, Any] = {"units": "inches", "width": 0.009, "headwidth": 4.5, "headlength": 5, "headaxislength": 5, "minlength": 0}
+    ax.quiver(*ends[seen, 0].T, *along.T, angles="xy", scale_units="inches", scale=18, pivot="mid", color=LINES, zorder=2.1, **style)
 
 
 def pairs(rows: Rows) -> list[tuple[Any, Any]]:

@@ -134,31 +134,31 @@ def _first(batch: FloatArray) -> FloatArray:
 
 
 class Lags:
-    """Autocovariance of some columns at lags up to `LAGS`, from a ring of the latest rows."""
+    """Autocovariance of some columns at lags up to `LAGS`, from the latest rows and each new batch of them."""
 
     def __init__(self, columns: int) -> None:
-        self.ring = np.full((LAGS, columns), np.nan)
-        self.at = 0
+        self.latest = np.full((LAGS, columns), np.nan)
         self.shift: FloatArray | None = None
         self.products = np.zeros((LAGS + 1, columns))
         self.heads = np.zeros((LAGS + 1, columns))
         self.tails = np.zeros((LAGS + 1, columns))
         self.pairs = np.zeros((LAGS + 1, columns))
 
-    def add(self, row: FloatArray) -> None:
-        """One more row (columns,)."""
+    def add(self, rows: FloatArray) -> None:
+        """The next rows (k, columns) in time."""
         if self.shift is None:
-            self.shift = np.where(np.isfinite(row), row, 0.0)
-        row = row - self.shift
-        before = np.concatenate([row[None], self.ring[(self.at - 1 - np.arange(LAGS)) % LAGS]])
-        both = np.isfinite(before) & np.isfinite(row)
-        late, early = np.where(both, row, 0.0), np.where(both, before, 0.0)
-        self.products += late * early
-        self.heads += early
-        self.tails += late
-        self.pairs += both
-        self.ring[self.at] = row
-        self.at = (self.at + 1) % LAGS
+            self.shift = _first(rows)
+        all_rows = np.concatenate([self.latest, rows - self.shift])
+        known = np.isfinite(all_rows)
+        filled = np.where(known, all_rows, 0.0)
+        late, late_known = filled[LAGS:], known[LAGS:]
+        for lag in range(LAGS + 1):
+            early, both = filled[LAGS - lag : len(filled) - lag], known[LAGS - lag : len(filled) - lag] & late_known
+            self.products[lag] += np.einsum("ij,ij->j", late, early)
+            self.heads[lag] += np.einsum("ij,ij->j", both, early)
+            self.tails[lag] += np.einsum("ij,ij->j", late, both)
+            self.pairs[lag] += both.sum(axis=0)
+        self.latest = all_rows[-LAGS:]
 
     def tau(self) -> float:
         """Fields per independent one: `integrated` of the autocovariance pooled over columns."""
@@ -194,8 +194,7 @@ def integrated(autocovariance: FloatArray, n: float) -> float:
 def series_tau(series: FloatArray) -> float:
     """Observations per independent one of a series (n,); nan is left out."""
     lags = Lags(1)
-    for value in series:
-        lags.add(np.array([value]))
+    lags.add(series[:, None])
     return lags.tau()
 
 
@@ -208,20 +207,25 @@ def average(fields: Iterable[Field], where: str = "fields") -> Average:
         No field, or one on another grid than the first.
     """
     first: Field | None = None
-    moments = Moments(0)
-    noise = Moments(0)
-    lags = Lags(0)
+    moments, noise, lags = Moments(0), Moments(0), Lags(0)
     sample = np.zeros(0, dtype=np.int64)
-    held: list[FloatArray] = []
+    batch = np.zeros((BATCH, 0))
     own: list[FloatArray] = []
-    n, due = 0, 2
+    size, held, n, due = 0, 0, 0, 2
     before: FloatArray | None = None
     steps: list[tuple[int, float]] = []
 
     def merge() -> None:
+        nonlocal held
         if held:
-            moments.add(np.stack(held))
-            held.clear()
+            rows = batch[:held]
+            # a vector that lacks one component is none
+            whole = np.isfinite(rows[:, :size]) == np.isfinite(rows[:, size:])
+            if not whole.all():
+                rows[np.tile(~whole, 2)] = np.nan
+            lags.add(rows[:, sample])
+            moments.add(rows)
+            held = 0
         if own:
             noise.add(np.stack(own))
             own.clear()
@@ -239,21 +243,19 @@ def average(fields: Iterable[Field], where: str = "fields") -> Average:
 
     for field in fields:
         if first is None:
-            first = field
-            size = first.vx_m_s.size
+            first, size = field, field.vx_m_s.size
+            batch = np.empty((BATCH, 2 * size))
             moments, noise = Moments(2 * size), Moments(size)
             sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
             lags = Lags(len(sample))
         elif not same_grid(first, field):
             raise InputRefused(where, f"field {n + 1} stands on another grid than the first", "one case has one grid; list others as another case")
-        hole = ~field.valid
-        row = np.concatenate([np.where(hole, np.nan, field.vx_m_s).ravel(), np.where(hole, np.nan, field.vy_m_s).ravel()])
-        held.append(row)
+        batch[held, :size], batch[held, size:] = field.vx_m_s.ravel(), field.vy_m_s.ravel()
+        held += 1
         if field.u_m_s is not None:
-            own.append(np.where(hole, np.nan, field.u_m_s).ravel() ** 2)
-        lags.add(row[sample])
+            own.append(np.where(field.valid, field.u_m_s, np.nan).ravel() ** 2)
         n += 1
-        if len(held) == BATCH or n == due:
+        if held == BATCH or n == due:
             merge()
         if n == due:
             note()

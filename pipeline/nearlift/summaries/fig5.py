@@ -57,9 +57,10 @@ def caption(evidence: Evidence, table: Columns) -> str:
     areas = [f"{fixed(number(evidence, c.name, 'stagnation_area_hat2')['value'], 2)}" for c in cases(evidence)]
     tilts = [f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases(evidence)]
     return (
-        "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls away to the right). Circles: vortex cores by "
-        "Γ₂ > 2/π, filled where they turn counter-clockwise. Outline: the stagnation zone, air slower than 0.3 of the control's downwash "
-        f"that rests on the ground beneath the rotors; its area for {', '.join(tilts)} is {', '.join(areas)} r². {origin(evidence)}"
+        "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls away to the right). Circles: standing "
+        "vortices (cores of Γ₂ > 2/π in which Γ₁ exceeds 0.5), filled where they turn counter-clockwise. Outline: the stagnation zone, air "
+        "slower than 0.3 of the control's downwash that rests on the ground beneath the rotors; its area for "
+        f"{', '.join(tilts)} is {', '.join(areas)} r². {origin(evidence)}"
     )
 
 
