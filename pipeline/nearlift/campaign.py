@@ -308,11 +308,12 @@ class Report(Section):
 
 
 class Quality(Section):
-    """Limits of the quality codes; fractions are of the trial's own lift."""
+    """Limits of the quality codes; fractions are of the trial's own lift, `height` of the rotor's radius."""
 
     drift: float = Field(default=0.05, gt=0)
     missing: float = Field(default=0.05, gt=0, lt=1)
     out_of_range: float = Field(default=0.01, ge=0, lt=1)
+    height: float = Field(default=0.02, gt=0)
 
 
 class Diagnose(Section):

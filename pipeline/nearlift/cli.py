@@ -6,6 +6,7 @@ import contextlib
 import functools
 import json
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -31,6 +32,7 @@ STAGE_NAMES = {
     "diagnose": "The residual traced to a named effect, or not (diagnosis.json).",
     "flow": "Velocity grids to downwash and topology (downwash.parquet), where [piv] lists any.",
     "joint": "Base models fitted to lift and downwash together, where [fit.<boundary>] downwash = true (joint.json).",
+    "ledger": "Every trial from raw byte to figure, and what its exclusion is worth (quality.json).",
     "report": "Figures, tables and index.html.",
 }
 
@@ -165,6 +167,9 @@ def execute(
     """Run stages on a campaign and end with the contract's exit code."""
     from nearlift.stages import graph
 
+    # a batch system's polite end is an interrupt as well
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     voice = Voice(quiet, verbose, as_json)
     told: list[dict[str, Any]] = []
     rejected: list[tuple[str, str]] = []
@@ -348,11 +353,25 @@ def compare(names: tuple[str, ...], shared: tuple[str, ...], out: Path, as_json:
 
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--from", "given", is_flag=True, help="FILES follow: records that are there already. The manifest says what they say.")
 @common
-def new(folder: Path, quiet: bool, as_json: bool, **_: Any) -> None:
-    """A campaign folder to fill in, with a commented manifest."""
-    from nearlift.stages.template import write_template
+def new(folder: Path, files: tuple[Path, ...], given: bool, quiet: bool, as_json: bool, **_: Any) -> None:
+    """A campaign folder to fill in, with a commented manifest.
 
+    With --from FILES, the folder of a campaign whose records are FILES: those in the folder stay, others are copied into it.
+    """
+    from nearlift.stages.template import write_from, write_template
+
+    if given != bool(files):
+        raise UsageError("--from", "names no files" if given else "is missing before the files", "nearlift new DIR --from FILES")
+    if given:
+        made, left = write_from(folder, files)
+        if as_json:
+            click.echo(json.dumps({"written": [str(path) for path in made], "fill_in": left}))
+        elif not quiet:
+            click.echo("\n".join([*(str(path) for path in made[:2]), "still to fill in:", *(f"  {item}" for item in left)]))
+        return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(str(folder), "is not empty" if folder.is_dir() else "is a file", "name a new folder; nothing is ever overwritten")
     written = [str(path) for path in write_template(folder)]
@@ -389,6 +408,34 @@ def export(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, q
         click.echo(json.dumps({"campaign": job.campaign.name, "written": written}))
     elif not quiet:
         click.echo("\n".join(written))
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@common
+def inspect(file: Path, as_json: bool, **_: Any) -> None:
+    """What FILE holds, channel by channel, and the [records] block for a manifest."""
+    from nearlift.stages import inspection
+
+    found = inspection.inspect(file)
+    click.echo(json.dumps(inspection.as_json(found)) if as_json else inspection.described(found).rstrip("\n"))
+
+
+@main.command()
+@CAMPAIGN
+@common
+def verify(campaign: Path, out: Path, as_json: bool, quiet: bool, **_: Any) -> None:
+    """Hash every input and product anew and hold them against provenance.json; exit code 4 where one differs."""
+    from nearlift import campaign as manifests
+    from nearlift.stages.intact import differences
+
+    checked, differing = differences(campaign, out, manifests.load(campaign).name)
+    if as_json:
+        click.echo(json.dumps({"checked": checked, "differing": differing}))
+    elif not quiet:
+        click.echo("\n".join([*differing, f"{checked - len(differing)} of {checked} files are what they were"]))
+    if differing:
+        sys.exit(4)
 
 
 @main.command()

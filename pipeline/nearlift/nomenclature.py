@@ -103,6 +103,9 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("orientation", r"\mathrm{orientation}", "", "upright or inverted"),
     _s("tare_after_N", r"F_0'", "N", "tare after the trial"),
     _s("quality", r"\mathrm{quality}", "", "quality codes; empty is good"),
+    _s("source", r"\mathrm{source}", "", "file of a record, relative to the campaign's folder"),
+    _s("samples", r"N_\mathrm{read}", "1", "samples in a record as read, tare and settling included"),
+    _s("completeness", r"\mathrm{completeness}", "", "complete, truncated, malformed, pending or missing"),
     # the vehicle and its simulation
     _s("mass_kg", "m", "kg", "mass of the vehicle", "m"),
     _s("gravity_m_s2", "g", "m/s^2", "acceleration of free fall", "g"),

@@ -30,16 +30,17 @@ class Product:
     row: str
     columns: tuple[Column, ...] = ()
     open_ended: bool = False
+    called: str = ""
 
     @property
     def name(self) -> str:
-        """The file's name without its suffix."""
-        return self.file.split(".")[0]
+        """What it is `called`; else the file's name without its suffix."""
+        return self.called or self.file.split(".")[0]
 
     @property
     def schema(self) -> str:
         """Identifier written into the file."""
-        return f"nearlift.{self.name}/1"
+        return f"nearlift.{self.file.split('.')[0]}/1"
 
 
 TRIALS = Product(
@@ -130,6 +131,8 @@ LOOP_RESIDUALS = Product(
 )
 DOWNWASH = Product(
     file="downwash.parquet",
+    # the ratio v / v_inf is called downwash already
+    called="downwash_cuts",
     title="Downwash beneath the rotors",
     row="a cut beneath one rotor of a [piv] case, or beneath all that were measured (rotor = all)",
     columns=(
@@ -209,9 +212,11 @@ FLOW_TOPOLOGY = Product(
 FLOW = Product(file="flow.json", title="What was read and averaged of each velocity field", row="case")
 JOINT = Product(file="joint.json", title="Lift and downwash fitted together", row="boundary")
 FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
+#: A column of trials.parquet has the name of the file already.
+QUALITY = Product(file="quality.json", called="ledger", title="Every trial from raw byte to figure, and what each exclusion is worth", row="trial")
 PROVENANCE = Product(file="provenance.json", title="What made these products", row="stage")
 
-PRODUCTS = (TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT, PROVENANCE)
+PRODUCTS = (TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT, QUALITY, PROVENANCE)
 
 
 def product(file: str) -> Product:

@@ -7,13 +7,14 @@ which no checksum covers: a flipped bit cannot pass.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,22 +29,49 @@ if TYPE_CHECKING:
 Table = dict[str, NDArray[Any]]
 
 
+class Disk:
+    """The calls by which anything reaches the disk; tests put one that fails, or dies, at the n-th call in its place."""
+
+    def write(self, file: IO[bytes], content: bytes) -> None:
+        """Write all of it."""
+        file.write(content)
+        file.flush()
+
+    def sync(self, descriptor: int) -> None:
+        """Wait until a file, or a folder, is on the disk."""
+        os.fsync(descriptor)
+
+    def rename(self, old: Path, new: Path) -> None:
+        """Put `old` in the place of `new`, in one step."""
+        old.replace(new)
+
+    def unlink(self, path: Path) -> None:
+        """Take a file away."""
+        path.unlink(missing_ok=True)
+
+
+disk = Disk()
+#: Ends the names of files that are not finished; `locked` sweeps away what a killed run left of them.
+UNFINISHED = ".tmp"
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Replace `path` by `content` in one step that survives a crash."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
     try:
         with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+            disk.write(file, content)
+            disk.sync(file.fileno())
+        disk.rename(temporary, path)
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        # should that fail too, the next run sweeps it away
+        with contextlib.suppress(OSError):
+            disk.unlink(temporary)
         raise
     folder = os.open(path.parent, os.O_RDONLY)
     try:
-        os.fsync(folder)
+        disk.sync(folder)
     finally:
         os.close(folder)
 

@@ -30,7 +30,8 @@ def test_the_measured_campaign_has_one_step_that_does_not_rise(tmp_path: Path) -
     outcome, table = ingested("campaigns/pitt-ras-2017", tmp_path)
     assert len(table["trial"]) == 378
     assert outcome.rejected == ()
-    assert len(outcome.notes) == 1
+    assert len(outcome.notes) == 2
+    assert "accepted trial" in outcome.notes[1]
     assert "the lift does not rise with throttle: 24.44 N at 97.96 %, 24.37 N at 100 %" in outcome.notes[0]
     flagged = table["quality"] == "not_rising"
     assert np.all(table["throttle"][flagged] == 1.0)

@@ -158,3 +158,18 @@ def test_labelled_cells(tmp_path: Path) -> None:
     assert [(c.name, c.values.tolist()) for c in found.channels] == [("T", [0.01, 0.02]), ("C", [0.65, 0.7])]
     with pytest.raises(InputRefused, match="line 2: is labelled T, V, not T, C"):
         read(tmp_path, b"T: 0.01 \t C: 0.65\nT: 0.02 \t V: 0.7\n", {"labels": True})
+
+
+# ---- what the fuzzer found
+
+
+def test_a_carriage_return_within_a_header_is_refused() -> None:
+    from nearlift.readers.csv_trial import parse
+
+    with pytest.raises(InputRefused, match=r"line 1: is no header: new-line character seen"):
+        parse(b"\x00\r,1.:5,1.5\n\n", "f.csv", "force", "t")
+
+
+def test_a_cell_without_its_label_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match=r"line 1: has a cell without a label: 'C0.02'"):
+        read(tmp_path, b"T: 0.01 \t C0.02 \t C: 0.7\n", {"labels": True})

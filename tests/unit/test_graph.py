@@ -17,7 +17,7 @@ from nearlift.stages.inputs import digests, remember
 from . import small_run
 from .small_run import job, ran, state
 
-EVERY = ["ingest", "reduce", "fit", "diagnose", "report"]
+EVERY = ["ingest", "reduce", "fit", "diagnose", "ledger", "report"]
 
 
 @pytest.fixture(scope="session")
@@ -86,11 +86,11 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
     [
         ('[vehicle]', '[report]\nstyle = "ieee"\n\n[vehicle]', "report", ["report"]),
         ("# SIMULATED.", "# Simulated.", "report", ["report"]),
-        ('"0.1 mm"', '"0.3 mm"', "fit", ["fit", "diagnose", "report"]),
-        ('[vehicle]', '[fit.ground]\nrivals = []\n\n[vehicle]', "fit", ["fit", "diagnose", "report"]),
+        ('"0.1 mm"', '"0.3 mm"', "fit", ["fit", "diagnose", "ledger", "report"]),
+        ('[vehicle]', '[fit.ground]\nrivals = []\n\n[vehicle]', "fit", ["fit", "diagnose", "ledger", "report"]),
         ('[vehicle]', '[diagnose]\nfalse_alarm_rate = 0.01\n\n[vehicle]', "diagnose", ["diagnose", "report"]),
         ('[vehicle]', '[quality]\ndrift = 0.04\n\n[vehicle]', "ingest", ["ingest", "report"]),
-        ('"65 mm"', '"66 mm"', "ingest", ["ingest", "reduce", "fit", "diagnose", "report"]),
+        ('"65 mm"', '"66 mm"', "ingest", ["ingest", "reduce", "fit", "diagnose", "ledger", "report"]),
     ],
     ids=["style", "comment", "budget", "rivals", "false alarms", "quality", "spacing"],
 )  # fmt: skip
@@ -190,7 +190,7 @@ def test_a_stage_that_breaks_off_is_not_committed_and_those_before_it_are(place,
         patch.setattr(fit, "run", interrupted)
         with pytest.raises(KeyboardInterrupt):
             ran(job(place / "raw", place))
-    assert ran(job(place / "raw", place)) == ["fit", "diagnose", "report"]
+    assert ran(job(place / "raw", place)) == ["fit", "diagnose", "ledger", "report"]
 
 
 def test_what_a_finished_stage_said_is_said_again(place):

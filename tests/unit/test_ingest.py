@@ -119,7 +119,8 @@ def test_a_far_lift_that_does_not_rise_is_flagged_and_kept(tmp_path: Path) -> No
     small_campaign(root, (100.0, 250.0, 400.0, 380.0))
     outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN))
     assert outcome.rejected == ()
-    (note,) = outcome.notes
+    note, remarks = outcome.notes
+    assert remarks == "1 accepted trial carries a remark: not_rising 1"
     assert re.match(r"far from the ground the lift does not rise with throttle: 0\.(4|3999|4001) N at 75 %, 0\.3[78]\d* N at 92 %", note)
     assert list(job.read(TRIALS)["quality"]) == [""] * 7 + ["not_rising"]
 

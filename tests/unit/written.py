@@ -19,6 +19,20 @@ TYTO_HEADER = (
     "Powertrain 1 - torque MZ (torque) (N\u22c5m),Powertrain 1 - rotation speed (rpm)"
 )
 
+#: Of a bench with one CSV file per trial.
+MANIFEST = """
+schema = "nearlift.campaign/1"
+name = "bench"
+vehicle = { name = "Crazyflie 2.0", rotors = 4, rotor_radius = "23 mm", rotor_spacing = "65 mm", mass = "27 g" }
+rig = { held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", arena = "1.5 m", gravity = "9.8 m/s^2" }
+load_cell = { sample_rate = "200 Hz", tare = "0.5 s", range = "1 kgf", record = "2.5 s" }
+records = { reader = "csv", files = "trials/{trial}.csv", force = { column = "force", unit = "mN", sign = 1 } }
+[trials.units]
+distance = "mm"
+throttle = "percent"
+supply = "V"
+"""
+
 
 def csv(force: Sequence[float]) -> bytes:
     return b"t,force\n" + b"".join(f"{i / 1000!r},{f!r}\n".encode() for i, f in enumerate(force))

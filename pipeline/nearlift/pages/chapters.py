@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import assumptions, diagnosis, flow, models, posterior, records, verdict
-from nearlift.products import DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, TRIALS, Product
+from nearlift.pages import assumptions, diagnosis, flow, ledger, models, posterior, records, verdict
+from nearlift.products import DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, QUALITY, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
 
 
@@ -70,5 +70,6 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="assumptions", title="What the ratio takes for granted", facts=assumptions.facts, needs=(FIT,), figures=("assumptions",)),
     Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),
     Chapter(name="quality", title="Quality ledger", facts=records.ledger, needs=(TRIALS, FIT)),
+    Chapter(name="ledger", title="From raw byte to figure", facts=ledger.facts, needs=(QUALITY,)),
     Chapter(name="provenance", title="Provenance", facts=records.provenance),
 )

@@ -36,6 +36,7 @@ KNOWN = (
     Known(name="trial", inside="trial", kind="text"),
     Known(name="boundary", inside="boundary", kind="text"),
     Known(name="distance", inside="distance_m", dimension="length"),
+    Known(name="reached", inside="reached_m", dimension="length"),
     Known(name="throttle", inside="throttle", dimension="fraction"),
     Known(name="start", inside="start_s", dimension="time"),
     Known(name="session", inside="session", kind="text"),

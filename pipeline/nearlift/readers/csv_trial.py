@@ -95,7 +95,10 @@ def _header(line: bytes, where: str) -> list[str]:
         text = line.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputRefused(f"{where}, line 1", "is not UTF-8 text", "save it as UTF-8") from None
-    header = [name.strip() for name in next(csv.reader([text.rstrip("\r\n")]), [])]
+    try:
+        header = [name.strip() for name in next(csv.reader([text.rstrip("\r\n")]), [])]
+    except csv.Error as fault:
+        raise InputRefused(f"{where}, line 1", f"is no header: {fault}", "the file is damaged, or of another dialect") from None
     if len(header) == 1 and any(d in header[0] for d in ";\t"):
         raise InputRefused(
             f"{where}, line 1", "is not separated by commas", 'save it with commas between cells and points in decimals, or say reader = "text"'

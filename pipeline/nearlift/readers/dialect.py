@@ -40,6 +40,14 @@ class NoRows(InputRefused):
     """A text without a single row of numbers: nothing but a header, or nothing that is known."""
 
 
+class NoNames(InputRefused):
+    """Rows of numbers with no names above them; `columns` of them."""
+
+    def __init__(self, where: str, what: str, remedy: str, columns: int) -> None:
+        super().__init__(where, what, remedy)
+        self.columns = columns
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Given:
     """What the manifest says of the dialect, under ``[records] dialect``; None or empty where it says nothing.
@@ -278,17 +286,21 @@ def _header(
         return list(given.columns), list(given.units or [""] * len(given.columns)), start + 1
     if cells.labels:
         names = [pair[0] if (pair := label(cell)) else "" for cell in row]
+        if not all(names):
+            raise _Unfit(
+                0, InputRefused(f"{where}, line {start + 1}", f"has a cell without a label: {row[names.index('')]!r}", "mend the line, or say `skip`")
+            )
         return names, [""] * len(names), start + 1
     above = [at for at in range(start - 1, -1, -1) if lines[at].strip() and lines[at].strip() not in cells.ignore]
     heads = [_names(lines[at], cells, len(row), trailing) for at in above[:2]]
     if not heads or heads[0] is None:
-        count = f"{len(row)} cell{'s' * (len(row) > 1)}"
         raise _Unfit(
             1,
-            InputRefused(
+            NoNames(
                 f"{where}, line {start + 1}",
-                f"has no columns' names above its rows of {count}",
+                f"has no columns' names above its rows of {len(row)} cell{'s' * (len(row) > 1)}",
                 f'name them: dialect = {{ columns = ["force"{", ..." * (len(row) > 1)}] }} under [records]',
+                len(row),
             ),
         )
     if len(heads) > 1 and heads[1] is not None and len(heads[1]) == len(heads[0]) and all(unit_word(cell) is not None for cell in heads[0]):

@@ -50,6 +50,8 @@ class Schedule:
         SI, the unit in the name (`supply_V`); columns that the contract does not name under their own name. NaN where blank.
     means : dict of arrays or None
         `lift_N`, `lift_sd_N` and `n`, for ``reader = "means"`` only.
+    reached_m : float array or None
+        Distances that the traverse itself reported, the datum's offset added; they only judge whether it arrived.
     notes : tuple of str
         What the user should know.
     """
@@ -62,6 +64,7 @@ class Schedule:
     visit: NDArray[np.int64]
     covariates: Mapping[str, NDArray[Any]]
     means: Mapping[str, NDArray[Any]] | None = None
+    reached_m: FloatArray | None = None
     notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -138,6 +141,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
             f'the column {next(n for n in MEANS if n in cells)!r} belongs to reader = "means"',
             f"rename it; here the lift comes from the {campaign.records.reader} records",
         )
+    reached = covariates.pop("reached_m", None)
     approach = covariates.get("approach")
     if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
         notes.append('sidewall distances are taken as wall to nearest blade tip; say so with distance_datum = { sidewall = "blade tip" }')
@@ -150,6 +154,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
         visit=visits(boundary, z_m, approach, covariates.get("session")),
         covariates=covariates,
         means=means if means_wanted else None,
+        reached_m=None if reached is None else reached + np.array([0.0 if b == "none" else campaign.rig.offset(b) for b in boundary]),
         notes=tuple(notes),
     )
 

@@ -182,7 +182,7 @@ class Blocks:
 def with_rate(found: Contents) -> Contents:
     """The same, each channel with the rate of the file's clock: the first channel in a unit of time, or called time."""
     clocks = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-    clock = next((c for c in found.channels if c.unit in clocks and split_unit(c.name)[0].casefold() in ("t", "time", "x_value")), None)
+    clock = next((c for c in found.channels if c.unit in clocks and split_unit(c.name)[0].casefold() in ("t", "time", "x_value", "zeit")), None)
     if clock is None or len(clock.values) < 3:
         return found
     rate = rate_of(clocks[clock.unit] * clock.values)

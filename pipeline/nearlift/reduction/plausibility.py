@@ -133,6 +133,24 @@ def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, floa
     ]
 
 
+def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float]]:
+    """Throttles without a lift far from the boundary: (boundary, throttle, its farthest z_hat, the boundary's farthest).
+
+    Half of the boundary's farthest station is far enough, and so is free air.
+    """
+    good = ~rejected(table["quality"])
+    free = set(table["throttle"][good & (table["boundary"] == "none")])
+    found = []
+    for side in dict.fromkeys(table["boundary"][good & (table["boundary"] != "none")]):
+        here = good & (table["boundary"] == side)
+        farthest = float(table["z_hat"][here].max())
+        for level in np.unique(table["throttle"][here]):
+            far = float(table["z_hat"][here & (table["throttle"] == level)].max())
+            if far < 0.5 * farthest and level not in free:
+                found.append((str(side), float(level), far, farthest))
+    return found
+
+
 def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     """Trials whose lift is not positive, or below a twentieth of the median at their throttle: their rotors did not turn."""
     lift = np.asarray(table["lift_N"], dtype=float)

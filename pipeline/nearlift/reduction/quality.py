@@ -42,6 +42,8 @@ CODES = (
     Code(name="STUCK", rejects=True, meaning="the channel stood still: it repeats one value"),
     Code(name="GAPS", rejects=True, meaning="the clock column shows that too many samples are missing"),
     Code(name="DRIFT", rejects=True, meaning="the force drifts within the record by more than the limit"),
+    Code(name="MIXED", rejects=True, meaning="the force steps from one level to another in the middle of the record: two throttles in one trial"),
+    Code(name="HEIGHT", rejects=True, meaning="the traverse did not reach the distance of the schedule"),
     Code(name="TARE", rejects=True, meaning="the force changes within the tare: the rotors were not at rest all through it"),
     Code(name="IMPLAUSIBLE", rejects=True, meaning="the lift is more than a hundred times the vehicle's weight"),
     Code(
@@ -58,7 +60,11 @@ CODES = (
     Code(name="clock", rejects=False, meaning="the clock column stands still or runs backwards somewhere; the samples' order was kept"),
     Code(name="drift", rejects=False, meaning="the force drifts within the record, by less than the limit"),
     Code(name="dead_speed", rejects=False, meaning="a rotor's speed reads zero while there is lift"),
-    Code(name="spikes", rejects=False, meaning="single samples stand far from their neighbours; they were kept"),
+    Code(
+        name="spikes",
+        rejects=False,
+        meaning="single samples stand far from their neighbours; they were kept, and what they are worth is in the uncertainty",
+    ),
     Code(name="unsettled", rejects=False, meaning="the first samples averaged differ from the rest: `settle` may be too short"),
     Code(name="not_rising", rejects=False, meaning="far from the boundary, this throttle lifts no more than the next lower one"),
 )
@@ -87,6 +93,14 @@ def rejected(quality: NDArray[Any]) -> NDArray[np.bool_]:
 def reason(text: str) -> str:
     """Why a trial was rejected, in words, from its `quality` text; empty where it was not."""
     return "; ".join(f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects)
+
+
+def remarks(quality: NDArray[Any]) -> list[str]:
+    """One line on the codes that reject nothing, with the number of accepted trials that carry each; none where there are none."""
+    accepted = [text.split() for text in quality[~rejected(quality)] if text]
+    told = [f"{c.name} {n}" for c in CODES if not c.rejects and (n := sum(c.name in names for names in accepted))]
+    count = len(accepted)
+    return [f"{count} accepted trial{'s carry' if count > 1 else ' carries'} a remark: {', '.join(told)}"] if told else []
 
 
 def completeness(text: str) -> str:

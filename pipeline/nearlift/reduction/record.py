@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.errors import InputRefused
+from nearlift.reduction.steps import stepped
 
 FloatArray = NDArray[np.float64]
 
@@ -141,6 +142,11 @@ def reduce_record(
     high, low = float(live.max()), float(live.min())
     repeats = int(np.count_nonzero(live[1:] == live[:-1]))
     found += _stands(live, away, high - low, math.sqrt(variance), repeats)
+    if "spikes" in found:
+        # the mean with them and without them: what they are worth is not known to be nothing
+        u2 += (mean - float(live[np.abs(away) <= 6 * math.sqrt(variance)].mean())) ** 2
+    if stepped(batches, limits.drift * abs(lift)):
+        found.append("MIXED")
     found += _saturated(live, high, low, repeats, limits.range_N)
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
     found += _rotors_at_rest(tare, lift)

@@ -7,6 +7,7 @@ deleted product is made again. `provenance.json`, written last after each stage,
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib
@@ -23,6 +24,7 @@ from typing import Any
 import nearlift
 from nearlift import store
 from nearlift.errors import UsageError
+from nearlift.lock import locked, room
 from nearlift.products import (
     DIAGNOSIS,
     DOWNWASH,
@@ -34,6 +36,7 @@ from nearlift.products import (
     LOOP_RESIDUALS,
     POSTERIOR,
     PROVENANCE,
+    QUALITY,
     TRIALS,
     Product,
 )
@@ -114,9 +117,16 @@ STAGES = (
         where="joint",
     ),
     Stage(
+        name="ledger",
+        summary="every trial from raw byte to figure, and what its exclusion is worth",
+        reads=(TRIALS, FIT),
+        writes=(QUALITY,),
+        sections=("vehicle", "rig", "load_cell", "uncertainty", "fit"),
+    ),
+    Stage(
         name="report",
         summary="figures, tables and index.html",
-        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT),
+        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT, QUALITY),
         sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty", "piv"),
         raw=True,
         piv=True,
@@ -194,6 +204,9 @@ class Ledger:
                 return f"{file} is missing"
             if store.sha256(path) != sha:
                 return f"{file} was changed after it was written"
+        waiting = sum(reason.startswith("PENDING") for _, reason in record["rejected"])
+        if waiting:
+            return f"{waiting} records were still being written"
         before, now = record["material"], self.material(stage)
         if before["code"] != now["code"]:
             return "nearlift itself has changed"
@@ -235,6 +248,17 @@ class Ledger:
         store.write_json(self.job.processed / PROVENANCE.file, self.content)
 
 
+#: Bytes that figures and page take, and a trial in tables and page, both measured and rounded up.
+PAGE_BYTES, TRIAL_BYTES = 12_000_000, 2_000
+
+
+def _needed(job: Job, wanted: Sequence[Stage]) -> int:
+    """Bytes that the stages may write: from the length of the schedule, and twice, since old products stand until new ones are whole."""
+    schedule = job.root / job.campaign.trials.file
+    rows = schedule.stat().st_size // 8 if schedule.is_file() else 0
+    return 2 * (TRIAL_BYTES * rows + (PAGE_BYTES if any(item.report for item in wanted) else 0))
+
+
 def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()
 
@@ -266,11 +290,24 @@ def plan(job: Job, wanted: Sequence[Stage] = STAGES) -> Iterator[tuple[Stage, st
 
 def run(job: Job, wanted: Sequence[Stage] = STAGES, begin: Callable[[Stage, str], None] = lambda s, w: None, force: bool = False) -> Iterator[Step]:
     """Bring the wanted stages up to date, in order; yields what happened to each."""
+    with contextlib.ExitStack() as held:
+        yield from _run(job, wanted, begin, force, held)
+
+
+def _run(job: Job, wanted: Sequence[Stage], begin: Callable[[Stage, str], None], force: bool, held: contextlib.ExitStack) -> Iterator[Step]:
     ledger = Ledger.open(job)
+    alone = False
     for item in wanted:
         if not (force or item.configured(job)):
             continue
         why = ledger.why_stale(item) or ("asked for" if force else "")
+        if why and not alone:
+            room(job.processed, _needed(job, wanted))
+            left = held.enter_context(locked(job.processed, job.reports))
+            alone = True
+            # another run may have ended since
+            ledger = Ledger.open(job)
+            why = "; ".join(filter(None, [ledger.why_stale(item) or ("asked for" if force else ""), left]))
         if not why:
             record = ledger.content["stages"][item.name]
             yield Step(stage=item, why="", outcome=Outcome(rejected=tuple((t, r) for t, r in record["rejected"]), notes=tuple(record["notes"])))

@@ -81,8 +81,13 @@ def run(job: Job) -> Outcome:
     rows = _settled(job, reader, rows)
     table = _table(schedule, rows, campaign)
     notes += _judge(table, campaign)
+    notes += quality.remarks(table["quality"])
     bad = quality.rejected(table["quality"])
     if bad.all():
+        # where the unit is at fault, say so, rather than that the cell was at its end
+        unit, key = _unit(campaign)
+        blank = {**table, "quality": np.full(len(bad), "", dtype=object)}
+        plausibility.against_weight(blank, campaign.vehicle.mass * campaign.rig.gravity, unit, key)
         told = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
         reasons = ", ".join(f"{code} {count}" for code, count in told.most_common())
         worst = quality.code(told.most_common(1)[0][0])
@@ -226,6 +231,10 @@ def _table(schedule: Schedule, rows: Mapping[str, Row], campaign: Campaign) -> s
         planned = round(cell.record * cell.sample_rate) if cell.record and cell.sample_rate else None
         plausibility.lengths(n, codes, campaign.quality.missing, samples, planned)
         _duplicates(found, codes)
+    if schedule.reached_m is not None:
+        off = np.abs(schedule.reached_m - schedule.z_m) > campaign.quality.height * campaign.vehicle.rotor_radius
+        for own, lost in zip(codes, off, strict=True):
+            own += ["HEIGHT"] if lost else []
     real = {name: np.array([getattr(row.reduced, name) for row in found]) for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")}
     texts = [quality.joined(c) for c in codes]
     return {
@@ -265,15 +274,25 @@ def _mark(table: store.Table, name: str, found: NDArray[np.bool_]) -> None:
     )
 
 
+def _unit(campaign: Campaign) -> tuple[str, str]:
+    """The unit that forces were read in, and the key where it stands."""
+    series = campaign.records.force
+    return (series.unit, "records.force.unit") if series is not None else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
+
+
 def _judge(table: store.Table, campaign: Campaign) -> list[str]:
     """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
     weight = campaign.vehicle.mass * campaign.rig.gravity
-    series = campaign.records.force
-    unit, key = (series.unit, "records.force.unit") if series is not None else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
+    unit, key = _unit(campaign)
     plausibility.against_weight(table, weight, unit, key)
     _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
     _mark(table, "NO_LIFT", plausibility.without_lift(table))
     notes = [*plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
+    for side, level, far, farthest in plausibility.without_reference(table):
+        notes.append(
+            f"{side}: at {100 * level:.4g} % throttle no trial is farther than z_hat = {far:.3g}, where others reach {farthest:.3g}: "
+            "its Delta L rests on a lift that the boundary changes; measure it far away, or in free air"
+        )
     for side, lower, upper, below, above in plausibility.not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         far = here & (table["z_hat"] == table["z_hat"][here].max())

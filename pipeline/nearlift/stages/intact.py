@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from nearlift import store
 from nearlift.errors import InputRefused
+from nearlift.products import PROVENANCE
 from nearlift.stages.job import Job
 
 #: A cut file younger than this may be one that an instrument is still writing, ns.
@@ -53,3 +55,26 @@ def moving(job: Job) -> Moving:
         elif abs(now - status.st_mtime_ns) < WRITING_NS:
             young.append(name)
     return Moving(changed=tuple(changed), young=tuple(young))
+
+
+def differences(root: Path, out: Path, name: str) -> tuple[int, list[str]]:
+    """Number of files that provenance.json knows of, and those that are not what it says, with what they are.
+
+    Raises
+    ------
+    ProductError
+        There is no provenance.json, or it is damaged.
+    """
+    content = store.read_json(out / "processed" / name / PROVENANCE.file)
+    files = {root / relative: entry["sha256"] for relative, entry in content["inputs"].items()}
+    for entry in content["stages"].values():
+        for relative, sha in entry["outputs"].items():
+            kind, _, rest = relative.partition("/")
+            files[out / kind / name / rest] = sha
+    found = []
+    for path, sha in files.items():
+        if not path.is_file():
+            found.append(f"{path}: is missing")
+        elif store.sha256(path) != sha:
+            found.append(f"{path}: is not what it was")
+    return len(files), found

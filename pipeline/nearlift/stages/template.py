@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import shutil
+import unicodedata
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+from nearlift.errors import InputRefused, UsageError
+from nearlift.stages.inspection import inspect, records_block
 
 MANIFEST = """\
 # Facts about the rig and choices. Quantities are texts with a unit; nothing physical has a default.
@@ -24,19 +30,7 @@ distance_offset = "0 mm"             # datum to rotor plane, ADDED to every reco
 arena           = "FILL IN m"        # largest room dimension; bounds every distance
 gravity         = "9.80665 m/s^2"
 
-[load_cell]
-sample_rate = "1000 Hz"
-tare        = "2 s"                  # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows
-settle      = "0 s"                  # discarded after the tare
-range       = "FILL IN kgf"
-accuracy    = "FILL IN gf"           # half-width of the cell's departure from a straight line; never averages down
-
-[records]
-reader = "csv"                       # csv: one file per trial | parquet: one long table with a `trial` column | means: no records
-files  = "trials/{{trial}}.csv"
-force  = {{ column = "force", unit = "mN", sign = 1 }}   # sign = -1 where lift pulls the cell negative
-
-[trials]
+{records}[trials]
 file = "trials.csv"                  # one row per trial, in the order in which they were run
 [trials.units]
 distance = "mm"
@@ -58,13 +52,101 @@ start    = "s"
 # value = "0.2 mm"                   # standard uncertainty
 # scope = "boundary"                 # sample | trial | distance | throttle | session | boundary | campaign
 """
+RECORDS = """\
+[load_cell]
+sample_rate = "1000 Hz"
+tare        = "2 s"                  # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows
+settle      = "0 s"                  # discarded after the tare
+range       = "FILL IN kgf"
+accuracy    = "FILL IN gf"           # half-width of the cell's departure from a straight line; never averages down
+
+[records]
+reader = "csv"                       # csv: one file per trial | parquet: one long table with a `trial` column | means: no records
+files  = "trials/{trial}.csv"
+force  = { column = "force", unit = "mN", sign = 1 }   # sign = -1 where lift pulls the cell negative
+
+"""
+CELL = """\
+settle      = "0 s"                  # discarded after the tare
+range       = "FILL IN kgf"
+accuracy    = "FILL IN gf"           # half-width of the cell's departure from a straight line; never averages down
+"""
 SCHEDULE = "trial,boundary,distance,throttle,start,session,approach\n"
 
 
 def write_template(folder: Path) -> list[Path]:
     """Write campaign.toml, trials.csv and an empty trials/ into a new folder; returns what was written."""
     (folder / "trials").mkdir(parents=True)
-    slug = "".join(c if c.isascii() and c.isalnum() else "-" for c in folder.resolve().name.lower()).strip("-") or "campaign"
-    (folder / "campaign.toml").write_text(MANIFEST.format(name=slug), encoding="utf-8")
+    (folder / "campaign.toml").write_text(MANIFEST.format(name=slug(folder), records=RECORDS), encoding="utf-8")
     (folder / "trials.csv").write_text(SCHEDULE, encoding="utf-8")
     return [folder / "campaign.toml", folder / "trials.csv", folder / "trials"]
+
+
+def slug(folder: Path) -> str:
+    """A campaign's name from its folder's."""
+    plain = unicodedata.normalize("NFKD", folder.resolve().name.lower()).encode("ascii", "ignore").decode()
+    return "".join(c if c.isalnum() else "-" for c in plain).strip("-") or "campaign"
+
+
+def write_from(folder: Path, files: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """Write a campaign for records that are there: the manifest with what the files say, a schedule with a line for each.
+
+    Files inside the folder stay where they are; others are copied into ``trials/``. Returns what was written, and what is left to fill in.
+
+    Raises
+    ------
+    UsageError
+        The folder has a manifest or a schedule already, or two files would be one trial.
+    InputRefused
+        A file cannot be read, or the files are not of one kind.
+    """
+    for name in ("campaign.toml", "trials.csv"):
+        if (folder / name).exists():
+            raise UsageError(str(folder / name), "is there already", "name a new folder; nothing is ever overwritten")
+    found = [inspect(path) for path in files]
+    for other in found[1:]:
+        if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {c.name for c in found[0].contents.channels}:
+            raise InputRefused(
+                str(other.path), f"is {other.contents.kind} with other channels than {found[0].path.name}", "make a campaign of files of one kind"
+            )
+    root = folder.resolve()
+    inside = all(path.resolve().is_relative_to(root) for path in files)
+    targets = [path.resolve().relative_to(root).as_posix() if inside else f"trials/{path.name}" for path in files]
+    before, after = _around(targets)
+    trials = [target[len(before) : len(target) - len(after) if after else None] for target in targets]
+    if len(set(targets)) != len(targets) or found[0].reader == "parquet":
+        what = "takes one long table: write the manifest by hand" if found[0].reader == "parquet" else "two files have one name"
+        raise UsageError("--from", what, "`nearlift inspect FILE` prints its [records] block")
+    written = [folder / "campaign.toml", folder / "trials.csv"]
+    if not inside:
+        (folder / "trials").mkdir(parents=True, exist_ok=True)
+        for path, target in zip(files, targets, strict=True):
+            shutil.copyfile(path, folder / target)
+            written.append(folder / target)
+    block = records_block(found[0], f"{before}{{trial}}{after}")
+    text = MANIFEST.format(name=slug(folder), records=block.replace("\n[records]", CELL + "\n[records]") + "\n")
+    for known in ('= "throttle"    ', '= "rotor plane" ', '"0 mm"   ', '"9.80665 m/s^2"'):
+        # no file says how the rig stood
+        unit = known.split()[-1].strip('"') if known[0] == '"' else ""
+        marked = f'"FILL IN{" " + unit if unit else ""}"' if known[0] == '"' else '= "FILL IN" '
+        text = text.replace(known, marked.ljust(len(known)), 1)
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    lines = SCHEDULE + "".join(f"{cell(trial)},FILL IN,FILL IN,FILL IN,,,\n" for trial in trials)
+    (folder / "trials.csv").write_text(lines, encoding="utf-8")
+    left = [f"campaign.toml, line {i}: {line.split('#')[0].strip()}" for i, line in enumerate(text.splitlines(), 1) if "FILL IN" in line]
+    return written, [*left, f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
+
+
+def _around(targets: Sequence[str]) -> tuple[str, str]:
+    """What stands before and behind the trial's id in every name: the folder, and the suffix; more only if all names agree in it."""
+    folder = PurePosixPath(targets[0]).parent.as_posix()
+    before = "" if folder == "." else folder + "/"
+    suffix = PurePosixPath(targets[0]).suffix
+    if all(t.startswith(before) and t.endswith(suffix) and "/" not in t[len(before) :] for t in targets):
+        return before, suffix
+    raise UsageError("--from", "the files lie in different folders, or have different suffixes", "put them into one folder")
+
+
+def cell(text: str) -> str:
+    """A cell of a CSV."""
+    return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"') else text

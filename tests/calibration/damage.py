@@ -1,0 +1,267 @@
+"""Damage done to files of every format, 150 truncations and 150 flipped bits, and what nearlift and others make of it.
+
+Run as ``python -m tests.calibration.damage``; it writes docs/damage.md. A truncation or a flip is *silent* when the reader gives
+another number of samples, or other samples, than were written, without an error and without a mark.
+"""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.unit import written
+
+from nearlift import readers, store
+from nearlift.errors import NearliftError
+from nearlift.products import TRIALS
+from nearlift.readers import child
+from nearlift.readers.channel import Malformed, pick
+
+TRIES = 150
+SAMPLES = 400
+FORCE = [round(float(x), 4) for x in np.random.default_rng(8).normal(250.0, 3.0, SAMPLES)]
+#: What came of one damaged file: the right samples, refused or rejected, read with a mark, silently fewer, silently others.
+OUTCOMES = ("intact", "refused", "marked", "short", "wrong")
+
+Read = Callable[[Path], tuple[Sequence[float], Sequence[str]]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """One format as one program reads it: the bytes, and a reading that gives samples and marks or raises."""
+
+    format: str
+    program: str
+    content: bytes
+    read: Read
+    planned: bool = False
+
+
+def outcome(subject: Subject, path: Path) -> str:
+    """What the program makes of the file."""
+    try:
+        found, marks = subject.read(path)
+    except Exception:
+        return "refused"
+    if set(marks) & {"EMPTY", "NO_DATA"}:
+        return "refused"
+    want = np.float32(FORCE) if "uSD" in subject.format else np.array(FORCE)
+    found = np.asarray(found, dtype=float)
+    if len(found) != len(want) and subject.planned and "nearlift" in subject.program:
+        # the manifest's `record` tells the number of samples
+        return "marked"
+    if marks:
+        return "marked"
+    if len(found) < len(want) and np.array_equal(found, want[: len(found)]):
+        return "short"
+    return "intact" if np.array_equal(found, want) else "wrong"
+
+
+def damaged(content: bytes, how: str, seed: int) -> list[bytes]:
+    """The content cut at random places, or with one bit flipped at each."""
+    rng = np.random.default_rng(seed)
+    if how == "cut":
+        return [content[: int(at)] for at in rng.integers(1, len(content), TRIES)]
+    found = []
+    for at, bit in zip(rng.integers(0, len(content), TRIES), rng.integers(0, 8, TRIES), strict=True):
+        spoilt = bytearray(content)
+        spoilt[at] ^= 1 << int(bit)
+        found.append(bytes(spoilt))
+    return found
+
+
+def tally(subject: Subject, how: str, folder: Path) -> Counter[str]:
+    """How often each outcome came of 150 tries."""
+    path = folder / f"damaged{Path(subject.format.split()[-1]).suffix}"
+    count: Counter[str] = Counter()
+    for content in damaged(subject.content, how, seed=len(subject.format)):
+        path.write_bytes(content)
+        count[outcome(subject, path)] += 1
+    return count
+
+
+def ours(name: str, column: str, stack: ExitStack, dialect: dict[str, Any] | None = None) -> Read:
+    """Nearlift's own reader of that name."""
+    if name == "csv":
+        from nearlift.readers.csv_trial import parse
+
+        def by_csv(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+            force, _, codes = parse(path.read_bytes(), str(path), "force")
+            return list(force), codes
+
+        return by_csv
+    form = readers.reader(name).format
+    assert form is not None
+    reading = stack.enter_context(child.source(form))
+
+    def by_format(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+        if path.stat().st_size == 0:
+            return [], ("EMPTY",)
+        found = reading(path, dialect or {}, (column,))
+        if not found.channels:
+            return [], found.codes
+        return list(pick(found.channels, column, "k", "f").values), found.codes
+
+    return by_format
+
+
+def pandas_csv(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    import pandas as pd
+
+    frame = pd.read_csv(path)
+    values = frame["force"]
+    # a column that became text would stop any arithmetic
+    return values.to_numpy(dtype=float), ()
+
+
+def arrow_csv(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    import pyarrow.csv as pc
+
+    return pc.read_csv(path)["force"].to_numpy().astype(float), ()
+
+
+def bare_tdms(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    import nptdms
+
+    return nptdms.TdmsFile.read(io.BytesIO(path.read_bytes()))["daq"]["force"][:], ()
+
+
+def bare_mat(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    import scipy.io
+
+    return scipy.io.loadmat(path)["run"]["force"][0, 0].reshape(-1), ()
+
+
+def bare_hdf5(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    import h5py
+
+    with h5py.File(path) as file:
+        return file["daq/force"][()], ()
+
+
+def bare_parquet(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    import pandas as pd
+
+    return pd.read_parquet(path)["lift_N"].to_numpy(), ()
+
+
+def own_product(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    return store.read_table(path, TRIALS)["lift_N"], ()
+
+
+def product_bytes(checksum: bool) -> bytes:
+    """The series as a product of ours, or as Parquet's defaults would write it."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    n = len(FORCE)
+    kinds: dict[str, Any] = {
+        "text": lambda: np.full(n, "x", dtype=object),
+        "real": lambda: np.zeros(n),
+        "integer": lambda: np.zeros(n, dtype=np.int64),
+    }
+    table = {c.name: kinds[c.kind]() for c in TRIALS.columns} | {"lift_N": np.array(FORCE)}
+    if checksum:
+        with tempfile.TemporaryDirectory() as folder:
+            store.write_table(Path(folder) / "a", table, TRIALS)
+            return (Path(folder) / "a").read_bytes()
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table({"lift_N": np.array(FORCE)}), sink)
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def subjects(stack: ExitStack) -> list[Subject]:
+    """Every format as nearlift reads it, and as the usual library does."""
+    column = {name: column for name, (_, column, _, _) in written.WRITERS.items()}
+    titles = {
+        "csv": "plain CSV",
+        "text": "text, UTF-16, decimal commas",
+        "rcbenchmark": "RCbenchmark CSV",
+        "flight-stand": "Flight Stand CSV",
+        "crazyflie": "Crazyflie CSV",
+        "crazyflie-usd": "Crazyflie uSD",
+        "lvm": "LVM",
+        "tdms": "TDMS",
+        "mat": "MATLAB v7",
+        "hdf5": "HDF5",
+    }
+    found = [
+        Subject(format=titles[name], program="nearlift", content=written.WRITERS[name][0](FORCE), read=ours(name, column[name], stack))
+        for name in titles
+    ]
+    planned = [
+        Subject(format=s.format, program="nearlift, `record` given", content=s.content, read=s.read, planned=True)
+        for s in found
+        if s.format not in ("Crazyflie uSD", "MATLAB v7", "HDF5")
+    ]
+    own_mat = ours("mat", "run.force", stack)
+    own_hdf5 = ours("hdf5", "/daq/force", stack)
+    plain, sums = written.mat(FORCE, compressed=False), written.hdf5(FORCE, fletcher=True)
+    found += [
+        Subject(format="MATLAB v5, not compressed", program="nearlift", content=plain, read=own_mat),
+        Subject(format="MATLAB v7.3", program="nearlift", content=written.v73(FORCE), read=ours("mat", "force", stack)),
+        Subject(format="HDF5 with fletcher32", program="nearlift", content=sums, read=own_hdf5),
+        Subject(format="our own products", program="nearlift", content=product_bytes(True), read=own_product),
+    ]
+    csv, tdms = written.csv(FORCE), written.tdms(FORCE)
+    others = [
+        Subject(format="plain CSV", program="pandas", content=csv, read=pandas_csv),
+        Subject(format="plain CSV", program="pyarrow", content=csv, read=arrow_csv),
+        Subject(format="TDMS", program="nptdms", content=tdms, read=bare_tdms),
+        Subject(format="MATLAB v5, not compressed", program="scipy", content=plain, read=bare_mat),
+        Subject(format="MATLAB v7", program="scipy", content=written.mat(FORCE), read=bare_mat),
+        Subject(format="HDF5", program="h5py", content=written.hdf5(FORCE), read=bare_hdf5),
+        Subject(format="HDF5 with fletcher32", program="h5py", content=sums, read=bare_hdf5),
+        Subject(format="Parquet, defaults", program="pandas", content=product_bytes(False), read=bare_parquet),
+    ]
+    return found + planned + others
+
+
+def table(folder: Path) -> dict[tuple[str, str, str], Counter[str]]:
+    """(format, program, how) to outcomes."""
+    with ExitStack() as stack:
+        return {(s.format, s.program, how): tally(s, how, folder) for s in subjects(stack) for how in ("cut", "flip")}
+
+
+def page(found: dict[tuple[str, str, str], Counter[str]]) -> str:
+    """docs/damage.md."""
+    head = f"""# Damaged files
+
+{SAMPLES} samples, written in each format; {TRIES} copies cut at random places and {TRIES} with one bit flipped, each read by nearlift and by
+the usual library. *Refused*: an error, or the trial is rejected. *Marked*: read, with a quality code that says that the record is not whole.
+*Short*: fewer samples, and nothing tells. *Wrong*: other numbers, and nothing tells. *Intact*: the bit or the cut did not touch the samples.
+Made by `python -m tests.calibration.damage`; `make calibrate` holds the promises below.
+
+- A cut file is never silently short where its format carries a length or a sum, or where `[load_cell] record` says how long it should be.
+- No flipped bit passes in our own products.
+- In outside formats without a check sum a flipped bit cannot be seen *before* ingest. From ingest on it can: the SHA-256 of every input is
+  kept, a remembered one is checked before the file is read again, and `nearlift verify` checks all.
+
+| format | read by | cut: refused | marked | short | wrong | intact | bit: refused | marked | short | wrong | intact |
+|---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
+"""
+    rows = []
+    for fmt, program in dict.fromkeys((f, p) for f, p, _ in sorted(found, key=lambda k: (k[0].casefold(), k[1] != "nearlift", k[1]))):
+        cells = [str(found[fmt, program, how][name]) for how in ("cut", "flip") for name in ("refused", "marked", "short", "wrong", "intact")]
+        rows.append(f"| {fmt} | {program} | {' | '.join(cells)} |")
+    return head + "\n".join(rows) + "\n"
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        found = table(Path(folder))
+    (Path(__file__).parents[2] / "docs" / "damage.md").write_text(page(found), encoding="utf-8")
+
+
+#: What a damaged file may raise: ours, or that of the child.
+KNOWN = (NearliftError, Malformed)
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""What is fuzzed: each own parser, the manifest and the schedule. A target may end in our own exceptions and in nothing else."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+from tests.unit import written
+from tests.unit.written import MANIFEST
+
+import nearlift.campaign as manifests
+from nearlift.errors import NearliftError
+from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text, usd
+from nearlift.readers.channel import Malformed
+from nearlift.readers.schedule import read_schedule
+
+#: In memory where there is such a place.
+SCRATCH = Path("/dev/shm") if Path("/dev/shm").is_dir() else Path(tempfile.gettempdir())
+
+
+def _file(data: bytes) -> Path:
+    path = SCRATCH / f"nearlift-fuzz-{os.getpid()}"
+    path.write_bytes(data)
+    return path
+
+
+def csv(data: bytes) -> None:
+    csv_trial.parse(data, "f", "force", "t")
+
+
+def dialects(data: bytes) -> None:
+    text.contents(_file(data), {}, None)
+
+
+def recipe(data: bytes) -> None:
+    text.contents(_file(data), {"columns": ["a", "b"], "ignore": ["START"]}, ("a",))
+
+
+def labels(data: bytes) -> None:
+    text.contents(_file(data), {"labels": True}, None)
+
+
+def stands(data: bytes) -> None:
+    path = _file(data)
+    for module in (rcbenchmark, flight_stand, crazyflie):
+        try:
+            module.contents(path, {}, None)
+        except NearliftError:
+            continue
+
+
+def labview(data: bytes) -> None:
+    lvm.contents(_file(data), {}, None)
+
+
+def deck(data: bytes) -> None:
+    try:
+        usd.decode(data, "f")
+    except (NearliftError, Malformed):
+        # the check sum hides the rest from the fuzzer
+        usd.decode(data, "f", salvage=True)
+
+
+def manifest(data: bytes) -> None:
+    try:
+        raw = tomllib.loads(data.decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError):
+        return
+    manifests.parse(raw)
+
+
+def schedule(data: bytes) -> None:
+    folder = SCRATCH / f"nearlift-fuzz-{os.getpid()}.d"
+    folder.mkdir(exist_ok=True)
+    (folder / "trials.csv").write_bytes(data)
+    read_schedule(manifests.parse(tomllib.loads(MANIFEST)), folder)
+
+
+FORCE = [1.5, -2.25, 3.125]
+#: Target -> its function and what it starts from.
+TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
+    "csv": (csv, (written.csv(FORCE), b"t,force\n0,OVER\n1,2")),
+    "dialects": (dialects, (written.german(FORCE), b"a;b\n1,5;2\n", b"# x\na b\n1 2\n", b"t,F,\ns,mN,\n1,2,\n")),
+    "recipe": (recipe, (b"START\r\n1, 2\r\n3, 4\r\n", b"1,5;2,5\n")),
+    "labels": (labels, (b"T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n",)),
+    "stands": (stands, (written.rcbenchmark(FORCE), written.tyto(FORCE), written.crazyflie(FORCE))),
+    "labview": (labview, (written.lvm(FORCE), written.lvm(FORCE, decimal=".", columns="No", segments=2))),
+    "deck": (deck, (written.usd(FORCE), written.usd(FORCE, version=1))),
+    "manifest": (manifest, (MANIFEST.encode(),)),
+    "schedule": (schedule, (b"trial,boundary,distance,throttle\na,ground,30,50\nb,none,,50\n",)),
+}
+
+
+def once(target: str, data: bytes) -> None:
+    """Run a target; our own exceptions are answers."""
+    try:
+        TARGETS[target][0](data)
+    except (NearliftError, Malformed):
+        return

@@ -1,0 +1,144 @@
+"""`nearlift inspect`, `nearlift new --from` and `nearlift verify`: what they say, and that what they print can be used."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+
+from nearlift.stages.inspection import BARS, inspect, sparkline
+
+from . import small_run, written
+from .small_run import nearlift
+
+FORCE = [float(x) for x in np.round(np.linspace(0.1, 3, 60), 3)]
+
+
+@pytest.mark.parametrize("name", list(written.WRITERS))
+def test_every_format_is_recognised_and_its_block_names_the_reader_and_the_force(tmp_path, name):
+    write, column, unit, suffix = written.WRITERS[name]
+    found = inspect(written.put(tmp_path, f"a.{suffix}", write(FORCE)))
+    assert found.reader == ("text" if name == "csv" else name)
+    assert found.force is not None
+    assert found.force.name.split(" (")[0].split("[")[0] in (column, "force", column.split(" (")[0])
+    answer = nearlift("inspect", tmp_path / f"a.{suffix}")
+    assert answer.exit_code == 0
+    block = tomllib.loads(answer.stdout.split("\n\n", 1)[1])
+    assert block["records"]["reader"] == found.reader
+    assert block["records"]["files"] == f"{{trial}}.{suffix}"
+    assert block["records"]["force"]["column"] == found.force.name
+    if name not in ("mat", "crazyflie-usd", "csv"):
+        assert block["records"]["force"]["unit"] == unit
+    if name in ("lvm", "tdms", "hdf5", "crazyflie-usd", "text"):
+        assert float(block["load_cell"]["sample_rate"].split()[0]) == pytest.approx(1000)
+
+
+def test_a_table_of_parquet(tmp_path):
+    small_run.write(tmp_path / "c", form="parquet")
+    answer = nearlift("inspect", tmp_path / "c" / "records.parquet")
+    assert 'reader = "parquet"' in answer.stdout
+    assert 'files  = "records.parquet"' in answer.stdout
+
+
+def test_numbers_without_names_are_shown_with_the_recipe_to_read_them(tmp_path):
+    path = written.put(tmp_path, "a.txt", b"".join(b"%d\r\n" % (960 + i % 7) for i in range(100)))
+    found = tomllib.loads(nearlift("inspect", path).stdout.split("\n\n", 1)[1])
+    assert found["records"]["dialect"] == {"columns": ["column 1"]}
+    assert found["load_cell"]["sample_rate"] == "FILL IN Hz"
+
+
+def test_json_for_machines(tmp_path):
+    path = written.put(tmp_path, "a.lvm", written.lvm(FORCE))
+    found = json.loads(nearlift("inspect", path, "--json").stdout)
+    assert found["force"] == "Force"
+    assert [c["samples"] for c in found["channels"]] == [60] * 3
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (b"", "is empty"),
+        (b"\x1f\x8b\x08", "is compressed"),
+        (b"\x89HDF\r\n\x1a\nnothing", "cannot be read as hdf5"),
+        (b"t,F\n", "holds no channel of numbers"),
+        (b"PAR1 and no more", "cannot be read as Parquet"),
+    ],
+)
+def test_4_for_a_file_that_cannot_be_read(tmp_path, content, text):
+    answer = nearlift("inspect", written.put(tmp_path, "a.bin", content))
+    assert answer.exit_code == 4
+    assert text in answer.stderr
+    assert "Traceback" not in answer.output
+
+
+def test_4_for_what_is_no_file(tmp_path):
+    assert "is missing" in nearlift("inspect", tmp_path / "no").stderr
+    assert "is not a regular file" in nearlift("inspect", tmp_path).stderr
+
+
+def test_sparklines():
+    assert sparkline(np.arange(8.0)) == BARS
+    assert sparkline(np.array([])) == ""
+    assert sparkline(np.full(5, 3.0)) == BARS[4] * 5
+    assert sparkline(np.array([0.0, np.nan, 1.0])) == BARS[0] + " " + BARS[-1]
+
+
+def test_new_from_files_writes_what_they_say_and_marks_the_rest(tmp_path):
+    paths = [written.put(tmp_path, f"rig/run {i}.lvm", written.lvm(FORCE)) for i in range(3)]
+    answer = nearlift("new", tmp_path / "camp\u00e4gne", "--from", *paths)
+    assert answer.exit_code == 0
+    made = tomllib.loads((tmp_path / "camp\u00e4gne" / "campaign.toml").read_text(encoding="utf-8"))
+    assert made["name"] == "campagne"
+    assert made["records"] == {
+        "reader": "lvm",
+        "files": "trials/{trial}.lvm",
+        "force": {"column": "Force", "unit": "N", "sign": 1},
+        "time": {"column": "X_Value", "unit": "s"},
+    }
+    assert made["load_cell"]["sample_rate"] == "1000 Hz"
+    assert "FILL IN" in made["rig"]["gravity"]
+    rows = (tmp_path / "camp\u00e4gne" / "trials.csv").read_text().splitlines()
+    assert rows[1:] == [f"run {i},FILL IN,FILL IN,FILL IN,,," for i in range(3)]
+    assert (tmp_path / "camp\u00e4gne" / "trials" / "run 2.lvm").read_bytes() == paths[2].read_bytes()
+    assert "still to fill in:" in answer.stdout
+    # what is not filled in is refused by key
+    assert nearlift("run", tmp_path / "camp\u00e4gne", "--out", tmp_path).exit_code == 2
+    again = nearlift("new", tmp_path / "camp\u00e4gne", "--from", *paths)
+    assert (again.exit_code, "is there already" in again.stderr) == (2, True)
+
+
+def test_new_from_files_in_the_folder_leaves_them_where_they_are(tmp_path):
+    paths = [written.put(tmp_path, f"c/data/{i}.csv", written.rcbenchmark(FORCE)) for i in range(2)]
+    assert nearlift("new", tmp_path / "c", "--from", *paths).exit_code == 0
+    assert tomllib.loads((tmp_path / "c" / "campaign.toml").read_text(encoding="utf-8"))["records"]["files"] == "data/{trial}.csv"
+    assert not (tmp_path / "c" / "trials").exists()
+
+
+def test_new_refuses_a_mixture(tmp_path):
+    a, b = written.put(tmp_path, "a.lvm", written.lvm(FORCE)), written.put(tmp_path, "b.csv", written.rcbenchmark(FORCE))
+    answer = nearlift("new", tmp_path / "c", "--from", a, b)
+    assert (answer.exit_code, "with other channels than a.lvm" in answer.stderr) == (4, True)
+    assert not (tmp_path / "c").exists()
+    for words in ((tmp_path / "c", "--from"), (tmp_path / "c", a)):
+        assert nearlift("new", *words).exit_code == 2
+
+
+def test_verify_finds_what_is_not_what_it_was(tmp_path):
+    raw = small_run.write_means(tmp_path / "raw", 24)
+    assert nearlift("ingest", raw, "--out", tmp_path, "-q").exit_code == 0
+    whole = nearlift("verify", raw, "--out", tmp_path)
+    assert (whole.exit_code, whole.stdout) == (0, "3 of 3 files are what they were\n")
+    product = tmp_path / "processed" / "means" / "trials.parquet"
+    content = bytearray(product.read_bytes())
+    content[200] ^= 1
+    product.write_bytes(bytes(content))
+    (raw / "trials.csv").unlink()
+    spoilt = nearlift("verify", raw, "--out", tmp_path)
+    assert spoilt.exit_code == 4
+    assert "trials.csv: is missing" in spoilt.stdout
+    assert "trials.parquet: is not what it was" in spoilt.stdout
+    shutil.rmtree(tmp_path / "processed")
+    assert nearlift("verify", raw, "--out", tmp_path).exit_code == 4
