@@ -188,8 +188,10 @@ def _interval(row: dict[str, Any], count: bool) -> dict[str, Any]:
             "value": Number(text=fixed(value, 0), value=value, source=FLOW_TOPOLOGY.file, how=how),
             "note": share and f"{share} agree",
         }
+    # resamples that all give one number know nothing of its last digits
+    u = u if u > 1e-9 * max(abs(value), 1e-9) else math.nan
     low, high = (like(float(row[k]), u) for k in ("lo90", "hi90"))
     return {
-        "value": Number(text=like(value, u), value=value, source=FLOW_TOPOLOGY.file, how=how),
+        "value": Number(text=like(value, u) if math.isfinite(u) else plain(value, 3), value=value, source=FLOW_TOPOLOGY.file, how=how),
         "note": f"{low} to {high}" if math.isfinite(u) and u > 0 else "",
     }
