@@ -22,6 +22,7 @@ from nearlift import units
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.design_manifest import Planned
 from nearlift.errors import ManifestError
+from nearlift.flight_manifest import Detect, Simulate
 from nearlift.piv_manifest import Piv
 from nearlift.quantities import (
     Acceleration,
@@ -341,6 +342,8 @@ class Campaign(Section):
     diagnose: Diagnose = Diagnose()
     piv: Piv | None = None
     design: Planned | None = None
+    simulate: Simulate | None = None
+    detect: Detect | None = None
 
     @model_validator(mode="after")
     def _coherent(self) -> Self:

@@ -32,6 +32,8 @@ STAGE_NAMES = {
     "diagnose": "The residual traced to a named effect, or not (diagnosis.json).",
     "flow": "Velocity grids to downwash and topology (downwash.parquet), where [piv] lists any.",
     "joint": "Base models fitted to lift and downwash together, where [fit.<boundary>] downwash = true (joint.json).",
+    "simulate": "Flights near ground and ceiling: crash rates, energy, what they mean (crash_rates.parquet, safety.json).",
+    "detect": "How far away a boundary shows in lift, and where it is (detection.parquet, proximity.json).",
     "ledger": "Every trial from raw byte to figure, and what its exclusion is worth (quality.json).",
     "report": "Figures, tables and index.html.",
 }
@@ -381,7 +383,13 @@ def new(folder: Path, files: tuple[Path, ...], given: bool, quiet: bool, as_json
         click.echo("\n".join(written))
 
 
-EXPORTS = {"netcdf": "posterior.nc: draws of every model, for ArviZ and xarray."}
+EXPORTS = {
+    "netcdf": "posterior.nc: draws of every model, for ArviZ and xarray.",
+    "c": "export/lift_model.h: a C99 header for firmware, floats only.",
+    "document": "export/lift_model.json, and its JSON Schema.",
+    "python": "export/lift_model.py: a module that needs nothing but Python.",
+    "casadi": "export/lift_model_casadi.py: a module of CasADi expressions.",
+}
 
 
 def _exports(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -262,7 +262,8 @@ class Effect(Declaration):
     `acts_on` says what `evaluate` takes and returns: ``"height"`` z_hat, ``"ratio"`` L / L_inf, ``"force"`` lift in N.
     An `additive` force effect works in newtons, so a composed model then needs `lift_inf_N`; any other is a factor.
     `mechanism` is the physical cause in one sentence; `varies_with` the covariate along which its true shape may depart from
-    the declared one; `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at all.
+    the declared one; `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at all;
+    `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in simulations).
     """
 
     acts_on: Literal["height", "ratio", "force"]
@@ -271,6 +272,7 @@ class Effect(Declaration):
     varies_with: str
     log_next_time: tuple[str, ...] = ()
     boundaries: tuple[Boundary, ...] = BOUNDARIES
+    belongs_to: Literal["vehicle", "bench"] = "bench"
 
     def __post_init__(self) -> None:
         super(Effect, self).__post_init__()

@@ -122,6 +122,10 @@ SYMBOLS: tuple[Symbol, ...] = (
         "power to hover near the boundary over power far from it, as the paper takes it",
         r"(L/L_\infty)^{-3/2}",
     ),
+    _s("alpha_group", r"\alpha", "1", "proportional gain without unit, k_P sqrt(4 C_L rho r^6 / (m g))", r"\alpha"),
+    _s("beta_group", r"\beta", "1", "derivative gain without unit, k_D sqrt(4 C_L rho r^5 / m)", r"\beta"),
+    _s("gamma_group", r"\gamma", "1", "integral gain without unit, k_I sqrt(4 C_L rho r^7 / (m g^2))", r"\gamma"),
+    _s("noise_group", r"\sigma_{L'} / m g", "1", "standard deviation of the disturbance over weight", r"L'/mg"),
     _s("downwash", r"v / v_\infty", "1", "induced velocity over its value far from the boundary"),
     _s("speed_m_s", r"\lvert \mathbf{u} \rvert", "m/s", "in-plane flow speed", r"\mathbf{u}"),
 )

@@ -212,11 +212,115 @@ FLOW_TOPOLOGY = Product(
 FLOW = Product(file="flow.json", title="What was read and averaged of each velocity field", row="case")
 JOINT = Product(file="joint.json", title="Lift and downwash fitted together", row="boundary")
 FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
+CRASH_RATES = Product(
+    file="crash_rates.parquet",
+    title="Crash rates",
+    row="a set-point of one lift model, at one boundary, under one preset",
+    columns=(
+        Column(name="preset", kind="text", meaning="paper or converged: the paper's vehicle and models; fitted: this campaign's"),
+        Column(name="boundary", kind="text", meaning="ground or ceiling"),
+        Column(name="model", kind="text", meaning="name of the lift model; none: no boundary effect in the flight"),
+        Column(name="exponent", unit="1", meaning="power to which L / L_inf is raised; 0 where there is no model"),
+        Column(name="member", kind="integer", meaning="which posterior draw of the model flies; -1 the best estimate"),
+        Column(name="target_z_hat", unit="1", meaning="set-point over rotor radius"),
+        Column(name="flights", kind="integer", meaning="simulated flights; all settings meet the same gusts"),
+        Column(name="crashes", kind="integer", meaning="flights that touched the boundary"),
+        Column(name="rate", unit="1", meaning="crashes over flights"),
+        Column(name="lo90", unit="1", meaning="lower end of the rate's 90 % interval, binomial"),
+        Column(name="hi90", unit="1", meaning="upper end"),
+        Column(name="ratio", unit="1", meaning="L / L_inf at the set-point"),
+        Column(name="cost_paper", unit="1", meaning="relative energy cost ratio^(-3/2), as the paper has it"),
+        Column(name="cost", unit="1", meaning="relative energy cost by what is held (presets: the theory's 1 / ratio)"),
+        Column(name="cost_lo", unit="1", meaning="least cost over what is not known of the held quantity"),
+        Column(name="cost_hi", unit="1", meaning="largest cost over what is not known of the held quantity"),
+    ),
+)
+FLIGHTS = Product(
+    file="flights.parquet",
+    title="Sample time histories",
+    row="a moment of one sample flight",
+    columns=(
+        Column(name="preset", kind="text", meaning="whose vehicle, controller and time step"),
+        Column(name="boundary", kind="text", meaning="ground or ceiling"),
+        Column(name="model", kind="text", meaning="name of the lift model; none: no boundary effect in the flight"),
+        Column(name="target_z_hat", unit="1", meaning="set-point over rotor radius"),
+        Column(name="flight", kind="integer", meaning="number of the flight, which says which gusts it meets"),
+        Column(name="t_s", unit="s", meaning="time since the start"),
+        Column(name="z_hat", unit="1", meaning="distance to the boundary over rotor radius; the record ends with a crash"),
+    ),
+)
+CRASH_MAP = Product(
+    file="crash_map.parquet",
+    title="Crash rate over dimensionless groups",
+    row="a pair of groups at one boundary",
+    columns=(
+        Column(name="boundary", kind="text", meaning="ground or ceiling"),
+        Column(name="model", kind="text", meaning="name of the lift model"),
+        Column(name="target_z_hat", unit="1", meaning="set-point over rotor radius"),
+        Column(name="beta", unit="1", meaning="size of the derivative gain's group"),
+        Column(name="noise", unit="1", meaning="standard deviation of the disturbance over weight"),
+        Column(name="flights", kind="integer", meaning="simulated flights"),
+        Column(name="crashes", kind="integer", meaning="flights that touched the boundary"),
+        Column(name="rate", unit="1", meaning="crashes over flights"),
+        Column(name="lo90", unit="1", meaning="lower end of the rate's 90 % interval, binomial"),
+        Column(name="hi90", unit="1", meaning="upper end"),
+    ),
+)
+SAFETY = Product(file="safety.json", title="What the crash rates mean", row="preset or fitted model, then boundary")
+ROUTES = Product(
+    file="routes.parquet",
+    title="Ways through the corridor",
+    row="a point of one way; ways by falling risk",
+    columns=(
+        Column(name="way", kind="integer", meaning="number of the way"),
+        Column(name="price", unit="1", meaning="price of a crash for which it is best, in energies of the straight way far from boundaries"),
+        Column(name="energy", unit="1", meaning="its energy over that of the straight way far from boundaries"),
+        Column(name="risk", unit="1", meaning="its risk of a crash"),
+        Column(name="chosen", kind="integer", meaning="1: the cheapest within the bound on risk"),
+        Column(name="x_m", unit="m", meaning="distance along the corridor"),
+        Column(name="z_m", unit="m", meaning="height of the rotor plane above the floor"),
+    ),
+)
+DETECTION = Product(
+    file="detection.parquet",
+    title="Detection range",
+    row="a boundary, an averaging time and an uncertainty of payload",
+    columns=(
+        Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
+        Column(name="model", kind="text", meaning="name of the lift model"),
+        Column(name="averaging_s", unit="s", meaning="time over which lift (or the throttle to hover) is averaged"),
+        Column(name="payload", unit="1", meaning="relative standard uncertainty of the weight"),
+        Column(name="supply", unit="1", meaning="relative standard uncertainty of lift from that of the supply voltage"),
+        Column(name="sigma", unit="1", meaning="standard deviation of the ratio's estimate"),
+        Column(name="needed", unit="1", meaning="change of lift noticed at the rates of false alarms and misses"),
+        Column(name="range_z_hat", unit="1", meaning="farthest distance at which lift changes so much; nan: nowhere that was measured"),
+        Column(name="lo90", unit="1", meaning="lower end of its 90 % interval over the model's uncertainty; 0: perhaps nowhere"),
+        Column(name="hi90", unit="1", meaning="upper end"),
+        Column(name="range_m", unit="m", meaning="the same distance"),
+    ),
+)
+PROXIMITY = Product(file="proximity.json", title="Where the boundary is, from lift", row="boundary")
+SIMULATION_PRODUCTS = (CRASH_RATES, FLIGHTS, CRASH_MAP, SAFETY, ROUTES)
+PROXIMITY_PRODUCTS = (DETECTION, PROXIMITY)
 #: A column of trials.parquet has the name of the file already.
 QUALITY = Product(file="quality.json", called="ledger", title="Every trial from raw byte to figure, and what each exclusion is worth", row="trial")
 PROVENANCE = Product(file="provenance.json", title="What made these products", row="stage")
 
-PRODUCTS = (TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT, QUALITY, PROVENANCE)
+PRODUCTS = (
+    TRIALS,
+    LIFT,
+    LIFT_COVARIANCE,
+    FIT,
+    POSTERIOR,
+    DIAGNOSIS,
+    LOOP_RESIDUALS,
+    *FLOW_PRODUCTS,
+    JOINT,
+    *SIMULATION_PRODUCTS,
+    *PROXIMITY_PRODUCTS,
+    QUALITY,
+    PROVENANCE,
+)
 
 
 def product(file: str) -> Product:

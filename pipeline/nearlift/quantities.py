@@ -47,6 +47,11 @@ Voltage = Annotated[float, _quantity("voltage"), AfterValidator(_positive)]
 Temperature = Annotated[float, _quantity("temperature"), AfterValidator(_positive)]
 Density = Annotated[float, _quantity("density"), AfterValidator(_positive)]
 Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(_positive)]
+Velocity = Annotated[float, _quantity("velocity"), AfterValidator(_positive)]
+Inertia = Annotated[float, _quantity("inertia"), AfterValidator(_positive)]
+ProportionalGain = Annotated[float, _quantity("proportional gain")]
+DerivativeGain = Annotated[float, _quantity("derivative gain")]
+IntegralGain = Annotated[float, _quantity("integral gain")]
 # TOML has arrays and no tuples, which strict models would refuse
 Position = Annotated[tuple[Length, Length], Field(strict=False)]
 

@@ -34,6 +34,10 @@ SI = {
     "angle": "rad",
     "fraction": "dimensionless",
     "velocity": "m/s",
+    "inertia": "kg*m^2",
+    "proportional gain": "1/m/s",
+    "derivative gain": "1/m",
+    "integral gain": "1/m/s^2",
 }
 
 #: Units a lab is likely to have meant, in the order in which they are proposed.
@@ -81,6 +85,10 @@ COMMON: dict[tuple[str, str], tuple[float, float]] = {
     ("fraction", "fraction"): (1.0, 0.0),
     ("percent", "fraction"): (1e-2, 0.0),
     ("m/s", "velocity"): (1.0, 0.0),
+    ("kg*m^2", "inertia"): (1.0, 0.0),
+    ("1/m/s", "proportional gain"): (1.0, 0.0),
+    ("1/m", "derivative gain"): (1.0, 0.0),
+    ("1/m/s^2", "integral gain"): (1.0, 0.0),
 }
 
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")

@@ -25,8 +25,8 @@ from nearlift.stages import fit, graph
 from . import small_run
 from .small_run import nearlift, state
 
-#: Stages of a campaign without velocity grids.
-ALWAYS = [name for name in STAGE_NAMES if name not in ("flow", "joint")]
+#: Stages of a campaign whose manifest has no section for the others.
+ALWAYS = [s.name for s in graph.STAGES if not s.where]
 
 
 @pytest.fixture(scope="session")

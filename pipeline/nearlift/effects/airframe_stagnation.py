@@ -38,6 +38,7 @@ EFFECT = Effect(
     formula=r"\frac{L}{L_\infty} \to \frac{L}{L_\infty} + c \, e^{-\hat{z} / \hat{h}}",
     evaluate=evaluate,
     acts_on="ratio",
+    belongs_to="vehicle",
     mechanism="air dammed up between ground and airframe presses on its underside, or wall jets suck it down",
     varies_with="z_hat",
     needs=("z_hat",),

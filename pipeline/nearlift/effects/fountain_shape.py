@@ -40,6 +40,7 @@ EFFECT = Effect(
     formula=r"\frac{L}{L_\infty} \to \frac{L}{L_\infty} + c \, \exp\left[-\frac{1}{2 w^2} \ln^2 \frac{\hat{z}}{\eta \hat{d}}\right]",
     evaluate=evaluate,
     acts_on="ratio",
+    belongs_to="vehicle",
     mechanism="the fountain between rotors reaches body or disks over a range of heights of its own",
     varies_with="z_hat",
     needs=("z_hat", "spacing_hat"),

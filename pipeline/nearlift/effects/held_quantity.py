@@ -35,6 +35,7 @@ EFFECT = Effect(
     formula=r"\frac{L}{L_\infty} \to \left(\frac{L}{L_\infty}\right)^{n}",
     evaluate=evaluate,
     acts_on="ratio",
+    belongs_to="vehicle",
     mechanism="the trial holds throttle constant, the model power, rpm or thrust",
     varies_with="z_hat",
     log_next_time=("rpm", "power"),

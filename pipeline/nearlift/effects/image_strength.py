@@ -39,6 +39,7 @@ EFFECT = Effect(
     formula=r"\frac{1}{1 - s} \to \frac{1}{1 - \kappa s}",
     evaluate=evaluate,
     acts_on="ratio",
+    belongs_to="vehicle",
     mechanism="images cancel more or less of the inflow than point sources in potential flow do",
     varies_with="z_hat",
     parameters=(

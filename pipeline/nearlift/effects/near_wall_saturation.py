@@ -38,6 +38,7 @@ EFFECT = Effect(
     formula=r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + \hat{z}_v^2 / \hat{z}^2\right)^{-q}",
     evaluate=evaluate,
     acts_on="ratio",
+    belongs_to="vehicle",
     mechanism="viscosity and turning losses in a narrow gap hold the gain back",
     varies_with="z_hat",
     needs=("z_hat",),

@@ -33,6 +33,7 @@ EFFECT = Effect(
     formula=r"L \to L \, (U / U_0)^{p}",
     evaluate=evaluate,
     acts_on="force",
+    belongs_to="vehicle",
     mechanism="the motors see the throttle times a supply voltage that sags",
     varies_with="supply_V",
     log_next_time=("supply",),

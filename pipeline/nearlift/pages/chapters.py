@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import assumptions, diagnosis, flow, ledger, models, posterior, records, verdict
-from nearlift.products import DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, QUALITY, TRIALS, Product
+from nearlift.pages import assumptions, diagnosis, flow, ledger, models, posterior, proximity, records, safety, verdict
+from nearlift.products import DETECTION, DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, PROXIMITY, QUALITY, SAFETY, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
 
 
@@ -57,6 +57,10 @@ CHAPTERS: tuple[Chapter, ...] = (
         needs=(FIT, POSTERIOR),
         figures=("corner", "prior_posterior"),
     ),
+    Chapter(
+        name="safety", title="Safety", facts=safety.facts, needs=(SAFETY,), figures=("fig6", "safety", "crash_map", "routes"), pictures_lead=True
+    ),
+    Chapter(name="proximity", title="Proximity", facts=proximity.facts, needs=(DETECTION, PROXIMITY), figures=("detection",), pictures_lead=True),
     Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), template=False),
     Chapter(
         name="flow",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from nearlift.stages import netcdf
+from nearlift.stages import controller, netcdf
 from nearlift.stages.job import Job
 
 
@@ -18,7 +18,13 @@ class Format:
     write: Callable[[Job], str]
 
 
-FORMATS = (Format(name="netcdf", meaning="posterior.nc: draws of every model, for ArviZ and xarray", write=netcdf.write),)
+FORMATS = (
+    Format(name="netcdf", meaning="posterior.nc: draws of every model, for ArviZ and xarray", write=netcdf.write),
+    Format(name="c", meaning="export/lift_model.h: a C99 header for firmware, floats only", write=controller.write_c),
+    Format(name="document", meaning="export/lift_model.json, and its JSON Schema", write=controller.write_json),
+    Format(name="python", meaning="export/lift_model.py: a module that needs nothing but Python", write=controller.write_python),
+    Format(name="casadi", meaning="export/lift_model_casadi.py: a module of CasADi expressions", write=controller.write_casadi),
+)
 
 
 def export(job: Job, names: tuple[str, ...]) -> list[str]:

@@ -7,30 +7,59 @@ from dataclasses import dataclass
 
 from nearlift.figures import assumptions as draw_assumptions
 from nearlift.figures import corner as draw_corner
+from nearlift.figures import crash_map as draw_crash_map
+from nearlift.figures import detection as draw_detection
 from nearlift.figures import fig2 as draw_fig2
 from nearlift.figures import fig3 as draw_fig3
 from nearlift.figures import fig4 as draw_fig4
 from nearlift.figures import fig5 as draw_fig5
+from nearlift.figures import fig6 as draw_fig6
 from nearlift.figures import flow_topology as draw_flow_topology
 from nearlift.figures import loop as draw_loop
 from nearlift.figures import prior_posterior as draw_prior_posterior
 from nearlift.figures import residuals as draw_residuals
+from nearlift.figures import routes as draw_routes
+from nearlift.figures import safety as draw_safety
 from nearlift.figures.render import Draw
 from nearlift.products import (
+    CRASH_MAP,
+    CRASH_RATES,
+    DETECTION,
     DIAGNOSIS,
     DOWNWASH,
     DOWNWASH_PROFILE,
     FIT,
+    FLIGHTS,
     FLOW,
     FLOW_FIELDS,
     FLOW_TOPOLOGY,
     LIFT,
     LOOP_RESIDUALS,
     POSTERIOR,
+    PROXIMITY,
+    ROUTES,
+    SAFETY,
     TRIALS,
     Product,
 )
-from nearlift.summaries import assumptions, corner, fig2, fig3, fig4, fig5, flow_topology, loop, loop_text, prior_posterior, residuals
+from nearlift.summaries import (
+    assumptions,
+    corner,
+    crash_map,
+    detection,
+    fig2,
+    fig3,
+    fig4,
+    fig5,
+    fig6,
+    flow_topology,
+    loop,
+    loop_text,
+    prior_posterior,
+    residuals,
+    routes,
+    safety,
+)
 from nearlift.summaries.evidence import Columns, Evidence
 
 
@@ -150,5 +179,50 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
         caption=flow_topology.caption,
         alt=flow_topology.alt,
+    ),
+    FigureSpec(
+        name="fig6",
+        title="Crash rates and energy, as the paper has them",
+        summarise=fig6.summarise,
+        draw=draw_fig6.draw,
+        needs=(CRASH_RATES, FLIGHTS, SAFETY),
+        caption=fig6.caption,
+        alt=fig6.alt,
+    ),
+    FigureSpec(
+        name="safety",
+        title="Crash rates and energy of the fitted models",
+        summarise=safety.summarise,
+        draw=draw_safety.draw,
+        needs=(CRASH_RATES, SAFETY),
+        caption=safety.caption,
+        alt=safety.alt,
+    ),
+    FigureSpec(
+        name="crash_map",
+        title="Crash rate over dimensionless groups",
+        summarise=crash_map.summarise,
+        draw=draw_crash_map.draw,
+        needs=(CRASH_MAP, SAFETY),
+        caption=crash_map.caption,
+        alt=crash_map.alt,
+    ),
+    FigureSpec(
+        name="detection",
+        title="How far away a boundary shows",
+        summarise=detection.summarise,
+        draw=draw_detection.draw,
+        needs=(DETECTION, PROXIMITY),
+        caption=detection.caption,
+        alt=detection.alt,
+    ),
+    FigureSpec(
+        name="routes",
+        title="Ways through the corridor",
+        summarise=routes.summarise,
+        draw=draw_routes.draw,
+        needs=(ROUTES, SAFETY),
+        caption=routes.caption,
+        alt=routes.alt,
     ),
 )

@@ -36,7 +36,9 @@ from nearlift.products import (
     LOOP_RESIDUALS,
     POSTERIOR,
     PROVENANCE,
+    PROXIMITY_PRODUCTS,
     QUALITY,
+    SIMULATION_PRODUCTS,
     TRIALS,
     Product,
 )
@@ -117,6 +119,22 @@ STAGES = (
         where="joint",
     ),
     Stage(
+        name="simulate",
+        summary="crash rates and energy near ground and ceiling",
+        reads=(TRIALS, FIT, POSTERIOR, DIAGNOSIS),
+        writes=SIMULATION_PRODUCTS,
+        sections=("vehicle", "rig", "simulate"),
+        where="simulate",
+    ),
+    Stage(
+        name="detect",
+        summary="how far away a boundary shows in lift",
+        reads=(TRIALS, FIT, POSTERIOR, DIAGNOSIS),
+        writes=PROXIMITY_PRODUCTS,
+        sections=("vehicle", "rig", "detect"),
+        where="detect",
+    ),
+    Stage(
         name="ledger",
         summary="every trial from raw byte to figure, and what its exclusion is worth",
         reads=(TRIALS, FIT),
@@ -126,7 +144,20 @@ STAGES = (
     Stage(
         name="report",
         summary="figures, tables and index.html",
-        reads=(TRIALS, LIFT, LIFT_COVARIANCE, FIT, POSTERIOR, DIAGNOSIS, LOOP_RESIDUALS, *FLOW_PRODUCTS, JOINT, QUALITY),
+        reads=(
+            TRIALS,
+            LIFT,
+            LIFT_COVARIANCE,
+            FIT,
+            POSTERIOR,
+            DIAGNOSIS,
+            LOOP_RESIDUALS,
+            *FLOW_PRODUCTS,
+            JOINT,
+            *SIMULATION_PRODUCTS,
+            *PROXIMITY_PRODUCTS,
+            QUALITY,
+        ),
         sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty", "piv"),
         raw=True,
         piv=True,
@@ -134,7 +165,7 @@ STAGES = (
     ),
 )
 #: Packages whose version can change a number.
-NUMERICAL = ("numpy", "scipy", "lmfit", "emcee", "pyarrow", "matplotlib", "pint", "pydantic")
+NUMERICAL = ("numpy", "scipy", "lmfit", "emcee", "numba", "pyarrow", "matplotlib", "pint", "pydantic")
 
 
 def stage(name: str) -> Stage:

@@ -1,0 +1,103 @@
+"""[simulate] and [detect] of the manifest: controller, gusts, set-points and routes of the flights; rates and sensor of detection."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from nearlift.declare import Boundary
+from nearlift.quantities import (
+    DerivativeGain,
+    Duration,
+    Force,
+    Fraction,
+    Inertia,
+    IntegralGain,
+    Position,
+    PositiveLength,
+    ProportionalGain,
+    Rate,
+    Section,
+    Velocity,
+    Voltage,
+)
+
+
+def _positive(value: float) -> float:
+    if not value > 0:
+        raise ValueError("must be positive")
+    return value
+
+
+PositiveDuration = Annotated[Duration, AfterValidator(_positive)]
+
+
+class GainSet(Section):
+    """Gains of Eq. 5 at one boundary, with their signs: negative above a ground, positive below a ceiling. In 1/(m s), 1/m, 1/(m s^2)."""
+
+    proportional: ProportionalGain
+    derivative: DerivativeGain
+    integral: IntegralGain
+
+
+class Gusts(Section):
+    """The random vertical force: standard deviation in N, time for which a value is held and correlation time, in s."""
+
+    sd: Force
+    hold: PositiveDuration
+    correlation: Duration = 0.0
+
+
+class Obstacle(Section):
+    """A box that a route goes around, in m: along the corridor and above its floor."""
+
+    x: Position
+    z: Position
+
+
+class Route(Section):
+    """A corridor between a floor and a ceiling, seen from the side, and the way through it. Lengths in m."""
+
+    length: PositiveLength
+    height: PositiveLength
+    start: Position
+    goal: Position
+    obstacles: list[Obstacle] = Field(default=[])
+    speed: Velocity
+    risk: float = Field(default=0.01, gt=0, lt=1)
+
+
+class Simulate(Section):
+    """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's, carried over so that the groups stay."""
+
+    flights: int = Field(default=1000, ge=20)
+    presets: list[str] = Field(default=["paper", "converged"])
+    gains: dict[Boundary, GainSet] = Field(default={})
+    gusts: Gusts | None = None
+    lift_coefficient: float = Field(default=1.6, gt=0)
+    scheme: Literal["euler", "semi-implicit", "rk4"] = "rk4"
+    step: PositiveDuration | None = None
+    duration: PositiveDuration | None = None
+    set_points: dict[Boundary, list[float]] = Field(default={})
+    bound_z_hat: dict[Boundary, float] = Field(default={})
+    contact_z_hat: dict[Boundary, float] = Field(default={})
+    draws: int = Field(default=16, ge=2)
+    risks: list[float] = Field(default=[0.5, 0.01])
+    crash_prices: list[float] = Field(default=[0.1, 1.0, 10.0])
+    supply_end: Voltage | None = None
+    roll_inertia: Inertia | None = None
+    maps: bool = True
+    route: Route | None = None
+
+
+class Detect(Section):
+    """Knowing a boundary from lift, or from the throttle needed to hover. Uncertainties are standard ones, as fractions."""
+
+    false_alarm_rate: float = Field(default=0.01, gt=0, lt=0.5)
+    miss_rate: float = Field(default=0.1, gt=0, lt=0.5)
+    averaging: list[Duration] = Field(default=[0.01, 0.1, 1.0, 10.0, 100.0])
+    force_noise: Force | None = None
+    force_bandwidth: Rate | None = None
+    payload: list[Fraction] = Field(default=[0.0, 0.01, 0.05])
+    supply: Fraction = 0.0

@@ -1,0 +1,160 @@
+"""Height from lift: the posterior of z_hat given a lift ratio, or the throttle at which a vehicle hovers.
+
+The ratio of lift near a boundary to lift far from it falls with distance, so it can be turned round, as far as it falls: where a
+model has the same ratio at two heights, no measurement of lift can tell them apart, and the inversion is refused.
+
+The posterior is on a grid: prior times the likelihood of the measured ratio, averaged over draws of the model. "Beyond" is the
+possibility that there is no boundary within reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+
+Ratio = Callable[[FloatArray], FloatArray]
+#: Nodes of the grid, geometrically spaced.
+NODES = 1200
+#: A change of ratio against the trend that is smaller than this is rounding.
+FLAT = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Located:
+    """Where the boundary may be.
+
+    Attributes
+    ----------
+    z_hat : array (n,)
+        Grid of heights.
+    density : array (n,)
+        Posterior probability density of z_hat, given that there is a boundary within the grid.
+    beyond : float
+        Posterior probability that there is none.
+    median, lo90, hi90 : float
+        Of z_hat, given that there is one.
+    """
+
+    z_hat: FloatArray
+    density: FloatArray
+    beyond: float
+    median: float
+    lo90: float
+    hi90: float
+
+
+def grid(low: float, high: float) -> FloatArray:
+    """Heights between the nearest and the farthest, geometrically spaced: shape (NODES,)."""
+    return np.geomspace(max(low, 1e-3), high, NODES)
+
+
+def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
+    """Refuse a model that does not rise or fall all the way.
+
+    Raises
+    ------
+    InputRefused
+        It turns round between `low` and `high`; says where, and from which height upwards it may be inverted.
+    """
+    z_hat = grid(low, high)
+    values = np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape)
+    if not np.isfinite(values).all():
+        bad = float(z_hat[~np.isfinite(values)].max())
+        raise InputRefused(where, f"the model has no value at z_hat = {bad:.3g}", f"ask above {bad:.3g}")
+    change = np.diff(values)
+    outer = np.sign(change[np.abs(change) > FLAT][-1]) if (np.abs(change) > FLAT).any() else 0.0
+    if outer == 0.0:
+        raise InputRefused(where, "the model does not change with distance", "lift says nothing of this boundary")
+    against = np.flatnonzero(np.sign(change) * outer < 0)
+    against = against[np.abs(change[against]) > FLAT]
+    if len(against):
+        turn = float(z_hat[against[-1] + 1])
+        raise InputRefused(
+            where, f"the model folds at z_hat = {turn:.3g}: one lift ratio stands for two heights", f"only heights above {turn:.3g} can be told"
+        )
+
+
+def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high: float, beyond: float = 0.5) -> Located:
+    """Posterior of z_hat from a measured ratio.
+
+    Parameters
+    ----------
+    measured, u : float
+        L / L_inf and its standard uncertainty, sensor, payload and supply included.
+    ratios : sequence of callables
+        Draws of the model; none of them may fold (`refuse_folds` tells).
+    low, high : float
+        Range within which the boundary may be, log-uniformly; nothing outside the range measured is believed.
+    beyond : float
+        Prior probability that there is no boundary within the range.
+
+    Raises
+    ------
+    InputRefused
+        The uncertainty is not positive, or the ratio is further from all that the model can give than ten uncertainties.
+    """
+    if not u > 0:
+        raise InputRefused("measured ratio", f"has the uncertainty {u:g}", "give a positive standard uncertainty")
+    z_hat = grid(low, high)
+    values = np.stack([np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios])
+    deviation = (measured - values) / u
+    outside = max(float(values.min()) - measured, measured - float(values.max())) / u
+    if min(outside, abs(measured - 1.0) / u) > 10:
+        raise InputRefused(
+            "measured ratio",
+            f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between {values.min():.4g} and {values.max():.4g}",
+            "lift has another cause, or its uncertainty is larger than said",
+        )
+    # per log z, in which the prior is flat; the evidence of a boundary is the likelihood's mean over it
+    likelihood = np.exp(-0.5 * deviation**2).mean(axis=0)
+    log_z = np.log(z_hat)
+    width = np.gradient(log_z)
+    evidence = float(np.sum(likelihood * width) / (log_z[-1] - log_z[0]))
+    none = float(np.exp(-0.5 * ((measured - 1.0) / u) ** 2))
+    total = (1 - beyond) * evidence + beyond * none
+    mass = likelihood * width
+    cumulative = np.cumsum(mass) / mass.sum()
+    lo90, median, hi90 = (float(np.interp(q, cumulative, z_hat)) for q in (0.05, 0.5, 0.95))
+    return Located(
+        z_hat=z_hat,
+        density=likelihood / z_hat / mass.sum(),
+        beyond=beyond * none / total if total > 0 else beyond,
+        median=median,
+        lo90=lo90,
+        hi90=hi90,
+    )
+
+
+def ratio_of_hover(
+    throttle: float, weight_N: float, u_weight: float, levels: Sequence[float], lift_inf_N: Sequence[float], u_lift: float
+) -> tuple[float, float]:
+    """L / L_inf of a vehicle that hovers at a throttle: weight over the lift that this throttle gives far away; and its uncertainty.
+
+    Parameters
+    ----------
+    throttle : float
+        Fraction.
+    weight_N, u_weight : float
+        Weight, payload included, in N, and its relative standard uncertainty.
+    levels, lift_inf_N : sequence of float
+        The throttles measured, ascending, and lift far away at each; between them lift goes as a power of throttle.
+    u_lift : float
+        Relative standard uncertainty of lift far away: levels, supply.
+
+    Raises
+    ------
+    InputRefused
+        The throttle is outside those measured.
+    """
+    if not levels[0] <= throttle <= levels[-1]:
+        raise InputRefused(
+            "throttle", f"{throttle:.3g} is outside {levels[0]:.3g} to {levels[-1]:.3g}, where lift was measured", "measure lift at that throttle too"
+        )
+    far = float(np.exp(np.interp(np.log(throttle), np.log(levels), np.log(lift_inf_N))))
+    ratio = weight_N / far
+    return ratio, ratio * float(np.hypot(u_weight, u_lift))

@@ -1,0 +1,129 @@
+"""detect: how far away each boundary shows in lift, and where it is, to detection.parquet and proximity.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift.campaign import boundaries_of
+from nearlift.declare import Boundary
+from nearlift.errors import InputRefused
+from nearlift.flight_manifest import Detect
+from nearlift.products import DETECTION, FIT, PROXIMITY, TRIALS
+from nearlift.proximity import inverse
+from nearlift.proximity.reach import Sensor, needed, reaches
+from nearlift.reduction.quality import rejected
+from nearlift.stages.belief import Belief, believe
+from nearlift.stages.job import Job, Outcome
+from nearlift.stages.simulate import columns
+
+DRAWS = 200
+#: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.
+SAG_EXPONENT = 2.0
+#: Distances at which the inversion is tried, and the time averaged then, s.
+TRIED = 25
+INVERTED_S = 1.0
+
+
+def run(job: Job) -> Outcome:
+    """Ranges over averaging times and payloads, and what a reading at each distance would say of the distance."""
+    chosen = job.campaign.detect or Detect()
+    fitted = job.read_json(FIT)
+    rows: list[dict[str, Any]] = []
+    content: dict[str, Any] = {
+        "schema": PROXIMITY.schema,
+        "false_alarm_rate": chosen.false_alarm_rate,
+        "miss_rate": chosen.miss_rate,
+        "averaging_s": INVERTED_S,
+        "boundaries": {},
+    }
+    notes = []
+    for boundary in boundaries_of(fitted["boundaries"]):
+        job.say(f"detect {boundary}")
+        belief = believe(job, boundary, DRAWS)
+        device = sensor(job, boundary, chosen, float(fitted["noise"][boundary]["relative"]))
+        exponent = belief.best.get("sag_exponent", SAG_EXPONENT)
+        supply = abs(exponent) * chosen.supply
+        rows += _ranges(job, belief, device, chosen, supply)
+        entry = _entry(belief, device, supply)
+        try:
+            for member in range(-1, belief.number):
+                inverse.refuse_folds(belief.ratio(member), *belief.measured_z_hat, where=f"{boundary} {belief.model.name}")
+            entry["located"] = _located(belief, device.sigma(INVERTED_S, chosen.payload[0], supply))
+        except InputRefused as refusal:
+            entry["refused"] = f"{refusal.what}; {refusal.remedy}"
+            notes.append(f"{boundary}: distance is not told from lift: {refusal.what}; {refusal.remedy}")
+        content["boundaries"][boundary] = entry
+    job.write(DETECTION, columns(DETECTION, rows))
+    job.write_json(PROXIMITY, content)
+    return Outcome(notes=tuple(notes))
+
+
+def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
+    """The manifest's sensor; else the bench's load cell, whose records say what averaging does and whose trials what it does not."""
+    weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
+    if chosen.force_noise is not None and chosen.force_bandwidth is not None:
+        # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
+        return Sensor(short_per_sqrt_Hz=chosen.force_noise / weight / float(np.sqrt(2 * chosen.force_bandwidth)), floor=0.0)
+    trials = job.read(TRIALS)
+    mine = (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
+    rate = job.campaign.load_cell.sample_rate
+    if not mine.any() or rate is None:
+        return Sensor(short_per_sqrt_Hz=0.0, floor=floor)
+    length_s = trials["n"][mine] / rate
+    return Sensor(short_per_sqrt_Hz=float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight)), floor=floor)
+
+
+def _ranges(job: Job, belief: Belief, device: Sensor, chosen: Detect, supply: float) -> list[dict[str, Any]]:
+    ratios = [belief.ratio(m) for m in range(-1, belief.number)]
+    rows = []
+    for payload in chosen.payload:
+        for averaging_s in chosen.averaging:
+            sigma = device.sigma(averaging_s, payload, supply)
+            change = needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
+            best, lo90, hi90 = reaches(ratios, change, *belief.measured_z_hat)
+            rows.append(
+                {
+                    "boundary": belief.boundary,
+                    "model": belief.model.name,
+                    "averaging_s": averaging_s,
+                    "payload": payload,
+                    "supply": supply,
+                    "sigma": sigma,
+                    "needed": change,
+                    "range_z_hat": best,
+                    "lo90": lo90,
+                    "hi90": hi90,
+                    "range_m": best * job.campaign.vehicle.rotor_radius,
+                }
+            )
+    return rows
+
+
+def _entry(belief: Belief, device: Sensor, supply: float) -> dict[str, Any]:
+    near = np.array([belief.measured_z_hat[0]])
+    return {
+        "model": belief.model.name,
+        "draws_from": belief.source,
+        "effects": list(belief.effects),
+        "measured_z_hat": list(belief.measured_z_hat),
+        "largest_change": float(belief.ratio()(near)[0] - 1.0),
+        "short_per_sqrt_Hz": device.short_per_sqrt_Hz,
+        "floor": device.floor,
+        "supply": supply,
+    }
+
+
+def _located(belief: Belief, sigma: float) -> list[dict[str, float]]:
+    """What a reading without error at each distance would say of the distance."""
+    low, high = belief.measured_z_hat
+    ratios = [belief.ratio(m) for m in range(belief.number)]
+    rows = []
+    for z_hat in np.geomspace(low, high, TRIED):
+        measured = float(belief.ratio()(np.array([z_hat]))[0])
+        found = inverse.locate(measured, sigma, ratios, low, high)
+        rows.append(
+            {"z_hat": float(z_hat), "ratio": measured, "median": found.median, "lo90": found.lo90, "hi90": found.hi90, "beyond": found.beyond}
+        )
+    return rows

@@ -1,0 +1,292 @@
+"""simulate: flights near ground and ceiling, to crash_rates.parquet, flights.parquet, crash_map.parquet and safety.json."""
+
+from __future__ import annotations
+
+import concurrent.futures
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.campaign import boundaries_of
+from nearlift.declare import Boundary, FloatArray
+from nearlift.flight_manifest import Simulate
+from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
+from nearlift.randomness import generator
+from nearlift.simulation import claims, energy, groups, histories, maps, presets, roll, safety
+from nearlift.simulation.control import Gains, stable
+from nearlift.simulation.craft import Craft
+from nearlift.simulation.curve import tabulate
+from nearlift.simulation.disturbance import Disturbance
+from nearlift.simulation.flight import Map, steps_per_hold
+from nearlift.simulation.sweep import Sweep, sweep
+from nearlift.stages.belief import Belief, believe
+from nearlift.stages.job import Job, Outcome
+from nearlift.stages.route import plan
+
+#: Air density where the manifest gives none, kg/m^3: the paper's.
+AIR = 1.2
+Rows = list[dict[str, Any]]
+
+
+def run(job: Job) -> Outcome:
+    """Fly the presets and this campaign's fitted models; every run tests its own time step, and says where it fails."""
+    chosen = job.campaign.simulate or Simulate()
+    for risk in chosen.risks:
+        safety.refuse_few(risk, chosen.flights)
+    key = int(generator(job.seed, "simulate").integers(2**63))
+    rows: Rows = []
+    notes: list[str] = []
+    content: dict[str, Any] = {"schema": SAFETY.schema, "presets": {}, "fitted": {}}
+    samples: list[dict[str, Any]] = []
+    for name in chosen.presets:
+        preset = presets.preset(name)
+        content["presets"][name] = {"meaning": preset.meaning, "boundaries": {}}
+        for boundary in presets.MODELS:
+            job.say(f"simulate {name} {boundary}")
+            flown, entry = _preset(preset, boundary, chosen, key, spread(job), rows)
+            content["presets"][name]["boundaries"][boundary] = entry
+            samples += histories.paper(preset, boundary, key) if name == "paper" else []
+            _note(notes, f"{name} {boundary}", entry, flown)
+    fitted = boundaries_of([b for b in job.read_json(FIT)["boundaries"] if b in presets.MODELS])
+    craft = vehicle(job, chosen)
+    mapped: Rows = []
+    for boundary in fitted:
+        job.say(f"simulate fitted {boundary}")
+        belief = believe(job, boundary, chosen.draws)
+        flown, entry = _fitted(job, belief, chosen, craft, key, rows)
+        content["fitted"][boundary] = entry
+        _note(notes, f"fitted {boundary}", entry, flown)
+        if chosen.maps:
+            job.say(f"simulate map {boundary}")
+            how = _how(chosen, boundary, craft)
+            mapped += maps.scan(boundary, belief.ratio(), belief.model.name, bound(belief, chosen), **how, key=key, spread=spread(job))
+    content["route"], routes = plan(job, chosen, craft, content["fitted"], rows) if chosen.route else (None, [])
+    content["claims"] = claims.table(content["presets"])
+    content["roll"] = _roll(job, chosen)
+    job.write(CRASH_RATES, columns(CRASH_RATES, rows))
+    job.write(FLIGHTS, columns(FLIGHTS, samples))
+    job.write(CRASH_MAP, columns(CRASH_MAP, mapped))
+    job.write(ROUTES, columns(ROUTES, routes))
+    job.write_json(SAFETY, content)
+    return Outcome(notes=tuple(notes))
+
+
+def spread(job: Job) -> Map:
+    """The executor's map, within this process: what is flown is shared in memory, and the compiled loop releases the lock."""
+    if isinstance(job.executor, concurrent.futures.ThreadPoolExecutor):
+        return job.executor.map
+    return map
+
+
+def columns(product: Any, rows: Rows) -> dict[str, Any]:
+    """Rows as the columns of a product."""
+    kinds: dict[str, Any] = {"text": object, "integer": np.int64, "real": float}
+    return {c.name: np.array([r[c.name] for r in rows], dtype=kinds[c.kind]) for c in product.columns}
+
+
+def vehicle(job: Job, chosen: Simulate) -> Craft:
+    """The campaign's vehicle as the simulation knows it."""
+    v, rig = job.campaign.vehicle, job.campaign.rig
+    return Craft(
+        radius_m=v.rotor_radius,
+        mass_kg=v.mass,
+        gravity_m_s2=rig.gravity,
+        density_kg_m3=rig.air_density or AIR,
+        C_L=chosen.lift_coefficient,
+        rotors=v.rotors,
+    )
+
+
+def _how(chosen: Simulate, boundary: Boundary, craft: Craft) -> dict[str, Any]:
+    """Groups, scheme and step of this campaign's flights: the manifest's, else the paper's carried over to the vehicle.
+
+    Raises
+    ------
+    ManifestError
+        The gains make an unstable loop, or the step is no whole part of the gusts' hold.
+    """
+    like = presets.preset("converged")
+    carried = groups.of(like.craft, like.gains(boundary), like.disturbance, like.duration_s)
+    given = chosen.gains.get(boundary)
+    gains = Gains(kP=given.proportional, kD=given.derivative, kI=given.integral) if given else groups.gains_for(carried, craft)
+    stable(gains, craft, boundary)
+    g = chosen.gusts
+    gusts = Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation) if g else groups.disturbance_for(carried, craft)
+    duration_s = chosen.duration or carried.duration * craft.time_s
+    step_s = chosen.step or gusts.hold_s / steps_per_hold(like.disturbance.hold_s, like.step_s)
+    own = groups.of(craft, gains, gusts, duration_s, chosen.contact_z_hat.get(boundary, 0.0))
+    return {"groups": own, "scheme": chosen.scheme, "steps_per_hold": steps_per_hold(gusts.hold_s, step_s), "step_s": step_s}
+
+
+def bound(belief: Belief, chosen: Simulate) -> float:
+    """The height below which L / L_inf is held constant: the manifest's, else that of the nearest station, since nothing is known below."""
+    return chosen.bound_z_hat.get(belief.boundary, belief.measured_z_hat[0])
+
+
+def _preset(preset: presets.Preset, boundary: Boundary, chosen: Simulate, key: int, over: Map, rows: Rows) -> tuple[Sweep, dict[str, Any]]:
+    """The paper's models and powers under one preset."""
+    model = catalogue.model(presets.MODELS[boundary])
+    geometry = {n: presets.GEOMETRY[n] for n in model.needs}
+    curves = tabulate([lambda z, k=k: model(z, **geometry) ** k for k in presets.EXPONENTS], presets.BOUND_Z_HAT)  # type: ignore[misc]
+    gains = stable(preset.gains(boundary), preset.craft, boundary)
+    own = groups.of(preset.craft, gains, preset.disturbance, preset.duration_s)
+    flown = sweep(
+        boundary,
+        curves,
+        presets.TARGETS[boundary],
+        own,
+        scheme=preset.scheme,
+        steps_per_hold=steps_per_hold(preset.disturbance.hold_s, preset.step_s),
+        step_s=preset.step_s,
+        flights=chosen.flights,
+        key=key,
+        spread=over,
+    )
+    entry: dict[str, Any] = {"convergence": asdict(flown.convergence), "groups": asdict(own), "flights": flown.flights, "levels": []}
+    rng = generator(key % 2**32, "levels", preset.name, boundary)
+    for i, k in enumerate(presets.EXPONENTS):
+        _rows(rows, preset.name, boundary, model.name if k else "none", k, -1, flown, i, energy.cost(flown.ratio[i], "thrust"))
+        for risk in chosen.risks:
+            entry["levels"].append({"exponent": k, **_level(flown, i, risk, rng)})
+    return flown, entry
+
+
+def _level(flown: Sweep, i: int, risk: float, rng: np.random.Generator) -> dict[str, Any]:
+    """The lowest set-point for a risk, with the flights' own uncertainty."""
+    values = safety.levels(flown.target_z_hat, flown.crashed[i], risk, rng)
+    lo90, hi90 = safety.spread90(values)
+    return {"risk": risk, "value": float(values[0]), "lo90": lo90, "hi90": hi90, "lowest_flown": float(flown.target_z_hat[0])}
+
+
+def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, rows: Rows) -> tuple[Sweep, dict[str, Any]]:
+    """The campaign's model, its best estimate and every draw of it, and no model at all for comparison."""
+    boundary = belief.boundary
+    how = _how(chosen, boundary, craft)
+    targets = np.array(chosen.set_points.get(boundary, presets.TARGETS[boundary].tolist()))
+    members = range(-1, belief.number)
+    curves = tabulate([np.ones_like, *(belief.ratio(m) for m in members)], bound(belief, chosen))
+    droops = [0.0, *(belief.droop(chosen.supply_end, m) for m in members)]
+    flown = sweep(
+        boundary,
+        curves,
+        targets,
+        how["groups"],
+        scheme=how["scheme"],
+        steps_per_hold=how["steps_per_hold"],
+        step_s=how["step_s"],
+        flights=chosen.flights,
+        key=key,
+        spread=spread(job),
+        droops=droops,
+        checked=(0, 1),
+    )
+    costs = [energy.cost(r, job.campaign.rig.held) for r in flown.ratio]
+    _rows(rows, "fitted", boundary, "none", 0.0, -1, flown, 0, costs[0])
+    for i, m in enumerate(members, start=1):
+        _rows(rows, "fitted", boundary, belief.model.name, 1.0, m, flown, i, costs[i])
+    rng = generator(job.seed, "levels", "fitted", boundary)
+    entry: dict[str, Any] = {
+        "model": belief.model.name,
+        "parameters": dict(belief.best),
+        "effects": list(belief.effects),
+        "left_on_the_bench": list(belief.left),
+        "draws_from": belief.source,
+        "draws": belief.number,
+        "bound_z_hat": curves.low,
+        "measured_z_hat": list(belief.measured_z_hat),
+        "droop": droops[1],
+        "held": job.campaign.rig.held,
+        "flights": flown.flights,
+        "groups": asdict(how["groups"]),
+        "convergence": asdict(flown.convergence),
+        "levels": [_levels_of_draws(flown, risk, rng) for risk in chosen.risks],
+        "best_set_points": [_best(flown, costs, price) for price in chosen.crash_prices],
+    }
+    return flown, entry
+
+
+def _levels_of_draws(flown: Sweep, risk: float, rng: np.random.Generator) -> dict[str, Any]:
+    """The lowest set-point for a risk with the model's uncertainty and the flights' together; without a model for comparison."""
+    per_draw = [safety.levels(flown.target_z_hat, c, risk, rng, resamples=50) for c in flown.crashed[2:]]
+    lo90, hi90 = safety.spread90(np.concatenate(per_draw))
+    model_lo, model_hi = safety.spread90(np.array([v[0] for v in per_draw]))
+    return {
+        **_level(flown, 1, risk, rng),
+        "lo90": lo90,
+        "hi90": hi90,
+        "model_only": [model_lo, model_hi],
+        "without_model": _level(flown, 0, risk, rng)["value"],
+    }
+
+
+def _best(flown: Sweep, costs: list[Any], price: float) -> dict[str, Any]:
+    """The set-point of least expected cost for a price of a crash, over the draws."""
+    best, total = energy.best_set_point(flown.target_z_hat, costs[1][1], flown.rate[1], price)
+    each = [flown.target_z_hat[energy.best_set_point(flown.target_z_hat, c[1], r, price)[0]] for c, r in zip(costs[2:], flown.rate[2:], strict=True)]
+    lo90, hi90 = safety.spread90(np.array(each))
+    return {
+        "price": price,
+        "target_z_hat": float(flown.target_z_hat[best]),
+        "lo90": lo90,
+        "hi90": hi90,
+        "expected_cost": total,
+        "relative_cost": float(costs[1][1][best]),
+        "rate": float(flown.rate[1, best]),
+    }
+
+
+def _rows(
+    rows: Rows, preset: str, boundary: Boundary, model: str, exponent: float, member: int, flown: Sweep, i: int, cost: tuple[FloatArray, ...]
+) -> None:
+    crashes = flown.crashed[i].sum(axis=1)
+    low, high = safety.binomial90(crashes, flown.flights)
+    for j, z in enumerate(flown.target_z_hat):
+        rows.append(
+            {
+                "preset": preset,
+                "boundary": boundary,
+                "model": model,
+                "exponent": exponent,
+                "member": member,
+                "target_z_hat": float(z),
+                "flights": flown.flights,
+                "crashes": int(crashes[j]),
+                "rate": float(crashes[j] / flown.flights),
+                "lo90": float(low[j]),
+                "hi90": float(high[j]),
+                "ratio": float(flown.ratio[i, j]),
+                "cost_paper": float(energy.paper_cost(flown.ratio[i, j])),
+                "cost": float(cost[1][j]),
+                "cost_lo": float(cost[0][j]),
+                "cost_hi": float(cost[2][j]),
+            }
+        )
+
+
+def _roll(job: Job, chosen: Simulate) -> dict[str, Any]:
+    """What a sidewall's differential lift does, from the paper's numbers and from this campaign's fit where it has a sidewall."""
+    content: dict[str, Any] = {"paper": [asdict(r) for r in roll.PAPER_READINGS]}
+    if "sidewall" in job.read_json(FIT)["boundaries"] and job.campaign.vehicle.rotors == 4 and job.campaign.vehicle.rotor_spacing:
+        belief = believe(job, "sidewall", 400)
+        content["fitted"] = roll.of_belief(
+            [belief.ratio(m) for m in range(-1, belief.number)],
+            belief.measured_z_hat[0],
+            mass_kg=job.campaign.vehicle.mass,
+            gravity_m_s2=job.campaign.rig.gravity,
+            arm_m=job.campaign.vehicle.rotor_spacing / 2,
+            spacing_hat=job.campaign.vehicle.rotor_spacing / job.campaign.vehicle.rotor_radius,
+            inertia_kg_m2=chosen.roll_inertia,
+            rng=generator(job.seed, "roll"),
+        )
+    return content
+
+
+def _note(notes: list[str], what: str, entry: dict[str, Any], flown: Sweep) -> None:
+    c = flown.convergence
+    if not c.converged:
+        notes.append(
+            f"{what}: a step of {c.step_s:g} s is too long: halving it changes the crash rate by {c.worst:.2f} at z_hat {c.worst_target_z_hat:g} "
+            f"({c.beyond} of {c.settings} settings leave their interval)"
+        )

@@ -1,0 +1,184 @@
+"""The stage `simulate`: products, effects that fly, draws, refusals, figures and chapter."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue, store
+from nearlift.errors import ManifestError, UsageError
+from nearlift.figures.render import render
+from nearlift.figures.style import style
+from nearlift.pages import safety as chapter
+from nearlift.products import CRASH_MAP, CRASH_RATES, DIAGNOSIS, FLIGHTS, POSTERIOR, ROUTES, SAFETY
+from nearlift.stages import simulate
+from nearlift.stages.belief import believe
+from nearlift.stages.gallery import FIGURES
+from nearlift.stages.graph import stage
+from nearlift.stages.report import gather
+
+QUICK = {
+    "flights": 40, "draws": 3, "risks": [0.5], "maps": False, "presets": ["paper"], "roll_inertia": "1.6e-5 kg*m^2",
+    "set_points": {"ground": [0.8, 1.0, 1.2, 1.4], "ceiling": [1.6, 1.8, 2.0, 2.2]},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def flown(make_job):
+    """A job that has flown."""
+    job = make_job(simulate=QUICK)
+    outcome = simulate.run(job)
+    return job, outcome
+
+
+def test_products_obey_their_schema_and_say_what_flew(flown):
+    job, outcome = flown
+    rates = job.read(CRASH_RATES)
+    assert set(zip(rates["preset"], rates["boundary"], strict=True)) == {(p, b) for p in ("paper", "fitted") for b in ("ground", "ceiling")}
+    assert ((rates["lo90"] <= rates["rate"]) & (rates["rate"] <= rates["hi90"])).all()
+    assert rates["crashes"] == pytest.approx(rates["rate"] * rates["flights"])
+    fitted = rates["preset"] == "fitted"
+    assert set(rates["member"][fitted].tolist()) == {-1, 0, 1, 2}
+    assert rates["cost_paper"] == pytest.approx(rates["ratio"] ** -1.5)
+    assert not len(job.read(CRASH_MAP)["rate"])
+    histories = job.read(FLIGHTS)
+    assert set(histories["model"]) == {"none", "sanchez_cuevas", "hsiao_chirarattananon"}
+    assert (histories["z_hat"][histories["t_s"] == 0] == histories["target_z_hat"][histories["t_s"] == 0]).all()
+    assert sum("a step of 0.1 s is too long" in n for n in outcome.notes) == 2
+
+
+def test_findings(flown):
+    job, _ = flown
+    content = job.read_json(SAFETY)
+    assert content["schema"] == "nearlift.safety/1"
+    ground = content["fitted"]["ground"]
+    assert ground["convergence"]["converged"]
+    assert ground["bound_z_hat"] == pytest.approx(1.14)
+    (level,) = ground["levels"]
+    assert level["lo90"] <= level["value"] <= level["hi90"]
+    paper = {(e["exponent"], e["risk"]): e["value"] for e in content["presets"]["paper"]["boundaries"]["ground"]["levels"]}
+    assert paper[0.0, 0.5] == pytest.approx(1.15, abs=0.1)  # 40 flights
+    assert [b["price"] for b in ground["best_set_points"]] == [0.1, 1.0, 10.0]
+    assert {c["name"] for c in content["claims"]} >= {"ceiling_crash", "closer_with_model"}
+    roll = content["roll"]["fitted"]["near_pair_only"]
+    assert roll["lo90_deg_s2"] < roll["acceleration_deg_s2"] < roll["hi90_deg_s2"]
+
+
+def test_twice_gives_the_same_bytes(flown, make_job):
+    job, _ = flown
+    files = [job.processed / p.file for p in (CRASH_RATES, FLIGHTS, SAFETY)]
+    before = [f.read_bytes() for f in files]
+    simulate.run(job)
+    assert [f.read_bytes() for f in files] == before
+
+
+def test_figures_and_chapter(flown):
+    job, _ = flown
+    evidence = gather(job)
+    for spec in FIGURES:
+        if spec.name not in ("fig6", "safety"):
+            continue
+        table = spec.summarise(evidence)
+        assert len({len(c) for c in table.values()}) == 1
+        assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
+        assert "halving the step changes" in spec.caption(evidence, table)
+        assert "z_hat" in spec.alt(evidence, table)
+    facts = chapter.facts(evidence)
+    assert [f["boundary"] for f in facts["fitted"]] == ["ground", "ceiling"]
+    assert facts["claims"][0]["values"][0]["number"].source == "safety.json#/claims/0/presets/paper/value"
+
+
+ROUTE = {
+    "length": "1 m", "height": "0.4 m", "start": ["0 m", "0.2 m"], "goal": ["1 m", "0.2 m"], "speed": "0.5 m/s", "risk": 0.2,
+    "obstacles": [{"x": ["0.4 m", "0.6 m"], "z": ["0 m", "0.1 m"]}],
+}  # fmt: skip
+
+
+def test_a_route_through_the_manifest_s_corridor(make_job):
+    job = make_job(("ground", "ceiling"), simulate=QUICK | {"presets": [], "route": ROUTE})
+    simulate.run(job)
+    table, entry = job.read(ROUTES), job.read_json(SAFETY)["route"]
+    assert entry["risk"] <= 0.2
+    assert entry["energy"] == pytest.approx(table["energy"][table["chosen"] == 1][0])
+    evidence = gather(job)
+    (spec,) = (s for s in FIGURES if s.name == "routes")
+    drawn = spec.summarise(evidence)
+    assert set(drawn["kind"]) == {"box", "room", "end", "way", "front", "bound"}
+    assert render(spec.draw, drawn, style("screen"))["png"].startswith(b"\x89PNG")
+    assert "no trajectory" in spec.caption(evidence, drawn)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "words"),
+    [
+        ({"gains": {"ground": {"proportional": "316 1/m/s", "derivative": "316 1/m", "integral": "31.6 1/m/s^2"}}}, ManifestError, "unstable loop"),
+        ({"risks": [0.001]}, UsageError, "cannot be seen in 40 flights\n.*3000"),
+        ({"presets": ["printed"]}, ManifestError, "'printed' is not a preset"),
+        ({"step": "0.03 s"}, ManifestError, "no whole part"),
+    ],
+)
+def test_refusals(make_job, changes, error, words):
+    with pytest.raises(error, match=words):
+        simulate.run(make_job(("ground",), simulate=QUICK | {"presets": []} | changes))
+
+
+def test_a_gain_without_a_unit_is_refused(make_job):
+    with pytest.raises(ManifestError, match="has no unit"):
+        make_job(simulate={"gains": {"ground": {"proportional": 316, "derivative": "316 1/m", "integral": "31.6 1/m/s^2"}}})
+
+
+def test_the_manifest_decides_what_run_includes(make_job):
+    job = make_job(("ground",))
+    assert not stage("simulate").configured(job)
+    assert stage("simulate").configured(make_job(("ground",), simulate={}))
+
+
+def diagnosed(job, boundary, **found):
+    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "boundaries": {boundary: {"coefficients": {}, "effects": [], **found}}})
+
+
+def span(value, half=0.0):
+    return {"value": value, "lo90": value - half, "hi90": value + half}
+
+
+def test_what_the_loop_found_flies_or_stays_on_the_bench(make_job):
+    job = make_job(("ground", "ceiling"))
+    sagging = {"name": "supply_sag", "parameters": {"sag_exponent": span(2.0, 0.1)}}
+    diagnosed(job, "ground", verdict="effect", effects=[sagging], coefficients={"after": {"K_b": span(1.8, 0.2)}})
+    belief = believe(job, "ground", 500)
+    assert (belief.effects, belief.left, belief.source) == (("supply_sag",), (), "diagnosis.json")
+    assert belief.best == {"K_b": 1.8, "sag_exponent": 2.0}
+    assert belief.draws["K_b"].std() == pytest.approx(0.2 / 1.645, rel=0.15)
+    assert belief.droop(0.9 * belief.supply_V[0]) == pytest.approx(0.81 - 1)
+    # the sag is in time: at the start of a flight the ratio is the bare model's
+    bare = catalogue.model("sanchez_cuevas")(1.5, K_b=1.8, spacing_hat=65 / 23, diagonal_hat=np.sqrt(2) * 65 / 23)
+    assert belief.ratio()(np.array([1.5])) == pytest.approx([float(bare)])
+    datum = {"name": "height_offset", "parameters": {"offset_m": span(1e-3)}}
+    diagnosed(job, "ceiling", verdict="effect", effects=[datum], coefficients={"after": {"alpha": span(0.1, 0.01)}})
+    belief = believe(job, "ceiling", 10)
+    assert (belief.effects, belief.left, belief.model.name) == ((), ("height_offset",), "hsiao_chirarattananon")
+    assert belief.best == {"alpha": 0.1}
+    saturated = {"name": "near_wall_saturation", "parameters": {"gap_hat2": span(0.02), "saturation_power": span(0.68)}}
+    diagnosed(job, "ceiling", verdict="effect", effects=[saturated], coefficients={"after": {"alpha": span(0.1, 0.01)}})
+    belief = believe(job, "ceiling", 10)
+    assert belief.effects == ("near_wall_saturation",)
+    near, plain = belief.ratio()(np.array([0.1])), 0.5 + 0.5 * np.sqrt(1 + 0.1 / 0.01)
+    assert 1 < near[0] < plain
+
+
+def test_draws_come_from_the_posterior_where_there_is_one(make_job):
+    job = make_job(("ground",))
+    (job.processed / POSTERIOR.file).unlink()
+    assert believe(job, "ground", 4).source == "fit.json"
+    n = 200
+    text = {"boundary": "ground", "model": "sanchez_cuevas", "parameter": "K_b"}
+    table = {k: np.full(n, v, dtype=object) for k, v in text.items()}
+    table |= {"chain": np.zeros(n, int), "draw": np.arange(n), "value": np.linspace(5, 6, n), "log_prob": np.zeros(n)}
+    store.write_table(job.processed / POSTERIOR.file, table, POSTERIOR)
+    belief = believe(job, "ground", 50)
+    assert belief.source == "posterior.parquet"
+    assert belief.number == 50
+    assert ((belief.draws["K_b"] >= 5) & (belief.draws["K_b"] <= 6)).all()
+    assert json.loads((job.processed / "fit.json").read_text())["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]["value"] < 5
