@@ -25,7 +25,17 @@ def test_no_damage_is_silent_where_it_can_be_seen(tmp_path: Path) -> None:
     found = table(tmp_path)
     ours = {(f, h): c for (f, p, h), c in found.items() if p.startswith("nearlift")}
     told = {(f, h): c for (f, p, h), c in found.items() if p == "nearlift, `record` given"}
-    for fmt in ("Crazyflie uSD", "LVM", "MATLAB v7", "MATLAB v5, not compressed", "MATLAB v7.3", "HDF5", "HDF5 with fletcher32", "our own products"):
+    for fmt in (
+        "Crazyflie uSD",
+        "LVM",
+        "TDMS",
+        "MATLAB v7",
+        "MATLAB v5, not compressed",
+        "MATLAB v7.3",
+        "HDF5",
+        "HDF5 with fletcher32",
+        "our own products",
+    ):
         assert ours[fmt, "cut"]["short"] + ours[fmt, "cut"]["wrong"] == 0, fmt
     for (fmt, how), count in told.items():
         assert how == "flip" or count["short"] + count["wrong"] == 0, fmt

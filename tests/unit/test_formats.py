@@ -353,6 +353,15 @@ def test_a_half_written_tdms_is_flagged_and_its_index_not_believed(open_reader: 
     assert (found.codes, len(found.channels[0].values), found.channels[0].unit) == ((), 500, "N")
 
 
+def test_a_tdms_cut_within_the_head_of_a_segment_is_flagged(open_reader: Any, tmp_path: Path) -> None:
+    """nptdms passes over it in silence: only the segments' own lengths tell."""
+    content = written.tdms(list(range(500)))
+    last = content.rfind(b"TDSm")
+    for at in (last + 2, last + 28, last + 60):
+        found = contents(open_reader, "tdms", written.put(tmp_path, "a.tdms", content[:at]))
+        assert (found.codes, len(found.channels[0].values)) == (("truncated",), 400)
+
+
 @pytest.mark.parametrize(("name", "suffix"), [("hdf5", "h5"), ("mat", "mat"), ("tdms", "tdms")])
 def test_garbage_costs_its_trial_only(tmp_path: Path, name: str, suffix: str) -> None:
     write, column, unit, _ = written.WRITERS[name]

@@ -1,21 +1,25 @@
 """TDMS of National Instruments, by nptdms; read in a child process.
 
 A channel is called ``group/channel``. Unit from `unit_string` or `NI_UnitDescription`, rate from `wf_increment`. A file whose last segment
-is incomplete is called truncated; one cut exactly between two segments shows it by nothing but the number of its samples, so say
-`record` under [load_cell]. An index file beside it is never believed: it may be older.
+is incomplete, or whose segments' lengths do not add up to its own, is called truncated; one cut exactly between two segments shows it by
+nothing but the number of its samples, so say `record` under [load_cell]. An index file beside it is never believed: it may be older.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from nearlift.readers.channel import Channel, Contents, Malformed, unit_word, wanted
 from nearlift.readers.hdf5 import library
 from nearlift.readers.per_file import Format, Names, reader_of
+
+LEAD_IN = 28
+#: What a writer puts for the length of a segment that it has not finished.
+UNFINISHED = 0xFFFFFFFFFFFFFFFF
 
 
 def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
@@ -44,8 +48,24 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
                 step = channel.properties.get("wf_increment")
                 rate = 1 / float(step) if isinstance(step, (int, float, np.number)) and float(step) > 0 else None
                 channels.append(Channel(name=name, unit=_unit(channel.properties), rate_Hz=rate, values=values))
-        cut = tdms.file_status.incomplete_final_segment
+        cut = tdms.file_status.incomplete_final_segment or not whole(file)
     return Contents(channels=tuple(channels), kind="TDMS", codes=("truncated",) if cut else ())
+
+
+def whole(file: BinaryIO) -> bool:
+    """Whether the segments' own lengths add up to the file's: a cut within a segment's head escapes nptdms's flag.
+
+    A lead-in is a tag, a table of contents (whose bit 6 says big endian), a version, and the bytes to the next lead-in and to the samples.
+    """
+    size, at = file.seek(0, 2), 0
+    while at + LEAD_IN <= size:
+        file.seek(at)
+        lead = file.read(LEAD_IN)
+        following = int.from_bytes(lead[12:20], "big" if lead[4] & 0x40 else "little")
+        if following == UNFINISHED:
+            return False
+        at += LEAD_IN + following
+    return at == size
 
 
 def _unit(properties: Mapping[str, Any]) -> str:
