@@ -167,6 +167,7 @@ def execute(
     force: bool = False,
 ) -> None:
     """Run stages on a campaign and end with the contract's exit code."""
+    from nearlift.lock import size
     from nearlift.stages import graph
 
     # a batch system's polite end is an interrupt as well
@@ -177,7 +178,13 @@ def execute(
     rejected: list[tuple[str, str]] = []
     with open_job(campaign, out, executor, seed, voice) as job:
         wanted = graph.STAGES if stages is None else stages
-        steps = graph.run(job, wanted, begin=lambda s, why: voice.line(f"{s.name:<9}{s.summary} ({why})"), force=force)
+
+        def begin(item: Stage, why: str) -> None:
+            # what is to be read is told before it is read
+            held = f"; {len(job.stamps)} files with {size(sum(s['stamp'][0] for s in job.stamps.values()))}" if item.name == "ingest" else ""
+            voice.line(f"{item.name:<9}{item.summary} ({why}{held})")
+
+        steps = graph.run(job, wanted, begin=begin, force=force)
         with voice.busy(f"nearlift: {job.campaign.name}"):
             for step in steps:
                 if not step.why:

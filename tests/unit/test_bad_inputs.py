@@ -473,6 +473,11 @@ def test_scaling_all_forces_leaves_delta_l(raw: Path) -> None:
     np.testing.assert_allclose(other["delta_L"], first["delta_L"], rtol=1e-12, atol=1e-15)
 
 
+def test_32_the_size_is_told_before_anything_is_read(raw: Path) -> None:
+    length = sum(path.stat().st_size for path in raw.rglob("*.*"))
+    assert f"(has not run yet; 10 files with {length / 1e3:.3g} kB)" in ingest(raw)[1]
+
+
 def test_json_speaks_of_rejections_too(raw: Path) -> None:
     put(b"")(raw)
     found = json.loads(nearlift("ingest", raw, "--out", raw.parent, "--json").stdout)
