@@ -60,6 +60,7 @@ def test_findings(flown):
     assert level["lo90"] <= level["value"] <= level["hi90"]
     paper = {(e["exponent"], e["risk"]): e["value"] for e in content["presets"]["paper"]["boundaries"]["ground"]["levels"]}
     assert paper[0.0, 0.5] == pytest.approx(1.15, abs=0.1)  # 40 flights
+    assert set(ground["front_z_hat"]) <= {0.8, 1.0, 1.2, 1.4}
     assert [b["price"] for b in ground["best_set_points"]] == [0.1, 1.0, 10.0]
     assert {c["name"] for c in content["claims"]} >= {"ceiling_crash", "closer_with_model"}
     roll = content["roll"]["fitted"]["near_pair_only"]

@@ -90,8 +90,8 @@ def _roll(evidence: Evidence, content: dict[str, Any]) -> dict[str, Any]:
         {
             "assumption": r["assumption"],
             "torque": cite(evidence, SAFETY, "roll", "paper", str(i), "torque_N_m", scale=1e3, digits=2, how="in N mm"),
-            "low": cite(evidence, SAFETY, "roll", "paper", str(i), "acceleration_lo_deg_s2", digits=3),
-            "high": cite(evidence, SAFETY, "roll", "paper", str(i), "acceleration_hi_deg_s2", digits=3),
+            "low": cite(evidence, SAFETY, "roll", "paper", str(i), "acceleration_lo_deg_s2", places=0),
+            "high": cite(evidence, SAFETY, "roll", "paper", str(i), "acceleration_hi_deg_s2", places=0),
         }
         for i, r in enumerate(content["paper"])
     ]

@@ -202,6 +202,7 @@ def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, 
         "groups": asdict(how["groups"]),
         "convergence": asdict(flown.convergence),
         "levels": [_levels_of_draws(flown, risk, rng) for risk in chosen.risks],
+        "front_z_hat": flown.target_z_hat[energy.front(costs[1][1], flown.rate[1])].tolist(),
         "best_set_points": [_best(flown, costs, price) for price in chosen.crash_prices],
     }
     return flown, entry

@@ -35,19 +35,20 @@ def summarise(evidence: Evidence) -> Columns:
             near = (flights["t_s"] >= end - BEFORE_S) & (flights["t_s"] <= end + AFTER_S)
             for model in ("none", *dict.fromkeys(m for m in flights["model"][mine].tolist() if m != "none")):
                 own = mine & near & (flights["flight"] == flight) & (flights["model"] == model)
-                parts.append(_rows("histories", side, "flight", model, flights["t_s"][own], flights["z_hat"][own], flight=flight))
+                parts.append(curve_rows("histories", side, "flight", model, flights["t_s"][own], flights["z_hat"][own], flight=flight))
         for preset in ROWS[1:]:
             for exponent in dict.fromkeys(rates["exponent"][(rates["preset"] == preset) & (rates["boundary"] == side)].tolist()):
                 own = (rates["preset"] == preset) & (rates["boundary"] == side) & (rates["exponent"] == exponent)
                 x, label = rates["target_z_hat"][own], str(rates["model"][own][0])
                 ends = {"lo90": rates["lo90"][own], "hi90": rates["hi90"][own]}
-                parts.append(_rows(preset, side, "crash", label, x, rates["rate"][own], exponent=exponent, **ends))
+                parts.append(curve_rows(preset, side, "crash", label, x, rates["rate"][own], exponent=exponent, **ends))
                 if exponent == 1.0:
-                    parts += [_rows(preset, side, kind, label, x, rates[kind][own], exponent=exponent) for kind in ("cost_paper", "cost")]
+                    parts += [curve_rows(preset, side, kind, label, x, rates[kind][own], exponent=exponent) for kind in ("cost_paper", "cost")]
     return stack(parts) if parts else {}
 
 
-def _rows(row: str, panel: str, kind: str, label: str, x: Any, y: Any, **further: Any) -> Columns:
+def curve_rows(row: str, panel: str, kind: str, label: str, x: Any, y: Any, **further: Any) -> Columns:
+    """Rows of one curve; a single value stands in all of them, what is not given is nan."""
     n = len(x)
     table: Columns = {
         "row": text_column(row, n), "panel": text_column(panel, n), "kind": text_column(kind, n), "label": text_column(label, n),

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from nearlift.products import CRASH_RATES, SAFETY
-from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
-from nearlift.summaries.fig6 import SIDES
+from nearlift.summaries.evidence import Columns, Evidence, stack
+from nearlift.summaries.fig6 import SIDES, curve_rows
 
-REAL = ("x", "y", "lo90", "hi90")
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
 FLOOR = 0.5
 
@@ -37,18 +36,18 @@ def summarise(evidence: Evidence) -> Columns:
         low, high = _band(rates, draws, len(x))
         label = content[side]["model"]
         ends = {"lo90": rates["lo90"][none], "hi90": rates["hi90"][none]}
-        parts.append(_rows("crash", side, "none", "no boundary effect", rates["target_z_hat"][none], rates["rate"][none], **ends))
+        parts.append(curve_rows("crash", side, "none", "no boundary effect", rates["target_z_hat"][none], rates["rate"][none], **ends))
         lo90, hi90 = np.minimum(low, rates["lo90"][best]), np.maximum(high, rates["hi90"][best])
-        parts.append(_rows("crash", side, "model", label, x, rates["rate"][best], lo90=lo90, hi90=hi90))
+        parts.append(curve_rows("crash", side, "model", label, x, rates["rate"][best], lo90=lo90, hi90=hi90))
         costs = {"lo90": rates["cost_lo"][best], "hi90": rates["cost_hi"][best]}
-        parts.append(_rows("crash", side, "cost", content[side]["held"], x, rates["cost"][best], **costs))
-        parts.append(_rows("crash", side, "cost_paper", "paper", x, rates["cost_paper"][best]))
+        parts.append(curve_rows("crash", side, "cost", content[side]["held"], x, rates["cost"][best], **costs))
+        parts.append(curve_rows("crash", side, "cost_paper", "paper", x, rates["cost_paper"][best]))
         floor = FLOOR / content[side]["flights"]
         shown = {k: np.maximum(v, floor) for k, v in (("y", rates["rate"][best]), ("lo90", lo90), ("hi90", hi90))}
-        parts.append(_rows("front", side, "model", label, rates["cost"][best], shown["y"], lo90=shown["lo90"], hi90=shown["hi90"]))
+        parts.append(curve_rows("front", side, "model", label, rates["cost"][best], shown["y"], lo90=shown["lo90"], hi90=shown["hi90"]))
         for found in content[side]["best_set_points"]:
             name = f"{found['price']:g}: z_hat {found['target_z_hat']:g}"
-            parts.append(_rows("front", side, "best", name, [found["relative_cost"]], [max(found["rate"], floor)]))
+            parts.append(curve_rows("front", side, "best", name, [found["relative_cost"]], [max(found["rate"], floor)]))
     return stack(parts) if parts else {}
 
 
@@ -57,15 +56,6 @@ def _band(rates: Columns, draws: Any, n: int) -> tuple[Any, Any]:
     low = rates["lo90"][draws].reshape(-1, n)
     high = rates["hi90"][draws].reshape(-1, n)
     return np.percentile(low, 5, axis=0), np.percentile(high, 95, axis=0)
-
-
-def _rows(row: str, panel: str, kind: str, label: str, x: Any, y: Any, **further: Any) -> Columns:
-    n = len(x)
-    table: Columns = {
-        "row": text_column(row, n), "panel": text_column(panel, n), "kind": text_column(kind, n), "label": text_column(label, n),
-    }  # fmt: skip
-    real = {"x": x, "y": y, **further}
-    return table | {name: np.broadcast_to(np.asarray(real.get(name, np.nan), dtype=float), (n,)) for name in REAL}
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
