@@ -18,7 +18,7 @@ from nearlift.stages.belief import Belief, believe
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.simulate import columns
 
-DRAWS = 200
+DRAWS = 100
 #: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.
 SAG_EXPONENT = 2.0
 #: Distances at which the inversion is tried, and the time averaged then, s.

@@ -43,7 +43,7 @@ value = "0.1 mm"
 scope = "boundary"
 
 [simulate]
-flights      = 100
+flights      = 60
 draws        = 4
 risks        = [0.5, 0.05]
 maps         = false
