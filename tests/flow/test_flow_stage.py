@@ -222,18 +222,25 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(two
     path = raw / "campaign.toml"
     path.write_text(path.read_text() + '\n[report]\nstyle = "screen"\n\n' + text[text.index("[piv]") :])
     ran = small_run.ran(small_run.job(raw, tmp_path))
-    assert ran == ["ingest", "reduce", "fit", "diagnose", "flow", "report"]
+    others = {"ingest", "reduce", "fit", "diagnose"}
+    assert others | {"flow", "report"} <= set(ran)
+    assert ran.index("flow") < ran.index("report")
     assert (tmp_path / "reports/small/fig3.png").is_file()
     page = (tmp_path / "reports/small/index.html").read_text()
     assert 'id="flow"' in page
     assert "SIMULATED fields, no measurement" in page
     assert small_run.ran(small_run.job(raw, tmp_path)) == []
     rewrite(raw, "ground-4", lambda r: r.__setitem__((slice(None), slice(2, 4)), 0.9 * r[:, 2:4]))
-    assert small_run.ran(small_run.job(raw, tmp_path)) == ["flow", "report"]
+    again = set(small_run.ran(small_run.job(raw, tmp_path)))
+    assert {"flow", "report"} <= again
+    assert not others & again
     ledger = json.loads((tmp_path / "processed/small/provenance.json").read_text())
     assert "[piv] ground-4 (8 files)" in ledger["inputs"]
     (raw / "campaign.toml").write_text(path.read_text()[: path.read_text().index("[piv]")])
-    assert [s.name for s, why in graph.plan(small_run.job(raw, tmp_path)) if why] == ["report"]
+    left = {s.name: why for s, why in graph.plan(small_run.job(raw, tmp_path))}
+    assert "flow" not in left
+    assert left["report"]
+    assert not any(left[name] for name in others)
 
 
 def test_the_stages_are_listed_in_an_order_in_which_they_can_run():
