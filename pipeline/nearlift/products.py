@@ -101,6 +101,19 @@ LIFT_COVARIANCE = Product(
     open_ended=True,
 )
 FIT = Product(file="fit.json", title="Fits: least squares and posterior", row="boundary, then model")
+PROFILES = Product(
+    file="profiles.parquet",
+    title="Profile likelihoods",
+    row="a value of one coefficient of one model at one boundary, everything else at its best there",
+    columns=(
+        Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
+        Column(name="model", kind="text", meaning="name of the lift model"),
+        Column(name="parameter", kind="text", meaning="name of the coefficient"),
+        Column(name="value", meaning="the value at which it is held, in the coefficient's unit"),
+        Column(name="rise", unit="1", meaning="chi2 above its least, L_inf and the other coefficients optimised"),
+        Column(name="quadratic", unit="1", meaning="the same as the standard uncertainty would have it"),
+    ),
+)
 POSTERIOR = Product(
     file="posterior.parquet",
     title="Posterior draws",
@@ -311,6 +324,7 @@ PRODUCTS = (
     LIFT,
     LIFT_COVARIANCE,
     FIT,
+    PROFILES,
     POSTERIOR,
     DIAGNOSIS,
     LOOP_RESIDUALS,

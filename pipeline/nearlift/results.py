@@ -112,6 +112,9 @@ class Noise:
         What they were estimated from.
     dof : float
         Degrees of freedom behind them.
+    sizes, log_covariance : tuple
+        The names of those above zero that repeats told apart, and the covariance of the logarithms of their sizes: how well the
+        noise itself is known. Empty where it is not known.
     """
 
     relative: float
@@ -121,3 +124,5 @@ class Noise:
     serial_length: float = 1.0
     source: str = "declared"
     dof: float = np.inf
+    sizes: tuple[str, ...] = ()
+    log_covariance: tuple[tuple[float, ...], ...] = ()

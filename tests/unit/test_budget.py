@@ -11,6 +11,7 @@ from nearlift import campaign as manifest
 from nearlift import catalogue
 from nearlift.fitting import budget
 from nearlift.fitting.budget import Component
+from nearlift.fitting.heights import Plan
 from nearlift.fitting.least_squares import assemble, fit
 from nearlift.fitting.problem import height_slope
 from nearlift.results import Noise, Observations
@@ -53,7 +54,7 @@ def curvature(data: Observations, theta: float) -> tuple[float, float, float]:
 def test_a_datum_widens_K_b_by_exactly_what_linear_theory_says(datum_m):
     """One unknown height d ~ N(0, datum): the K_b entry of the inverse of [[J'J, J's], [J's, s's + 1/datum^2]]."""
     data = campaign(3, visits=4)
-    without, found = (fit(MODEL, data, parts, SCATTER).estimates["K_b"] for parts in ((), (part(standard=datum_m),)))
+    without, found = (fit(MODEL, data, parts, SCATTER, plan=Plan()).estimates["K_b"] for parts in ((), (part(standard=datum_m),)))
     assert without.u == pytest.approx(curvature(data, without.value)[0] ** -0.5, rel=1e-4)
     jj, js, ss = curvature(data, found.value)
     expected = np.linalg.inv([[jj, js], [js, ss + datum_m**-2]])[0, 0] ** 0.5

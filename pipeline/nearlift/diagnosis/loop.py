@@ -19,6 +19,7 @@ from nearlift.diagnosis.setting import derive, missing
 from nearlift.diagnosis.within_trial import heating
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget
+from nearlift.fitting.heights import Plan
 from nearlift.fitting.least_squares import fit
 from nearlift.fitting.problem import usable
 from nearlift.results import Observations
@@ -138,7 +139,7 @@ def set_up(
         raise NotConverged(
             f"diagnosis of the {data.boundary}", f"{kept.n} usable trials", f"at least {wanted} are wanted to tell a noise floor from structure"
         )
-    first = fit(base, kept, parts)
+    first = fit(base, kept, parts, plan=Plan())
     kept = derive(kept, np.array([first.levels[float(t)].value for t in kept.levels]))
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own

@@ -189,6 +189,15 @@ def plain_text(text: str) -> str:
     return "".join(c for c in text if c.isprintable()).replace("$", r"\$")
 
 
+def coefficient(name: str) -> str:
+    """A fitted coefficient as mathematics: K_b, alpha, lambda_, and what else is a letter with an index."""
+    known = {"alpha": r"$\alpha$", "lambda_": r"$\lambda$", "inverse_K_b": "$1/K_b$"}
+    head, _, index = name.partition("_")
+    if name in known:
+        return known[name]
+    return f"${head}_{{{index}}}$" if index else f"${head}$" if len(head) == 1 else plain_text(name)
+
+
 def quantity(name: str, unit: str | None = None) -> str:
     """An axis label: the word and the symbol of a column such as `supply_V`; what has no symbol is set as it is named."""
     try:

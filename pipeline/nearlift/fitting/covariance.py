@@ -51,9 +51,14 @@ class Covariance:
             found.append((index, np.linalg.inv(np.linalg.cholesky(block))))
         return tuple(found)
 
-    def _whiten_visits(self, x: FloatArray) -> FloatArray:
+    def precision_blocks(self) -> tuple[tuple[IntArray, FloatArray], ...]:
+        """Trials (m, b) and inverse covariance (m, b, b) of each visit, the shared unknowns left out; one pair for each size b."""
+        return tuple((index, whitener.swapaxes(-1, -2) @ whitener) for index, whitener in self._blocks)
+
+    def _whiten_visits(self, x: FloatArray, transposed: bool = False) -> FloatArray:
         result = np.empty(np.broadcast_shapes(x.shape, self.variance.shape))
-        for index, whitener in self._blocks:
+        for index, own in self._blocks:
+            whitener = own.swapaxes(-1, -2) if transposed else own
             if index.shape[1] == 1:
                 result[..., index[:, 0]] = x[..., index[:, 0]] * whitener[:, 0, 0]
             else:
@@ -75,6 +80,13 @@ class Covariance:
             basis, length2 = self._shared_part
             x = x - ((x @ basis) * (1 - 1 / np.sqrt(1 + length2))) @ basis.T
         return x
+
+    def unwhiten(self, x: FloatArray) -> FloatArray:
+        """Apply W' of the same W along the last axis, shape (..., n): after `whiten`, the inverse covariance."""
+        if self.shared.shape[1]:
+            basis, length2 = self._shared_part
+            x = x - ((x @ basis) * (1 - 1 / np.sqrt(1 + length2))) @ basis.T
+        return self._whiten_visits(x, transposed=True)
 
     @cached_property
     def log_det(self) -> float:

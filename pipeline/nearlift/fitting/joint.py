@@ -74,9 +74,9 @@ class JointProblem(Problem):
         result: FloatArray = (np.log(self.downwash.ratio) - self.log_downwash(theta)) @ self._whitener.T
         return result
 
-    def residuals(self, theta: FloatArray) -> FloatArray:
-        """Whitened residuals of the lift, `L_inf` eliminated, then of the downwash."""
-        return np.concatenate([super().residuals(theta), self.downwash_residuals(theta)], axis=-1)
+    def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Whitened residuals of the lift, `L_inf` eliminated, then of the downwash, whose heights `offset_m` does not move."""
+        return np.concatenate([super().residuals(theta, offset_m), self.downwash_residuals(theta)], axis=-1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

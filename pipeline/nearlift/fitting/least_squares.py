@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget, noise
+from nearlift.fitting import budget, heights, noise
+from nearlift.fitting.degeneracy import Degeneracy, degeneracies
 from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
 
 NEAR_GROUND = (1.0, 3.0)
-#: A pair is called degenerate above this correlation.
-DEGENERATE = 0.95
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Degeneracy:
-    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second were unknown."""
-
-    pair: tuple[str, str]
-    r: float
-    text: str
-    u_if_free: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,8 +23,9 @@ class Fit:
 
     `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle. `rmse` is the root mean square
     of relative lift residuals over trials; `r2` is of cell means of Delta L, `r2_near` the same over 1 < z_hat < 3.
-    `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model, not the noise, is at fault. `problem` is the
-    likelihood that was maximised.
+    `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model, not the noise, is at fault. `problem` is
+    the likelihood, `slope` and `parts` what its covariance was assembled from; `plan` says which height errors are not in
+    it, and `marginal` is the integral over those.
     """
 
     model: LiftModel
@@ -56,6 +46,10 @@ class Fit:
     excluded: tuple[tuple[str, str], ...]
     noise: Noise
     problem: Problem
+    slope: FloatArray
+    parts: tuple[budget.Component, ...]
+    plan: heights.Plan
+    marginal: heights.Marginal | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -119,6 +113,7 @@ def fit(
     parts: tuple[budget.Component, ...] = (),
     scatter: Noise | None = None,
     slope: FloatArray | None = None,
+    plan: heights.Plan | None = None,
 ) -> Fit:
     """Fit `model` to the trials that it can speak about.
 
@@ -134,6 +129,9 @@ def fit(
     slope : (n,) or None
         d log ratio / dz that carries height errors. Give every rival the base model's: with its own, a flat curve would claim less
         noise, and their likelihoods could not be compared.
+    plan : Plan or None
+        Which height errors the slope does not carry; judged anew if None. Give every rival the base model's, for the same reason;
+        ``Plan()`` leaves all to the slope.
 
     Raises
     ------
@@ -172,10 +170,67 @@ def fit(
         before, theta = theta, minimise(problem, theta)
         if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
             break
-    return _describe(problem, theta, settled, excluded)
+    carried = slope[keep] if slope is not None else problem.height_slope(before)
+    if plan is None:
+        plan = heights.measure(problem, theta, parts, settled, carried)
+    if plan.shared or plan.blur_m:
+        parts = tuple(c for c in parts if c not in plan.shared)
+        problem = replace(assemble(model, data, parts, settled, theta, carried), blur_m=plan.blur_m)
+        theta = minimise(problem, theta)
+    found = _describe(problem, theta, settled, excluded, carried, parts, plan)
+    return _integrated(found) if plan.shared else found
 
 
-def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tuple[tuple[str, str], ...]) -> Fit:
+def _integrated(found: Fit) -> Fit:
+    """The same fit with the shared height errors of its plan integrated over."""
+    problem, data, p = found.problem, found.problem.data, len(found.theta)
+    u = np.sqrt(np.diag(found.covariance))
+    over = heights.integrate(problem, found.theta, np.where(u > 0, u, 1.0), found.plan.shared)
+    theta, covariance, dof = over.mean, over.within + over.between, found.noise.dof
+    estimates = {}
+    for i, q in enumerate(found.model.parameters):
+        plain = _estimate(theta[i], float(np.sqrt(covariance[i, i])), _t90(dof), q.unit, q.bounds)
+        estimates[q.name] = replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof)) if plain.u > 0 else plain
+    logs, spread = np.zeros((len(over.weight), len(data.levels))), np.zeros(len(data.levels))
+    for node in np.flatnonzero(over.weight > 0):
+        at, offset = over.theta[node], over.offset_m[node]
+        logs[node], given = problem.log_levels(at, offset)
+        toll = problem.level_sensitivity(problem.jacobian(at, offset)) if p else np.zeros((len(data.levels), 0))
+        spread += over.weight[node] * np.diag(given + toll @ over.covariance[node] @ toll.T)
+    log_levels = over.weight @ logs
+    spread += over.weight @ (logs - log_levels) ** 2
+    values = np.exp(log_levels)
+    levels = {float(t): _estimate(v, v * w, _t90(dof), "N", (0.0, np.inf)) for t, v, w in zip(data.levels, values, np.sqrt(spread), strict=True)}
+    rmse, r2, r2_near = _closeness(problem, theta, log_levels, over.offset()[0])
+    gained = float(over.log_integral + problem.chi2(theta) / 2)
+    unknown = p + len(data.levels)
+    log_likelihood = float(problem.log_likelihood(theta)) + gained
+    return replace(
+        found,
+        theta=theta,
+        covariance=covariance,
+        estimates=estimates,
+        levels=levels,
+        chi2=over.chi2,
+        rmse=rmse,
+        r2=r2,
+        r2_near=r2_near,
+        log_likelihood=log_likelihood,
+        aic=2 * unknown - 2 * log_likelihood,
+        bic=unknown * float(np.log(data.n)) - 2 * log_likelihood,
+        marginal=over,
+    )
+
+
+def _describe(
+    problem: Problem,
+    theta: FloatArray,
+    scatter: Noise,
+    excluded: tuple[tuple[str, str], ...],
+    slope: FloatArray,
+    parts: tuple[budget.Component, ...],
+    plan: heights.Plan,
+) -> Fit:
     data, model = problem.data, problem.model
     p, k = len(theta), len(data.levels)
     jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
@@ -193,11 +248,7 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
     }
     chi2 = float(problem.chi2(theta))
     log_likelihood = float(problem.log_likelihood(theta))
-    relative = np.log(data.lift_N) - problem.log_ratio(theta) - log_levels[data.level]
-    ratio = np.exp(problem.log_ratio(theta))
-    measured = data.lift_N / level_values[data.level] - 1
-    ground = data.boundary == "ground"
-    near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
+    rmse, r2, r2_near = _closeness(problem, theta, log_levels)
     return Fit(
         model=model,
         theta=theta,
@@ -207,9 +258,9 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
         chi2=chi2,
         dof=data.n - k - p,
         n=data.n,
-        rmse=float(np.sqrt(np.mean(relative**2))),
-        r2=_r2(measured, ratio - 1, noise.cells(data)),
-        r2_near=_r2(measured[near], ratio[near] - 1, noise.cells(data)[near]) if ground and near.any() else None,
+        rmse=rmse,
+        r2=r2,
+        r2_near=r2_near,
         log_likelihood=log_likelihood,
         aic=2 * (p + k) - 2 * log_likelihood,
         bic=(p + k) * float(np.log(data.n)) - 2 * log_likelihood,
@@ -217,6 +268,9 @@ def _describe(problem: Problem, theta: FloatArray, scatter: Noise, excluded: tup
         excluded=excluded,
         noise=scatter,
         problem=problem,
+        slope=slope,
+        parts=parts,
+        plan=plan,
     )
 
 
@@ -256,6 +310,18 @@ def _estimate(value: float, u: float, quantile: float, unit: str, bounds: tuple[
     return Estimate(value=float(value), u=float(u), lo90=float(value - quantile * u), hi90=float(value + quantile * u), unit=unit, at_bound=at_bound)
 
 
+def _closeness(problem: Problem, theta: FloatArray, log_levels: FloatArray, offset_m: float = 0.0) -> tuple[float, float, float | None]:
+    """`rmse`, `r2` and `r2_near` of a fit, the heights moved by `offset_m`."""
+    data = problem.data
+    log_ratio = problem.log_ratio(theta, offset_m)
+    log_lift = np.log(data.lift_N) - log_levels[data.level]
+    measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
+    near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
+    rmse = float(np.sqrt(np.mean((log_lift - log_ratio) ** 2)))
+    close = _r2(measured[near], predicted[near], cell[near]) if data.boundary == "ground" and near.any() else None
+    return rmse, _r2(measured, predicted, cell), close
+
+
 def _r2(measured: FloatArray, predicted: FloatArray, cell: IntArray) -> float:
     """Coefficient of determination of cell means, as papers quote it."""
     _, label = np.unique(cell, return_inverse=True)
@@ -263,61 +329,3 @@ def _r2(measured: FloatArray, predicted: FloatArray, cell: IntArray) -> float:
     means, model = np.bincount(label, measured) / count, np.bincount(label, predicted) / count
     total = float(((means - means.mean()) ** 2).sum())
     return 1.0 - float(((means - model) ** 2).sum()) / total if total > 0 else float("nan")
-
-
-def degeneracies(
-    problem: Problem, theta: FloatArray, jacobian: FloatArray, covariance: FloatArray, determined: NDArray[np.bool_]
-) -> tuple[Degeneracy, ...]:
-    """Pairs that the data cannot part: parameters with each other and with L_inf, and, were they unknown, with a height offset or the exponent."""
-    data = problem.data
-    found = [
-        Degeneracy(pair=(a, "anything"), r=1.0, text=f"{a} is not determined by these trials at all")
-        for a, known in zip(problem.names, determined, strict=True)
-        if not known
-    ]
-    names = tuple(a for a, known in zip(problem.names, determined, strict=True) if known)
-    if not names:
-        return tuple(found)
-    jacobian, covariance = jacobian[:, determined], covariance[np.ix_(determined, determined)]
-    sd = np.sqrt(np.diag(covariance))
-    for i, a in enumerate(names):
-        for j in range(i):
-            r = covariance[i, j] / (sd[i] * sd[j])
-            if abs(r) > DEGENERATE:
-                found.append(Degeneracy(pair=(names[j], a), r=float(r), text=f"{names[j]} and {a} trade places: r = {r:+.3f}"))
-    toll = problem.level_sensitivity(jacobian)
-    _, given = problem.log_levels(theta)
-    total = given + toll @ covariance @ toll.T
-    cross = toll @ covariance
-    for level, throttle in enumerate(data.levels):
-        for i, a in enumerate(names):
-            r = cross[level, i] / (np.sqrt(total[level, level]) * sd[i])
-            if abs(r) > DEGENERATE:
-                found.append(
-                    Degeneracy(
-                        pair=(a, f"L_inf at {throttle:.0%}"), r=float(r), text=f"{a} and L_inf at {throttle:.0%} throttle trade places: r = {r:+.3f}"
-                    )
-                )
-    slope = problem.height_slope(theta)
-    for name, unit, column in (("height offset", "mm", slope / 1000), ("exponent n", "", problem.log_ratio(theta))):
-        if "n" in names and name == "exponent n":
-            continue
-        wide = problem.project(np.hstack([jacobian, column[:, None]]).T)
-        alone = problem.project(column)
-        information = wide @ wide.T
-        if not alone @ alone > 0 or np.linalg.cond(information / np.sqrt(np.outer(np.diag(information), np.diag(information)))) > 1e12:
-            if alone @ alone > 0:
-                found.append(Degeneracy(pair=(names[0], name), r=1.0, text=f"{names[0]} and the {name} cannot be told apart at all by these trials"))
-            continue
-        joint = np.linalg.inv(information)
-        for i, a in enumerate(names):
-            r = joint[i, -1] / np.sqrt(joint[i, i] * joint[-1, -1])
-            if abs(r) > DEGENERATE:
-                u = float(np.sqrt(joint[i, i]))
-                own = f"{np.sqrt(joint[-1, -1]):.2g} {unit}".strip()
-                text = (
-                    f"{a} and an unknown {name} would trade places: r = {r:+.3f}; with the {name} free, u({a}) would grow "
-                    f"from {sd[i]:.2g} to {u:.2g}, and the {name} would be known to {own}"
-                )
-                found.append(Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u))
-    return tuple(found)

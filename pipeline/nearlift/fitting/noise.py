@@ -7,6 +7,7 @@ slope of the curve; that slope is the only thing taken from a model, and only to
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -87,6 +88,8 @@ def estimate(
             mean = np.hstack([mean, jacobian])
         source = "scatter about the fitted model (too few repeats)"
     rank = np.linalg.matrix_rank(mean)
+    # the same restricted likelihood for whatever of the mean is taken away first, and nothing large to cancel
+    centred = log_lift - mean @ np.linalg.lstsq(mean, log_lift, rcond=None)[0]
     dof = max(data.n - rank, 1)
     start = max(_spread(log_lift, mean), 1e-6)
 
@@ -96,12 +99,16 @@ def estimate(
 
     def deviance(log_sizes: FloatArray) -> float:
         covariance = trial_covariance(data, noise_of(np.exp(log_sizes)), slope, shared, extra)
-        x = covariance.whiten(mean.T).T
-        q, r = np.linalg.qr(x)
-        white = covariance.whiten(log_lift)
-        white = white - q @ (q.T @ white)
-        diagonal = np.abs(np.diag(r))
-        return float(covariance.log_det + 2 * np.log(np.maximum(diagonal, 1e-30)).sum() + white @ white)
+        x, white = covariance.whiten(mean.T), covariance.whiten(centred)
+        try:
+            triangle = np.linalg.cholesky(x @ x.T)
+        except np.linalg.LinAlgError:
+            q, triangle = np.linalg.qr(x.T)
+            explained = q.T @ white
+        else:
+            explained = np.linalg.solve(triangle, x @ white)
+        diagonal = np.abs(np.diag(triangle))
+        return float(covariance.log_det + 2 * np.log(np.maximum(diagonal, 1e-30)).sum() + white @ white - explained @ explained)
 
     # a height error of a visit shows only where a distance is visited again
     stations = np.unique(np.stack([data.z_hat, data.visit]), axis=1)[0]
@@ -121,7 +128,39 @@ def estimate(
     found = minimize(deviance, list(guess.values()), method="L-BFGS-B", jac="3-point", bounds=bounds)
     # a component at the bottom of its range is indistinguishable from none
     at_floor = found.x <= np.array([b[0] for b in bounds]) + 0.5
-    return replace(noise_of(np.where(at_floor, 0.0, np.exp(found.x))), source=source, dof=float(dof))
+    seen = [i for i in range(len(guess)) if not at_floor[i]]
+    spread = _log_covariance(deviance, np.where(at_floor, -np.inf, found.x), seen)
+    return replace(
+        noise_of(np.where(at_floor, 0.0, np.exp(found.x))),
+        source=source,
+        dof=float(dof),
+        sizes=tuple(name for i, name in enumerate(guess) if i in seen),
+        log_covariance=tuple(tuple(float(x) for x in row) for row in spread),
+    )
+
+
+#: Step in the logarithm of a size by which the deviance's curvature is taken.
+STEP = 0.1
+
+
+def _log_covariance(deviance: Callable[[FloatArray], float], at: FloatArray, seen: list[int]) -> FloatArray:
+    """Covariance of the log sizes named by `seen`, from the curvature of the restricted deviance (twice its inverse)."""
+    unit = np.eye(len(at))[seen] * STEP
+    top = deviance(at)
+    curved = np.zeros((len(seen), len(seen)))
+    for i, a in enumerate(unit):
+        curved[i, i] = deviance(_moved(at, a)) + deviance(_moved(at, -a)) - 2 * top
+        for j, b in enumerate(unit[:i]):
+            mixed = sum(s * deviance(_moved(at, a + s * b)) - s * deviance(_moved(at, s * b - a)) for s in (1, -1))
+            curved[i, j] = curved[j, i] = mixed / 4
+    value, vector = np.linalg.eigh(curved / STEP**2)
+    # a direction without curvature is one that the repeats say nothing about: known to a factor of e, no better
+    result: FloatArray = (vector * (2 / np.maximum(value, 2.0))) @ vector.T
+    return result
+
+
+def _moved(at: FloatArray, step: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(at), at + step, at)
 
 
 def _spread(y: FloatArray, mean: FloatArray) -> float:

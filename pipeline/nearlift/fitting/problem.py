@@ -8,7 +8,7 @@ a percent or less, so the difference to a likelihood in force is of second order
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,9 @@ from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused
 from nearlift.fitting.covariance import Covariance
 from nearlift.results import Observations
+
+#: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never far from the recorded height.
+BLUR = ((-(3.0**0.5), 1 / 6), (0.0, 2 / 3), (3.0**0.5, 1 / 6))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +34,10 @@ class Problem:
     model: LiftModel
     data: Observations
     covariance: Covariance
+    #: Standard deviation in m of height errors that are independent from stop to stop: the prediction is its mean over them.
+    blur_m: float = 0.0
+    #: Added to the log ratio whatever the parameters, a number or (n,).
+    shift: FloatArray | float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -42,12 +49,21 @@ class Problem:
         """What the model needs besides its parameters: geometry, and per-trial covariates."""
         return {name: need(self.data, name, self.model.name) for name in self.model.needs}
 
-    def log_ratio(self, theta: FloatArray) -> FloatArray:
-        """Log L / L_inf of each trial; nan where the model has no value."""
+    def log_ratio(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Log L / L_inf of each trial; nan where the model has no value.
+
+        `offset_m` is added to every height: one number, or (m, 1) beside theta of shape (m, p).
+        """
+        if not self.blur_m:
+            return self._log_ratio_at(theta, offset_m)
+        return sum(w * self._log_ratio_at(theta, offset_m + x * self.blur_m) for x, w in BLUR)  # type: ignore[return-value]
+
+    def _log_ratio_at(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
         columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
-        ratio = np.asarray(self.model.evaluate(self.data.z_hat, **columns, **self.known), dtype=float)
+        z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
         with np.errstate(invalid="ignore", divide="ignore"):
-            log: FloatArray = np.log(np.where(ratio > 0, ratio, np.nan))
+            ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
+            log: FloatArray = np.log(np.where((ratio > 0) & (z_hat > 0), ratio, np.nan)) + self.shift
         return np.broadcast_to(log, (*np.shape(theta)[:-1], self.data.n))
 
     @cached_property
@@ -79,13 +95,13 @@ class Problem:
     def _target(self) -> FloatArray:
         return self.project(np.log(self.data.lift_N))
 
-    def residuals(self, theta: FloatArray) -> FloatArray:
+    def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Whitened residuals with L_inf eliminated; their sum of squares is chi2."""
-        return self._target - self.project(self.log_ratio(theta))
+        return self._target - self.project(self.log_ratio(theta, offset_m))
 
-    def chi2(self, theta: FloatArray) -> FloatArray:
+    def chi2(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Sum of squared whitened residuals; inf where the model has no value."""
-        r = self.residuals(theta)
+        r = self.residuals(theta, offset_m)
         total = np.einsum("...i,...i->...", r, r)
         return np.where(np.isfinite(total), total, np.inf)
 
@@ -95,10 +111,10 @@ class Problem:
         result: FloatArray = -0.5 * (self.chi2(theta) + constant)
         return result
 
-    def log_levels(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def log_levels(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
         q, r = self._levels
-        white = self.covariance.whiten(np.log(self.data.lift_N) - self.log_ratio(theta))
+        white = self.covariance.whiten(np.log(self.data.lift_N) - self.log_ratio(theta, offset_m))
         inverse = np.linalg.inv(r)
         return np.asarray(inverse @ (white @ q), dtype=np.float64), np.asarray(inverse @ inverse.T, dtype=np.float64)
 
@@ -107,7 +123,7 @@ class Problem:
         q, r = self._levels
         return np.asarray(-np.linalg.solve(r, q.T @ self.covariance.whiten(jacobian.T).T), dtype=np.float64)
 
-    def jacobian(self, theta: FloatArray) -> FloatArray:
+    def jacobian(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """D log ratio / d theta at one theta, shape (n, p), by central differences in one broadcast call."""
         theta = np.asarray(theta, dtype=float)
         steps = np.array([1e-4 * max(abs(t), 1e-2 * (p.bounds[1] - p.bounds[0]), 1e-6) for t, p in zip(theta, self.model.parameters, strict=True)])
@@ -115,21 +131,22 @@ class Problem:
         high = np.array([p.bounds[1] for p in self.model.parameters])
         up, down = np.minimum(theta + steps, high), np.maximum(theta - steps, low)
         at = np.concatenate([np.where(np.eye(len(theta), dtype=bool), up, theta), np.where(np.eye(len(theta), dtype=bool), down, theta)])
-        value = self.log_ratio(at)
+        value = self.log_ratio(at, offset_m)
         p = len(theta)
         result: FloatArray = ((value[:p] - value[p:]) / (up - down)[:, None]).T
         return result
 
-    def height_slope(self, theta: FloatArray) -> FloatArray:
-        """D log ratio / d z at one theta, per metre, shape (n,); 0 in free air."""
-        return height_slope(self.model, self.data, dict(zip(self.names, np.asarray(theta), strict=True)))
+    def height_slope(self, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
+        """D log ratio / d z at one theta, per metre, shape (n,), every height moved by `offset_m`; 0 in free air."""
+        data = replace(self.data, z_hat=self.data.z_hat + offset_m / self.data.radius_m) if offset_m else self.data
+        return height_slope(self.model, data, dict(zip(self.names, np.asarray(theta), strict=True)))
 
 
 def need(data: Observations, name: str, model: str) -> Any:
     """Geometry or covariate `name` of the trials, or a refusal that says what to record."""
     if name in data.geometry:
         return data.geometry[name]
-    own = {"throttle": data.throttle, "session": data.session, "z_hat": data.z_hat}
+    own = {"radius_m": data.radius_m, "throttle": data.throttle, "session": data.session, "z_hat": data.z_hat}
     if name in own:
         return own[name]
     if name in data.covariates:

@@ -6,7 +6,7 @@ so ``chi2 = |t - A f(theta)|^2`` with one column of A per station; the triangle 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Stations:
         columns = problem.project(indicator.T)
         target = problem.project(np.log(data.lift_N))
         triangle = np.asarray(np.linalg.qr(np.vstack([columns, target]).T, mode="r"), dtype=np.float64)
-        at = Problem(model=problem.model, data=data.take(first), covariance=problem.covariance)
+        at = replace(problem, data=data.take(first), shift=np.broadcast_to(problem.shift, data.n)[first])
         return cls(problem=problem, at=at, triangle=triangle, level_rows=problem.level_sensitivity(indicator))
 
     def chi2(self, theta: FloatArray) -> FloatArray:

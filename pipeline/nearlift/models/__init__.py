@@ -21,6 +21,7 @@ from nearlift.models import (
     sanchez_cuevas,
     sanchez_cuevas_as_printed,
     sanchez_cuevas_free_exponent,
+    sanchez_cuevas_published,
     sidewall_decay,
     sidewall_none,
     sidewall_power_law,
@@ -28,6 +29,7 @@ from nearlift.models import (
 
 MODELS: tuple[LiftModel, ...] = (
     sanchez_cuevas.MODEL,
+    sanchez_cuevas_published.MODEL,
     sanchez_cuevas_free_exponent.MODEL,
     sanchez_cuevas_as_printed.MODEL,
     images.MODEL,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import assumptions, diagnosis, flow, ledger, models, posterior, proximity, records, safety, verdict
+from nearlift.pages import assumptions, diagnosis, flow, ledger, models, posterior, proximity, records, safety, uncertainty, verdict
 from nearlift.products import DETECTION, DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, PROXIMITY, QUALITY, SAFETY, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
 
@@ -50,6 +50,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="fig2", title="Lift change near each boundary", needs=(FIT,), figures=("fig2",), template=False),
     Chapter(name="diagnosis", title="What the residuals say", facts=diagnosis.facts, needs=(DIAGNOSIS,), figures=("diagnosis",), pictures_lead=True),
     Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
+    Chapter(name="prediction", title="Models compared by prediction", facts=uncertainty.held_out, needs=(FIT,)),
     Chapter(
         name="posterior",
         title="What is believed after the data",
@@ -57,6 +58,8 @@ CHAPTERS: tuple[Chapter, ...] = (
         needs=(FIT, POSTERIOR),
         figures=("corner", "prior_posterior"),
     ),
+    Chapter(name="budget", title="Uncertainty budget", facts=uncertainty.budget, needs=(FIT,), figures=("budget",), pictures_lead=True),
+    Chapter(name="limits", title="What the data cannot say", facts=uncertainty.limits, needs=(FIT,), figures=("profiles",)),
     Chapter(
         name="safety", title="Safety", facts=safety.facts, needs=(SAFETY,), figures=("fig6", "safety", "crash_map", "routes"), pictures_lead=True
     ),

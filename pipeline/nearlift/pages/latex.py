@@ -51,7 +51,7 @@ def table(evidence: Evidence) -> str:
     r"""The same as a LaTeX table; needs ``\usepackage{booktabs,siunitx}``."""
     content = evidence.document(FIT)
     lines = [
-        f"% {_comment(evidence.campaign.name)}: least-squares fits, from {FIT.file}; standard uncertainties in parentheses",
+        f"% {comment(evidence.campaign.name)}: least-squares fits, from {FIT.file}; standard uncertainties in parentheses",
         r"% \usepackage{booktabs, siunitx}",
         r"\begin{tabular}{llllrr}",
         r"\toprule",
@@ -95,5 +95,6 @@ def escape(text: str) -> str:
     return "".join(SPECIAL.get(c, c) for c in text if c.isprintable())
 
 
-def _comment(text: str) -> str:
+def comment(text: str) -> str:
+    """Text on one line, as a comment wants it."""
     return " ".join(text.split())

@@ -8,12 +8,13 @@ from nearlift import catalogue
 from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
-from nearlift.fitting import budget
+from nearlift.fitting import budget, gum, profiles
 from nearlift.fitting.least_squares import Fit, fit
+from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
-from nearlift.products import FIT, TRIALS
+from nearlift.products import FIT, PROFILES, TRIALS
 from nearlift.results import Estimate, Observations
-from nearlift.stages import beside
+from nearlift.stages import accounts, beside
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
@@ -41,8 +42,8 @@ def run(job: Job) -> Outcome:
     """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends the run with exit code 5."""
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
-    content: dict[str, Any] = {"schema": FIT.schema, "base": {}, "noise": {}, "boundaries": {}, "failed": {}}
-    notes = []
+    content: dict[str, Any] = {"schema": FIT.schema, "base": {}, "noise": {}, "boundaries": {}, "comparison": {}, "failed": {}}
+    notes, rows = [], []
     posteriors = Posteriors(job=job)
     present = boundaries(trials)
     if not present:
@@ -51,11 +52,12 @@ def run(job: Job) -> Outcome:
         data = observe(trials, job.campaign, boundary)
         base, rivals = choice(job.campaign, boundary)
         fits: dict[str, Any] = {}
-        scatter = slope = None
+        held_out: dict[str, HeldOut] = {}
+        scatter = slope = plan = None
         for model in (base, *rivals):
             job.say(f"fit {boundary}: {model.name}")
             try:
-                result = fit(model, data, parts, scatter, slope)
+                result = fit(model, data, parts, scatter, slope, plan)
             except NotConverged as fault:
                 if model is base:
                     raise
@@ -64,12 +66,15 @@ def run(job: Job) -> Outcome:
                 continue
             # one covariance for all models, or their likelihoods could not be compared
             if scatter is None:
-                scatter = result.noise
+                scatter, plan = result.noise, result.plan
                 slope = height_slope(model, data, dict(zip(result.names, result.theta, strict=True)))
+            profiled = profiles.of(result)
+            rows += accounts.profile_rows(boundary, result, profiled)
+            held_out[model.name] = leave_visit_out(result)
+            fits[model.name] = record(result, data) | accounts.entry(result, profiled)
             job.say(f"posterior {boundary}: {model.name}")
-            fits[model.name] = record(result, data)
             if model is base:
-                for key, entry in beside.ask(job.campaign, result.problem, result.theta, result.covariance, result.noise.dof).items():
+                for key, entry in beside.ask(job.campaign, gum.stand_in(result), result.theta, result.covariance, result.noise.dof).items():
                     content.setdefault(key, {})[boundary] = entry
             try:
                 found = posteriors.add(result, base=model is base)
@@ -81,6 +86,7 @@ def run(job: Job) -> Outcome:
             fits[model.name] |= {"log_evidence": found.pop("log_evidence"), "posterior": found}
         content["base"][boundary] = base.name
         content["boundaries"][boundary] = fits
+        content["comparison"][boundary] = accounts.comparison(base.name, fits, held_out)
         assert scatter is not None
         content["noise"][boundary] = {
             "relative": scatter.relative,
@@ -91,6 +97,7 @@ def run(job: Job) -> Outcome:
             "dof": scatter.dof,
         }
     posteriors.write()
+    job.write(PROFILES, accounts.profile_table(rows))
     job.write_json(FIT, content)
     if job.campaign.fit.netcdf:
         from nearlift.stages import netcdf

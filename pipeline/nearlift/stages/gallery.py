@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nearlift.figures import assumptions as draw_assumptions
+from nearlift.figures import budget as draw_budget
 from nearlift.figures import corner as draw_corner
 from nearlift.figures import crash_map as draw_crash_map
 from nearlift.figures import detection as draw_detection
@@ -17,6 +18,7 @@ from nearlift.figures import fig6 as draw_fig6
 from nearlift.figures import flow_topology as draw_flow_topology
 from nearlift.figures import loop as draw_loop
 from nearlift.figures import prior_posterior as draw_prior_posterior
+from nearlift.figures import profiles as draw_profiles
 from nearlift.figures import residuals as draw_residuals
 from nearlift.figures import routes as draw_routes
 from nearlift.figures import safety as draw_safety
@@ -36,6 +38,7 @@ from nearlift.products import (
     LIFT,
     LOOP_RESIDUALS,
     POSTERIOR,
+    PROFILES,
     PROXIMITY,
     ROUTES,
     SAFETY,
@@ -44,6 +47,7 @@ from nearlift.products import (
 )
 from nearlift.summaries import (
     assumptions,
+    budget,
     corner,
     crash_map,
     detection,
@@ -56,6 +60,7 @@ from nearlift.summaries import (
     loop,
     loop_text,
     prior_posterior,
+    profiles,
     residuals,
     routes,
     safety,
@@ -116,6 +121,24 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(FIT,),
         caption=assumptions.caption,
         alt=assumptions.alt,
+    ),
+    FigureSpec(
+        name="budget",
+        title="Whose error it is",
+        summarise=budget.summarise,
+        draw=draw_budget.draw,
+        needs=(FIT,),
+        caption=budget.caption,
+        alt=budget.alt,
+    ),
+    FigureSpec(
+        name="profiles",
+        title="Profile likelihoods",
+        summarise=profiles.summarise,
+        draw=draw_profiles.draw,
+        needs=(FIT, PROFILES),
+        caption=profiles.caption,
+        alt=profiles.alt,
     ),
     FigureSpec(
         name="residuals",

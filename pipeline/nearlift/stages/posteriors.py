@@ -12,7 +12,7 @@ import numpy as np
 
 from nearlift import store
 from nearlift.declare import FloatArray
-from nearlift.fitting import posterior
+from nearlift.fitting import gum, posterior
 from nearlift.fitting.density import Density
 from nearlift.fitting.learnt import learnt
 from nearlift.fitting.least_squares import Fit
@@ -47,7 +47,7 @@ class Posteriors:
     def add(self, fitted: Fit, base: bool) -> dict[str, Any]:
         """Sample one model's posterior; returns what fit.json says of it. L_inf of each throttle is kept for base models."""
         boundary, name = fitted.problem.data.boundary, fitted.model.name
-        density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.noise.dof)
+        density = Density(problem=gum.stand_in(fitted), centre=fitted.theta, dof=fitted.noise.dof)
         checkpoint = Checkpoint(folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key)
         found = posterior.sample(density, self.settings, self.job.seed, boundary, name, stored=checkpoint.read(), keep=checkpoint.keep)
         throttles = fitted.problem.data.levels

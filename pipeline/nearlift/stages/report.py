@@ -22,6 +22,7 @@ def run(job: Job) -> Outcome:
     """Make the whole report anew. A figure whose products are missing is not made, and what an earlier run left of it is removed."""
     from nearlift.figures.render import render
     from nearlift.figures.style import style
+    from nearlift.pages import tables
     from nearlift.pages.latex import coefficients, table
     from nearlift.pages.render import Picture, page
     from nearlift.stages.gallery import FIGURES
@@ -45,6 +46,9 @@ def run(job: Job) -> Outcome:
         pictures.append(Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"]))
     job.publish("tables/coefficients.tex", table(evidence).encode())
     job.publish("tables/coefficients.csv", to_csv(coefficients(evidence)))
+    for name in ("budget", "comparison"):
+        job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
+        job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
     job.publish("index.html", page(evidence, pictures))
     return Outcome(notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out))
 

@@ -18,7 +18,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.products import LIFT, POSTERIOR
 from nearlift.summaries import curves
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column, values
-from nearlift.summaries.rounding import fixed, plain, plus_minus
+from nearlift.summaries.rounding import fixed, letter, plain, plus_minus
 
 POINTS = 240
 #: A departure of this much at the farthest station can be seen in the figure, and is explained.
@@ -144,7 +144,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> str:
     model, entry = evidence.base(boundary)
-    coefficients = ", ".join(f"{_name(n)} = {plus_minus(e['value'], e['u'] or math.nan)}" for n, e in entry["parameters"].items())
+    coefficients = ", ".join(f"{letter(n)} = {plus_minus(e['value'], e['u'] or math.nan)}" for n, e in entry["parameters"].items())
     of = f" ({coefficients})" if coefficients else ""
     mine = (table["panel"] == boundary) & (table["kind"] == "data")
     if not mine.any():
@@ -158,10 +158,6 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
         f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, "
         f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}."
     )
-
-
-def _name(parameter: str) -> str:
-    return {"alpha": "α", "lambda_": "λ"}.get(parameter, parameter)
 
 
 def alt(evidence: Evidence, table: Columns) -> str:

@@ -55,7 +55,9 @@ def residuals(evidence: Evidence, boundary: Boundary) -> tuple[Observations, Flo
     parameters = values(entry)
     data = data.take(usable(model, data))
     known = {n: need(data, n, model.name) for n in model.needs}
-    log_ratio = np.log(np.broadcast_to(np.asarray(model(data.z_hat, **parameters, **known), dtype=float), data.z_hat.shape))
+    # where the trials told a shared height error, that is where they stand
+    z_hat = data.z_hat + entry.get("height_error", {"value": 0.0})["value"] / data.radius_m
+    log_ratio = np.log(np.broadcast_to(np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape))
     log_level = np.log([entry["L_inf_N"][f"{t:g}"]["value"] for t in data.levels])[data.level]
     scatter = evidence.document(FIT)["noise"][boundary]
     kept = Noise(**{k: scatter[k] for k in ("relative", "force_N", "height_m")})

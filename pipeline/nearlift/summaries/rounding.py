@@ -51,3 +51,8 @@ def fixed(value: float, places: int) -> str:
     if float(text) == 0:
         text = text.lstrip("-")
     return text.replace("-", "−")
+
+
+def letter(parameter: str) -> str:
+    """A coefficient's name as a caption has it: Greek where it is Greek."""
+    return {"alpha": "α", "lambda_": "λ"}.get(parameter, parameter)

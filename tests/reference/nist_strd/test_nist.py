@@ -102,12 +102,12 @@ def read(name: str) -> DataSet:
 class Curve(Problem):
     """NIST's curve in the place of log lift: no logarithm, and no L_inf to eliminate."""
 
-    def log_ratio(self, theta):
+    def log_ratio(self, theta, offset_m=0.0):
         columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
         with np.errstate(all="ignore"):
             return np.broadcast_to(self.model.evaluate(self.data.geometry["x"], **columns), (*np.shape(theta)[:-1], self.data.n))
 
-    def residuals(self, theta):
+    def residuals(self, theta, offset_m=0.0):
         return self.data.lift_N - self.log_ratio(theta)
 
 

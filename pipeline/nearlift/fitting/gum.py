@@ -1,0 +1,235 @@
+"""The budget of one fit, as the GUM wants it: what each source of error adds to the variance of each coefficient.
+
+The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with ``G = (J' P J)^-1 J' P`` and P the inverse covariance
+freed of L_inf. The covariance is a sum of parts, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``: no part is left out and
+none counted twice, and the shares add to one for the very estimator that was used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fitting import budget
+from nearlift.fitting.budget import GROUPED, Component, columns
+from nearlift.fitting.covariance import serial_block, visits_by_size
+from nearlift.fitting.problem import Problem
+from nearlift.results import Noise, Observations
+
+if TYPE_CHECKING:
+    from nearlift.fitting.least_squares import Fit
+
+#: Unit of a component's standard uncertainty, by what it is on.
+UNITS = {"height": "m", "force": "N", "gain": "1", "linearity": "N"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """One source of error, for all p coefficients at once.
+
+    Attributes
+    ----------
+    component, distribution, scope, unit : str
+        `unit` is that of `standard`.
+    kind : str
+        ``"A"`` from repeats, ``"B"`` declared.
+    standard : float
+        Standard uncertainty of the input; of one trial's or one record's, where they differ their root mean square.
+    covariance : (p, p)
+        What it adds to the covariance of the coefficients.
+    sensitivity : (p,)
+        Change of each coefficient per unit of the input, signed where the input is one number; else the root of the sum of squares
+        over its elements, so that ``|sensitivity| standard`` is the contribution in both cases.
+    dof : (p,)
+        Effective degrees of freedom of the contribution; inf for a declared one.
+    """
+
+    component: str
+    kind: Literal["A", "B"]
+    distribution: str
+    scope: str
+    standard: float
+    unit: str
+    covariance: FloatArray
+    sensitivity: FloatArray
+    dof: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Total:
+    """Combined standard uncertainty, effective degrees of freedom, coverage factor and expanded uncertainty at 95 %, each (p,)."""
+
+    u: FloatArray
+    dof: FloatArray
+    k: FloatArray
+    U95: FloatArray
+
+
+def gain(problem: Problem, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
+    """The linear estimator G, (p, n): change of each coefficient per unit change of each trial's log lift, L_inf free."""
+    jacobian = problem.jacobian(theta, offset_m)
+    white = problem.project(jacobian.T)
+    size = np.linalg.norm(white, axis=1)
+    scale = np.where(size > 0, size, 1.0)
+    inverse = np.linalg.pinv((white / scale[:, None]) @ (white / scale[:, None]).T, rcond=1e-13, hermitian=True)
+    return np.asarray((inverse / np.outer(scale, scale)) @ problem.covariance.unwhiten(white), dtype=np.float64)
+
+
+def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
+    """The budget of a fit, and its total.
+
+    Where a shared height error was integrated over, the split is that of the linear estimator at the height and the coefficients found,
+    and each coefficient's lines are scaled by one factor to the variance that the integral gave.
+    """
+    p, over, shared = len(fit.theta), fit.marginal, fit.plan.shared
+    if over is None:
+        found = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
+        return found, total(found, fit.noise, p)
+    wider, offset, slope = linearised(fit)
+    g = gain(wider, fit.theta, offset)
+    found = (*lines(wider, g, fit.parts, fit.noise, fit.slope), *(_declared(fit.problem.data, g, part, slope) for part in shared))
+    linear = sum((np.diag(line.covariance) for line in found), np.zeros(p))
+    factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
+    found = tuple(replace(a, covariance=a.covariance * np.outer(factor, factor), sensitivity=a.sensitivity * factor) for a in found)
+    return found, total(found, fit.noise, p)
+
+
+def linearised(fit: Fit) -> tuple[Problem, float, FloatArray]:
+    """The fit's likelihood with every height error in its covariance, the height at which it stands, and the slope there, (n,).
+
+    The same as the fit's own unless a shared height error was integrated over.
+    """
+    if fit.marginal is None:
+        return fit.problem, 0.0, fit.slope
+    offset = fit.marginal.offset()[0]
+    slope = fit.problem.height_slope(fit.theta, offset)
+    own = fit.problem.covariance
+    more = budget.shared(fit.problem.data, fit.plan.shared, slope)
+    return replace(fit.problem, covariance=replace(own, shared=np.hstack([own.shared, more]))), offset, slope
+
+
+def stand_in(fit: Fit) -> Problem:
+    """The fit's likelihood in its coefficients alone: an integrated height error is carried by the slope about the height found."""
+    problem, offset, slope = linearised(fit)
+    if fit.marginal is None:
+        return problem
+    data = replace(problem.data, z_hat=problem.data.z_hat + offset / problem.data.radius_m)
+    return replace(problem, data=data, shift=-slope * offset)
+
+
+def lines(problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray) -> tuple[Line, ...]:
+    """Every part of the problem's covariance with its share.
+
+    Parameters
+    ----------
+    problem : Problem
+    g : (p, n)
+        See `gain`.
+    parts, scatter, slope
+        What the covariance was assembled from.
+    """
+    data = problem.data
+    found = [*_repeats(data, g, scatter, slope), *(_declared(data, g, part, slope) for part in parts)]
+    # the floor under a variance of zero, where nothing scatters at all
+    own = problem.covariance.variance - sum((_independent(data, part, slope) for part in parts), _own(data, scatter))
+    if np.any(own > 1e-3 * problem.covariance.variance):
+        found.append(_trials(g, np.maximum(own, 0.0), "least scatter assumed", "trial", 1.0, "1", np.full(len(g), np.inf)))
+    return tuple(line for line in found if line.standard > 0)
+
+
+def _own(data: Observations, scatter: Noise) -> FloatArray:
+    return np.asarray((data.u_lift_N / data.lift_N) ** 2 + scatter.relative**2 + (scatter.force_N / data.lift_N) ** 2, dtype=np.float64)
+
+
+def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
+    record = data.u_lift_N / data.lift_N
+    own = g**2 * record**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        record_dof = own.sum(axis=1) ** 2 / (own**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
+    known = {name: 1 / (2 * scatter.log_covariance[i][i]) for i, name in enumerate(scatter.sizes)}
+    dof = {name: np.full(len(g), known.get(name, scatter.dof)) for name in ("relative", "force_N", "height_m", "serial")}
+    per_force = 1 / data.lift_N
+    blocks = [(index, serial_block(index.shape[1], scatter.serial_length)) for index in visits_by_size(data.visit)]
+    visits = np.unique(data.visit, return_inverse=True)[1]
+    by_visit = (g * slope) @ np.eye(visits.max() + 1)[visits]
+    common: FloatArray = sum((np.einsum("pmi,ij,qmj->pq", g[:, i], b, g[:, i]) for i, b in blocks), np.zeros((len(g), len(g))))
+    rms = float(np.sqrt(np.mean(record**2)))
+    return [
+        _trials(g, record**2, "noise within a record", "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)),
+        _trials(g, np.full(data.n, scatter.relative**2), "scatter in proportion to lift", "trial", scatter.relative, "1", dof["relative"]),
+        _trials(g, (scatter.force_N * per_force) ** 2, "scatter of force", "trial", scatter.force_N, "N", dof["force_N"]),
+        _line("height of a stop", "A", "normal", "visit", scatter.height_m, "m", by_visit @ by_visit.T * scatter.height_m**2, dof["height_m"]),
+        _line("common to a visit", "A", "normal", "visit", scatter.serial, "1", common * scatter.serial**2, dof["serial"]),
+    ]
+
+
+def _trials(g: FloatArray, variance: FloatArray, name: str, scope: str, standard: float, unit: str, dof: FloatArray) -> Line:
+    return _line(name, "A", "normal", scope, standard, unit, (g * variance) @ g.T, dof)
+
+
+def _line(
+    name: str, kind: Literal["A", "B"], distribution: str, scope: str, standard: float, unit: str, covariance: FloatArray, dof: FloatArray
+) -> Line:
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return Line(
+        component=name,
+        kind=kind,
+        distribution=distribution,
+        scope=scope,
+        standard=standard,
+        unit=unit,
+        covariance=covariance,
+        sensitivity=u / standard if standard > 0 else np.zeros(len(u)),
+        dof=dof,
+    )
+
+
+def _independent(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
+    """Variance that a component adds to each trial by itself, (n,)."""
+    if part.scope in GROUPED:
+        return np.zeros(data.n)
+    return part.sensitivity(data, slope) ** 2 / (np.maximum(data.n_eff, 1) if part.scope == "sample" else 1.0)
+
+
+def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatArray) -> Line:
+    never = np.full(len(g), np.inf)
+    shared = g @ columns(data, part, slope)
+    covariance = shared @ shared.T + (g * _independent(data, part, slope)) @ g.T
+    line = _line(part.name, "B", part.distribution, part.scope, part.standard, UNITS[part.on], covariance, never)
+    if shared.shape[1] == 1 and part.standard > 0:
+        return replace(line, sensitivity=shared[:, 0] / part.standard)
+    return line
+
+
+def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
+    """Combined uncertainty with Welch and Satterthwaite's degrees of freedom.
+
+    Their formula takes the variances of repeats as estimated apart from one another; the parts of one scatter are not, and theirs
+    are combined with the covariance that the fit of the noise gives. Where they are independent the two formulas are one.
+    """
+    from scipy.stats import norm, t
+
+    parts = {line.component: np.diag(line.covariance) for line in found}
+    variance: FloatArray = sum(parts.values(), np.zeros(p))
+    joint = [NAMES[name] for name in scatter.sizes]
+    own = np.array([parts.get(name, np.zeros(p)) for name in joint]).reshape(len(joint), p)
+    spread = 4 * np.einsum("ip,ij,jp->p", own, np.array(scatter.log_covariance).reshape(len(joint), len(joint)), own)
+    for line in found:
+        if line.component not in joint:
+            spread = spread + 2 * parts[line.component] ** 2 / line.dof
+    dof = np.where(spread > 0, 2 * variance**2 / np.where(spread > 0, spread, 1.0), np.inf)
+    k = np.array([t.ppf(0.975, d) if np.isfinite(d) else norm.ppf(0.975) for d in dof])
+    return Total(u=np.sqrt(variance), dof=dof, k=k, U95=k * np.sqrt(variance))
+
+
+#: The lines that the sizes of `Noise` stand behind.
+NAMES = {
+    "relative": "scatter in proportion to lift",
+    "force_N": "scatter of force",
+    "height_m": "height of a stop",
+    "serial": "common to a visit",
+}

@@ -1,0 +1,128 @@
+"""Budget and comparison as LaTeX tables (booktabs, siunitx) and as CSV."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from nearlift.pages.latex import SYMBOLS, comment, escape
+from nearlift.products import FIT
+from nearlift.summaries.evidence import Columns, Evidence
+
+BUDGET = ("component", "type", "distribution", "scope", "u_input", "unit", "sensitivity", "u", "share", "dof")
+SCORES = ("visits", "skipped", "elpd", "d_elpd", "u_d_elpd", "rmse", "d_rmse", "u_d_rmse", "aic", "bic", "r2")
+UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
+#: Sources below this share are left to the CSV.
+LEAST = 0.0005
+
+
+def budget(evidence: Evidence) -> Columns:
+    """Every source of error of every coefficient of every model, a row each; the combined uncertainty is a row named so."""
+    rows = []
+    for boundary, fits in evidence.document(FIT)["boundaries"].items():
+        for model, fit in fits.items():
+            for name, own in fit.get("budget", {}).items():
+                head = (boundary, model, name)
+                rows += [(*head, *(_cell(line[k]) for k in BUDGET), math.nan, math.nan) for line in own["lines"]]
+                whole = ("combined", "", "", "", math.nan, "", math.nan, own["u"], 1.0, _cell(own["dof"]))
+                rows.append((*head, *whole, own["k"], own["U95"]))
+    names = ("boundary", "model", "coefficient", *BUDGET, "k95", "U95")
+    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+
+
+def comparison(evidence: Evidence) -> Columns:
+    """Every model's scores, a row each; `rmse` in log lift."""
+    content = evidence.document(FIT)
+    rows = []
+    for boundary, own in content.get("comparison", {}).items():
+        for model, scores in own["models"].items():
+            fit = content["boundaries"][boundary][model]
+            weight = (fit.get("log_evidence") or {}).get("value")
+            head = (boundary, model, model == own["reference"], len(fit["parameters"]))
+            rows.append((*head, *(_cell(scores[k]) for k in SCORES), _cell(weight)))
+    names = ("boundary", "model", "base", "free", *SCORES, "log_evidence")
+    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+
+
+def _cell(value: Any) -> Any:
+    return math.nan if value is None else value
+
+
+def budget_table(evidence: Evidence) -> str:
+    r"""The budgets of the base models; needs ``\usepackage{booktabs,siunitx}``."""
+    lines = _head(
+        evidence,
+        "uncertainty budget of each coefficient of the base models",
+        r"Coefficient & Source & Type & Shared by & {Standard uncertainty} & {Sensitivity} & {$u$} & {Share (\%)} \\",
+        "llllrrrr",
+    )
+    first = True
+    for boundary in evidence.boundaries:
+        for name, own in evidence.base(boundary)[1].get("budget", {}).items():
+            lines += [] if first else [r"\addlinespace"]
+            first = False
+            label = f"${SYMBOLS.get(name, name)}$, {boundary}"
+            for line in sorted(own["lines"], key=lambda one: -one["share"]):
+                if line["share"] < LEAST:
+                    continue
+                unit = UNITS[line["unit"]]
+                size = rf"\qty{{{line['u_input']:.3g}}}{{{unit}}}" if unit else rf"\num{{{line['u_input']:.3g}}}"
+                per = rf"\qty{{{line['sensitivity']:.3g}}}{{\per{unit}}}" if unit else rf"\num{{{line['sensitivity']:.3g}}}"
+                lines.append(
+                    f"{label} & {escape(line['component'])} & {line['type']} & {escape(line['scope'])} & {size} & {per} & "
+                    rf"\num{{{line['u']:.2g}}} & \num{{{100 * line['share']:.1f}}} \\"
+                )
+                label = ""
+            dof = rf"\num{{{own['dof']:.0f}}}" if own["dof"] is not None and math.isfinite(own["dof"]) else r"\infty"
+            lines.append(
+                rf"{label} & combined, $\nu_\mathrm{{eff}} = {dof}$, $k = \num{{{own['k']:.2f}}}$, "
+                rf"$U_{{95}} = \num{{{own['U95']:.2g}}}$ & & & & & \num{{{own['u']:.2g}}} & \num{{100}} \\"
+            )
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def comparison_table(evidence: Evidence) -> str:
+    r"""The models of each boundary by held-out score; needs ``\usepackage{booktabs,siunitx}``."""
+    content = evidence.document(FIT)
+    lines = _head(
+        evidence,
+        "models compared; scores are log predictive densities of visits left out, less the base model's",
+        r"Boundary & Model & {Free} & {$\Delta$ score} & {Held-out RMSE (\%)} & {$\Delta$AIC} & {$\Delta$BIC} & {$\Delta \ln Z$} & {$R^2$} \\",
+        "llrrrrrrr",
+    )
+    for i, boundary in enumerate(evidence.boundaries):
+        own = content.get("comparison", {}).get(boundary)
+        if not own:
+            continue
+        lines += [r"\addlinespace"] if i else []
+        models, base = own["models"], own["reference"]
+        fits = content["boundaries"][boundary]
+        for name in sorted(models, key=lambda n: -(models[n]["d_elpd"] or 0.0)):
+            one = models[name]
+            title = escape(fits[name]["title"]) + (" (base)" if name == base else "")
+            score = r"\num{0}" if name == base else rf"\num{{{_number(one['d_elpd'], 1)} +- {_number(one['u_d_elpd'], 1)}}}"
+            whole = one["visits"] == models[base]["visits"]
+            excess = [rf"\num{{{one[k] - models[base][k]:.1f}}}" if whole else "--" for k in ("aic", "bic")]
+            weights: list[Any] = [(fits[n].get("log_evidence") or {}).get("value") for n in (name, base)]
+            weight = "--" if None in weights else rf"\num{{{weights[0] - weights[1]:.1f}}}"
+            r2 = "--" if one["r2"] is None else rf"\num{{{one['r2']:.4f}}}"
+            rest = " & ".join([*excess, weight, r2])
+            lines.append(rf"{boundary} & {title} & {len(fits[name]['parameters'])} & {score} & \num{{{100 * one['rmse']:.3f}}} & {rest} \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _number(value: float | None, places: int) -> str:
+    return "0" if value is None else f"{value:.{places}f}"
+
+
+def _head(evidence: Evidence, what: str, header: str, columns: str) -> list[str]:
+    return [
+        f"% {comment(evidence.campaign.name)}: {what}, from {FIT.file}",
+        r"% \usepackage{booktabs, siunitx}",
+        rf"\begin{{tabular}}{{{columns}}}",
+        r"\toprule",
+        header,
+        r"\midrule",
+    ]

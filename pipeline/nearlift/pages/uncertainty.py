@@ -1,0 +1,211 @@
+"""The budget of each coefficient, what the data cannot say, and which model foretells best."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from nearlift.declare import Boundary
+from nearlift.pages.number import Number, cite, follow, pointer, quote
+from nearlift.products import FIT
+from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.rounding import fixed, plain
+
+#: A source with less than this share of a coefficient's variance is told by number only.
+LEAST = 0.0005
+#: A difference of predictive scores within so many standard errors is none, nor one below so many units: there the standard error is no guide.
+APART = 2.0
+LEAST_SCORE = 4.0
+#: Inputs in the units that a bench talks in.
+SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
+TREATMENTS = {
+    "slope": "is carried by the slope of the curve",
+    "exact": "is integrated over, since the slope does not carry it",
+    "mean": "is carried by the slope, and the prediction is its mean over it, since the curve bends",
+}
+
+
+def budget(evidence: Evidence) -> dict[str, Any]:
+    """A table for each coefficient of the base models."""
+    tables = []
+    for boundary in evidence.boundaries:
+        model, entry = evidence.base(boundary)
+        for name, own in entry.get("budget", {}).items():
+            tables.append(_budget(evidence, boundary, ("boundaries", boundary, model.name), name, own))
+    heights = [_heights(evidence, b) for b in evidence.boundaries]
+    return {"tables": tables, "heights": [h for h in heights if h["lines"]]}
+
+
+def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name: str, own: dict[str, Any]) -> dict[str, Any]:
+    here = (*path, "budget", name)
+    rows, small = [], 0
+    for i, line in sorted(enumerate(own["lines"]), key=lambda pair: -pair[1]["share"]):
+        if line["share"] < LEAST:
+            small += 1
+            continue
+        at = (*here, "lines", str(i))
+        scale, unit = SCALES[line["unit"]]
+        dof = line["dof"]
+        rows.append(
+            {
+                "component": line["component"],
+                "type": line["type"],
+                "distribution": line["distribution"],
+                "scope": line["scope"],
+                "input": cite(evidence, FIT, *at, "u_input", digits=3, scale=scale, how=f"in {unit}"),
+                "unit": unit,
+                "sensitivity": cite(evidence, FIT, *at, "sensitivity", digits=3, scale=1 / scale, how=f"per {unit}"),
+                "u": cite(evidence, FIT, *at, "u", digits=2),
+                "share": cite(evidence, FIT, *at, "share", places=1, scale=100, how="in percent"),
+                "dof": cite(evidence, FIT, *at, "dof", places=0) if dof is not None and math.isfinite(dof) else None,
+            }
+        )
+    dof = own["dof"]
+    return {
+        "boundary": boundary,
+        "quoted": quote(evidence, FIT, *path, "parameters", name),
+        "rows": rows,
+        "small": small,
+        "u": cite(evidence, FIT, *here, "u", digits=3),
+        "dof": cite(evidence, FIT, *here, "dof", places=0) if dof is not None and math.isfinite(dof) else None,
+        "k": cite(evidence, FIT, *here, "k", digits=3),
+        "U95": cite(evidence, FIT, *here, "U95", digits=2),
+    }
+
+
+def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
+    model, entry = evidence.base(boundary)
+    path = ("boundaries", boundary, model.name)
+    lines = [
+        {
+            "component": own["component"],
+            "words": TREATMENTS[own["treatment"]],
+            "coefficient": quote(evidence, FIT, *path, "parameters", own["coefficient"]),
+            "size": cite(evidence, FIT, *path, "heights", str(i), "standard_m", digits=2, scale=1e3, how="in mm"),
+            "shift": cite(evidence, FIT, *path, "heights", str(i), "shift", digits=2),
+            "ratio": cite(evidence, FIT, *path, "heights", str(i), "ratio", digits=2, scale=100, how="in percent"),
+        }
+        for i, own in enumerate(entry.get("heights", []))
+    ]
+    error = None
+    if "height_error" in entry:
+        u = float(entry["height_error"]["u"])
+        error = {k: cite(evidence, FIT, *path, "height_error", k, like_u=u, scale=1e3, how="in mm") for k in ("value", "u")}
+    return {"boundary": boundary, "lines": lines, "error": error}
+
+
+def limits(evidence: Evidence) -> dict[str, Any]:
+    """Profile intervals, what would halve each uncertainty, and coefficients at a bound."""
+    sections = []
+    for boundary in evidence.boundaries:
+        model, entry = evidence.base(boundary)
+        path = ("boundaries", boundary, model.name)
+        rows = []
+        for name, own in entry.get("profiles", {}).items():
+            quoted = quote(evidence, FIT, *path, "parameters", name)
+            u = float(entry["parameters"][name]["u"])
+            ends = {
+                f"{end}{level}": cite(evidence, FIT, *path, "profiles", name, f"{end}{level}", like_u=u)
+                for level in ("68", "90", "95")
+                for end in ("lo", "hi")
+            }
+            rows.append({"quoted": quoted, **ends, "open": bool(own["open"]), "skew": cite(evidence, FIT, *path, "profiles", name, "skew", digits=3)})
+        halves = [
+            {"texts": [k["text"] for k in own["knowledge"]] + [own["repeats"]["text"]], "coefficient": name}
+            for name, own in entry.get("would_halve", {}).items()
+        ]
+        bound = [name for name, e in entry["parameters"].items() if e["at_bound"]]
+        sections.append({"boundary": boundary, "title": entry["title"], "rows": rows, "halves": halves, "bound": bound})
+    return {"sections": sections}
+
+
+def held_out(evidence: Evidence) -> dict[str, Any]:
+    """Each boundary's models by what they foretell of a visit left out, beside the criteria that count parameters, and R²."""
+    found = evidence.document(FIT).get("comparison", {})
+    return {"tables": [_held_out(evidence, b, found[b]) for b in evidence.boundaries if b in found]}
+
+
+def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> dict[str, Any]:
+    fits = evidence.document(FIT)["boundaries"][boundary]
+    models, base = own["models"], own["reference"]
+    visits = models[base]["visits"]
+    with_evidence = follow(fits, (base, "log_evidence", "value")) is not None
+    rows = []
+    for name in sorted(models, key=lambda n: (models[n]["visits"] != visits, -(models[n]["d_elpd"] or 0.0))):
+        path = ("comparison", boundary, "models", name)
+        whole = models[name]["visits"] == visits
+        rows.append(
+            {
+                "title": fits[name]["title"],
+                "base": name == base,
+                "free": len(fits[name]["parameters"]),
+                "d_elpd": cite(evidence, FIT, *path, "d_elpd", places=1),
+                "u_d_elpd": None if name == base else cite(evidence, FIT, *path, "u_d_elpd", places=1),
+                "rmse": cite(evidence, FIT, *path, "rmse", places=3, scale=100, how="in percent"),
+                "d_rmse": None if name == base else cite(evidence, FIT, *path, "d_rmse", places=3, scale=100, how="in percent"),
+                "u_d_rmse": None if name == base else cite(evidence, FIT, *path, "u_d_rmse", places=3, scale=100, how="in percent"),
+                "evidence": _excess_evidence(evidence, boundary, name, base) if with_evidence else None,
+                "aic": _excess(evidence, path, "aic", float(models[base]["aic"])) if whole else None,
+                "bic": _excess(evidence, path, "bic", float(models[base]["bic"])) if whole else None,
+                "r2": cite(evidence, FIT, *path, "r2", places=4),
+                "visits": None if whole else cite(evidence, FIT, *path, "visits", digits=6),
+            }
+        )
+    return {
+        "boundary": boundary,
+        "rows": rows,
+        "visits": cite(evidence, FIT, "comparison", boundary, "models", base, "visits", digits=6),
+        "evidence": with_evidence,
+        "words": verdicts(models, base, {n: str(f["title"]) for n, f in fits.items()}),
+    }
+
+
+def _excess(evidence: Evidence, path: tuple[str, ...], key: str, reference: float) -> Number:
+    value = float(cite(evidence, FIT, *path, key).value) - reference
+    return Number(text=fixed(value, 1), value=value, source=pointer(FIT, *path, key), how="less the base model's")
+
+
+def _excess_evidence(evidence: Evidence, boundary: str, name: str, base: str) -> Number | None:
+    path = ("boundaries", boundary, name, "log_evidence", "value")
+    found = follow(evidence.document(FIT), path)
+    if found is None:
+        return None
+    value = float(found) - float(follow(evidence.document(FIT), ("boundaries", boundary, base, "log_evidence", "value")))
+    return Number(text=fixed(value, 1), value=value, source=pointer(FIT, *path), how="less the base model's")
+
+
+def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[str]:
+    """Which models foretell worse than the base, which as well, which better; and what R² would have said."""
+    worse: list[str] = []
+    same: list[str] = []
+    better: list[str] = []
+    for name, own in models.items():
+        if name == base or own["u_d_elpd"] is None or own["visits"] < models[base]["visits"]:
+            continue
+        size = max(APART * own["u_d_elpd"], LEAST_SCORE)
+        (worse if own["d_elpd"] < -size else better if own["d_elpd"] > size else same).append(name)
+
+    def listed(names: list[str]) -> str:
+        return ", ".join(titles[n] for n in names)
+
+    words = []
+    if better:
+        words.append(f"Better at foretelling a visit than the base, by more than {APART:g} standard errors: {listed(better)}.")
+    if same:
+        words.append(f"Prediction does not part these from the base: {listed(same)}.")
+    if worse:
+        words.append(f"Worse by more than {APART:g} standard errors: {listed(worse)}.")
+    if not better and not same and worse:
+        words.append("No other model foretells as well as the base.")
+    known = {n: m["r2"] for n, m in models.items() if m["r2"] is not None}
+    fooled = [n for n in worse if n in known and known[n] > 0.9]
+    if fooled:
+        words.append(
+            f"R² cannot decide: it is above 0.9 for {len([n for n in known if known[n] > 0.9])} of {len(known)} models, "
+            f"{listed(fooled)} among them ({plain(known[fooled[0]], 3)}), which prediction rejects."
+        )
+    elif same and base in known:
+        close = [n for n in same if n in known and abs(known[n] - known[base]) > 0.002]
+        if close:
+            words.append(f"R² parts {listed(close)} from the base although prediction does not: it counts the trials' noise in the means as merit.")
+    return words

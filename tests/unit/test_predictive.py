@@ -1,0 +1,132 @@
+"""Leave-one-visit-out scores: the closed form against dense algebra and against refits, and that it tells models apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from nearlift import catalogue
+from nearlift.fitting import gum, heights, predictive
+from nearlift.fitting.budget import Component
+from nearlift.fitting.least_squares import fit
+from nearlift.results import Noise
+
+from .simulated import campaign, hsiao
+
+SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, serial=0.001, serial_length=1e6)
+PARTS = (
+    Component(name="datum", on="height", standard=2e-4, distribution="normal", scope="boundary"),
+    Component(name="gain", on="gain", standard=0.005, distribution="normal", scope="session"),
+)
+CASES = {
+    "ground": ("sanchez_cuevas", {}, PARTS),
+    "two coefficients": ("power_law", {}, PARTS),
+    "none": ("cheeseman_bennett_fixed", {}, PARTS),
+    "no budget": ("sanchez_cuevas", {}, ()),
+    "exact height": (
+        "hsiao_chirarattananon",
+        {"boundary": "ceiling", "ratio": hsiao, "stations": (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 10.0), "datum": 2e-4},
+        PARTS,
+    ),
+}
+
+
+def brute(found, left_out):
+    """The predictive density of the visit's trials given all others, by dense matrices; coefficients and levels free (flat)."""
+    problem, offset, slope = gum.linearised(found)
+    data, covariance = problem.data, problem.covariance.dense()
+    x = np.eye(len(data.levels))[data.level]
+    if len(found.theta):
+        x = np.hstack([x, problem.jacobian(found.theta, offset)])
+    y = np.log(data.lift_N) - problem.log_ratio(found.theta, offset) + slope * offset
+    b, a = data.visit == left_out, data.visit != left_out
+    inverse = np.linalg.inv(covariance[np.ix_(a, a)])
+    given = np.linalg.inv(x[a].T @ inverse @ x[a])
+    best = given @ x[a].T @ inverse @ y[a]
+    carry = covariance[np.ix_(b, a)] @ inverse
+    error = y[b] - x[b] @ best - carry @ (y[a] - x[a] @ best)
+    toll = x[b] - carry @ x[a]
+    spread = covariance[np.ix_(b, b)] - carry @ covariance[np.ix_(a, b)] + toll @ given @ toll.T
+    return multivariate_normal.logpdf(error, cov=spread), float(error @ error)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_closed_form_is_the_dense_prediction(case):
+    name, kind, parts = CASES[case]
+    plan = heights.Plan(shared=PARTS[:1]) if case == "exact height" else heights.Plan()
+    found = fit(catalogue.model(name), campaign(3, visits=3, **kind), parts, SCATTER, plan=plan)
+    assert bool(found.marginal) == (case == "exact height")
+    held = predictive.leave_visit_out(found)
+    assert held.skipped == 0
+    assert held.visit.tolist() == sorted(set(found.problem.data.visit.tolist()))
+    for v in (0, 5, 11):
+        density, squares = brute(found, v)
+        assert held.log_density[v] == pytest.approx(density, abs=1e-6)
+        assert held.squares[v] == pytest.approx(squares, rel=1e-6)
+
+
+def test_the_closed_form_is_a_refit_without_the_visit():
+    """Not only to first order: the model fitted anew to the other visits foretells the same."""
+    data = campaign(3, visits=4)
+    model = catalogue.model("sanchez_cuevas")
+    found = fit(model, data, (), SCATTER, plan=heights.Plan())
+    held = predictive.leave_visit_out(found)
+    for v in (0, 7, 20):
+        rest = data.visit != v
+        again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], heights.Plan())
+        level = np.array([again.levels[float(t)].value for t in data.throttle[~rest]])
+        error = np.log(data.lift_N) - found.problem.log_ratio(again.theta)
+        assert held.squares[v] == pytest.approx(((error[~rest] - np.log(level)) ** 2).sum(), rel=5e-3)
+
+
+def test_a_wrong_model_foretells_worse_and_a_needless_parameter_gains_nothing():
+    data = campaign(3, visits=8)
+    fits = {
+        n: fit(catalogue.model(n), data, PARTS, SCATTER)
+        for n in ("sanchez_cuevas", "sanchez_cuevas_free_exponent", "cheeseman_bennett", "cheeseman_bennett_fixed")
+    }
+    held = {n: predictive.leave_visit_out(f) for n, f in fits.items()}
+    scores = {n: predictive.score(h, held["sanchez_cuevas"]) for n, h in held.items()}
+    own = scores["sanchez_cuevas"]
+    assert (own.d_elpd, own.u_d_elpd, own.d_rmse, own.u_d_rmse) == (0, 0, 0, 0)
+    assert own.visits == 80
+    for wrong in ("cheeseman_bennett", "cheeseman_bennett_fixed"):
+        assert scores[wrong].d_elpd < -5 * scores[wrong].u_d_elpd < 0
+        assert scores[wrong].d_rmse > 3 * scores[wrong].u_d_rmse > 0
+    assert abs(scores["sanchez_cuevas_free_exponent"].d_elpd) < 3
+    # trials scatter by 0.4 % and heights by 0.1 mm
+    assert own.rmse == pytest.approx(0.0045, rel=0.2)
+
+
+def test_the_standard_error_is_the_scatter_between_visits():
+    rng = np.random.default_rng(1)
+    visit, n = np.arange(50), np.full(50, 4)
+    a, b = (predictive.HeldOut(visit=visit, log_density=rng.normal(size=50), squares=rng.chisquare(4, 50), n=n) for _ in range(2))
+    found = predictive.score(a, b)
+    excess = a.log_density - b.log_density
+    assert found.d_elpd == pytest.approx(excess.sum())
+    assert found.u_d_elpd == pytest.approx(np.sqrt(50 * excess.var(ddof=1)))
+    assert found.rmse == pytest.approx(np.sqrt(a.squares.sum() / 200))
+    assert found.d_rmse == pytest.approx(found.rmse - np.sqrt(b.squares.sum() / 200))
+    # to first order an rmse is a mean, and its standard error the scatter over the root of the number
+    first = (a.squares / (2 * found.rmse) - b.squares / (2 * (found.rmse - found.d_rmse))) / 4
+    assert found.u_d_rmse == pytest.approx(first.std(ddof=1) / np.sqrt(50), rel=0.05)
+
+
+def test_only_visits_that_both_predict_are_compared():
+    def held(visits, n=4):
+        return predictive.HeldOut(visit=np.array(visits), log_density=np.ones(len(visits)), squares=np.ones(len(visits)), n=np.full(len(visits), n))
+
+    assert predictive.score(held([1, 2, 3, 5]), held([0, 2, 3, 5])).visits == 3
+    assert predictive.score(held([1, 2], n=3), held([1, 2])).visits == 0
+
+
+def test_a_visit_that_nothing_foretells_is_left_out():
+    """One throttle was run in one visit only: without it there is no L_inf to predict with."""
+    data = campaign(3, visits=3)
+    only = (data.throttle == 0.92) & (data.visit != 4)
+    found = fit(catalogue.model("sanchez_cuevas"), data.take(~only), (), SCATTER)
+    held = predictive.leave_visit_out(found)
+    assert held.skipped == 1
+    assert 4 not in held.visit

@@ -1,0 +1,213 @@
+"""Budget bars, profile plots, tables and chapters, from a small campaign that was really fitted."""
+
+from __future__ import annotations
+
+import copy
+import csv
+import dataclasses
+import io
+import math
+import re
+
+import numpy as np
+import pytest
+
+from nearlift.figures import budget as draw_budget
+from nearlift.figures import profiles as draw_profiles
+from nearlift.figures.render import render
+from nearlift.figures.style import coefficient, style
+from nearlift.pages import tables, uncertainty
+from nearlift.products import FIT, PROFILES
+from nearlift.stages.report import gather
+from nearlift.summaries import budget, profiles
+from nearlift.summaries.tidy import to_csv
+
+
+@pytest.fixture(scope="module")
+def evidence(make_job):
+    return gather(make_job())
+
+
+def base(evidence, boundary):
+    return evidence.base(boundary)[1]
+
+
+def test_the_document_says_what_the_fit_knows(evidence):
+    content = evidence.document(FIT)
+    for boundary, fits in content["boundaries"].items():
+        for name, entry in fits.items():
+            assert set(entry["budget"]) == {n for n, e in entry["parameters"].items() if e["u"] is not None}
+            for coefficient_name, own in entry["budget"].items():
+                assert sum(line["share"] for line in own["lines"]) == pytest.approx(1, abs=1e-6)
+                assert own["u"] == pytest.approx(entry["parameters"][coefficient_name]["u"], rel=1e-6), (boundary, name)
+                assert own["U95"] == pytest.approx(own["k"] * own["u"])
+                for line in own["lines"]:
+                    assert abs(line["sensitivity"]) * line["u_input"] == pytest.approx(line["u"], rel=1e-6)
+                    assert line["type"] in "AB"
+            datums = [m for m in entry["heights"] if m["component"] == "distance datum"]
+            assert all(m["treatment"] in ("slope", "exact") for m in datums)
+        own = content["comparison"][boundary]
+        assert own["reference"] == content["base"][boundary]
+        assert set(own["models"]) == set(fits)
+
+
+def test_the_ceilings_datum_is_integrated_over_for_every_model(evidence):
+    """0.2 mm at 2.8 mm under a ceiling: the slope does not carry it, and rivals follow the base."""
+    fits = evidence.document(FIT)["boundaries"]["ceiling"]
+    (datum,) = [m for m in base(evidence, "ceiling")["heights"] if m["component"] == "distance datum"]
+    assert (datum["treatment"] == "exact") == (datum["shift"] > 0.1)
+    assert all(("height_error" in entry) == (datum["treatment"] == "exact") for entry in fits.values())
+
+
+def test_profiles_are_stored(evidence):
+    table = evidence.table(PROFILES)
+    entry = base(evidence, "ground")
+    mine = (table["boundary"] == "ground") & (table["model"] == "sanchez_cuevas") & (table["parameter"] == "K_b")
+    x, rise = table["value"][mine], table["rise"][mine]
+    assert (np.diff(x) > 0).all()
+    assert rise.min() == 0
+    assert np.interp(entry["profiles"]["K_b"]["hi95"], x, rise) == pytest.approx(3.9, abs=0.2)
+
+
+def test_bars_add_to_a_hundred(evidence):
+    rows = budget.summarise(evidence)
+    for panel, name in set(zip(rows["panel"], rows["parameter"], strict=True)):
+        mine = (rows["panel"] == panel) & (rows["parameter"] == name)
+        assert rows["share_percent"][mine].sum() == pytest.approx(100, abs=0.5)
+    text = budget.caption(evidence, rows)
+    assert "K_b (ground): " in text
+    assert "Horizontal bars in 4 panels" in budget.alt(evidence, rows)
+    files = render(draw_budget.draw, rows, style("aiaa"))
+    assert files == render(draw_budget.draw, rows, style("aiaa"))
+    assert to_csv(rows).startswith(b"panel,parameter,component,type,share_percent,u\n")
+
+
+def test_small_sources_are_drawn_together():
+    def line(name, share, kind):
+        return {"component": name, "share": share, "type": kind, "u": share**0.5}
+
+    one = [line("large", 0.997, "A"), line("one", 0.0015, "A"), line("two", 0.0015, "B")]
+    rows = budget._rows([("ground", "K_b", one), ("ceiling", "alpha", [line("large", 1.0, "A")])])
+    assert [(r[0], r[2], r[3], round(r[4], 3)) for r in rows] == [
+        ("ground", "large", "A", 99.7),
+        ("ground", budget.REST, "A + B", 0.3),
+        ("ceiling", "large", "A", 100.0),
+        ("ceiling", budget.REST, "A + B", 0.0),
+    ]
+
+
+def test_profiles_are_drawn_with_their_intervals(evidence):
+    rows = profiles.summarise(evidence)
+    mine = (rows["parameter"] == "K_b") & (rows["kind"] == "90")
+    own = base(evidence, "ground")["profiles"]["K_b"]
+    assert rows["x"][mine].tolist() == [own["lo90"], own["hi90"]]
+    assert rows["rise"][mine] == pytest.approx([2.74, 2.74], abs=0.1)
+    text = profiles.caption(evidence, rows)
+    assert re.search(r"[TU](he parabola serves for|pper over lower half)", text)
+    assert profiles.alt(evidence, rows).startswith("Curves of chi² against the coefficient in 4 panels")
+    files = render(draw_profiles.draw, rows, style("elsevier"))
+    assert set(files) == {"pdf", "png", "page"}
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("K_b", "$K_{b}$"), ("alpha", r"$\alpha$"), ("lambda_", r"$\lambda$"), ("n", "$n$"), ("inverse_K_b", "$1/K_b$"), ("slope", "slope")],
+)
+def test_coefficients_as_mathematics(name, text):
+    assert coefficient(name) == text
+
+
+def rows_of(table):
+    return list(csv.DictReader(io.StringIO(to_csv(table).decode())))
+
+
+def test_the_budget_as_csv_and_latex(evidence):
+    rows = [r for r in rows_of(tables.budget(evidence)) if (r["model"], r["coefficient"]) == ("sanchez_cuevas", "K_b")]
+    own = base(evidence, "ground")["budget"]["K_b"]
+    assert [r["component"] for r in rows] == [*(line["component"] for line in own["lines"]), "combined"]
+    assert float(rows[-1]["U95"]) == pytest.approx(own["U95"], rel=1e-8)
+    assert sum(float(r["u"]) ** 2 for r in rows[:-1]) == pytest.approx(float(rows[-1]["u"]) ** 2, rel=1e-6)
+    text = tables.budget_table(evidence)
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 1
+    assert rf"$U_{{95}} = \num{{{own['U95']:.2g}}}$" in text
+    assert all(line.count("&") - line.count(r"\&") == 7 for line in text.splitlines() if line.endswith(r"\\"))
+
+
+def test_the_comparison_as_csv_and_latex(evidence):
+    rows = {r["model"]: r for r in rows_of(tables.comparison(evidence)) if r["boundary"] == "ground"}
+    own = evidence.document(FIT)["comparison"]["ground"]["models"]
+    assert (
+        set(rows)
+        == set(own)
+        >= {
+            "cheeseman_bennett_fixed",
+            "cheeseman_bennett",
+            "sanchez_cuevas_published",
+            "sanchez_cuevas_as_printed",
+            "exponential",
+            "power_law",
+        }
+    )
+    assert rows["sanchez_cuevas"]["base"] == "yes"
+    assert rows["sanchez_cuevas_published"]["free"] == "0"
+    assert float(rows["cheeseman_bennett"]["d_elpd"]) == pytest.approx(own["cheeseman_bennett"]["d_elpd"], rel=1e-8)
+    text = tables.comparison_table(evidence)
+    assert r"Sanchez-Cuevas, K\_b = 2" in text
+    assert all(line.count("&") - line.count(r"\&") == 8 for line in text.splitlines() if line.endswith(r"\\"))
+
+
+def test_evidence_is_shown_where_it_was_computed(evidence):
+    content = copy.deepcopy(evidence.document(FIT))
+    known = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: content})
+    fits = content["boundaries"]["ground"]
+
+    def ground():
+        return next(t for t in uncertainty.held_out(known)["tables"] if t["boundary"] == "ground")
+
+    assert ground()["evidence"]
+    fits["sanchez_cuevas"]["log_evidence"] = {"value": 10.0, "u": 0.1}
+    fits["power_law"]["log_evidence"] = {"value": 7.5, "u": 0.1}
+    del fits["exponential"]["log_evidence"]
+    found = {r["title"]: r["evidence"].text if r["evidence"] else None for r in ground()["rows"]}
+    assert found[fits["power_law"]["title"]] == "−2.5"
+    assert found[fits["exponential"]["title"]] is None
+    assert r"\num{-2.5}" in tables.comparison_table(known)
+    assert next(r for r in rows_of(tables.comparison(known)) if r["model"] == "power_law")["log_evidence"] == "7.5"
+    del fits["sanchez_cuevas"]["log_evidence"]
+    assert not ground()["evidence"]
+
+
+def test_chapters_say_it_in_words(evidence):
+    ground = next(t for t in uncertainty.budget(evidence)["tables"] if t["boundary"] == "ground")
+    assert ground["quoted"].name == "K_b"
+    assert sum(float(r["share"].value) for r in ground["rows"]) == pytest.approx(1, abs=5e-3)
+    (section,) = [s for s in uncertainty.limits(evidence)["sections"] if s["boundary"] == "ground"]
+    texts = section["halves"][0]["texts"]
+    assert any("would halve u(K_b)" in t or "no lower" in t for t in texts)
+    assert math.isfinite(section["rows"][0]["lo90"].value)
+
+
+MODELS = {
+    "base": {"visits": 50, "d_elpd": 0.0, "u_d_elpd": 0.0, "r2": 0.98},
+    "close": {"visits": 50, "d_elpd": -1.0, "u_d_elpd": 0.2, "r2": 0.95},
+    "wrong": {"visits": 50, "d_elpd": -30.0, "u_d_elpd": 6.0, "r2": 0.97},
+    "right": {"visits": 50, "d_elpd": 20.0, "u_d_elpd": 5.0, "r2": 0.96},
+    "short": {"visits": 40, "d_elpd": -30.0, "u_d_elpd": 6.0, "r2": 0.5},
+}
+
+
+def words(*names):
+    return uncertainty.verdicts({n: MODELS[n] for n in names}, "base", {n: n.title() for n in names})
+
+
+def test_what_prediction_says_in_words():
+    everything = words(*MODELS)
+    assert everything == [
+        "Better at foretelling a visit than the base, by more than 2 standard errors: Right.",
+        "Prediction does not part these from the base: Close.",
+        "Worse by more than 2 standard errors: Wrong.",
+        "R² cannot decide: it is above 0.9 for 4 of 5 models, Wrong among them (0.97), which prediction rejects.",
+    ]
+    assert words("base", "wrong")[1] == "No other model foretells as well as the base."
+    assert words("base", "close")[1].startswith("R² parts Close from the base although prediction does not")
+    assert words("base", "short") == []
