@@ -298,7 +298,7 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
     assert "FILL IN" not in text
     (folder / "campaign.toml").write_text(text)
     given = manifests.load(folder)
-    assert given.name == "my-rig"
+    assert given.name == "my-rig-e"
     assert given.vehicle.rotor_spacing == 0.065
     # the commented budget parses too
     manifest = text.replace("# [[", "[[").replace("# name", "name").replace("# on ", "on ").replace("# value", "value").replace("# scope", "scope")

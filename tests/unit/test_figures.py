@@ -14,7 +14,7 @@ from nearlift.figures import fig2 as draw_fig2
 from nearlift.figures import residuals as draw_residuals
 from nearlift.figures import style
 from nearlift.figures.render import render
-from nearlift.products import DIAGNOSIS
+from nearlift.products import FIT, LIFT, POSTERIOR, TRIALS
 from nearlift.stages.gallery import FIGURES
 from nearlift.stages.report import gather
 from nearlift.summaries import fig2, residuals
@@ -85,8 +85,8 @@ def test_many_throttles_get_a_colour_bar(make_job):
     assert not figure.legends
 
 
-# the loop's figure needs a diagnosis: test_loop_figure.py
-@pytest.mark.parametrize("spec", [s for s in FIGURES if DIAGNOSIS not in s.needs], ids=lambda s: s.name)
+# figures of the loop, of flow, flight and proximity need more than a fit, and are tested beside their stages
+@pytest.mark.parametrize("spec", [s for s in FIGURES if set(s.needs) <= {TRIALS, LIFT, FIT, POSTERIOR}], ids=lambda s: s.name)
 def test_the_same_table_gives_the_same_bytes(small_job, spec):
     rows = spec.summarise(gather(small_job))
     first, second = (render(spec.draw, rows, style.style("aiaa")) for _ in range(2))
