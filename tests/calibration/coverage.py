@@ -135,7 +135,7 @@ def answers(data: Observations, components: tuple[budget.Component, ...]) -> dic
 def intervals(found: Fit) -> dict[str, Interval]:
     """The intervals of a fit, by the quantiles that it reports its own 90 % with."""
     made = {name: Interval.of(e.value, e.u, found.noise.dof) for name, e in found.estimates.items()}
-    over = getattr(found, "marginal", None)
+    over = found.marginal
     if over is not None:
         for i, name in enumerate(found.names):
             ends = [tuple(over.quantile(i, p, found.noise.dof) for p in (0.5 - level / 2, 0.5 + level / 2)) for level in LEVELS]

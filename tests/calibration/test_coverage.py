@@ -13,19 +13,19 @@ CHANCE = 1 - 0.05 / 24
 
 @pytest.fixture(scope="module")
 def few():
-    return coverage.run(4, first=1)
+    return coverage.run(3, first=1)
 
 
 def test_a_few_campaigns_under_shared_errors(few):
-    """Four campaigns of each kind, pooled: the 99.9 % bands catch intervals that are too narrow by half."""
+    """Three campaigns of each kind, pooled: the 99.9 % bands catch intervals that are too narrow by half."""
     headline = [r for r in few if r.name == forms.HEADLINE[r.boundary]]
-    assert len(headline) == 24
+    assert len(headline) == 18
     for level in coverage.LEVELS:
-        low, high = coverage.band(24, level, 0.999)
+        low, high = coverage.band(18, level, 0.999)
         assert low <= coverage.covered(headline, "declared", level) <= high, level
-    # 24 at 90 %: below 16 is a chance of 5e-4, and both of these get there
-    assert coverage.covered(headline, "ignored", 0.9) < 16
-    assert coverage.covered(headline, "lmfit", 0.9) < 16
+    # near a ceiling a datum is worst: of six honest intervals of 90 % two or fewer hold the truth once in 800 runs
+    ceiling = [r for r in headline if r.boundary == "ceiling"]
+    assert max(coverage.covered(ceiling, way, 0.9) for way in ("ignored", "lmfit")) <= 2
 
 
 @pytest.mark.parametrize("boundary", forms.BOUNDARIES)

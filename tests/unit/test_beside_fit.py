@@ -274,3 +274,20 @@ def test_what_is_lacking_is_said():
     blind = dataclasses.replace(problem, data=cold)
     assert beside.rotor_coefficient(bare, blind, fitted.theta, fitted.covariance, ())["missing"] == ["air_density"]
     assert GEOMETRY["spacing_hat"] == pytest.approx(problem.data.geometry["spacing_hat"])
+
+
+# ---------------------------------------------------------------- heights that the slope does not carry
+
+
+def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_first():
+    datum = Component(name="datum", on="height", standard=0.5e-3, distribution="normal", scope="boundary")
+    data = campaign(13, boundary="ceiling", ratio=hsiao, stations=CEILING, height=0.0, datum=0.7e-3)
+    fitted = fit(catalogue.model("hsiao_chirarattananon"), data, (datum,), NOISE)
+    assert fitted.marginal is not None
+    problem, theta = beside.linearised(fitted)
+    assert (problem.data.z_hat - data.z_hat) * RADIUS == pytest.approx(0.7e-3, abs=0.05e-3)
+    found = collapse.examine(problem, theta, 240.0)
+    # with the slope at the recorded heights the misfit would be shared out among the throttles
+    assert found.values == pytest.approx(0.125, abs=5 * found.u.max())
+    assert min(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) > 1e-3
+    assert np.sqrt(fitted.covariance[0, 0]) == pytest.approx(found.u.min(), rel=0.5)

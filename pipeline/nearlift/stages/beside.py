@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ import numpy as np
 from nearlift.campaign import Campaign
 from nearlift.declare import FloatArray
 from nearlift.effects.air_density import STANDARD, density
-from nearlift.fitting import collapse, held_quantity, rotor
+from nearlift.fitting import collapse, gum, held_quantity, rotor
+from nearlift.fitting.least_squares import Fit, minimise
 from nearlift.fitting.problem import Problem
 from nearlift.results import Estimate, Observations
 from nearlift.stages import beside_words as words
@@ -17,8 +19,10 @@ from nearlift.stages import beside_words as words
 NORMAL90 = 1.6448536269514722
 
 
-def ask(campaign: Campaign, problem: Problem, theta: FloatArray, covariance: FloatArray, noise_dof: float) -> dict[str, dict[str, Any]]:
-    """The three entries of one boundary, from the base model's optimum `theta` (p,) and its `covariance` (p, p)."""
+def ask(campaign: Campaign, fitted: Fit) -> dict[str, dict[str, Any]]:
+    """The three entries of one boundary, from the fit of its base model."""
+    problem, theta = linearised(fitted)
+    covariance, noise_dof = fitted.covariance, fitted.noise.dof
     quantile = _quantile90(noise_dof)
     found = held_quantity.examine(problem, theta, noise_dof) if len(theta) else None
     return {
@@ -26,6 +30,19 @@ def ask(campaign: Campaign, problem: Problem, theta: FloatArray, covariance: Flo
         "held_quantity": {} if found is None else held(campaign, problem, found, quantile),
         "rotor_coefficient": rotor_coefficient(campaign, problem, theta, covariance, found.responses if found else ()),
     }
+
+
+def linearised(fitted: Fit) -> tuple[Problem, FloatArray]:
+    """The likelihood with every error in its covariance, and its optimum.
+
+    What all trials share of height and the slope does not carry is put at its likeliest value, about which the slope does carry it.
+    The declared distribution is moved there too, which matters little: only what the trials tell well is carried so.
+    """
+    problem, over = gum.stand_in(fitted), fitted.marginal
+    if over is None:
+        return problem, fitted.theta
+    about = replace(problem, shift=0.0)
+    return about, minimise(about, over.theta[over.best])
 
 
 def throttle_collapse(found: collapse.Collapse, quantile: float) -> dict[str, Any]:

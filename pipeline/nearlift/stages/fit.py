@@ -8,7 +8,7 @@ from nearlift import catalogue
 from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
-from nearlift.fitting import budget, gum, profiles
+from nearlift.fitting import budget, profiles
 from nearlift.fitting.least_squares import Fit, fit
 from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
@@ -74,7 +74,7 @@ def run(job: Job) -> Outcome:
             fits[model.name] = record(result, data) | accounts.entry(result, profiled)
             job.say(f"posterior {boundary}: {model.name}")
             if model is base:
-                for key, entry in beside.ask(job.campaign, gum.stand_in(result), result.theta, result.covariance, result.noise.dof).items():
+                for key, entry in beside.ask(job.campaign, result).items():
                     content.setdefault(key, {})[boundary] = entry
             try:
                 found = posteriors.add(result, base=model is base)
