@@ -18,7 +18,7 @@ def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=
     estimate = {"value": value, "u": u, "lo90": low, "hi90": high, "unit": "1", "at_bound": False}
     model = {"parameters": {"K_b": estimate}}
     if linearity is not None:
-        model["budget"] = {"K_b": {"components": [{"component": SHARED, "scope": "campaign", "contribution": linearity}]}}
+        model["budget"] = {"K_b": {"lines": [{"component": SHARED, "scope": "campaign", "u": abs(linearity), "sensitivity": linearity}]}}
     folder = out / "processed" / name
     folder.mkdir(parents=True)
     fit = {"schema": "nearlift.fit/1", "base": {boundary: "sanchez_cuevas"}, "boundaries": {boundary: {"sanchez_cuevas": model}}}
@@ -55,6 +55,24 @@ def test_what_all_share_does_not_average_down(four):
     together = compare(four, "--shared", SHARED)[0]["groups"][0]["population"]["mean"]
     assert together["u"] > 1.2 * apart["u"]
     assert together["u"] > 0.08
+
+
+def test_what_pulls_two_campaigns_apart_is_told_from_what_pulls_them_along(tmp_path):
+    """The sign of a sensitivity counts: two that err against each other leave their mean alone."""
+    for i, sign in enumerate((1, 1, -1, -1)):
+        write(tmp_path, f"c{i}", 2.0, 0.1, linearity=0.08 * sign)
+    apart, together = (compare(tmp_path, *words)[0]["groups"][0]["population"]["mean"]["u"] for words in ((), ("--shared", SHARED)))
+    assert together < apart
+
+
+def test_a_finished_run_names_what_may_be_shared(tmp_path):
+    """The file is read as the stage writes it, not only as this test does."""
+    raw = small_run.write(tmp_path / "raw", form="parquet", visits=2)
+    assert small_run.nearlift("fit", raw, "--out", tmp_path, "-q").exit_code == 4  # nothing ingested yet
+    for stage in ("ingest", "fit"):
+        assert small_run.nearlift(stage, raw, "--out", tmp_path, "-q").exit_code == 0
+    told = small_run.nearlift("compare", "--out", tmp_path, "--shared", "the moon")
+    assert "there are: 'distance datum', 'load cell linearity'" in told.output
 
 
 def test_after_the_loop_counts_where_it_named_an_effect(tmp_path):

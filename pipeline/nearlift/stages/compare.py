@@ -5,6 +5,7 @@ No stage of a campaign's own: it reads what finished runs left under ``processed
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,8 +112,8 @@ def _after(found: dict[str, Any], before: Estimate) -> Estimate:
 
 def _shared_parts(model: dict[str, Any], name: str) -> dict[str, float]:
     """Signed contribution of each component that is one unknown for the whole campaign."""
-    lines = model.get("budget", {}).get(name, {}).get("components", [])
-    return {line["component"]: line["contribution"] for line in lines if line.get("scope") in ("boundary", "campaign")}
+    lines = model.get("budget", {}).get(name, {}).get("lines", [])
+    return {line["component"]: math.copysign(line["u"], line["sensitivity"]) for line in lines if line["scope"] in ("boundary", "campaign")}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
