@@ -13,7 +13,7 @@ from nearlift.diagnosis.search import Options, run
 from nearlift.diagnosis.setting import missing
 from nearlift.errors import NotConverged
 
-from .simulated import L_INF, campaign, hsiao
+from .simulated import L_INF, STATIONS, campaign, hsiao
 
 GROUND = catalogue.model("sanchez_cuevas")
 CEILING = catalogue.model("hsiao_chirarattananon")
@@ -308,3 +308,17 @@ def test_what_held_out_visits_do_not_confirm_is_not_named(monkeypatch):
     assert found["effects"] == []
     assert found["error"]["after"] == found["error"]["before"]
     assert "nothing is gained on visits" in found["rounds"][-1]["reason"]
+
+
+def test_a_strange_form_that_accounts_for_nearly_all_is_taken_at_a_second_look():
+    # lift that follows the supply with a kink: far from a power law, and far above the noise
+    kinked = campaign(5, visits=8, gain=lambda c: 1 + 0.3 * np.minimum(c["supply_V"] - 3.75, 0.0))
+    answer = run(set_up(kinked, GROUND, (), Options(seed=5))[0])
+    assert [e.name for e in answer.accepted][:1] == ["supply_sag"]
+    assert run(set_up(kinked, GROUND, (), Options(seed=5, form_sd=0.0))[0]).verdict == "unexplained"
+
+
+def test_a_step_is_neither_a_drift_nor_a_gain_of_each_session():
+    order = np.arange(8 * len(STATIONS) * 4)
+    stepped = campaign(6, visits=8, gain=lambda c: 1 + 0.01 * (order > 0.5 * len(order)))
+    assert run(set_up(stepped, GROUND, (), Options(seed=6))[0]).verdict == "unexplained"

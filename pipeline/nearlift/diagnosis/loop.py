@@ -257,9 +257,7 @@ def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> d
 
 def _partial(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     """What the best single effects would explain of the structure, as shares of the chi2 that exceeds the noise."""
-    _, basis = stage.hypotheses
-    excess = max(float(np.sum((basis.T @ stage.base_fit.residual) ** 2)) - basis.shape[1], 1e-12)
-    shares = {s.name: float(np.clip(s.gain / excess, 0, 1)) for s in answer.singles}
+    shares = {s.name: float(np.clip(s.gain / stage.excess, 0, 1)) for s in answer.singles}
     ranked = sorted((name for name, share in shares.items() if share > 0.05), key=lambda name: -shares[name])
     return [{"name": name, "share": shares[name]} for name in ranked[:3]]
 
@@ -294,12 +292,16 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
     if answer.stage.independent:
         return [_sweep(listing, tried, answer) for tried in (answer.singles, answer.pairs) if tried]
     rounds = []
-    single = any(s.accepted for s in answer.singles)
+    enough = "nothing is left beyond the threshold"
+    if answer.accepted and answer.accepted[0].confirmed:
+        share = min(answer.accepted[0].gain / answer.stage.excess, 1.0)
+        enough = f"accounts for {100 * share:.0f} % of the structure; its form is not exactly the declared one"
+    single = any(s.accepted for s in answer.singles) and not (answer.accepted and len(answer.accepted[0].effects) > 1)
     rounds.append(
         {
             "candidates": listing(answer.singles),
             "decision": f"accept {answer.accepted[0].name}" if single else "no single effect will do",
-            "reason": "nothing is left beyond the threshold" if single else "each one leaves structure beyond the threshold, or explains too little",
+            "reason": enough if single else "each one leaves structure beyond the threshold, or explains too little",
         }
     )
     if not single:
@@ -308,7 +310,7 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
             {
                 "candidates": listing(answer.pairs)[:12],
                 "decision": f"accept {answer.accepted[0].name}" if pair else "unexplained",
-                "reason": "nothing is left beyond the threshold" if pair else "no pair of declared effects does better",
+                "reason": enough if pair else "no pair of declared effects does better",
             }
         )
     return rounds
