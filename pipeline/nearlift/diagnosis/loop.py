@@ -295,7 +295,7 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
     enough = "nothing is left beyond the threshold"
     if answer.accepted and answer.accepted[0].confirmed:
         share = min(answer.accepted[0].gain / answer.stage.excess, 1.0)
-        enough = f"accounts for {100 * share:.0f} % of the structure; its form is not exactly the declared one"
+        enough = f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the true one"
     single = any(s.accepted for s in answer.singles) and not (answer.accepted and len(answer.accepted[0].effects) > 1)
     rounds.append(
         {
@@ -318,7 +318,8 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
 
 def _sweep(listing: Callable[[tuple[Explanation, ...]], list[dict[str, Any]]], tried: tuple[Explanation, ...], answer: Answer) -> dict[str, Any]:
     """A round in which visits left out decided."""
-    rows = listing(tried)
+    # what is left decides nothing here
+    rows = [{**row, "left_in": None, "judged_by": "visits left out"} for row in listing(tried)]
     chosen = [e for e in tried if e.accepted]
     visits = len(np.unique(answer.stage.data.visit))
     if chosen:

@@ -54,6 +54,8 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "coefficients": [_coefficient(evidence, boundary, n, coefficients) for n in coefficients.get("before", {})],
         "within": loop_words.within(evidence, boundary, found),
         "candidates": loop_words.candidates(evidence, boundary, found),
+        "nearly_all": next((r["reason"] for r in found.get("rounds", []) if r["reason"].startswith("accounts for")), ""),
+        "by_visits": any(c.get("judged_by") for r in found.get("rounds", []) for c in r.get("candidates", [])),
         "rounds": found.get("rounds", []),
         "limits": [line["text"] for key in ("shifts", "limits") for line in found.get(key, []) if "text" in line],
         "untestable": found.get("untestable", []),

@@ -90,7 +90,9 @@ def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
     `behind` is twice the log evidence by which it trails the best that was accepted (of all, if none was); `kind` is named,
     rival (accepted, and within reach of the best), worse (accepted, and beyond) or rejected.
     """
-    known = {str(c["name"]): c for r in found.get("rounds", []) for c in r.get("candidates", []) if c.get("log_evidence") is not None}
+    known: dict[str, dict[str, Any]] = {}
+    for i, r in enumerate(found.get("rounds", [])):
+        known |= {str(c["name"]): {**c, "round": i} for c in r.get("candidates", []) if c.get("log_evidence") is not None}
     accepted = [float(c["log_evidence"]) for c in known.values() if c.get("accepted")]
     best = max(accepted or [float(c["log_evidence"]) for c in known.values()], default=0.0)
     named = {str(e["name"]) for e in found.get("effects", [])}
@@ -105,7 +107,8 @@ def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
             kind, c = "rejected", {**c, "refuted": True}
         listed.append({**c, "behind": behind, "kind": kind})
     order = {"named": 0, "rival": 1}
-    return sorted(listed, key=lambda c: (order.get(c["kind"], 2), c["behind"]))
+    # where visits left out decide, a second effect that did not earn its place is no better for its score
+    return sorted(listed, key=lambda c: (order.get(c["kind"], 2), c["round"] if c.get("judged_by") else 0, c["behind"]))
 
 
 def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
@@ -115,10 +118,7 @@ def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
     if listed and not any("+" not in c["name"] for c in shown):
         # beside pairs, the best of those that stand alone shows why one is not enough
         shown = [*shown[:-1], next((c for c in listed if "+" not in c["name"]), shown[-1])]
-    notes = [
-        "not confirmed" if c.get("refuted") else f"leaves {c['left_in'].replace('_', ' ')}" if c.get("left_in") else "explains too little"
-        for c in shown
-    ]
+    notes = [_why_not(c) for c in shown]
     return rows(
         boundary,
         part="candidate",
@@ -128,6 +128,14 @@ def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
         value=np.array([c["behind"] for c in shown], dtype=float),
         unit="2 ln evidence",
     )
+
+
+def _why_not(candidate: Mapping[str, Any]) -> str:
+    if candidate.get("refuted"):
+        return "not confirmed"
+    if candidate.get("judged_by"):
+        return "predicts too little"
+    return f"leaves {candidate['left_in'].replace('_', ' ')}" if candidate.get("left_in") else "explains too little"
 
 
 def errors(boundary: str, found: Mapping[str, Any]) -> Columns:
