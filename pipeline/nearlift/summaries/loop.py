@@ -134,7 +134,7 @@ def _why_not(candidate: Mapping[str, Any]) -> str:
     if candidate.get("refuted"):
         return "not confirmed"
     if candidate.get("judged_by"):
-        return "predicts too little"
+        return "too little"
     return f"leaves {candidate['left_in'].replace('_', ' ')}" if candidate.get("left_in") else "explains too little"
 
 
