@@ -17,7 +17,10 @@ def main() -> None:
     corpus.mkdir(parents=True, exist_ok=True)
     for i, seed in enumerate(targets.TARGETS[target][1]):
         (corpus / f"seed{i}").write_bytes(seed)
-    limits = [f"-max_total_time={seconds}", "-timeout=2", "-rss_limit_mb=512", "-max_len=4096", f"-artifact_prefix={corpus}-"]
+        # libraries are loaded, and kernels compiled, on first use: a second that belongs to no input
+        for content in (seed, seed[:-1], seed + b"\n,", seed.replace(b"5", b"x")):
+            targets.once(target, content)
+    limits = [f"-max_total_time={seconds}", "-timeout=2", "-rss_limit_mb=512", "-max_len=4096", f"-artifact_prefix={corpus}-", "-print_final_stats=1"]
     atheris.Setup([sys.argv[0], *limits, str(corpus)], lambda data: targets.once(target, data))
     atheris.Fuzz()
 

@@ -18,6 +18,7 @@ from .faulty import QUICK, Faulty, Scene, run
 from .small_run import nearlift, state
 
 ROOT = Path(__file__).parents[2]
+BEFORE_REPORT = (*QUICK[:3], "diagnose", "ledger")
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +54,19 @@ def test_kill_9_within_a_write_a_rename_and_a_sync(scene, at):
 
 
 @pytest.mark.calibration
-def test_kill_9_at_every_place_of_a_whole_run(tmp_path):
-    whole = Scene(tmp_path, (*QUICK[:3], "diagnose", "ledger", "report"))
+def test_kill_9_at_every_place_of_a_run_up_to_its_report(tmp_path):
+    whole = Scene(tmp_path, BEFORE_REPORT)
     for at in range(1, whole.calls + 1):
+        place = whole.fresh()
+        killed(whole, place, at)
+        whole.check(place)
+
+
+@pytest.mark.calibration
+def test_kill_9_within_the_report(tmp_path):
+    """Its files are many, slow to draw and written alike: five places stand for all."""
+    whole = Scene(tmp_path, (*BEFORE_REPORT, "report"))
+    for at in range(whole.calls // 2, whole.calls + 1, whole.calls // 8):
         place = whole.fresh()
         killed(whole, place, at)
         whole.check(place)
