@@ -124,6 +124,17 @@ def test_resampled_means_scatter_as_the_mean_does():
     assert np.median(spread / (data.std(axis=0) / math.sqrt(60))) == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_resample_without_a_field_is_none():
+    """Of two blocks one resample in e^2 is empty; it must not pass for a field without flow."""
+    made = Resamples(500, 3, 4, generator(6, "boot"))
+    for _ in range(8):
+        made.add(np.ones(3))
+    means = made.means()
+    assert np.all(means == 1.0)
+    # 500 e^-2 = 68 are expected to be empty, with a standard deviation of 8
+    assert 500 - 68 - 40 <= len(means) <= 500 - 68 + 40
+
+
 def test_blocks_keep_correlation_and_missing_values_count_for_nothing():
     rng = generator(3, "boot")
     data = np.repeat(rng.standard_normal((20, 100)), 4, axis=0)

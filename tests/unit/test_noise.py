@@ -70,6 +70,17 @@ def test_repeats_do_not_ask_the_model():
     assert right.dof == data.n - len(STATIONS) * len(THROTTLES)
 
 
+def test_visits_that_were_hardly_repeated_are_said_to_hide_what_they_share():
+    """Two visits of each distance: their trials repeat, but what a visit has in common shows too seldom to be estimated."""
+    data = campaign(4, visits=2)
+    again = len(STATIONS)
+    found = noise.estimate(data, MODEL, VALUES)
+    assert found.serial == 0.0
+    assert f"{noise.UNSEEN} (distances were visited again {again} times, {noise.ENOUGH} are needed)" in found.source
+    often = noise.estimate(campaign(4, visits=8), MODEL, VALUES)
+    assert noise.UNSEEN not in often.source
+
+
 def test_without_repeats_the_scatter_is_about_the_model_and_says_so():
     data = quiet(campaign(4, visits=1, relative=0.005, force=0.0, height=0.0))
     jacobian = np.gradient(np.log([sanchez_cuevas(data.z_hat, k) for k in (1.99, 2.0, 2.01)]), 0.01, axis=0)[1][:, None]

@@ -20,6 +20,8 @@ from nearlift.results import IntArray, Noise, Observations
 
 #: Repeats must leave this many degrees of freedom, or the scatter is taken about the model instead.
 ENOUGH = 12
+#: Said of noise where distances were hardly visited again.
+UNSEEN = "what the trials of a visit have in common is not in it"
 #: Trials over which noise common to a visit fades: not at all.
 WHOLE_VISIT = 1e6
 
@@ -112,7 +114,8 @@ def estimate(
 
     # a height error of a visit shows only where a distance is visited again
     stations = np.unique(np.stack([data.z_hat, data.visit]), axis=1)[0]
-    revisited = len(stations) - len(np.unique(stations)) >= ENOUGH
+    revisits = len(stations) - len(np.unique(stations))
+    revisited = revisits >= ENOUGH
     typical_slope = np.sqrt(np.mean(slope**2))
     several = len(np.unique(data.visit)) < data.n
     guess = {"relative": np.log(start)}
@@ -123,6 +126,8 @@ def estimate(
             guess["serial"] = np.log(0.3 * start)
             if typical_slope > 0:
                 guess["height_m"] = np.log(0.5 * start / typical_slope)
+        elif several:
+            source += f"; {UNSEEN} (distances were visited again {revisits} times, {ENOUGH} are needed): uncertainties are too small"
     bounds = [(g - 9, g + 4) for g in guess.values()]
     # central differences: one-sided ones leave the minimum where their rounding puts it, and the order of trials would show
     found = minimize(deviance, list(guess.values()), method="L-BFGS-B", jac="3-point", bounds=bounds)

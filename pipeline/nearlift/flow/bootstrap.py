@@ -10,12 +10,14 @@ from nearlift.declare import FloatArray
 class Resamples:
     """Sums and counts of `size` resamples of columns; flat in memory however many fields there are.
 
-    Fields next to each other in time are drawn together, `block` at a time, so that their correlation stays in the resamples.
+    Fields next to each other in time are drawn together, `block` at a time, so that their correlation stays in the resamples. Of few
+    blocks a resample may come out empty (e^-6 of them, of six blocks); it is no resample and is left out.
     """
 
     def __init__(self, size: int, columns: int, block: int, rng: np.random.Generator) -> None:
         self.total = np.zeros((size, columns))
         self.count = np.zeros((size, columns))
+        self.fields = np.zeros(size)
         self.block = max(block, 1)
         self.rng = rng
         self.held: list[FloatArray] = []
@@ -34,13 +36,15 @@ class Resamples:
         times = self.rng.poisson(1.0, len(self.total)).astype(float)
         self.total += np.outer(times, np.where(known, block, 0.0).sum(axis=0))
         self.count += np.outer(times, known.sum(axis=0))
+        self.fields += times * len(block)
         self.held = []
 
     def means(self) -> FloatArray:
-        """Resampled means (size, columns); nan where a resample has no observation."""
+        """Resampled means, a row each, at most `size` of them; nan where a resample has no observation of a column."""
         self._draw()
+        drawn = self.fields > 0
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.where(self.count > 0, self.total / self.count, np.nan), dtype=np.float64)
+            return np.asarray(np.where(self.count[drawn] > 0, self.total[drawn] / self.count[drawn], np.nan), dtype=np.float64)
 
 
 def block_length(n: int) -> int:

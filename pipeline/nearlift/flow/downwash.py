@@ -19,6 +19,9 @@ from nearlift.flow.scene import Scene
 
 #: Clearances below this many radii lie in the zone in which an impinging jet is turned (about one jet diameter above the plate).
 DEFLECTION_HAT = 2.0
+#: Below a ceiling a cut further than this many radii beneath the disk measures the wake. By momentum the wake keeps its speed at equal thrust
+#: while the inflow at the disk falls, so one says nothing of the other (../shared/physics.md, A6).
+WAKE_HAT = 0.5
 #: Part of the span that must have vectors.
 COVERED = 0.9
 #: Part of the span that may lie in the measured stagnation zone.
@@ -27,6 +30,7 @@ WARNINGS = {
     "meets_boundary": "the cut meets the boundary",
     "deflection_zone": "the cut stands less than one rotor diameter above the boundary, where the jet turns: it is not the inflow at the disk",
     "stagnation_zone": "the cut passes through the stagnation zone: it is not the inflow at the disk",
+    "wake": "the cut stands in the wake: below a ceiling its speed does not follow the inflow at the disk",
     "partly_covered": "a tenth or more of the cut has no vectors",
     "no_scatter": "one field and no uncertainty in it: noise is unknown",
 }
@@ -210,6 +214,8 @@ def _warnings(
             row = stagnant[int(np.argmin(np.abs(y_m + cut.below_m)))]
             if float(weights @ row) > STAGNANT:
                 found.append("stagnation_zone")
+    if scene.boundary == "ceiling" and cut.below_m > WAKE_HAT * scene.radius_m:
+        found.append("wake")
     if covered == 0:
         return tuple(found)
     if covered < COVERED:

@@ -10,6 +10,7 @@ from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fitting import budget, profiles
 from nearlift.fitting.least_squares import Fit, fit
+from nearlift.fitting.noise import UNSEEN
 from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
 from nearlift.products import FIT, PROFILES, TRIALS
@@ -88,6 +89,8 @@ def run(job: Job) -> Outcome:
         content["boundaries"][boundary] = fits
         content["comparison"][boundary] = accounts.comparison(base.name, fits, held_out)
         assert scatter is not None
+        if UNSEEN in scatter.source:
+            notes.append(f"{boundary}: the noise is the {scatter.source}")
         content["noise"][boundary] = {
             "relative": scatter.relative,
             "force_N": scatter.force_N,

@@ -19,7 +19,7 @@ from nearlift.stages.observe import boundaries, observe
 from nearlift.store import Table
 
 #: Warnings under which a cut does not stand for the inflow at the disk.
-NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone")
+NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone", "wake")
 LEVEL_RAD = 1e-3
 
 
