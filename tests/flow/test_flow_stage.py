@@ -180,7 +180,7 @@ def test_v_sign_mends_a_flipped_component_and_thrust_an_inverted_vehicle(two):
         ('name = "ground-4"', 'name = "control"', "two cases have the same name: control"),
         ('thrust = "+y"', 'thrust = "+y"\nacross = "+y"', "across and thrust are the same axis"),
         ('length_unit = "mm"', 'scale = "20 um"', 'is not a length per pixel; write it as "20 um/px"'),
-        ("bootstrap = 20", "bootstraps = 20", "unknown key; did you mean 'bootstrap'"),
+        ("bootstrap = 100", "bootstraps = 100", "unknown key; did you mean 'bootstrap'"),
     ],
 )
 def test_a_manifest_that_cannot_be_is_refused(two, old, new, says):

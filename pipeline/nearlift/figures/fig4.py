@@ -27,6 +27,7 @@ def draw(table: Rows, look: Style) -> Figure:
     (x0, x1), (y0, y1) = flow_panel.limits(table)
     tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
     figure = Figure(figsize=(look.double_in, min(len(lines) * (tall + 0.25) + 0.35, look.height_in)), layout="constrained")
+    letters = iter("abcdefghijklmnopqrstuvwxyz")
     axes = figure.subplots(len(lines), across, squeeze=False, sharex=True, sharey=True)
     for line, places in zip(lines, axes, strict=True):
         shade: Any = None
@@ -39,7 +40,7 @@ def draw(table: Rows, look: Style) -> Figure:
             shade = flow_panel.field(ax, mine, matplotlib.colormaps["RdBu_r"], norm, line_pt=0.35, density=0.5)
             ax.set_xlim(x0, x1)
             ax.set_ylim(y0, y1)
-            ax.set_title(labels[name], loc="left", fontsize=look.text_pt - 0.5)
+            ax.set_title(f"{next(letters)}) {labels[name]}", loc="left", fontsize=look.text_pt - 0.5)
         places[0].set_ylabel(Y)
         figure.colorbar(shade, ax=places.tolist(), label="airspeed less\nthe control's (m/s)", pad=0.01, aspect=14, extend="both")
     for ax in axes[-1]:

@@ -34,6 +34,8 @@ WARNINGS = {
     "partly_covered": "a tenth or more of the cut has no vectors",
     "no_scatter": "one field and no uncertainty in it: noise is unknown",
 }
+#: Warnings under which a cut does not stand for the inflow at the disk.
+NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone", "wake")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

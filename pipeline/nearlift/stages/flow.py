@@ -241,17 +241,22 @@ def _topology_rows(case: Case, reference: float) -> Iterator[dict[str, Any]]:
     for name in topology.QUANTITIES:
         value = case.topology.numbers[name]
         spread = np.array([d[name] for d in draws])
+        if name == "asymmetry" and not case.measured.all():
+            # a mirrored half is as the measured one by construction
+            value, spread = math.nan, np.full_like(spread, math.nan)
         spread = spread[np.isfinite(spread)]
         enough = case.found.n > 1 and len(spread) > 1
         low, high = np.quantile(spread, [0.05, 0.95]) if enough else (math.nan, math.nan)
         count = name.startswith("vort")
+        # a height is read on the grid: anywhere within one step of it looks the same
+        step = mean.dy_m / case.scene.radius_m if name == "stagnation_height_hat" else 0.0
         place = _place(case)
         yield {k: place[k] for k in ("case", "z_hat", "tilt_rad")} | {
             "quantity": name,
             "value": value,
-            "u": float(spread.std(ddof=1)) if enough else math.nan,
-            "lo90": float(low),
-            "hi90": float(high),
+            "u": math.hypot(float(spread.std(ddof=1)), step / math.sqrt(12)) if enough else math.nan,
+            "lo90": float(low) - 0.45 * step,
+            "hi90": float(high) + 0.45 * step,
             "agreement": float(np.mean(spread == value)) if count and enough else math.nan,
         }
 

@@ -12,14 +12,13 @@ from nearlift.errors import ManifestError, NearliftError
 from nearlift.fitting import budget
 from nearlift.fitting.joint import Downwash, JointFit, fit_joint
 from nearlift.fitting.least_squares import Fit, fit
+from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.products import DOWNWASH, JOINT, TRIALS
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 from nearlift.store import Table
 
-#: Warnings under which a cut does not stand for the inflow at the disk.
-NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone", "wake")
 LEVEL_RAD = 1e-3
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
 from nearlift.piv_manifest import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
@@ -112,12 +113,14 @@ def cut(evidence: Evidence, name: str, rotor: str = "all") -> dict[str, Any]:
 
 
 def reduction_text(row: dict[str, Any]) -> str:
-    """``8.7 % (90 %: 3.4 to 13.9)``; a dash where the cut has no vectors."""
+    """``8.7 % (90 %: 3.4 to 13.9)``, and where that does not speak of the disk, so; a dash where the cut has no vectors."""
     if not math.isfinite(row["reduction"]):
         return "–"
+    elsewhere = ", not the inflow at the disk" if set(str(row["warnings"]).split()) & set(NOT_AT_THE_DISK) else ""
     if not math.isfinite(row["reduction_lo90"]):
-        return f"{fixed(100 * row['reduction'], 1)} %"
-    return f"{fixed(100 * row['reduction'], 1)} % (90 %: {fixed(100 * row['reduction_lo90'], 1)} to {fixed(100 * row['reduction_hi90'], 1)})"
+        return f"{fixed(100 * row['reduction'], 1)} %{elsewhere}"
+    span = f"{fixed(100 * row['reduction_lo90'], 1)} to {fixed(100 * row['reduction_hi90'], 1)}"
+    return f"{fixed(100 * row['reduction'], 1)} % (90 %: {span}){elsewhere}"
 
 
 def origin(evidence: Evidence) -> str:
