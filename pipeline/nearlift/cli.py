@@ -117,29 +117,11 @@ class Voice:
 
 @contextlib.contextmanager
 def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice, keep: bool = True) -> Iterator[Job]:
-    """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a finished job knows of its inputs for the next."""
-    from nearlift import campaign as manifests
-    from nearlift.executors import open_executor
-    from nearlift.stages.inputs import digests, remember
-    from nearlift.stages.job import Job
+    """The campaign as a job that speaks with this voice."""
+    from nearlift.stages import opening
 
-    loaded = manifests.load(campaign)
-    processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
-    inputs, stamps = digests(campaign, loaded, processed)
-    with open_executor(executor) as pool:
-        yield Job(
-            root=campaign,
-            campaign=loaded,
-            processed=processed,
-            reports=reports,
-            executor=pool,
-            inputs=inputs,
-            stamps=stamps,
-            seed=seed,
-            say=voice.progress,
-        )
-    if keep:
-        remember(processed, stamps)
+    with opening.open_job(campaign, out, executor, seed, voice.progress, keep) as job:
+        yield job
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from nearlift.products import Product
 PIV_INPUT = "[piv] "
 
 
-def _silent(_: str) -> None:
+def silent(_: str) -> None:
     """Say nothing."""
 
 
@@ -51,7 +51,7 @@ class Job:
     inputs: Mapping[str, str] = field(default_factory=dict)
     stamps: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
-    say: Callable[[str], None] = _silent
+    say: Callable[[str], None] = silent
     published: dict[str, Path] = field(default_factory=dict)
 
     def unfinished(self, stage: str) -> Path:

@@ -14,8 +14,7 @@ from nearlift.errors import SOME_TRIALS_REJECTED, NearliftError, UsageError
 from nearlift.executors import open_executor, ordered
 from nearlift.products import DIAGNOSIS
 from nearlift.stages import graph
-from nearlift.stages.inputs import digests, remember
-from nearlift.stages.job import Job
+from nearlift.stages.opening import open_job
 
 #: From the least to the gravest; a campaign that ran but lost trials is better off than one that did not run.
 GRAVITY = (0, SOME_TRIALS_REJECTED, 2, 5, 4)
@@ -82,21 +81,16 @@ def run_one(spec: Spec) -> End:
     start = time.perf_counter()
     name, ran = spec.root, []
     try:
-        loaded = manifests.load(Path(spec.root))
-        name = loaded.name
-        processed, reports = Path(spec.out) / "processed" / name, Path(spec.out) / "reports" / name
-        inputs, stamps = digests(Path(spec.root), loaded, processed)
         rejected = 0
-        with open_executor(spec.executor) as pool:
-            job = Job(root=Path(spec.root), campaign=loaded, processed=processed, reports=reports, executor=pool, inputs=inputs, seed=spec.seed)
+        with open_job(Path(spec.root), Path(spec.out), spec.executor, spec.seed) as job:
+            name = job.campaign.name
             for step in graph.run(job):
                 rejected += len(step.outcome.rejected)
                 ran += [step.stage.name] if step.why else []
-        remember(processed, stamps)
     except NearliftError as refusal:
         words = f"exit code {refusal.exit_code}: {str(refusal).splitlines()[0]}"
         return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran), wall_s=time.perf_counter() - start)
-    found = store.read_json_if_whole(processed / DIAGNOSIS.file).get("boundaries", {})
+    found = store.read_json_if_whole(job.processed / DIAGNOSIS.file).get("boundaries", {})
     verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in found.items())
     words = f"{verdicts or 'done'}{f'; {rejected} trials rejected' if rejected else ''}{'' if ran else '; up to date'}"
     code = SOME_TRIALS_REJECTED if rejected else 0

@@ -1,0 +1,24 @@
+"""A campaign opened to be worked on: what every command that reads its records or products begins with."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from nearlift import campaign as manifests
+from nearlift.executors import open_executor
+from nearlift.stages.inputs import digests, remember
+from nearlift.stages.job import Job, silent
+
+
+@contextlib.contextmanager
+def open_job(root: Path, out: Path, executor: str, seed: int, say: Callable[[str], None] = silent, keep: bool = True) -> Iterator[Job]:
+    """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a finished job knows of its inputs for the next."""
+    loaded = manifests.load(root)
+    processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
+    inputs, stamps = digests(root, loaded, processed)
+    with open_executor(executor) as pool:
+        yield Job(root=root, campaign=loaded, processed=processed, reports=reports, executor=pool, inputs=inputs, stamps=stamps, seed=seed, say=say)
+    if keep:
+        remember(processed, stamps)
