@@ -1,3 +1,25 @@
-"""nearlift: near-boundary lift of tethered rotorcraft, from load-cell records to models with honest uncertainty."""
+"""nearlift: near-boundary lift of tethered rotorcraft, from load-cell records to models with honest uncertainty.
+
+>>> import nearlift
+>>> study = nearlift.load("raw/my-rig")    # doctest: +SKIP
+>>> study.fit()["ground"].base.coefficients["K_b"]    # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from nearlift.study.study import Study, load
 
 __version__ = "0.1.0"
+__all__ = ["Study", "__version__", "load"]
+
+
+def __getattr__(name: str) -> Any:
+    # what `load` needs is imported when it is first asked for
+    if name in ("Study", "load"):
+        from nearlift.study import study
+
+        return getattr(study, name)
+    raise AttributeError(f"module 'nearlift' has no attribute {name!r}")

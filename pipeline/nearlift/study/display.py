@@ -1,0 +1,87 @@
+"""What an answer looks like in a notebook: a table of intervals, and under it a small figure. HTML as text, nothing loaded."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+from nearlift.summaries.rounding import letter, like, plain, plus_minus
+
+if TYPE_CHECKING:
+    from nearlift.study.found import Coefficient, Diagnosis, Drawing, Finding, Finished, Fit, Reduction
+
+#: Trials listed by name; more are counted.
+LISTED = 5
+
+
+def reduction(found: Reduction) -> str:
+    """Cells of each boundary: how many, from how near to how far, and the largest change of lift."""
+    rows = []
+    for boundary, cells in found.cells.groupby("boundary", sort=False):
+        change, u, z_hat = (cells[name].to_numpy() for name in ("delta_L", "u_delta_L", "z_hat"))
+        top = abs(change).argmax()
+        largest = f"{plus_minus(100 * change[top], 100 * u[top])} % at {plain(z_hat[top], 3)}"
+        ends = f"{plain(z_hat.min(), 3)} to {plain(z_hat.max(), 3)}"
+        rows.append((str(boundary), str(cells["n_trials"].sum()), str(len(cells)), ends, largest))
+    return _whole(found, ("boundary", "trials", "cells", "z/r", "largest ΔL"), rows)
+
+
+def fit(found: Fit) -> str:
+    """Base models: each coefficient with its uncertainty and 90 % interval."""
+    rows = []
+    for at in found:
+        for name, c in at.base.coefficients.items():
+            interval = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
+            rows.append((at.boundary, at.base.title, letter(name), plus_minus(c.value, c.u), interval, plain(at.base.chi2 / at.base.dof, 3)))
+    return _whole(found, ("boundary", "base model", "", "value", "90 % interval", "χ²/dof"), rows)
+
+
+def diagnosis(found: Diagnosis) -> str:
+    """Verdicts, named effects with rivals, coefficients before and after, error on what was held out."""
+    rows = []
+    for at in found:
+        named = "; ".join(e.name + (f" (or {', '.join(e.rivals)})" if e.rivals else "") for e in at.effects)
+        error = f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor {plain(100 * at.noise_floor, 2)})"
+        for name, after in at.after.items():
+            rows.append((at.boundary, at.verdict, named or "none", letter(name), _interval(at.before[name]), _interval(after), error))
+    return _whole(found, ("boundary", "verdict", "effects", "", "before (90 %)", "after (90 %)", "held-out error, % of lift"), rows)
+
+
+def finished(found: Finished) -> str:
+    """Where the report is, and what ran."""
+    where = found.report.resolve()
+    ran = ", ".join(found.ran) or "nothing: all was up to date"
+    return f'<p>Report: <a href="{escape(where.as_uri())}">{escape(str(where))}</a>. Ran: {escape(ran)}.</p>' + _words(found)
+
+
+def drawing(found: Drawing) -> str:
+    """The picture with its caption; who cannot see it hears `alt`."""
+    data = base64.b64encode(found.png).decode()
+    picture = f'<img src="data:image/png;base64,{data}" alt="{escape(found.alt)}" style="max-width:44em;width:100%;background:white">'
+    return f'<figure style="margin:0.5em 0">{picture}<figcaption>{escape(found.caption)}</figcaption></figure>'
+
+
+def _interval(c: Coefficient) -> str:
+    u = (c.hi90 - c.lo90) / 3.3
+    return f"{like(c.value, u)} ({like(c.lo90, u)} to {like(c.hi90, u)})" if math.isfinite(u) else plain(c.value)
+
+
+def _whole(found: Finding, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    cells = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    table = f"<table><caption>{escape(found.campaign)}</caption><thead><tr>{names}</tr></thead><tbody>{cells}</tbody></table>"
+    return table + _words(found) + (drawing(found.drawing) if found.drawing is not None else "")
+
+
+def _words(found: Finding) -> str:
+    """Rejected trials and notes."""
+    lines = [f"{trial}: {reason}" for trial, reason in found.rejected[:LISTED]]
+    if len(found.rejected) > LISTED:
+        lines.append(f"and {len(found.rejected) - LISTED} more trials rejected")
+    lines += found.notes
+    return (
+        f"<details><summary>{len(lines)} remarks</summary><ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul></details>" if lines else ""
+    )

@@ -1,0 +1,369 @@
+"""What a stage found, as frozen values: reductions, fits, diagnoses. Each shows itself in a notebook, intervals first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from nearlift.declare import Boundary
+from nearlift.errors import UsageError
+from nearlift.results import Estimate
+from nearlift.study import display
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Verdict = Literal["adequate", "effect", "unexplained"]
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """What every answer carries.
+
+    Attributes
+    ----------
+    campaign : str
+        Its name.
+    rejected : tuple of (str, str)
+        Trials that take no part in fits, each with its reason.
+    notes : tuple of str
+        What the stages had to say.
+    drawing : Drawing or None
+        The figure that goes with it, as it was when the answer was given.
+    """
+
+    campaign: str
+    rejected: tuple[tuple[str, str], ...] = ()
+    notes: tuple[str, ...] = ()
+    drawing: Drawing | None = field(default=None, repr=False, compare=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawing:
+    """A figure of the report: the picture, its words, and the table of exactly what it draws.
+
+    Attributes
+    ----------
+    name, title, caption, alt : str
+        File name without suffix, heading, caption, and the text that stands for it.
+    png, pdf : bytes
+    table : mapping of str to array
+        Columns of one length.
+    """
+
+    name: str
+    title: str
+    caption: str
+    alt: str
+    png: bytes = field(repr=False)
+    pdf: bytes = field(repr=False)
+    table: Mapping[str, Any] = field(repr=False, compare=False)
+
+    @property
+    def data(self) -> pd.DataFrame:
+        """What is drawn, a row each."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.table))
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as ``.png`` or ``.pdf``, by the name's suffix; `UsageError` for another."""
+        path = Path(path)
+        kinds = {".png": self.png, ".pdf": self.pdf}
+        if path.suffix not in kinds:
+            raise UsageError(str(path), "is neither .png nor .pdf", "end the name in one of them")
+        path.write_bytes(kinds[path.suffix])
+        return path
+
+    def _repr_html_(self) -> str:
+        return display.drawing(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduction(Finding):
+    """Trials reduced to cells.
+
+    Attributes
+    ----------
+    trials : DataFrame
+        A trial a row, in run order, rejected ones included: ``trials.parquet``.
+    cells : DataFrame
+        Change of lift per boundary, distance and throttle: ``lift.parquet``.
+    covariance : (n, n) DataFrame
+        Of `delta_L`, in the order of `cells` along both axes. Cells share `L_inf`, so it is not diagonal.
+    """
+
+    trials: pd.DataFrame = field(repr=False, compare=False)
+    cells: pd.DataFrame = field(repr=False, compare=False)
+    covariance: pd.DataFrame = field(repr=False, compare=False)
+
+    def _repr_html_(self) -> str:
+        return display.reduction(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelFit:
+    """One lift model fitted to one boundary.
+
+    Attributes
+    ----------
+    model, title : str
+        Name in the catalogue, and what a legend says.
+    coefficients : mapping of str to Estimate
+        Value, standard uncertainty `u`, 90 % interval, unit.
+    L_inf_N : mapping of float to Estimate
+        Lift far from every boundary, N, per throttle (a fraction).
+    chi2, dof : float
+        Against the scatter of repeats.
+    rmse, r2, aic, bic : float
+        Relative root-mean-square residual; R² of cell means of `delta_L`; information criteria.
+    degeneracies : tuple of str
+        In words: what trades places with what.
+    content : dict
+        The whole entry of ``fit.json``: budget, profiles, what would halve each uncertainty.
+    """
+
+    model: str
+    title: str
+    coefficients: Mapping[str, Estimate]
+    L_inf_N: Mapping[float, Estimate]
+    chi2: float
+    dof: int
+    rmse: float
+    r2: float
+    aic: float
+    bic: float
+    degeneracies: tuple[str, ...]
+    content: Mapping[str, Any] = field(repr=False, compare=False)
+
+    @classmethod
+    def of(cls, name: str, entry: Mapping[str, Any]) -> ModelFit:
+        """From an entry of ``fit.json``."""
+        return cls(
+            model=name,
+            title=entry["title"],
+            coefficients={n: _estimate(p) for n, p in entry["parameters"].items()},
+            L_inf_N={float(level): _estimate(p) for level, p in entry["L_inf_N"].items()},
+            **{key: _real(entry[key]) for key in ("chi2", "rmse", "r2", "aic", "bic")},
+            dof=int(entry["dof"]),
+            degeneracies=tuple(d["text"] for d in entry["degeneracies"]),
+            content=entry,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundaryFit:
+    """Every model of one boundary; the base model is the one that the loop questions."""
+
+    boundary: Boundary
+    base: ModelFit
+    models: Mapping[str, ModelFit]
+
+    def __getitem__(self, model: str) -> ModelFit:
+        """The model of that name; `UsageError` with those that there are."""
+        return _of(self.models, model, f"no fit of {model!r} at the {self.boundary}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit(Finding):
+    """Every model at every boundary: ``fit.json``, and the draws of ``posterior.parquet``.
+
+    ``fit["ground"].base.coefficients["K_b"].lo90`` is the lower end of a 90 % interval.
+    """
+
+    boundaries: Mapping[Boundary, BoundaryFit]
+    posterior: pd.DataFrame = field(repr=False, compare=False)
+
+    def __getitem__(self, boundary: str) -> BoundaryFit:
+        """The fits of that boundary; `UsageError` with those that there are."""
+        return _of(self.boundaries, boundary, f"{boundary!r} was not fitted")
+
+    def __iter__(self) -> Iterator[BoundaryFit]:
+        """Boundary by boundary: ground, ceiling, sidewall."""
+        return iter(self.boundaries.values())
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A coefficient a row, of every model."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {"boundary": at.boundary, "model": m.model, "base": m is at.base, "coefficient": name}
+                | {"value": c.value, "u": c.u, "lo90": c.lo90, "hi90": c.hi90, "unit": c.unit, "chi2": m.chi2, "dof": m.dof, "aic": m.aic}
+                for at in self
+                for m in at.models.values()
+                for name, c in m.coefficients.items()
+            ]
+        )
+
+    def draws(self, boundary: str, model: str | None = None) -> pd.DataFrame:
+        """Posterior draws, a draw a row and a parameter a column; of the base model unless another is named."""
+        wanted = self[boundary].base.model if model is None else self[boundary][model].model
+        rows = self.posterior[(self.posterior["boundary"] == boundary) & (self.posterior["model"] == wanted)]
+        if rows.empty:
+            raise UsageError(f"draws of {wanted}", f"there are none at the {boundary}", "its posterior was not reached: see `notes`")
+        return rows.pivot_table(index=["chain", "draw"], columns="parameter", values="value", sort=False)
+
+    def _repr_html_(self) -> str:
+        return display.fit(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coefficient:
+    """A coefficient of the base model, as the loop knows it.
+
+    Attributes
+    ----------
+    value, lo90, hi90 : float
+        Over all rivals, their form uncertain.
+    conditional : (float, float) or None
+        90 % interval given the named explanation.
+    constrained : (float, float) or None
+        90 % interval with every effect that was not found as a nuisance of its physical size.
+    """
+
+    value: float
+    lo90: float
+    hi90: float
+    conditional: tuple[float, float] | None = None
+    constrained: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedEffect:
+    """An effect that the residuals demanded, and those that this design cannot tell from it."""
+
+    name: str
+    mechanism: str
+    rivals: tuple[str, ...]
+    parameters: Mapping[str, Coefficient]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundaryDiagnosis:
+    """What the loop found at one boundary.
+
+    Attributes
+    ----------
+    verdict : str
+        ``adequate``, ``effect`` or ``unexplained``.
+    effects : tuple of NamedEffect
+        Empty unless the verdict is ``effect``.
+    before, after : mapping of str to Coefficient
+        Coefficients of the base model without and with them.
+    held_out_before, held_out_after, noise_floor : float
+        Error as a fraction of lift, on visits that took no part in choosing.
+    untestable : mapping of str to tuple of str
+        Effects that nothing can be said of, and what to log next time.
+    content : dict
+        The whole entry of ``diagnosis.json``: structure, rounds, silent effects, the next experiment.
+    """
+
+    boundary: Boundary
+    base_model: str
+    verdict: Verdict
+    effects: tuple[NamedEffect, ...]
+    before: Mapping[str, Coefficient]
+    after: Mapping[str, Coefficient]
+    held_out_before: float
+    held_out_after: float
+    noise_floor: float
+    untestable: Mapping[str, tuple[str, ...]]
+    content: Mapping[str, Any] = field(repr=False, compare=False)
+
+    @classmethod
+    def of(cls, boundary: Boundary, entry: Mapping[str, Any]) -> BoundaryDiagnosis:
+        """From an entry of ``diagnosis.json``."""
+        error = entry["error"]
+        return cls(
+            boundary=boundary,
+            base_model=entry["base_model"],
+            verdict=entry["verdict"],
+            effects=tuple(
+                NamedEffect(
+                    name=e["name"],
+                    mechanism=e.get("mechanism", ""),
+                    rivals=tuple(e["rivals"]),
+                    parameters={n: _coefficient(p) for n, p in e["parameters"].items()},
+                )
+                for e in entry["effects"]
+            ),
+            **{when: {n: _coefficient(c) for n, c in entry["coefficients"][when].items()} for when in ("before", "after")},
+            held_out_before=_real(error["before"]["held_out_rmse"]),
+            held_out_after=_real(error["after"]["held_out_rmse"]),
+            noise_floor=_real(error["noise_floor"]),
+            untestable={u["effect"]: tuple(u.get("log_next_time") or u["needs"]) for u in entry["untestable"]},
+            content=entry,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnosis(Finding):
+    """The closed loop at every boundary: ``diagnosis.json``. ``diagnosis["ground"].verdict`` is one word."""
+
+    boundaries: Mapping[Boundary, BoundaryDiagnosis]
+
+    def __getitem__(self, boundary: str) -> BoundaryDiagnosis:
+        """What was found at that boundary; `UsageError` with those that there are."""
+        return _of(self.boundaries, boundary, f"{boundary!r} was not diagnosed")
+
+    def __iter__(self) -> Iterator[BoundaryDiagnosis]:
+        """Boundary by boundary: ground, ceiling, sidewall."""
+        return iter(self.boundaries.values())
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A coefficient a row: verdict and named effects, before and after."""
+        import pandas as pd
+
+        ends = ("value", "lo90", "hi90")
+        return pd.DataFrame(
+            [
+                {"boundary": at.boundary, "verdict": at.verdict, "effects": " + ".join(e.name for e in at.effects), "coefficient": name}
+                | {f"{key}_before": getattr(at.before[name], key) for key in ends}
+                | {f"{key}_after": getattr(after, key) for key in ends}
+                for at in self
+                for name, after in at.after.items()
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        return display.diagnosis(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finished(Finding):
+    """A run brought to its end: the report, and which stages had to run for it."""
+
+    report: Path
+    ran: tuple[str, ...]
+
+    def _repr_html_(self) -> str:
+        return display.finished(self)
+
+
+def _of(found: Mapping[Any, Found], key: str, what: str) -> Found:
+    if key not in found:
+        raise UsageError(key, what, f"there are {', '.join(map(str, found)) or 'none'}")
+    return found[key]
+
+
+def _real(value: float | None) -> float:
+    """JSON has no infinity and no nan: both are written as null."""
+    return math.nan if value is None else float(value)
+
+
+def _estimate(entry: Mapping[str, Any]) -> Estimate:
+    numbers = {key: _real(entry[key]) for key in ("value", "u", "lo90", "hi90")}
+    return Estimate(**numbers, unit=entry.get("unit", "1"), at_bound=bool(entry.get("at_bound")))
+
+
+def _coefficient(entry: Mapping[str, Any]) -> Coefficient:
+    numbers = {key: _real(entry[key]) for key in ("value", "lo90", "hi90")}
+    pairs = {key: (_real(entry[key][0]), _real(entry[key][1])) for key in ("conditional", "constrained") if entry.get(key)}
+    return Coefficient(**numbers, **pairs)  # type: ignore[arg-type]

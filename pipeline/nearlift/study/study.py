@@ -1,0 +1,214 @@
+"""A campaign opened for work: the command line's stages, ledger and products, from Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nearlift import campaign as manifests
+from nearlift.errors import UsageError
+from nearlift.study.found import BoundaryDiagnosis, BoundaryFit, Diagnosis, Drawing, Finished, Fit, ModelFit, Reduction
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from nearlift.campaign import Campaign
+    from nearlift.products import Product
+    from nearlift.stages.graph import Step
+
+
+class Study:
+    """One campaign, its products and reports. Made by `nearlift.load`.
+
+    Each method brings the stages up to and including its own up to date, as ``nearlift run`` would, and answers from the
+    products; what is up to date does not run again. Nothing is ever written into the campaign's folder.
+
+    Attributes
+    ----------
+    root : Path
+        The campaign's folder.
+    manifest : Campaign
+        ``campaign.toml``, checked and in SI.
+    processed, reports : Path
+        Where its products and figures go.
+    """
+
+    def __init__(self, root: Path, out: Path, seed: int, executor: str) -> None:
+        self.root, self.out, self.seed, self.executor = root, out, seed, executor
+        self.manifest: Campaign = manifests.load(root)
+        self.processed, self.reports = out / "processed" / self.manifest.name, out / "reports" / self.manifest.name
+
+    @property
+    def name(self) -> str:
+        """The campaign's name, which names the folders of its products."""
+        return self.manifest.name
+
+    @property
+    def report(self) -> Path:
+        """``index.html``; it is there once `run` has made it."""
+        return self.reports / "index.html"
+
+    def reduce(self) -> Reduction:
+        """Raw records to trials, and trials to the change of lift per cell."""
+        from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
+
+        told = self._bring("reduce")
+        cells, covariance = self.read(LIFT), self.read(LIFT_COVARIANCE)
+        names = list(zip(cells["boundary"], cells["z_hat"], cells["throttle"], strict=True))
+        covariance.index = covariance.columns = _cells(names)
+        return Reduction(**told, trials=self.read(TRIALS), cells=cells, covariance=covariance)
+
+    def fit(self) -> Fit:
+        """Every lift model that suits, by least squares and as a posterior.
+
+        Raises
+        ------
+        NotConverged
+            A base model does not converge, or two samplers of a posterior disagree.
+        """
+        from nearlift.products import FIT, POSTERIOR
+
+        told = self._bring("fit")
+        content = self._document(FIT)
+        boundaries = {}
+        for boundary, entries in content["boundaries"].items():
+            models = {name: ModelFit.of(name, entry) for name, entry in entries.items()}
+            boundaries[boundary] = BoundaryFit(boundary=boundary, base=models[content["base"][boundary]], models=models)
+        return Fit(**told, drawing=self.figure("fig2", bring=False), boundaries=boundaries, posterior=self.read(POSTERIOR))
+
+    def diagnose(self) -> Diagnosis:
+        """The loop: what the base models leave, traced to a named effect, or not."""
+        from nearlift.products import DIAGNOSIS
+
+        told = self._bring("diagnose")
+        found = {boundary: BoundaryDiagnosis.of(boundary, entry) for boundary, entry in self._document(DIAGNOSIS)["boundaries"].items()}
+        return Diagnosis(**told, drawing=self.figure("diagnosis", bring=False), boundaries=found)
+
+    def run(self) -> Finished:
+        """Every stage that is stale, the report last: what ``nearlift run`` does."""
+        steps, told = self._steps("report")
+        return Finished(**told, report=self.report, ran=tuple(step.stage.name for step in steps if step.why))
+
+    def plan(self) -> dict[str, str]:
+        """Each stage with the reason for which it is stale, empty if it is up to date; runs nothing."""
+        from nearlift.stages import graph
+        from nearlift.stages.opening import open_job
+
+        with open_job(self.root, self.out, "serial", self.seed, keep=False) as job:
+            return {stage.name: why for stage, why in graph.plan(job)}
+
+    def figure(self, name: str = "fig2", *, bring: bool = True) -> Drawing:
+        """A figure of the report, drawn from the products as they are.
+
+        Parameters
+        ----------
+        name : str
+            Such as ``"fig2"``, ``"diagnosis"``, ``"budget"``, ``"residuals"``, ``"corner"``.
+        bring : bool
+            Bring the stages that it reads up to date first.
+
+        Raises
+        ------
+        UsageError
+            There is no such figure, or this campaign does not have what it shows.
+        """
+        from nearlift.figures.render import render
+        from nearlift.figures.style import style
+        from nearlift.stages import graph
+        from nearlift.stages.gallery import FIGURES
+        from nearlift.stages.opening import open_job
+        from nearlift.stages.report import gather
+
+        spec = {item.name: item for item in FIGURES}.get(name)
+        if spec is None:
+            raise UsageError(name, "is no figure", f"there are {', '.join(item.name for item in FIGURES)}")
+        if bring:
+            makers = [stage.name for stage in graph.STAGES if set(stage.writes) & set(spec.needs)]
+            self._bring(makers[-1])
+        with open_job(self.root, self.out, "serial", self.seed, keep=False) as job:
+            evidence = gather(job)
+        rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
+        if not any(len(column) for column in rows.values()):
+            raise UsageError(name, "cannot be drawn: this campaign does not have what it shows", "`plan()` says which stages belong to it")
+        files = render(spec.draw, rows, style(self.manifest.report.style))
+        words = {"caption": spec.caption(evidence, rows), "alt": spec.alt(evidence, rows)}
+        return Drawing(name=name, title=spec.title, **words, png=files["page"], pdf=files["pdf"], table=rows)
+
+    def read(self, product: Product | str) -> pd.DataFrame:
+        """A table product as it stands on the disk, verified; `nearlift describe` lists their names, such as ``"trials.parquet"``.
+
+        Raises
+        ------
+        UsageError
+            There is no such product, or it is no table.
+        ProductError
+            It is missing or damaged.
+        """
+        import pandas as pd
+
+        from nearlift import store
+        from nearlift.products import PRODUCTS
+
+        if isinstance(product, str):
+            tables = {name: p for p in PRODUCTS if p.file.endswith(".parquet") for name in (p.file, p.name)}
+            if product not in tables:
+                raise UsageError(product, "is no table product", f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}")
+            product = tables[product]
+        return pd.DataFrame(store.read_table(self.processed / product.file, product))
+
+    def _document(self, product: Product) -> dict[str, Any]:
+        from nearlift import store
+
+        return store.read_json(self.processed / product.file)
+
+    def _bring(self, last: str) -> dict[str, Any]:
+        return self._steps(last)[1]
+
+    def _steps(self, last: str) -> tuple[list[Step], dict[str, Any]]:
+        """Run what is stale up to and including the stage `last`: its steps, and what every answer says of them."""
+        from nearlift.stages import graph
+        from nearlift.stages.opening import open_job
+
+        wanted = graph.STAGES[: [stage.name for stage in graph.STAGES].index(last) + 1]
+        with open_job(self.root, self.out, self.executor, self.seed) as job:
+            steps = list(graph.run(job, wanted))
+        rejected = tuple(r for step in steps for r in step.outcome.rejected)
+        notes = tuple(dict.fromkeys(note for step in steps for note in step.outcome.notes))
+        return steps, {"campaign": self.name, "rejected": rejected, "notes": notes}
+
+    def __repr__(self) -> str:
+        return f"Study({self.name!r}, {str(self.root)!r}, out={str(self.out)!r})"
+
+    def _repr_html_(self) -> str:
+        from html import escape
+
+        rows = "".join(f"<tr><td>{escape(stage)}</td><td>{escape(why or 'up to date')}</td></tr>" for stage, why in self.plan().items())
+        return f"<table><caption>{escape(self.name)}</caption><thead><tr><th>stage</th><th>state</th></tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _cells(names: list[tuple[str, float, float]]) -> Any:
+    import pandas as pd
+
+    return pd.MultiIndex.from_tuples(names, names=["boundary", "z_hat", "throttle"])
+
+
+def load(campaign: str | Path, out: str | Path = ".", *, seed: int = 0, executor: str = "threads:2") -> Study:
+    """Open a campaign; its manifest is checked, nothing is run yet.
+
+    Parameters
+    ----------
+    campaign : path
+        Its folder.
+    out : path
+        The folder that holds ``processed/`` and ``reports/``.
+    seed : int
+        Of everything random.
+    executor : str
+        ``serial``, ``threads:N``, ``processes:N`` or ``dask:ADDRESS``.
+
+    Raises
+    ------
+    ManifestError
+        ``campaign.toml`` is missing or breaks the contract; every fault is listed.
+    """
+    return Study(Path(campaign), Path(out), seed, executor)
