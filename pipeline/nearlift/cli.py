@@ -296,11 +296,15 @@ def design(campaign: Path, noise_from: str | None, write: Path | None, **options
 
     The plan is the folder's schedule, or the manifest's [design].
     """
+    from nearlift.lock import settled
     from nearlift.stages import design as designing
     from nearlift.store import plain
     from nearlift.summaries.design import text
+    from nearlift.transaction import Homes
 
     out: Path = options["out"]
+    if noise_from is not None:
+        settled(Homes.of(out, noise_from))
     voice = Voice(options["quiet"], options["verbose"], options["as_json"])
     with open_plan(campaign, out, options["seed"], voice) as job, voice.busy(f"nearlift: {job.campaign.name}"):
         found = designing.run(job, earlier=None if noise_from is None else out / "processed" / noise_from, write=write)

@@ -8,12 +8,14 @@ import json
 import os
 import shutil
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from nearlift import store
 from nearlift.errors import NearliftError
+from nearlift.transaction import Homes
 
 LOCK = ".lock"
 
@@ -31,23 +33,25 @@ class NoRoom(NearliftError):
 
 
 @contextlib.contextmanager
-def locked(processed: Path, *further: Path) -> Iterator[str]:
+def locked(homes: Homes) -> Iterator[str]:
     """Hold the lock of a campaign's products; yields what is to be told of a lock that was left behind, usually nothing.
 
     The lock is the system's own (flock), so it ends with the process that holds it, however that ends; the file names its owner.
-    Files that a killed run left unfinished, in `processed` and the `further` folders, are swept away.
+    What a killed run had committed is put in its place; what it left unfinished is swept away.
 
     Raises
     ------
     Busy
         Another process holds it; it is named.
     """
+    processed = homes.processed
     made = [folder for folder in (processed, *processed.parents) if not folder.exists()]
     processed.mkdir(parents=True, exist_ok=True)
     path = processed / LOCK
     descriptor, left = _acquired(path)
     try:
-        for folder in (processed, *further):
+        homes.settle()
+        for folder in (processed, homes.reports):
             for stray in folder.rglob(f".*{store.UNFINISHED}") if folder.is_dir() else ():
                 stray.unlink(missing_ok=True)
         yield left
@@ -58,6 +62,29 @@ def locked(processed: Path, *further: Path) -> Iterator[str]:
         for folder in made:
             with contextlib.suppress(OSError):
                 folder.rmdir()
+
+
+#: How long a reader waits for the renames of another run, s.
+PATIENCE_S = 10.0
+
+
+def settled(homes: Homes) -> None:
+    """See to it that no commit is half carried out, before products are read: one that a killed run left is carried out now.
+
+    Raises
+    ------
+    Busy
+        A living run has been at it for too long.
+    """
+    until = time.monotonic() + PATIENCE_S
+    while homes.journal.is_file():
+        try:
+            with locked(homes):
+                return
+        except Busy:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.02)
 
 
 def _acquired(path: Path) -> tuple[int, str]:

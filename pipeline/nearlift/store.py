@@ -69,11 +69,16 @@ def write_bytes(path: Path, content: bytes) -> None:
         with contextlib.suppress(OSError):
             disk.unlink(temporary)
         raise
-    folder = os.open(path.parent, os.O_RDONLY)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY)
     try:
-        disk.sync(folder)
+        disk.sync(descriptor)
     finally:
-        os.close(folder)
+        os.close(descriptor)
 
 
 def sha256(path: Path) -> str:
@@ -141,14 +146,20 @@ def _arrow_type(values: NDArray[Any]) -> Any:
     return pa.int64() if values.dtype.kind in "iu" else pa.float64()
 
 
-def write_table(path: Path, table: Mapping[str, NDArray[Any]], product: Product) -> None:
-    """Write a table product: schema checked, pages checksummed, in one atomic step."""
+def table_bytes(table: Mapping[str, NDArray[Any]], product: Product) -> bytes:
+    """A table product as Parquet: schema checked, pages checksummed."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     sink = pa.BufferOutputStream()
     pq.write_table(to_arrow(table, product), sink, compression="zstd", write_page_checksum=True)
-    write_bytes(path, sink.getvalue().to_pybytes())
+    content: bytes = sink.getvalue().to_pybytes()
+    return content
+
+
+def write_table(path: Path, table: Mapping[str, NDArray[Any]], product: Product) -> None:
+    """Write a table product in one atomic step."""
+    write_bytes(path, table_bytes(table, product))
 
 
 def read_table(path: Path, product: Product) -> Table:
@@ -202,9 +213,14 @@ def plain(value: Any) -> Any:
     return value
 
 
+def json_bytes(content: Mapping[str, Any]) -> bytes:
+    """A JSON product; numbers keep all their digits."""
+    return (json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON product in one atomic step; numbers keep all their digits."""
-    write_bytes(path, (json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
+    """Write a JSON product in one atomic step."""
+    write_bytes(path, json_bytes(content))
 
 
 def read_json(path: Path) -> dict[str, Any]:

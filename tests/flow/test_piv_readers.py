@@ -242,10 +242,61 @@ def test_hdf5_that_leads_elsewhere_is_refused(tmp_path):
 def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch):
     import sys
 
+    from nearlift.readers.piv.hdf5 import open_hdf5
+
     monkeypatch.setitem(sys.modules, "h5py", None)
     path = put(tmp_path, b"\x89HDF\r\n\x1a\n" + bytes(100), "a.nc")
-    with pytest.raises(InputRefused, match=r"pip install nearlift\[netcdf\]"):
-        list(read(path))
+    with pytest.raises(InputRefused, match=r"pip install nearlift\[netcdf\]"), open_hdf5(path):
+        pass
+
+
+def test_what_a_c_library_parses_is_parsed_in_another_process(tmp_path, monkeypatch):
+    """Fields come out as they would here; too little memory, too little time, a crash or damage cost that file alone."""
+    import os
+    import signal
+
+    import scipy.io
+
+    from nearlift.readers.child import Child
+
+    def refuse(*_, **__):
+        raise AssertionError("parsed in this process")
+
+    assert [d.name for d in DIALECTS if d.child] == ["pivlab_mat", "netcdf"]
+    path = netcdf(tmp_path / "a.nc")
+    here = [raw.u for raw in dialect("netcdf").read(path)]
+    monkeypatch.setattr(h5py, "File", refuse)
+    monkeypatch.setattr(scipy.io, "loadmat", refuse)
+    with Child() as child:
+        for again in range(2):
+            there = list(read(path, child=child))
+            np.testing.assert_array_equal([f.vx_m_s.ravel() for f in there], here)
+            # a file given up after its first field leaves no answer behind
+            assert next(read(path, child=child)).shape == (3, 4), again
+        (tmp_path / "cut.nc").write_bytes(path.read_bytes()[:3000])
+        with pytest.raises(InputRefused, match="is damaged"):
+            list(read(tmp_path / "cut.nc", child=child))
+        listening = read(path, child=child)
+        next(listening)
+        os.kill(child.process.pid, signal.SIGKILL)
+        with pytest.raises(InputRefused, match=r"its reader crashed \(exit code -9\)"):
+            list(read(path, child=child))
+        assert len(list(read(path, child=child))) == 2
+    assert child.process is None
+    with Child(time_s=0.01) as hasty, pytest.raises(InputRefused, match=r"stopped after 0\.01 s"):
+        list(read(path, child=hasty))
+
+
+def test_a_netcdf_that_unpacks_to_more_than_its_reader_may_hold_is_refused(tmp_path):
+    """Chunks that were never written read as zeros: 2.9 GB of them in a few kilobytes, each array within the limit of values."""
+    import h5netcdf
+
+    with h5netcdf.File(tmp_path / "bomb.nc", "w") as f:
+        f.dimensions = {"x": 4000, "y": 3000, "t": 5}
+        for name, dims in (("x", ("x",)), ("y", ("y",)), ("u", ("t", "y", "x")), ("v", ("t", "y", "x"))):
+            f.create_variable(name, dims, dtype="f8", chunks=tuple(min(500, f.dimensions[d].size) for d in dims), compression="gzip")
+    with pytest.raises(InputRefused, match=r"memory|allocate|crashed"):
+        list(read(tmp_path / "bomb.nc"))
 
 
 @measured

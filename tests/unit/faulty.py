@@ -1,45 +1,51 @@
-"""A disk that fails, or a process that dies, at the n-th call that reaches it."""
+"""A disk that fails, or a process that dies, at the n-th call that reaches it; and what must stand afterwards."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import IO
+from typing import IO, Literal
 
 from nearlift import store
+from nearlift.lock import settled
 from nearlift.stages import graph
+from nearlift.transaction import JOURNAL, STAGED, Homes
 
 from . import small_run
 
 #: Everything but figures, whose drawing takes long and whose writing is the same.
 QUICK = ("ingest", "reduce", "fit", "ledger")
+#: Once: as of a passing fault. Lasting: as on a full disk. Kill: as by a power cut.
+Fault = Literal["once", "lasting", "kill"]
+#: Stage -> its files and their digests.
+Outputs = dict[str, dict[str, str]]
 
 
 class Faulty(store.Disk):
-    """Raises at the `at`-th call; with `kill`, ends the process there as a power cut would. `torn` writes half before it fails."""
+    """Fails at the `at`-th call, at all from then on, or ends the process there; a write is torn in half first."""
 
-    def __init__(self, at: int, *, kill: bool = False, torn: bool = True) -> None:
-        self.at, self.kill, self.torn, self.calls = at, kill, torn, 0
+    def __init__(self, at: int, fault: Fault = "once") -> None:
+        self.at, self.fault, self.calls = at, fault, 0
 
     def _due(self) -> bool:
         self.calls += 1
-        return self.calls == self.at
+        return self.calls == self.at or (self.fault == "lasting" and self.calls > self.at > 0)
 
     def _end(self) -> None:
-        if self.kill:
+        if self.fault == "kill":
             os.kill(os.getpid(), signal.SIGKILL)
         raise OSError(28, "No space left on device")
 
     def write(self, file: IO[bytes], content: bytes) -> None:
         if self._due():
-            if self.torn:
-                file.write(content[: len(content) // 2])
-                file.flush()
+            file.write(content[: len(content) // 2])
+            file.flush()
             self._end()
         super().write(file, content)
 
@@ -53,14 +59,88 @@ class Faulty(store.Disk):
             self._end()
         super().rename(old, new)
 
+    def unlink(self, path: Path) -> None:
+        if self._due():
+            self._end()
+        super().unlink(path)
+
+
+def calls(action: Callable[[], object]) -> int:
+    """How often something reaches the disk."""
+    counting, real = Faulty(0), store.disk
+    store.disk = counting
+    try:
+        action()
+    finally:
+        store.disk = real
+    return counting.calls
+
+
+def failing(action: Callable[[], object], at: int, fault: Fault) -> None:
+    """Do something with a fault at the `at`-th call; a kill happens to a copy of this process."""
+    if fault != "kill":
+        real, store.disk = store.disk, Faulty(at, fault)
+        try:
+            action()
+        except OSError as found:
+            assert "No space left" in str(found)  # noqa: PT017
+        else:
+            raise AssertionError(f"call {at} did not fail")
+        finally:
+            store.disk = real
+        return
+    child = os.fork()
+    if child == 0:
+        store.disk = Faulty(at, "kill")
+        try:
+            action()
+        finally:
+            os._exit(1)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL, f"call {at} did not happen"
+
 
 def products(place: Path) -> dict[str, str]:
     """Digest of every finished file of a run, provenance and lock aside: those hold times and names."""
     found = {}
     for folder in ("processed", "reports"):
         for path in sorted((place / folder).rglob("*")):
-            if path.is_file() and path.name not in ("provenance.json", ".lock") and not path.name.endswith(".tmp"):
+            hidden = path.name in ("provenance.json", ".lock", JOURNAL) or path.name.endswith(".tmp") or STAGED in path.parts
+            if path.is_file() and not hidden:
                 found[path.relative_to(place).as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def litter(place: Path) -> list[Path]:
+    """What a run that has ended should have taken away."""
+    return [p for p in place.rglob("*") if p.name in (".lock", JOURNAL, STAGED) or p.name.endswith(".tmp")]
+
+
+def homes(place: Path) -> Homes:
+    """Those of the campaign of means."""
+    return Homes.of(place, "means")
+
+
+def outputs(place: Path) -> Outputs:
+    """What provenance.json says that each stage has written."""
+    content = json.loads((homes(place).processed / "provenance.json").read_text())
+    return {name: entry["outputs"] for name, entry in content["stages"].items()}
+
+
+def _digest(path: Path) -> str | None:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+
+
+def stands(place: Path, old: Outputs, new: Outputs) -> dict[str, bool]:
+    """Whether each stage stands as the new run left it, or else as the old did; every one must be all of one, and provenance.json must agree."""
+    told, found = outputs(place), {}
+    for stage in old.keys() | new.keys():
+        before, after = old.get(stage, {}), new.get(stage, {})
+        names = before.keys() | after.keys()
+        on_disk = {name: _digest(homes(place).place(name)) for name in names}
+        versions = [{name: version.get(name) for name in names} for version in (before, after)]
+        assert on_disk in versions, f"{stage} is a mixture: {[n for n in names if on_disk[n] == versions[0][n] != versions[1][n]]} are old"
+        assert told.get(stage, {}) in [version for version, files in zip((before, after), versions, strict=True) if files == on_disk]
+        found[stage] = on_disk == versions[1]
     return found
 
 
@@ -76,17 +156,11 @@ class Scene:
         self.folder, self.stages = folder, stages
         self.raw = small_run.write_means(folder / "raw", 24)
         run(self.raw, folder / "old", stages)
-        self.old = products(folder / "old")
+        self.old = outputs(folder / "old")
         text = (self.raw / "trials.csv").read_text()
         (self.raw / "trials.csv").write_text(text.replace("m3,ground,30,92,", "m3,ground,30,92,1"))
-        counting = Faulty(0)
-        store.disk, real = counting, store.disk
-        try:
-            run(self.raw, folder / "new", stages)
-        finally:
-            store.disk = real
-        self.calls = counting.calls
-        self.new = products(folder / "new")
+        self.calls = calls(lambda: run(self.raw, self.fresh(), stages))
+        self.whole, self.new = products(folder / "place"), outputs(folder / "place")
         assert self.old != self.new
 
     def fresh(self) -> Path:
@@ -97,15 +171,51 @@ class Scene:
         return place
 
     def check(self, place: Path) -> None:
-        """Every file is whole, old or new; a rerun ends in the bytes of an undisturbed run and leaves no litter."""
-        for name, digest in products(place).items():
-            assert digest in (self.old.get(name), self.new.get(name)), f"{name} is neither old nor new"
+        """Every stage is old or new; a rerun ends in the bytes of an undisturbed run and leaves no litter."""
+        settled(homes(place))
+        stood = stands(place, self.old, self.new)
+        # one stage after the other
+        assert [stood[name] for name in self.stages] == sorted((stood[name] for name in self.stages), reverse=True)
         run(self.raw, place, self.stages)
-        assert products(place) == self.new
-        assert not [p for p in place.rglob("*") if p.name.endswith((".tmp", ".lock"))]
+        assert products(place) == self.whole
+        assert litter(place) == []
         assert run(self.raw, place, self.stages) == []
 
 
+Book = Mapping[str, Mapping[str, bytes]]
+
+
+def book(version: str) -> dict[str, dict[str, bytes]]:
+    """Every stage with every file that it writes, by its name, and a few bytes in it.
+
+    The new version lacks a posterior.nc and a figure: what an earlier run left of them must go.
+    """
+    from nearlift.stages.gallery import FIGURES
+
+    figures = [f"{spec.name}.{kind}" for spec in FIGURES for kind in ("pdf", "png", "csv")]
+    tables = [f"tables/{name}.{kind}" for name in ("coefficients", "budget", "comparison") for kind in ("tex", "csv")]
+    names = {stage.name: [f"processed/{p.file}" for p in stage.writes] for stage in graph.STAGES}
+    names["report"] = [f"reports/{name}" for name in (*figures, *tables, "index.html")]
+    if version == "old":
+        names["fit"].append("processed/posterior.nc")
+    else:
+        names["report"] = [name for name in names["report"] if not name.startswith(f"reports/{FIGURES[-1].name}.")]
+    return {stage: {name: f"{version} {name}".encode() for name in listed} for stage, listed in names.items()}
+
+
+def written(of: Book, before: Book) -> Callable[[graph.Stage, graph.Job], graph.Outcome]:
+    """In the place of `Stage.run`: write what the book says, and let go what only the book `before` has."""
+
+    def stage(self: graph.Stage, job: graph.Job) -> graph.Outcome:
+        for name, content in of[self.name].items():
+            job.put(name, content)
+        for name in before[self.name].keys() - of[self.name].keys():
+            job.remove(name)
+        return graph.Outcome()
+
+    return stage
+
+
 if __name__ == "__main__":
-    store.disk = Faulty(int(sys.argv[3]), kill=True)
+    store.disk = Faulty(int(sys.argv[3]), "kill")
     run(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[4].split(","))

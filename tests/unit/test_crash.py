@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from nearlift import store
+from nearlift import lock, store
+from nearlift.errors import ProductError
+from nearlift.lock import locked, settled
+from nearlift.stages import graph
+from nearlift.transaction import Homes
 
 from . import small_run
-from .faulty import QUICK, Faulty, Scene, run
+from .faulty import QUICK, Book, Fault, Faulty, Outputs, Scene, book, calls, failing, homes, litter, outputs, run, stands, written
 from .small_run import nearlift, state
 
 ROOT = Path(__file__).parents[2]
@@ -26,15 +34,12 @@ def scene(tmp_path_factory):
     return Scene(tmp_path_factory.mktemp("crash"), ("ingest", "reduce"))
 
 
-def test_a_failing_call_at_every_place_in_turn(scene, monkeypatch):
-    """The n-th write (torn in half), sync or rename fails, for every n: as on a full disk."""
-    assert scene.calls == 20, "trials, lift, covariance and two ledgers, four calls each"
+@pytest.mark.parametrize("fault", ["once", "lasting"])
+def test_a_failing_call_at_every_place_in_turn(scene, fault):
+    """The n-th write (torn in half), sync, rename or removal fails, for every n, and with it all that follow: as on a full disk."""
     for at in range(1, scene.calls + 1):
         place = scene.fresh()
-        with monkeypatch.context() as patch:
-            patch.setattr(store, "disk", Faulty(at))
-            with pytest.raises(OSError, match="No space left"):
-                run(scene.raw, place, scene.stages)
+        failing(lambda place=place: run(scene.raw, place, scene.stages), at, fault)
         scene.check(place)
 
 
@@ -45,10 +50,10 @@ def killed(scene: Scene, place: Path, at: int) -> None:
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()[-400:]
 
 
-@pytest.mark.parametrize("at", [1, 7, 12])
-def test_kill_9_within_a_write_a_rename_and_a_sync(scene, at):
+@pytest.mark.parametrize("part", [0.4, 0.8])
+def test_kill_9_of_a_real_process(scene, part):
     place = scene.fresh()
-    killed(scene, place, at)
+    killed(scene, place, round(part * scene.calls))
     assert [p for p in place.rglob("*") if p.name == ".lock"], "a killed process cleans nothing up"
     scene.check(place)
 
@@ -60,16 +65,120 @@ def test_kill_9_at_every_place_of_a_run_up_to_its_report(tmp_path):
         place = whole.fresh()
         killed(whole, place, at)
         whole.check(place)
+    print(f"killed at {whole.calls} places of {', '.join(whole.stages)}")
 
 
 @pytest.mark.calibration
 def test_kill_9_within_the_report(tmp_path):
-    """Its files are many, slow to draw and written alike: five places stand for all."""
+    """Its files are many, slow to draw and written alike: eight places stand for all, and the book below takes each."""
     whole = Scene(tmp_path, (*BEFORE_REPORT, "report"))
-    for at in range(whole.calls // 2, whole.calls + 1, whole.calls // 8):
+    assert set(whole.new["report"]) <= book("old")["report"].keys(), "the book has every file that the report writes"
+    for at in range(whole.calls // 2, whole.calls + 1, whole.calls // 16):
         place = whole.fresh()
         killed(whole, place, at)
         whole.check(place)
+
+
+class Bookkeeping:
+    """Every stage with its true files, written and removed as it does, without what it computes."""
+
+    def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
+        self.folder, self.patch = folder, patch
+        self.raw = small_run.write_means(folder / "raw", 4)
+        self.old, self.new = book("old"), book("new")
+        self.write(folder / "old", self.old, self.old, [s.name for s in graph.STAGES])
+
+    def write(self, place: Path, of: Book, before: Book, stages: Sequence[str]) -> None:
+        self.patch.setattr(graph.Stage, "run", written(of, before))
+        for _ in graph.run(small_run.job(self.raw, place), [graph.stage(name) for name in stages], force=True):
+            pass
+
+    def fresh(self) -> Path:
+        place = self.folder / "place"
+        shutil.rmtree(place, ignore_errors=True)
+        shutil.copytree(self.folder / "old", place)
+        return place
+
+    def ended(self, of: Book) -> Outputs:
+        return {stage: {n: hashlib.sha256(c).hexdigest() for n, c in sorted(files.items())} for stage, files in of.items()}
+
+    def places(self, stage: str) -> int:
+        return calls(lambda: self.write(self.fresh(), self.new, self.old, [stage]))
+
+    def fails(self, stage: str, at: int, fault: Fault) -> bool:
+        """Whether the stage stands as new after a fault; that a mixture is never seen, nor kept, and that a rerun mends it."""
+        place = self.fresh()
+        failing(lambda: self.write(place, self.new, self.old, [stage]), at, fault)
+        old, new = self.ended(self.old), self.ended(self.old | {stage: self.new[stage]})
+        if not homes(place).journal.is_file():
+            # who looks at committed files only sees one or the other without anybody's help
+            stands(place, old, new)
+        settled(homes(place))
+        done = stands(place, old, new)[stage]
+        self.write(place, self.new, self.old, [stage])
+        assert outputs(place) == new
+        assert all(stands(place, old, new).values())
+        assert litter(place) == []
+        return done
+
+
+@pytest.fixture
+def bookkeeping(tmp_path, monkeypatch):
+    return Bookkeeping(tmp_path, monkeypatch)
+
+
+#: Every so many-th place of a stage is tried in the ordinary suite, every one by `make calibrate`.
+SAMPLE = {"reduce": 1, "fit": 1, "report": 23}
+
+
+@pytest.mark.parametrize("stage", [s.name for s in graph.STAGES])
+def test_a_stage_is_old_or_new_wherever_it_is_killed(bookkeeping, stage):
+    places = bookkeeping.places(stage)
+    ends = [bookkeeping.fails(stage, at, "kill") for at in range(1, places + 1, SAMPLE.get(stage, 4))]
+    assert ends == sorted(ends), "once new, never old again"
+    assert set(ends) == {False, True}
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("fault", ["once", "lasting", "kill"])
+@pytest.mark.parametrize("stage", [s.name for s in graph.STAGES])
+def test_a_stage_is_old_or_new_whatever_happens_at_every_place(bookkeeping, stage, fault):
+    places = bookkeeping.places(stage)
+    ends = [bookkeeping.fails(stage, at, fault) for at in range(1, places + 1)]
+    assert ends == sorted(ends)
+    print(f"{stage}, {fault}: {places} places, new after {sum(ends)}")
+
+
+def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
+    """plan, verify and all that opens the campaign find it whole; while its lock is held they wait, then say whose it is."""
+    place = bookkeeping.fresh()
+    before = stands(place, *2 * [bookkeeping.ended(bookkeeping.old)])
+    at = bookkeeping.places("fit") - 4
+    place = bookkeeping.fresh()
+    failing(lambda: bookkeeping.write(place, bookkeeping.new, bookkeeping.old, ["fit"]), at, "kill")
+    assert homes(place).journal.is_file()
+    with pytest.MonkeyPatch.context() as patch, locked(Homes(processed=place / "other", reports=place / "other")):
+        patch.setattr(lock, "PATIENCE_S", 0.05)
+        patch.setattr(lock, "_flock", lambda descriptor: False)
+        found = nearlift("plan", bookkeeping.raw, "--out", place)
+    assert found.exit_code == 4
+    assert "another run works on these products" in found.stderr
+    assert homes(place).journal.is_file()
+    found = nearlift("verify", bookkeeping.raw, "--out", place)
+    assert found.exit_code == 0, found.output
+    assert litter(place) == []
+    after = stands(place, bookkeeping.ended(bookkeeping.old), bookkeeping.ended(bookkeeping.old | {"fit": bookkeeping.new["fit"]}))
+    assert after["fit"]
+    assert before["fit"]
+
+
+def test_a_journal_that_names_other_files_is_refused(tmp_path):
+    there = Homes.of(tmp_path, "c")
+    there.processed.mkdir(parents=True)
+    for name in ("processed/../../stray", "stray", "/etc/stray", "processed"):
+        there.journal.write_text(json.dumps({"schema": "nearlift.commit/1", "put": [name], "remove": []}))
+        with pytest.raises(ProductError, match="which is no product"):
+            settled(there)
 
 
 def test_a_full_disk_ends_with_4_and_old_products(tmp_path, monkeypatch):
@@ -109,7 +218,7 @@ def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
     assert process.returncode == 130, first + rest
     assert "interrupted; finished products stand" in rest
     assert "Traceback" not in rest
-    assert not [p for p in (tmp_path / "processed").rglob("*") if p.name.endswith((".tmp", ".lock"))]
+    assert not [p for p in (tmp_path / "processed").rglob("*") if p.name.endswith((".tmp", ".lock", ".staged", ".commit.json"))]
 
 
 def test_a_flipped_bit_in_a_raw_file_that_was_ingested_stops_the_run(tmp_path):
@@ -131,10 +240,8 @@ def test_a_flipped_bit_in_a_raw_file_that_was_ingested_stops_the_run(tmp_path):
 
 
 def test_two_runs_at_once_one_is_told_whose_turn_it_is(tmp_path):
-    from nearlift.lock import locked
-
     raw = small_run.write_means(tmp_path / "raw", 24)
-    with locked(tmp_path / "processed" / "means"):
+    with locked(Homes.of(tmp_path, "means")):
         # flock is per open file: this process can stand in its own way
         found = nearlift("ingest", raw, "--out", tmp_path)
     assert found.exit_code == 4

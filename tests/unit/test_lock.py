@@ -13,15 +13,21 @@ import pytest
 
 from nearlift import lock, store
 from nearlift.lock import Busy, NoRoom, locked, room, size
+from nearlift.transaction import Homes
 
 HOLD = """
 import sys, time
 from pathlib import Path
 from nearlift.lock import locked
-with locked(Path(sys.argv[1])):
+from nearlift.transaction import Homes
+with locked(Homes(processed=Path(sys.argv[1]), reports=Path("r"))):
     print("held", flush=True)
     time.sleep(60)
 """
+
+
+def homes(place: Path) -> Homes:
+    return Homes(processed=place / "p", reports=place / "r")
 
 
 @pytest.fixture
@@ -40,7 +46,7 @@ def test_a_second_run_is_refused_and_told_whose_lock_it_is(tmp_path, holder):
         pytest.raises(
             Busy, match=rf"another run works on these products: process {holder.pid} on .*, since 20\d\d-.*\n  wait until it is done"
         ) as fault,
-        locked(tmp_path / "p"),
+        locked(homes(tmp_path)),
     ):
         pass
     assert fault.value.exit_code == 4
@@ -54,7 +60,7 @@ def test_a_lock_of_a_killed_run_is_taken_over_and_its_litter_swept(tmp_path, hol
     (tmp_path / "p" / "fit.json").write_text("whole")
     holder.kill()
     holder.wait()
-    with locked(tmp_path / "p", tmp_path / "r") as told:
+    with locked(homes(tmp_path)) as told:
         assert told.startswith(f"an earlier run was killed: process {holder.pid} on ")
         assert not any(stray.exists() for stray in strays)
         assert json.loads((tmp_path / "p" / lock.LOCK).read_text())["pid"] == os.getpid()
@@ -63,12 +69,12 @@ def test_a_lock_of_a_killed_run_is_taken_over_and_its_litter_swept(tmp_path, hol
 
 def test_a_damaged_lock_file_is_no_obstacle(tmp_path):
     (tmp_path / lock.LOCK).write_text("{half")
-    with locked(tmp_path) as told:
+    with locked(Homes(processed=tmp_path, reports=tmp_path / "r")) as told:
         assert told == ""
 
 
 def test_a_lock_leaves_no_folder_behind_that_it_made(tmp_path):
-    with locked(tmp_path / "processed" / "c"):
+    with locked(Homes.of(tmp_path, "c")):
         pass
     assert list(tmp_path.iterdir()) == []
 
@@ -98,6 +104,6 @@ def test_litter_of_a_write_that_cannot_even_clean_up_is_swept_by_the_next(tmp_pa
     with pytest.raises(OSError, match="Input/output"):
         store.write_bytes(tmp_path / "a.json", b"{}")
     assert len(list(tmp_path.iterdir())) == 1
-    with locked(tmp_path):
+    with locked(Homes(processed=tmp_path, reports=tmp_path / "r")):
         pass
     assert list(tmp_path.iterdir()) == []

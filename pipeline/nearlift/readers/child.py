@@ -1,13 +1,14 @@
-"""Files that a C library parses (HDF5, MATLAB) or that claim sizes of their own (TDMS) are read in a child process.
+"""Files that a C library parses (HDF5, MATLAB, netCDF) or that claim sizes of their own (TDMS) are read in a child process.
 
 The child may use so much memory and time, may write no file, loads no code from the folder of the data, and speaks to its parent in
 JSON and plain float64: no pickle, so that even a child taken over by a file could send nothing but numbers. One child serves
-the files of one piece of the plan; a crash, or a limit reached, costs the one file that caused it.
+the files of one piece of the plan, or the velocity grids of one case; a crash, or a limit reached, costs the one file that caused it.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 import struct
@@ -16,13 +17,14 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, Malformed
 from nearlift.readers.per_file import Format, Names
+from nearlift.readers.seam import FloatArray
 
 #: Address space of the child, bytes, and time for one file, s.
 MEMORY = 2 << 30
@@ -30,6 +32,7 @@ TIME_S = 120.0
 _LENGTH = struct.Struct("<Q")
 
 Reading = Callable[[Path, Mapping[str, Any], Names], Contents]
+Answer = tuple[dict[str, Any], list[FloatArray]]
 
 
 @contextlib.contextmanager
@@ -38,19 +41,29 @@ def source(form: Format, time_s: float = TIME_S, memory: int = MEMORY) -> Iterat
     if not form.child:
         yield form.contents
         return
-    worker = _Child(form, time_s, memory)
-    try:
-        yield worker.read
-    finally:
-        worker.end()
+    with Child(time_s, memory) as child:
+        yield functools.partial(_contents, child, form.name)
 
 
-class _Child:
+def _contents(child: Child, reader: str, path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The contents of one file; raises as `Child.ask` does."""
+    [(answer, values)] = child.ask({"reader": reader, "path": str(path), "dialect": dict(dialect), "names": names})
+    channels = tuple(Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v) for c, v in zip(answer["channels"], values, strict=True))
+    return Contents(channels=channels, kind=answer["kind"], codes=tuple(answer["codes"]), notes=tuple(answer["notes"]))
+
+
+class Child:
     """The process, started when the first file comes and again after each that killed it."""
 
-    def __init__(self, form: Format, time_s: float, memory: int) -> None:
-        self.form, self.time_s, self.memory = form, time_s, memory
+    def __init__(self, time_s: float = TIME_S, memory: int = MEMORY) -> None:
+        self.time_s, self.memory = time_s, memory
         self.process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
 
     def _started(self) -> subprocess.Popen[bytes]:
         if self.process is None:
@@ -70,16 +83,34 @@ class _Child:
             )
         return self.process
 
-    def read(self, path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
-        """The contents of one file.
+    def ask(self, request: Mapping[str, Any]) -> Iterator[Answer]:
+        """The answers to one request, as they come.
 
         Raises
         ------
         Malformed
             The file is damaged, or its reader crashed or came to a limit.
         InputRefused
-            As the format's own reader does.
+            As the reader itself does.
         """
+        more = True
+        try:
+            while more:
+                answer, values = self._answer(request)
+                request, more = {}, answer.get("more", False)
+                if "refused" in answer:
+                    raise InputRefused(*answer["refused"])
+                if "malformed" in answer:
+                    raise Malformed(answer["malformed"])
+                if "end" not in answer:
+                    yield answer, values
+        finally:
+            # who no longer listens must not hear the rest as the answer to another question
+            if more:
+                self.end()
+
+    def _answer(self, request: Mapping[str, Any]) -> Answer:
+        """Put a request, unless it is empty, and wait for the next answer."""
         process = self._started()
         assert process.stdin is not None
         assert process.stdout is not None
@@ -92,10 +123,10 @@ class _Child:
         clock = threading.Timer(self.time_s, stop)
         clock.start()
         try:
-            request = {"reader": self.form.name, "path": str(path), "dialect": dict(dialect), "names": names}
-            process.stdin.write(json.dumps(request).encode() + b"\n")
-            process.stdin.flush()
-            answer, values = _received(process.stdout)
+            if request:
+                process.stdin.write(json.dumps(request).encode() + b"\n")
+                process.stdin.flush()
+            return _received(process.stdout)
         except (OSError, EOFError, ValueError):
             self.end()
             if late.is_set():
@@ -103,14 +134,6 @@ class _Child:
             raise Malformed(f"its reader crashed (exit code {process.returncode}), at most {self.memory >> 20} MiB of memory allowed") from None
         finally:
             clock.cancel()
-        if "refused" in answer:
-            raise InputRefused(*answer["refused"])
-        if "malformed" in answer:
-            raise Malformed(answer["malformed"])
-        channels = tuple(
-            Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v) for c, v in zip(answer["channels"], values, strict=True)
-        )
-        return Contents(channels=channels, kind=answer["kind"], codes=tuple(answer["codes"]), notes=tuple(answer["notes"]))
 
     def end(self) -> None:
         """Let the child go."""
@@ -132,9 +155,9 @@ def _exactly(pipe: IO[bytes], n: int) -> bytes:
     return content
 
 
-def _received(pipe: IO[bytes]) -> tuple[dict[str, Any], list[Any]]:
-    answer = json.loads(_exactly(pipe, _LENGTH.unpack(_exactly(pipe, _LENGTH.size))[0]))
-    return answer, [np.frombuffer(_exactly(pipe, 8 * c["n"]), dtype="<f8") for c in answer.get("channels", ())]
+def _received(pipe: IO[bytes]) -> Answer:
+    answer: dict[str, Any] = json.loads(_exactly(pipe, _LENGTH.unpack(_exactly(pipe, _LENGTH.size))[0]))
+    return answer, [np.frombuffer(_exactly(pipe, 8 * n), dtype="<f8") for n in answer.pop("lengths")]
 
 
 def serve() -> None:
@@ -142,36 +165,51 @@ def serve() -> None:
     out = os.fdopen(os.dup(1), "wb")
     # whatever a library prints must not stand between the answers
     os.dup2(2, 1)
-    from nearlift import readers
+    from nearlift import readers  # noqa: F401 - before memory is counted
 
     _limit(int(sys.argv[1]))
     for line in sys.stdin.buffer:
         request = json.loads(line)
-        form = readers.reader(request["reader"]).format
-        assert form is not None
-        names = None if request["names"] is None else tuple(request["names"])
-        answer, channels = _answered(form, Path(request["path"]), request["dialect"], names)
-        head = json.dumps(answer).encode()
-        out.write(_LENGTH.pack(len(head)) + head)
-        for channel in channels:
-            out.write(np.ascontiguousarray(channel.values, dtype="<f8").tobytes())
-        out.flush()
+        for answer, values in _answers(request):
+            head = json.dumps(answer | {"lengths": [len(v) for v in values]}).encode()
+            out.write(_LENGTH.pack(len(head)) + head)
+            for array in values:
+                out.write(np.ascontiguousarray(array, dtype="<f8").tobytes())
+            out.flush()
 
 
-def _answered(form: Format, path: Path, dialect: Mapping[str, Any], names: Names) -> tuple[dict[str, Any], tuple[Channel, ...]]:
+def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
+    name = request.get("piv") or request["reader"]
     try:
-        found = form.contents(path, dialect, names)
+        yield from (_read_fields if "piv" in request else _read_contents)(name, Path(request["path"]), request)
     except InputRefused as refusal:
-        return {"refused": [refusal.where, refusal.what, refusal.remedy]}, ()
+        yield {"refused": [refusal.where, refusal.what, refusal.remedy]}, []
     except Malformed as fault:
-        return {"malformed": str(fault)}, ()
+        yield {"malformed": str(fault)}, []
     except MemoryError:
-        return {"malformed": "it needs more memory than its reader is allowed"}, ()
+        yield {"malformed": "it needs more memory than its reader is allowed"}, []
     except Exception as fault:  # libraries raise anything on damaged bytes; the child turns it into one kind
         told = (str(fault).splitlines() or [""])[0]
-        return {"malformed": f"cannot be read as {form.name}: {told or type(fault).__name__}"}, ()
-    listed = [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz, "n": len(c.values)} for c in found.channels]
-    return {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes}, found.channels
+        yield {"malformed": f"cannot be read as {name}: {told or type(fault).__name__}"}, []
+
+
+def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+    from nearlift import readers
+
+    form = readers.reader(name).format
+    assert form is not None
+    found = form.contents(path, request["dialect"], None if request["names"] is None else tuple(request["names"]))
+    listed = [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz} for c in found.channels]
+    yield {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes}, [c.values for c in found.channels]
+
+
+def _read_fields(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+    from nearlift.readers.piv.sniff import dialect
+
+    for raw in dialect(name).read(path):
+        about = {key: getattr(raw, key) for key in ("length_unit", "velocity_unit", "scale_m", "frame_time_s")}
+        yield {"field": about, "more": True}, [raw.x, raw.y, raw.u, raw.v, raw.good.astype(float)]
+    yield {"end": True}, []
 
 
 def _limit(memory: int) -> None:

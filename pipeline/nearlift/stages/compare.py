@@ -17,8 +17,10 @@ from nearlift import store
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ProductError, UsageError
 from nearlift.fitting.population import FEWEST, Population, population
+from nearlift.lock import settled
 from nearlift.products import DIAGNOSIS, FIT, PROVENANCE
 from nearlift.results import Estimate
+from nearlift.transaction import JOURNAL, Homes
 
 #: A 90 % interval of a normal is so many standard deviations wide.
 WIDTH_90 = 3.289707253902945
@@ -62,6 +64,8 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
         There are none, or a named one has not been fitted.
     """
     home = out / "processed"
+    for journal in home.glob(f"*/{JOURNAL}"):
+        settled(Homes.of(out, journal.parent.name))
     if not names:
         found = sorted(path.parent for path in home.glob(f"*/{FIT.file}"))
         if not found:

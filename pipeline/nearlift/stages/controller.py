@@ -94,9 +94,7 @@ def _disagreement(form: ast.expr, belief: Belief, low: float, high: float) -> fl
 
 
 def _save(job: Job, name: str, text: str) -> str:
-    path = job.processed / FOLDER / name
-    store.write_bytes(path, text.encode())
-    return str(path)
+    return str(job.put(f"processed/{FOLDER}/{name}", text.encode()))
 
 
 def write_c(job: Job) -> str:

@@ -108,7 +108,7 @@ def run(job: Job) -> Outcome:
         netcdf.write(job)
     else:
         # draws of an earlier fit beside those of this one would be taken for its own
-        (job.processed / "posterior.nc").unlink(missing_ok=True)
+        job.remove("processed/posterior.nc")
     return Outcome(notes=tuple(notes))
 
 

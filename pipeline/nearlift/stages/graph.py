@@ -16,14 +16,14 @@ import platform
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import nearlift
 from nearlift import store
-from nearlift.errors import UsageError
+from nearlift.errors import ProductError, UsageError
 from nearlift.lock import locked, room
 from nearlift.products import (
     DIAGNOSIS,
@@ -45,6 +45,7 @@ from nearlift.products import (
     Product,
 )
 from nearlift.stages.job import PIV_INPUT, Job, Outcome
+from nearlift.transaction import Transaction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,7 +220,7 @@ class Ledger:
         if record is None:
             return "has not run yet"
         for file, sha in record["outputs"].items():
-            path = self._path(file)
+            path = self.job.homes.place(file)
             if not path.is_file():
                 return f"{file} is missing"
             if store.sha256(path) != sha:
@@ -237,15 +238,19 @@ class Ledger:
                 return f"{meaning.format(changed[0])} has changed{more}"
         return "the seed has changed" if before["seed"] != now["seed"] else ""
 
-    def _path(self, file: str) -> Path:
-        kind, _, rest = file.partition("/")
-        return {"processed": self.job.processed, "reports": self.job.reports}[kind] / rest
+    def commit(self, stage: Stage, outcome: Outcome, material: dict[str, Any], wall_s: float, change: Transaction) -> None:
+        """Record that the stage is done, and put the record and all that the stage wrote in their places, in one step.
 
-    def commit(self, stage: Stage, outcome: Outcome, material: dict[str, Any], wall_s: float) -> None:
-        """Record that the stage is done; the last write of a stage."""
-        outputs = {f"processed/{p.file}": store.sha256(self.job.processed / p.file) for p in stage.writes}
+        Raises
+        ------
+        ProductError
+            The stage did not write what it declares.
+        """
+        lacking = [p.file for p in stage.writes if f"processed/{p.file}" not in change.written]
+        if lacking:
+            raise ProductError(lacking[0], f"was not written by {stage.name}", "this is a defect of the stage")
         # only what the stage itself made: whatever else lies in the folder is somebody's own
-        outputs |= {f"reports/{name}": store.sha256(path) for name, path in sorted(self.job.published.items())}
+        outputs = dict(sorted(change.written.items()))
         stages = dict(self.content.get("stages", {}))
         stages[stage.name] = {
             "material": material,
@@ -265,7 +270,8 @@ class Ledger:
             "inputs": {name: {"sha256": sha} for name, sha in self.job.inputs.items()},
             "stages": {s.name: stages[s.name] for s in STAGES if s.name in stages},
         }
-        store.write_json(self.job.processed / PROVENANCE.file, self.content)
+        change.write(f"processed/{PROVENANCE.file}", store.json_bytes(self.content))
+        change.commit()
 
 
 #: Bytes that figures and page take, and a trial in tables and page, both measured and rounded up.
@@ -323,11 +329,12 @@ def _run(job: Job, wanted: Sequence[Stage], begin: Callable[[Stage, str], None],
         why = ledger.why_stale(item) or ("asked for" if force else "")
         if why and not alone:
             room(job.processed, _needed(job, wanted))
-            left = held.enter_context(locked(job.processed, job.reports))
+            left = held.enter_context(locked(job.homes))
             alone = True
             # another run may have ended since
             ledger = Ledger.open(job)
-            why = "; ".join(filter(None, [ledger.why_stale(item) or ("asked for" if force else ""), left]))
+            why = ledger.why_stale(item) or ("asked for" if force else "")
+            why = f"{why}; {left}" if why and left else why
         if not why:
             record = ledger.content["stages"][item.name]
             yield Step(stage=item, why="", outcome=Outcome(rejected=tuple((t, r) for t, r in record["rejected"]), notes=tuple(record["notes"])))
@@ -335,9 +342,9 @@ def _run(job: Job, wanted: Sequence[Stage], begin: Callable[[Stage, str], None],
         begin(item, why)
         material = ledger.material(item)
         start = time.perf_counter()
-        job.published.clear()
-        outcome = item.run(job)
+        with Transaction(homes=job.homes) as change:
+            outcome = item.run(replace(job, change=change))
+            ledger.commit(item, outcome, material, time.perf_counter() - start, change)
         wall_s = time.perf_counter() - start
-        ledger.commit(item, outcome, material, wall_s)
         shutil.rmtree(job.unfinished(item.name).parent, ignore_errors=True)
         yield Step(stage=item, why=why, outcome=outcome, wall_s=wall_s)

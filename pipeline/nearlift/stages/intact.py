@@ -8,8 +8,10 @@ from pathlib import Path
 
 from nearlift import store
 from nearlift.errors import InputRefused
+from nearlift.lock import settled
 from nearlift.products import PROVENANCE
 from nearlift.stages.job import Job
+from nearlift.transaction import Homes
 
 #: A cut file younger than this may be one that an instrument is still writing, ns.
 WRITING_NS = 10_000_000_000
@@ -65,12 +67,13 @@ def differences(root: Path, out: Path, name: str) -> tuple[int, list[str]]:
     ProductError
         There is no provenance.json, or it is damaged.
     """
-    content = store.read_json(out / "processed" / name / PROVENANCE.file)
+    homes = Homes.of(out, name)
+    settled(homes)
+    content = store.read_json(homes.processed / PROVENANCE.file)
     files = {root / relative: entry["sha256"] for relative, entry in content["inputs"].items()}
     for entry in content["stages"].values():
         for relative, sha in entry["outputs"].items():
-            kind, _, rest = relative.partition("/")
-            files[out / kind / name / rest] = sha
+            files[homes.place(relative)] = sha
     found = []
     for path, sha in files.items():
         if not path.is_file():

@@ -11,6 +11,7 @@ from typing import Any
 from nearlift import store
 from nearlift.campaign import Campaign
 from nearlift.products import Product
+from nearlift.transaction import Homes, Transaction
 
 #: What the name of an input begins with that stands for all velocity grids of one case.
 PIV_INPUT = "[piv] "
@@ -39,8 +40,9 @@ class Job:
     executor : Executor
     say : callable
         Takes a short progress text, such as ``"ingest 120 of 3600 trials"``.
-    published : dict of str to Path
-        What the present stage has put under `reports`, by name there.
+    change : Transaction or None
+        What the present stage writes, which nobody else sees until the stage is committed; None outside stages, where each file is
+        written for itself.
     """
 
     root: Path
@@ -52,7 +54,32 @@ class Job:
     stamps: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     say: Callable[[str], None] = silent
-    published: dict[str, Path] = field(default_factory=dict)
+    change: Transaction | None = None
+
+    @property
+    def homes(self) -> Homes:
+        """Where this campaign's files stand."""
+        return Homes(processed=self.processed, reports=self.reports)
+
+    def put(self, name: str, content: bytes) -> Path:
+        """Write a file, called ``processed/...`` or ``reports/...``; returns its place, which within a stage it takes at the end."""
+        place = self.homes.place(name)
+        if self.change is None:
+            store.write_bytes(place, content)
+        else:
+            self.change.write(name, content)
+        return place
+
+    def remove(self, name: str) -> None:
+        """Let a file of an earlier run go, if there is one."""
+        if self.change is None:
+            store.disk.unlink(self.homes.place(name))
+        else:
+            self.change.remove(name)
+
+    def _at(self, product: Product) -> Path:
+        name = f"processed/{product.file}"
+        return self.homes.place(name) if self.change is None else self.change.at(name)
 
     def unfinished(self, stage: str) -> Path:
         """Where a stage may keep what an interrupted run can go on from; removed once the stage is committed."""
@@ -60,26 +87,23 @@ class Job:
 
     def read(self, product: Product) -> store.Table:
         """A table product of this campaign."""
-        return store.read_table(self.processed / product.file, product)
+        return store.read_table(self._at(product), product)
 
     def write(self, product: Product, table: Mapping[str, Any]) -> None:
         """Write a table product of this campaign."""
-        store.write_table(self.processed / product.file, table, product)
+        self.put(f"processed/{product.file}", store.table_bytes(table, product))
 
     def publish(self, name: str, content: bytes) -> Path:
-        """Write a file under `reports`, and note that this stage made it."""
-        path = self.reports / name
-        store.write_bytes(path, content)
-        self.published[name] = path
-        return path
+        """Write a file under `reports`."""
+        return self.put(f"reports/{name}", content)
 
     def read_json(self, product: Product) -> dict[str, Any]:
         """A JSON product of this campaign."""
-        return store.read_json(self.processed / product.file)
+        return store.read_json(self._at(product))
 
     def write_json(self, product: Product, content: Mapping[str, Any]) -> None:
         """Write a JSON product of this campaign."""
-        store.write_json(self.processed / product.file, content)
+        self.put(f"processed/{product.file}", store.json_bytes(content))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

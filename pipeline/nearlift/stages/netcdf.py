@@ -55,9 +55,7 @@ def write(job: Job) -> str:
                 if not root:
                     _model(file, model, chosen, notes)
                     root = True
-    path = job.processed / FILE
-    store.write_bytes(path, sink.getvalue())
-    return str(path)
+    return str(job.put(f"processed/{FILE}", sink.getvalue()))
 
 
 def _diagnostics(entry: Mapping[str, Any]) -> dict[str, float]:

@@ -8,17 +8,30 @@ from pathlib import Path
 
 from nearlift import campaign as manifests
 from nearlift.executors import open_executor
+from nearlift.lock import settled
 from nearlift.stages.inputs import digests, remember
 from nearlift.stages.job import Job, silent
+from nearlift.transaction import Homes
 
 
 @contextlib.contextmanager
 def open_job(root: Path, out: Path, executor: str, seed: int, say: Callable[[str], None] = silent, keep: bool = True) -> Iterator[Job]:
     """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a finished job knows of its inputs for the next."""
     loaded = manifests.load(root)
-    processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
-    inputs, stamps = digests(root, loaded, processed)
+    homes = Homes.of(out, loaded.name)
+    settled(homes)
+    inputs, stamps = digests(root, loaded, homes.processed)
     with open_executor(executor) as pool:
-        yield Job(root=root, campaign=loaded, processed=processed, reports=reports, executor=pool, inputs=inputs, stamps=stamps, seed=seed, say=say)
+        yield Job(
+            root=root,
+            campaign=loaded,
+            processed=homes.processed,
+            reports=homes.reports,
+            executor=pool,
+            inputs=inputs,
+            stamps=stamps,
+            seed=seed,
+            say=say,
+        )
     if keep:
-        remember(processed, stamps)
+        remember(homes.processed, stamps)

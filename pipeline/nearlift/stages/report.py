@@ -90,4 +90,4 @@ def gather(job: Job) -> Evidence:
 
 def _remove(job: Job, spec: FigureSpec) -> None:
     for kind in ("pdf", "png", "csv"):
-        (job.reports / f"{spec.name}.{kind}").unlink(missing_ok=True)
+        job.remove(f"reports/{spec.name}.{kind}")

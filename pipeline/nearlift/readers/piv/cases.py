@@ -10,6 +10,7 @@ from pathlib import Path
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow.field import Field, masked, orient
 from nearlift.piv_manifest import Piv, PivCase
+from nearlift.readers.child import Child
 from nearlift.readers.piv.seam import Setting
 from nearlift.readers.piv.sniff import read
 from nearlift.readers.seam import inside, source_of
@@ -60,9 +61,11 @@ class Stream:
             "v_sign": self.piv.of(self.case, "v_sign", 1),
         }
         hidden = self.piv.of(self.case, "mask", [])
-        for path in self.files:
-            try:
-                for found in read(path, setting, said["format"]):
-                    yield masked(orient(found, **lie), hidden)
-            except InputRefused as refusal:
-                self.refused.append((source_of(self.root, path), refusal))
+        # started only if a file needs it
+        with Child() as child:
+            for path in self.files:
+                try:
+                    for found in read(path, setting, said["format"], child):
+                        yield masked(orient(found, **lie), hidden)
+                except InputRefused as refusal:
+                    self.refused.append((source_of(self.root, path), refusal))

@@ -85,4 +85,4 @@ def _unit(variable: Any) -> str | None:
     return text or None
 
 
-NETCDF = Dialect(name="netcdf", title="netCDF in pivpy's layout", sniff=sniff, read=read)
+NETCDF = Dialect(name="netcdf", title="netCDF in pivpy's layout", sniff=sniff, read=read, child=True)

@@ -102,4 +102,4 @@ def _version_73(path: Path) -> dict[str, list[Any]]:
     return found | {name: [fields[i] for i in sorted(fields)] for name, fields in numbered.items()}
 
 
-PIVLAB_MAT = Dialect(name="pivlab_mat", title="PIVlab MATLAB file, version 5 or 7.3", sniff=sniff, read=read)
+PIVLAB_MAT = Dialect(name="pivlab_mat", title="PIVlab MATLAB file, version 5 or 7.3", sniff=sniff, read=read, child=True)

@@ -78,12 +78,15 @@ class Dialect:
         Whether the first bytes of a file are of this dialect; no two dialects say yes to one file.
     read : callable
         Path to the fields in it, one in memory at a time.
+    child : bool
+        Whether a library written in C parses the file: it then does so in a process of its own (`readers.child`).
     """
 
     name: str
     title: str
     sniff: Callable[[bytes], bool]
     read: Callable[[Path], Iterator[Raw]]
+    child: bool = False
 
 
 def text_of(path: Path) -> str:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections.abc import Iterator
 from pathlib import Path
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow.field import Field
+from nearlift.readers.channel import Malformed
+from nearlift.readers.child import Child
 from nearlift.readers.piv.dantec import DANTEC
 from nearlift.readers.piv.davis import DAVIS
 from nearlift.readers.piv.insight import INSIGHT
@@ -15,7 +18,7 @@ from nearlift.readers.piv.netcdf import NETCDF
 from nearlift.readers.piv.openpiv import OPENPIV
 from nearlift.readers.piv.pivlab_mat import PIVLAB_MAT
 from nearlift.readers.piv.pivlab_text import PIVLAB
-from nearlift.readers.piv.seam import Dialect, Setting, settle
+from nearlift.readers.piv.seam import Dialect, Raw, Setting, settle
 
 DIALECTS: tuple[Dialect, ...] = (INSIGHT, DAVIS, OPENPIV, PIVLAB, PIVLAB_MAT, DANTEC, NETCDF)
 HEAD = 1 << 16
@@ -56,8 +59,8 @@ def told_apart(path: Path) -> Dialect:
     raise InputRefused(str(path), what, f'say format = "..." under [piv]; formats are {", ".join(d.name for d in DIALECTS)}')
 
 
-def read(path: Path, setting: Setting = UNSAID, format_name: str | None = None) -> Iterator[Field]:
-    """The fields of one file in SI, in the file's own axes.
+def read(path: Path, setting: Setting = UNSAID, format_name: str | None = None, child: Child | None = None) -> Iterator[Field]:
+    """The fields of one file in SI, in the file's own axes; `child` is the process that parses what a C library must, else one for this file.
 
     Raises
     ------
@@ -65,5 +68,22 @@ def read(path: Path, setting: Setting = UNSAID, format_name: str | None = None) 
         The file cannot be read, or holds no velocities in known units.
     """
     of = told_apart(path) if format_name is None else dialect(format_name)
-    for i, raw in enumerate(of.read(path)):
-        yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
+    with contextlib.ExitStack() as own:
+        found = _fields(child or own.enter_context(Child()), of.name, path) if of.child else of.read(path)
+        for i, raw in enumerate(found):
+            yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
+
+
+def _fields(child: Child, dialect: str, path: Path) -> Iterator[Raw]:
+    """The velocity fields of one file, one in memory at a time.
+
+    Raises
+    ------
+    InputRefused
+        As the dialect's own reader does; or the file is damaged, or its reader crashed or came to a limit.
+    """
+    try:
+        for answer, (x, y, u, v, good) in child.ask({"piv": dialect, "path": str(path)}):
+            yield Raw(x=x, y=y, u=u, v=v, good=good != 0, **answer["field"])
+    except Malformed as fault:
+        raise InputRefused(str(path), str(fault), "export it again") from None
