@@ -5,7 +5,7 @@
 All contestants fly the paper's settings (ground and ceiling, no model and five powers, explicit Euler, 0.1 s, 120 s) and stop a flight
 when it crashes. "C" draws its normals per flight and setting (xoshiro256+ and Marsaglia's polar method) and evaluates the lift ratio
 by formula; "C, table" interpolates the same table that nearlift does. "nearlift, gusts of its own" gives every setting its own
-flights, as C does; "nearlift" lets all settings of a boundary meet the same gusts, as the stage does. Times are of flying alone.
+gusts, as C does; "nearlift" lets all settings of a boundary meet the same gusts, as the stage does. Times are of flying alone.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,18 +112,14 @@ def plans() -> list[Plan]:
 
 def contest_nearlift(flights: int, common: bool) -> tuple[float, int, int]:
     """Seconds, steps and crashes of one run."""
-    from dataclasses import replace
-
     steps = crashes = 0
     spent = 0.0
     for plan in plans():
-        parts = [plan] if common else [replace(plan, settings=[s]) for s in plan.settings]
         start = time.perf_counter()
-        ended = [fly(part, flights, 1 + i) for i, part in enumerate(parts)]
+        ended = fly(replace(plan, common=common), flights, 1)
         spent += time.perf_counter() - start
-        for e in ended:
-            steps += int(np.where(e < 0, plan.holds, e + 1).sum())
-            crashes += int((e >= 0).sum())
+        steps += int(np.where(ended < 0, plan.holds, ended + 1).sum())
+        crashes += int((ended >= 0).sum())
     return spent, steps, crashes
 
 

@@ -12,7 +12,7 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
-from nearlift.simulation import energy, groups, presets, roll, safety, stream
+from nearlift.simulation import claims, energy, groups, presets, roll, safety, stream, variants
 from nearlift.simulation.control import PAPER_CEILING, PAPER_GAINS, Gains, poles, stable
 from nearlift.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
 from nearlift.simulation.curve import tabulate
@@ -124,6 +124,22 @@ def test_threads_blocks_and_order_change_nothing():
     assert np.array_equal(backwards.crashed, alone.crashed)
     # more flights do not change the first ones
     assert np.array_equal(one_sweep(PAPER, flights=60).crashed, alone.crashed[:, :, :60])
+
+
+def test_gusts_of_their_own_make_settings_independent_and_depend_on_no_block():
+    """Ten times one setting: with common gusts one and the same flights crash; with their own, crashes correlate by chance alone."""
+    own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], replace(PAPER_DISTURBANCE, correlation_s=0.1), 120.0)
+    settings = [Setting(target_z_hat=1.6, groups=own)] * 10
+    plan = Plan(boundary="ground", settings=settings, curves=tabulate([np.ones_like], 0.5), scheme="euler", steps_per_hold=1)
+    same, apart = (fly(p, 120, KEY) >= 0 for p in (plan, replace(plan, common=False)))
+    assert (same == same[0]).all()
+    assert 0.05 < same[0].mean() < 0.95
+    between = np.corrcoef(apart)[np.triu_indices(10, 1)]
+    assert abs(between).max() < 0.45  # 45 pairs at sd 0.09: 5 sigma
+    # a tenth of the variance: rates of ten independent settings average to the common one
+    assert apart.mean() == pytest.approx(same[0].mean(), abs=4 * 0.5 / math.sqrt(120))
+    assert np.array_equal(apart[:, :60], fly(replace(plan, common=False), 60, KEY) >= 0)
+    assert np.array_equal(apart[:3], fly(replace(plan, common=False, settings=settings[:3]), 120, KEY) >= 0)
 
 
 def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
@@ -303,6 +319,104 @@ def test_the_best_set_point_weighs_energy_against_crashes():
     assert energy.best_set_point(z_hat, cost, rate, 1.0)[0] == 1
     assert energy.best_set_point(z_hat, cost, rate, 100.0) == (2, 0.9)
     assert energy.front(np.array([0.7, 0.8, 0.75]), np.array([0.5, 0.1, 0.0])).tolist() == [2, 0]
+
+
+def test_a_rate_that_was_never_seen_is_not_zero():
+    """None of 60: estimated at half a crash, bounded by the rule of three; draws have Clopper and Pearson's ends as percentiles."""
+    assert safety.upper95(np.array([0, 60]), 60) == pytest.approx([3 / 60, 1.0], rel=0.03)
+    rate = safety.estimate(np.array([60, 20, 25, 0, 0]), 60)
+    assert (np.diff(rate) <= 0).all()
+    assert rate[-1] == pytest.approx(0.5 / 61)
+    assert rate[1] == rate[2] == pytest.approx(23 / 61)
+    crashed = np.zeros((1, 60), dtype=bool)
+    crashed[0, :7] = True
+    rng = np.random.default_rng(4)
+    for crash, safe, q, expected in ((1, 0, 95, stats.beta.ppf(0.95, 8, 53)), (0, 1, 5, stats.beta.ppf(0.05, 7, 54)), (0.5, 0.5, 50, 7.5 / 61)):
+        drawn = safety.rate_draws(crashed, 8000, rng, crash, safe)
+        assert np.percentile(drawn, q) == pytest.approx(expected, rel=0.05)
+    none = safety.rate_draws(np.zeros((3, 60), dtype=bool), 2000, rng, crash=1.0, safe=0.0)
+    assert (np.diff(none, axis=1) <= 1e-15).all()
+    assert np.percentile(none, 95) == pytest.approx(3 / 60, rel=0.5)
+
+
+def test_a_price_that_the_flights_cannot_weigh_is_refused_with_the_number_that_would():
+    z_hat, cost, crashes = np.array([1.0, 1.5, 2.0]), np.array([0.7, 0.8, 0.9]), np.array([30, 0, 0])
+    cheap = energy.choose(z_hat, cost, crashes, 60, 1.0)
+    assert (cheap.index, cheap.resolved, cheap.crashes) == (1, True, 0)
+    assert cheap.rate == pytest.approx(0.5 / 61)
+    dear = energy.choose(z_hat, cost, crashes, 60, 10.0)
+    assert not dear.resolved
+    # at most 3 / n of them crash: 10 * 3 / n is to be less than the 0.1 that is saved
+    assert dear.flights_needed == pytest.approx(300, rel=0.1)
+    assert energy.choose(z_hat, cost, crashes, dear.flights_needed, 10.0).resolved
+    # far away is where it says that the best is there or beyond
+    assert energy.choose(z_hat, cost, np.array([50, 40, 1]), 60, 10.0).resolved
+    assert energy.choose(z_hat, np.full(3, 0.9), np.array([9, 3, 3]), 60, 1.0).index == 2
+
+
+def levels_of(rng, **centres):
+    """Levels that scatter with a sd of 0.02."""
+    flown = {
+        ("ground", 0.0, 0.01): 1.5,
+        ("ground", 0.0, 0.5): 1.15,
+        ("ground", 1.0, 0.5): 0.82,
+        ("ground", 0.6, 0.5): 0.80,
+        ("ground", 1.4, 0.5): 0.86,
+    }
+    flown |= {("ground", 1.0, 0.01): 1.08, ("ceiling", 0.0, 0.5): 1.17, ("ceiling", 1.0, 0.5): 2.0, ("ceiling", 0.6, 0.5): 1.74}
+    flown |= {("ceiling", 1.4, 0.5): 2.17} | centres.get("flown", {})
+    common = 0.02 * rng.standard_normal(400)
+    return claims.Levels(
+        flown={k: v + common + 0.002 * rng.standard_normal(400) for k, v in flown.items()},
+        varied={k: v + 0.02 * rng.standard_normal(400) for k, v in centres.get("varied", {}).items()},
+    )
+
+
+def test_claims_hold_fail_or_are_undecided_by_their_intervals():
+    rng = np.random.default_rng(3)
+    told = {c["name"]: c["presets"]["p"] for c in claims.table({"p": levels_of(rng)})}
+    assert {n: t["verdict"] for n, t in told.items()} == {
+        "crashes_without_model": "holds",
+        "closer_with_model": "holds",
+        "closer_with_model_rare": "holds",
+        "ceiling_crash": "holds",
+        "ceiling_destabilises": "holds",
+        "scaling_ground": "holds",
+        "scaling_ceiling": "holds",
+    }
+    # paired: the common gusts' scatter of 0.02 leaves the difference
+    assert told["closer_with_model"]["hi90"] - told["closer_with_model"]["lo90"] < 0.02
+    assert told["crashes_without_model"]["hi90"] - told["crashes_without_model"]["lo90"] > 0.05
+    for height, said in ((1.65, "undecided"), (1.8, "fails")):
+        found = claims.table({"p": levels_of(rng, flown={("ground", 0.0, 0.01): height})})[0]
+        assert found["presets"]["p"]["verdict"] == said
+        assert found["tolerance"] == "1.35 to 1.65"
+    nowhere = claims.table({"p": levels_of(rng, flown={("ground", 0.0, 0.01): math.nan})})[0]["presets"]["p"]
+    assert nowhere["verdict"] == "undecided"
+
+
+def test_what_is_said_of_any_gains_and_noise_is_judged_by_the_worst_of_them():
+    varied = {(b, k, v): 1.0 for b in ("ground", "ceiling") for k in (0.0, 0.6, 1.0, 1.4) for v in ("one", "two")}
+    varied |= {("ground", 0.0, v): 1.5 for v in ("one", "two")} | {("ceiling", 1.0, v): 1.5 for v in ("one", "two")}
+    good = {("ground", 0.6, 0.5): 1.0, ("ground", 1.4, 0.5): 0.8} | {("ground", 0.6, v): 1.2 for v in ("one", "two")}
+    for second, said in ((1.2, "holds"), (0.8, "fails")):
+        own = levels_of(np.random.default_rng(1), flown=good, varied=varied | good | {("ground", 0.6, "two"): second})
+        own.varied.pop(("ground", 0.6, 0.5), None), own.varied.pop(("ground", 1.4, 0.5), None)
+        told = {c["name"]: c["presets"]["p"]["verdict"] for c in claims.table({"p": own})}
+        assert told["order_kept"] == said
+        assert told["ground_helps_anywhere"] == told["ceiling_hurts_anywhere"] == "holds"
+
+
+def test_variants_change_gains_and_noise_and_nothing_else():
+    preset = PAPER
+    own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
+    curves = tabulate([np.ones_like] * len(variants.EXPONENTS), 0.5)
+    how = {"scheme": "euler", "steps_per_hold": 1, "flights": 60, "key": KEY, "rng": np.random.default_rng(0)}
+    found = variants.levels("ground", curves, variants.EXPONENTS, own, **how)
+    one = {name: found["ground", 0.0, name][0] for name, _, _ in variants.VARIANTS}
+    assert one["noise x 0.7"] < level(PAPER, "ground", 0.0, 0.5, 1.15, 60) < one["noise x 1.4"]
+    # no curve differs from another here, so no level does
+    assert all(np.array_equal(found["ground", 0.0, n], found["ground", 1.4, n]) for n in one)
 
 
 def test_roll_as_the_paper_reads_it_and_otherwise():

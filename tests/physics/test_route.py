@@ -9,20 +9,29 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.simulation import route
+from nearlift.simulation import route, safety
 
 RADIUS = 0.023
 PILOT = route.Pilot(radius_m=RADIUS, half_width_m=0.055, speed_m_s=0.5, induced_m_s=4.0)
 CORRIDOR = route.Corridor(length_m=1.0, height_m=0.4)
 LONG = route.Corridor(length_m=4.0, height_m=0.4)
 FAR = {"start": (0.0, 0.2), "goal": (4.0, 0.2)}
-GROUND = route.Nearness(power=lambda z: 1 - 0.3 / z**2, hazard=lambda z: np.exp(-6 * (z - 0.5)), lowest_z_hat=1.0)
-CEILING = route.Nearness(power=np.ones_like, hazard=lambda z: np.exp(-4 * (z - 1.0)), lowest_z_hat=1.0)
+
+
+def nearness(power, hazard, spread=0.2, seen=2.0):
+    """Known to a factor of exp(+-spread) by 21 draws; flown up to 4 radii."""
+    factor = np.exp(spread * np.linspace(-1, 1, 21))[:, None]
+    drawn = lambda z: factor * hazard(z)  # noqa: E731
+    return route.Nearness(power=power, hazard=hazard, low=drawn, high=drawn, lowest_z_hat=1.0, seen_z_hat=seen, flown_z_hat=4.0)
+
+
+GROUND = nearness(lambda z: 1 - 0.3 / z**2, lambda z: np.exp(-6 * (z - 0.5)))
+CEILING = nearness(np.ones_like, lambda z: np.exp(-4 * (z - 1.0)))
 ENDS = {"start": (0.0, 0.2), "goal": (1.0, 0.2)}
 
 
 def test_without_boundaries_the_way_is_straight_and_costs_one():
-    free = route.Nearness(power=np.ones_like, hazard=np.zeros_like, lowest_z_hat=1.0)
+    free = nearness(np.ones_like, np.zeros_like)
     grid = route.field(CORRIDOR, PILOT, {"ground": free, "ceiling": free})
     (way,) = route.ways(grid, PILOT, **ENDS)
     assert way.energy == pytest.approx(1.0, abs=1e-9)
@@ -37,11 +46,37 @@ def test_energy_and_risk_are_traded_along_the_front():
     assert all(b.risk < a.risk and b.energy > a.energy for a, b in itertools.pairwise(found))
     cheap, safe = found[0], found[-1]
     assert np.median(cheap.z_m) < 2 * RADIUS < np.median(safe.z_m)
-    best = route.cheapest(found, 0.01)
-    assert best.risk <= 0.01
-    assert all(w.energy >= best.energy for w in found if w.risk <= 0.01)
-    with pytest.raises(InputRefused, match=r"no way keeps the risk below 1e-30\n.*the safest has"):
-        route.cheapest(found, 1e-30)
+    best = route.cheapest(found, 0.01, 1000)
+    assert best.hi90 <= 0.01
+    assert all(w.energy >= best.energy for w in found if w.hi90 <= 0.01)
+    with pytest.raises(InputRefused, match=r"no way is shown to keep the risk below 1e-30\n.*the safest has .* at most .* by 1000 flights"):
+        route.cheapest(found, 1e-30, 1000)
+
+
+def test_a_way_is_chosen_by_what_is_shown_and_not_by_the_estimate():
+    """The same corridor known to a factor of e^3: the way that the estimate would allow is no longer chosen."""
+    ways = {
+        spread: route.ways(route.field(LONG, PILOT, {"ground": nearness(GROUND.power, GROUND.hazard, spread)} | {"ceiling": CEILING}), PILOT, **FAR)
+        for spread in (0.0, 3.0)
+    }
+    sure, unsure = (route.cheapest(found, 0.01, 1000) for found in ways.values())
+    assert unsure.energy > sure.energy
+    assert unsure.risk < sure.risk <= 0.01
+    assert unsure.lo90 < unsure.risk < unsure.hi90 <= 0.01
+    assert sure.lo90 == pytest.approx(sure.risk)
+
+
+def test_every_point_says_what_its_risk_rests_on():
+    grid = route.field(CORRIDOR, PILOT, {"ground": GROUND, "ceiling": CEILING})
+    far = nearness(np.ones_like, np.zeros_like)
+    for z_hat, basis in ((1.5, 0), (3.0, 1), (5.0, 2)):
+        k = int(np.abs(grid.z_m - z_hat * RADIUS).argmin())
+        assert route.field(CORRIDOR, PILOT, {"ground": GROUND, "ceiling": far}).basis(np.array([k]))[0] == basis
+    # near the ceiling the ceiling's risk is the larger, and decides
+    top = int(np.abs(grid.z_m - (0.4 - 1.5 * RADIUS)).argmin())
+    assert grid.basis(np.array([top]))[0] == 0
+    for way in route.ways(grid, PILOT, **ENDS):
+        assert len(way.basis) == len(way.z_m)
 
 
 def test_energy_and_risk_of_a_way_are_those_of_its_points():
@@ -84,12 +119,13 @@ def test_a_boundary_without_a_model_is_given_a_berth():
 
 def test_hazard_from_crash_rates():
     z_hat, flights, time = np.array([0.8, 1.0, 1.2, 1.4, 1.6]), 1000, 120.0
-    hazard = route.hazard_of(z_hat, np.array([1000, 500, 50, 0, 0]), flights, time)
-    assert hazard(np.array([1.0]))[0] == pytest.approx(-math.log(0.5) / time)
+    crashes = np.array([1000, 500, 50, 0, 0])
+    hazard = route.hazard_of(z_hat, safety.estimate(crashes, flights), time)
+    assert hazard(np.array([1.0]))[0] == pytest.approx(-math.log(0.5) / time, rel=1e-3)
     fine = hazard(np.linspace(0.8, 4, 200))
-    assert (np.diff(fine) <= 0).all()
-    # where none crashed the fall goes on, and never above half a crash among the flights
-    assert hazard(np.array([1.4]))[0] <= 0.5 / flights / time * 1.001
-    assert hazard(np.array([1.6]))[0] < 0.7 * hazard(np.array([1.4]))[0]
-    none = route.hazard_of(z_hat, np.zeros(5), flights, time)
-    assert none(np.array([0.9, 3.0])) == pytest.approx(0.5 / flights / time, rel=1e-3)
+    assert (np.diff(fine) <= 1e-15).all()
+    # where none crashed it stays at half a crash, however far away: nothing falls on because a curve would
+    assert hazard(np.array([1.4, 1.6, 5.0])) == pytest.approx(0.5 / (flights + 1) / time, rel=1e-3)
+    drawn = route.hazard_of(z_hat, np.array([[0.5, 0.4, 0.3, 0.2, 0.1], [0.1, 0.1, 0.1, 0.1, 0.0]]), time)(np.array([0.8, 1.1]))
+    assert drawn.shape == (2, 2)
+    assert drawn[1] == pytest.approx(-math.log(0.9) / time)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -36,8 +37,13 @@ def draw(table: Rows, look: Style) -> Figure:
         mine = (table["kind"] == "way") & (table["way"] == way)
         bold = bool(table["chosen"][mine][0])
         if bold:
-            left.plot(table["x"][mine], table["y"][mine], color=FIT, linewidth=2.6, zorder=3)
-        left.plot(table["x"][mine], table["y"][mine], color=colours(norm(max(risk[way], least))), linewidth=1.3, zorder=4)
+            left.plot(table["x"][mine], table["y"][mine], color="0.75", linewidth=3.4, zorder=3)
+        x, y, seen = (table[k][mine] for k in ("x", "y", "seen"))
+        # stretches of one kind, each with the first point of the next
+        turns = [0, *(np.flatnonzero(np.diff(seen)) + 1).tolist(), len(x)]
+        for a, b in itertools.pairwise(turns):
+            style = "-" if seen[a] else (0, (3, 1.5))
+            left.plot(x[a : b + 1], y[a : b + 1], color=colours(norm(max(risk[way], least))), linewidth=1.3, linestyle=style, zorder=4)
     ends = table["kind"] == "end"
     left.plot(table["x"][ends], table["y"][ends], "o", color=FIT, markerfacecolor="white", zorder=5)
     left.set_xlim(0, float(table["x2"][room]))
@@ -46,7 +52,8 @@ def draw(table: Rows, look: Style) -> Figure:
     left.set_title("a) ways", loc="left", fontsize=look.text_pt)
     figure.colorbar(ScalarMappable(norm, colours), ax=left, label="risk of a crash", pad=0.02, aspect=20)
     right.set_yscale("log")
-    right.plot(front["x"], np.maximum(front["y"], least), color=FIT, marker=".", markersize=3)
+    y, low, high = (np.maximum(front[k], 0.3 * least) for k in ("y", "x2", "y2"))
+    right.errorbar(front["x"], y, yerr=(y - low, high - y), color=FIT, marker=".", markersize=3, elinewidth=0.6, capsize=1.2)
     best = front["chosen"] == 1
     right.plot(front["x"][best], front["y"][best], SERIES[1][1], color=SERIES[1][0], markerfacecolor="white", markersize=5, zorder=4, label="chosen")
     right.axhline(float(table["y"][table["kind"] == "bound"][0]), color="0.45", linestyle=(0, (4, 2)), linewidth=0.8, label="bound")

@@ -73,5 +73,6 @@ def _front(ax: Axes, own: Rows) -> None:
         ax.plot([x], [100 * y], color=shade, marker=marker, markersize=5, markerfacecolor="white", linestyle="none", zorder=4, label=name)
     ax.set_xlabel("relative power to hover")
     ax.set_ylabel("crash rate (%)")
-    middle = (own["x"][mine].min() + own["x"][mine].max()) / 2
-    ax.legend(loc="upper right" if own["x"][best].mean() < middle else "lower left")
+    if best.any():
+        middle = (own["x"][mine].min() + own["x"][mine].max()) / 2
+        ax.legend(loc="upper right" if own["x"][best].mean() < middle else "lower left")

@@ -17,6 +17,7 @@ def facts(evidence: Evidence) -> dict[str, Any]:
         "presets": [_preset(evidence, name, own) for name, own in content["presets"].items()],
         "claims": [_claim(evidence, i, c) for i, c in enumerate(content["claims"])],
         "fitted": [_fitted(evidence, b, content["fitted"][b]) for b in BOUNDARIES if b in content["fitted"]],
+        "route": _route(evidence, content.get("route")),
         "roll": _roll(evidence, content["roll"]),
     }
 
@@ -34,11 +35,15 @@ def _preset(evidence: Evidence, name: str, own: dict[str, Any]) -> dict[str, Any
 
 
 def _claim(evidence: Evidence, i: int, claim: dict[str, Any]) -> dict[str, Any]:
+    def number(preset: str, key: str) -> Number:
+        return cite(evidence, SAFETY, "claims", str(i), "presets", preset, key, places=2)
+
     return {
         "says": claim["says"],
         "paper": claim["paper"],
+        "tolerance": claim["tolerance"],
         "values": [
-            {"number": cite(evidence, SAFETY, "claims", str(i), "presets", name, "value", places=2), "holds": own["holds"]}
+            {"number": number(name, "value"), "lo90": number(name, "lo90"), "hi90": number(name, "hi90"), "verdict": own["verdict"]}
             for name, own in claim["presets"].items()
         ],
     }
@@ -78,10 +83,35 @@ def _fitted(evidence: Evidence, boundary: str, own: dict[str, Any]) -> dict[str,
                 "lo90": number("best_set_points", str(i), "lo90"),
                 "hi90": number("best_set_points", str(i), "hi90"),
                 "cost": number("best_set_points", str(i), "relative_cost", places=3),
-                "rate": cite(evidence, SAFETY, *path, "best_set_points", str(i), "rate", scale=100, digits=2, how="in percent"),
+                "farthest": e["farthest"],
+                "refused": "" if e["resolved"] else unresolved(e, own["flights"]),
+                **{
+                    name: cite(evidence, SAFETY, *path, "best_set_points", str(i), name, scale=100, digits=2, how="in percent")
+                    for name in ("rate", "rate_hi95")
+                },
             }
             for i, e in enumerate(own["best_set_points"])
         ],
+    }
+
+
+def unresolved(found: dict[str, Any], flights: int) -> str:
+    """Why no set-point is named for a price, and what would do."""
+    enough = f"about {found['flights_needed']} would" if found["flights_needed"] else "no number of flights would"
+    return f"not resolved by {flights} flights; {enough}"
+
+
+def _route(evidence: Evidence, entry: dict[str, Any] | None) -> dict[str, Any] | None:
+    if not entry:
+        return None
+    seen = entry["share_by_basis"]
+    return {
+        "bound": f"{entry['risk_bound']:g}",
+        "flights": entry["flights"],
+        "energy": cite(evidence, SAFETY, "route", "energy", places=3),
+        **{name: cite(evidence, SAFETY, "route", name, digits=2) for name in ("risk", "lo90", "hi90")},
+        "lowest": {side: cite(evidence, SAFETY, "route", "lowest_z_hat", side, digits=3) for side in entry["lowest_z_hat"]},
+        "shares": [{"basis": b, "share": f"{100 * s:.0f} %"} for b, s in seen.items() if s > 0],
     }
 
 

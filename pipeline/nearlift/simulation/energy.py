@@ -14,11 +14,14 @@ Mechanical power; motors and electronics are not in it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.results import IntArray
+from nearlift.simulation import safety
 
 Held = Literal["power", "thrust", "rpm", "throttle", "voltage"]
 #: Exponent e of cost = ratio^(-e) as (lowest, best, highest).
@@ -29,6 +32,9 @@ EXPONENTS: dict[Held, tuple[float, float, float]] = {
     "throttle": (1.0, 1.5, 1 / 0.60),
     "voltage": (1.0, 1.5, 1 / 0.60),
 }
+
+#: Nobody is told to fly more than this.
+MOST_FLIGHTS = 10_000_000
 
 
 def paper_cost(ratio: Any) -> Any:
@@ -55,7 +61,61 @@ def best_set_point(target_z_hat: FloatArray, relative_cost: FloatArray, rate: Fl
     return best, float(total[best])
 
 
-def front(relative_cost: FloatArray, rate: FloatArray) -> IntIndex:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """The set-point of least expected cost, and whether the flights can tell.
+
+    Attributes
+    ----------
+    index : int
+        Which of the set-points flown.
+    expected_cost, relative_cost : float
+    crashes : int
+    rate, rate_hi95 : float
+        Estimate, and one-sided upper bound, of the crash rate there.
+    resolved : bool
+        Even at the upper bound of its risk it costs less than the farthest set-point flown would without any. (The farthest itself
+        counts as resolved: it says that the best is there or beyond.)
+    flights_needed : int or None
+        So many would resolve it if as few of them crashed; None where it is resolved, or where no number would do.
+    """
+
+    index: int
+    expected_cost: float
+    relative_cost: float
+    crashes: int
+    rate: float
+    rate_hi95: float
+    resolved: bool
+    flights_needed: int | None
+
+
+def choose(target_z_hat: FloatArray, relative_cost: FloatArray, crashes: IntArray, flights: int, price: float) -> Choice:
+    """The set-point of least expected cost by the estimated rates of n set-points, with the test of whether so many flights can tell."""
+    rate = safety.estimate(crashes, flights)
+    best, total = best_set_point(target_z_hat, relative_cost, rate, price)
+    k = int(crashes[best])
+    upper = float(safety.upper95(np.array([k]), flights)[0])
+    saving = float(relative_cost[-1] - relative_cost[best])
+    resolved = best == len(rate) - 1 or price * upper <= saving
+    needed = None
+    if not resolved and saving > price * k / flights:
+        needed = flights
+        while price * float(safety.upper95(np.array([round(k * needed / flights)]), needed)[0]) > saving and needed < MOST_FLIGHTS:
+            needed = int(np.ceil(1.05 * needed))
+    return Choice(
+        index=best,
+        expected_cost=total,
+        relative_cost=float(relative_cost[best]),
+        crashes=k,
+        rate=float(rate[best]),
+        rate_hi95=upper,
+        resolved=bool(resolved),
+        flights_needed=needed,
+    )
+
+
+def front(relative_cost: FloatArray, rate: FloatArray) -> IntArray:
     """Set-points that no other beats in both energy and risk, by ascending risk."""
     order = np.lexsort((relative_cost, rate))
     kept, least = [], np.inf
@@ -64,6 +124,3 @@ def front(relative_cost: FloatArray, rate: FloatArray) -> IntIndex:
             kept.append(i)
             least = relative_cost[i]
     return np.array(kept, dtype=np.int64)
-
-
-IntIndex = np.ndarray[Any, np.dtype[np.int64]]

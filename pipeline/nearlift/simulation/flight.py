@@ -40,13 +40,18 @@ class Setting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What is flown: `settings` at one boundary through the lift `curves`, with one time step. All settings share the weather's times."""
+    """What is flown: `settings` at one boundary through the lift `curves`, with one time step. All settings share the weather's times.
+
+    With `common` gusts, flight f meets the same ones in every setting, which makes differences far better known than rates; without,
+    each setting meets its own, so that rates are independent of one another.
+    """
 
     boundary: Boundary
     settings: Sequence[Setting]
     curves: Curves
     scheme: Scheme
     steps_per_hold: int
+    common: bool = True
 
     @property
     def weather(self) -> Groups:
@@ -66,6 +71,11 @@ class Plan:
     def halved(self) -> Plan:
         """The same flights with half the step; the gusts stay what they are."""
         return replace(self, steps_per_hold=2 * self.steps_per_hold)
+
+    @property
+    def salts(self) -> NDArray[np.uint64]:
+        """What tells the settings' gusts apart: empty where they are common."""
+        return np.arange(1, len(self.settings) + 1 if not self.common else 1, dtype=np.uint64)
 
     def columns(self) -> tuple[FloatArray, IntArray]:
         """Settings as the loop reads them: (WIDTH, n), and where each one's table begins."""
@@ -103,7 +113,7 @@ def _block(first: int, plan: Plan, flights: int, key: int) -> NDArray[np.int32]:
     weather = plan.weather
     memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
     kernel.fly(
-        np.uint64(key), first, plan.holds, plan.steps_per_hold, plan.step, kernel.SCHEMES[plan.scheme], memory, columns, which,
+        np.uint64(key), first, plan.holds, plan.steps_per_hold, plan.step, kernel.SCHEMES[plan.scheme], memory, columns, which, plan.salts,
         plan.curves.packed(), plan.curves.low, plan.curves.per_radius, ended, np.empty((0, 0)),
     )  # fmt: skip
     return ended
@@ -112,7 +122,7 @@ def _block(first: int, plan: Plan, flights: int, key: int) -> NDArray[np.int32]:
 def fly(plan: Plan, flights: int, key: int, spread: Map = map) -> NDArray[np.int32]:
     """In which hold each flight crashed, or -1: shape (settings, flights).
 
-    Flight f meets the same gusts in every setting and every plan with this key. `spread` is an executor's map; what comes out
+    With common gusts, flight f meets the same ones in every setting and every plan with this key. `spread` is an executor's map; what comes out
     does not depend on it.
     """
     blocks = list(spread(functools.partial(_block, plan=plan, flights=flights, key=key), range(0, flights, BLOCK)))
@@ -127,7 +137,7 @@ def trace(plan: Plan, flight: int, key: int) -> FloatArray:
     weather = plan.weather
     memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
     kernel.fly(
-        np.uint64(key), flight, plan.holds, plan.steps_per_hold, plan.step, kernel.SCHEMES[plan.scheme], memory, columns, which,
+        np.uint64(key), flight, plan.holds, plan.steps_per_hold, plan.step, kernel.SCHEMES[plan.scheme], memory, columns, which, plan.salts,
         plan.curves.packed(), plan.curves.low, plan.curves.per_radius, np.empty((n, 1), dtype=np.int32), track,
     )  # fmt: skip
     return track

@@ -5,9 +5,9 @@
 Lengths in rotor radii, times in sqrt(r/g), forces in weights. s is +1 above a ground and -1 below a ceiling, where z is measured
 downwards; R(z) is L / L_inf by table; w is held for `hold`, of which the step is a whole part. A flight ends when z <= contact.
 
-One flight's gusts are made once and serve every setting; the settings are advanced side by side, so that the processor works on
-several while each waits for its own table. A setting that has crashed leaves the list. Arrays are flat and every part of the state
-is a number of its own: a slice of an array in the loop costs four times what the step does.
+One flight's gusts are made once and serve every setting, unless each is to have its own; the settings are advanced side by side,
+so that the processor works on several while each waits for its own table. A setting that has crashed leaves the list. Arrays are
+flat and every part of the state is a number of its own: a slice of an array in the loop costs four times what the step does.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.simulation.stream import compiled, fill
+from nearlift.simulation.stream import GOLDEN, U, begin, compiled, fill, normal
 
 #: Columns of a setting.
 Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT = range(9)
@@ -45,28 +45,35 @@ push = compiled(_push, inline="always")
 
 def _fly(
     key: Any, first: Any, holds: Any, per_hold: Any, dt: Any, scheme: Any, memory: Any,
-    settings: Any, which: Any, curves: Any, low: Any, per: Any, ended: Any, track: Any,
+    settings: Any, which: Any, salts: Any, curves: Any, low: Any, per: Any, ended: Any, track: Any,
 ) -> None:  # fmt: skip
     """Fly a block of flights, the first of them number `first`, through all settings.
 
     `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the gusts' correlation from hold to
-    hold (0: white). `settings` is (WIDTH, n), `which` the table of each, `curves` all tables in one row. Where `track` (n, holds + 1)
-    is not empty, it takes the heights of the last flight flown, at the end of every hold.
+    hold (0: white). `settings` is (WIDTH, n), `which` the table of each, `salts` what tells its gusts from the others' (empty: all
+    meet the same), `curves` all tables in one row. Where `track` (n, holds + 1) is not empty, it takes the heights of the last
+    flight flown, at the end of every hold.
     """
     n = settings.shape[1]
     z0, alpha, beta, gamma = settings[0], settings[1], settings[2], settings[3]
     delta, noise, sign, droop, contact = settings[4], settings[5], settings[6], settings[7], settings[8]
     keep_track = track.shape[0] > 0
-    gusts = np.empty(holds)
+    own = salts.size > 0
+    gusts = np.zeros(holds)
+    start, last = np.empty(salts.size, np.uint64), np.zeros(salts.size)
     z, v, total = np.empty(n), np.empty(n), np.empty(n)
     active = np.empty(n, np.int64)
     fresh = np.sqrt(1.0 - memory * memory)
     half, sixth = 0.5 * dt, dt / 6.0
     for f in range(ended.shape[1]):
-        fill(key, first + f, gusts)
-        if memory > 0.0:
-            for k in range(1, holds):
-                gusts[k] = memory * gusts[k - 1] + fresh * gusts[k]
+        if own:
+            for s in range(n):
+                start[s] = begin(key, first + f, salts[s])
+        else:
+            fill(begin(key, first + f, U(0)), gusts)
+            if memory > 0.0:
+                for k in range(1, holds):
+                    gusts[k] = memory * gusts[k - 1] + fresh * gusts[k]
         for s in range(n):
             z[s], v[s], total[s], active[s], ended[s, f] = z0[s], 0.0, 0.0, s, -1
             if keep_track:
@@ -78,6 +85,10 @@ def _fly(
             gust = gusts[k]
             for j in range(left):
                 s = active[j]
+                if own:
+                    gust = normal(start[s] + U(k) * GOLDEN)
+                    if memory > 0.0:
+                        last[s] = gust = memory * last[s] + fresh * gust if k > 0 else gust
                 x, w, i = z[s], v[s], total[s]
                 a, b, c, d = alpha[s], beta[s], gamma[s], delta[s]
                 here, floor, side = z0[s], contact[s], sign[s]

@@ -5,6 +5,11 @@ down at 45 degrees and steeper. Each leg costs energy (power to hover there over
 hazard (crashes per second of a hover at that height, from the crash rates). Dijkstra's algorithm minimises energy + price x
 hazard; the price is raised until the way is safe enough.
 
+Risk is counted where it was flown and nowhere else. Above the highest set-point whose flights crashed it is a bound that the
+number of flights sets (half a crash among them), above the highest set-point flown that bound is kept, since farther away is no riskier:
+nothing falls on towards zero because a curve would. Each part of a way says which it is. A way is chosen by the upper end of its
+risk's 90 % interval, over the model's draws and the flights, so that few flights make a cautious way.
+
 What this is not: no trajectory (no acceleration, no tracking error beyond that in the crash rates), no forward-flight
 aerodynamics (a ground's effect fades with speed), no third dimension, no moving obstacle, and no way that only a non-convex part
 of the front offers. A box's sides are kept clear of by half the vehicle; what they do to lift is left out.
@@ -20,6 +25,7 @@ import numpy as np
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused
+from nearlift.results import IntArray
 
 #: Nodes per rotor radius.
 FINENESS = 2
@@ -61,45 +67,75 @@ class Pilot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nearness:
-    """What being near one boundary means: relative power and hazard (1/s) as functions of z_hat, and the lowest z_hat flown."""
+    """What being near one boundary means, as functions of z_hat.
+
+    Attributes
+    ----------
+    power : callable
+        Relative power.
+    hazard : callable
+        Crashes per second.
+    low, high : callable
+        Draws of the hazard, (m, n) for n heights: the 5 % point of the one and the 95 % point of the other bound it.
+    lowest_z_hat : float
+        The lowest height flown: no set-point below was flown, nothing below was measured, and the vehicle does not touch.
+    seen_z_hat, flown_z_hat : float
+        Highest set-point at which a flight crashed, and highest flown.
+    """
 
     power: Callable[[FloatArray], FloatArray]
     hazard: Callable[[FloatArray], FloatArray]
+    low: Callable[[FloatArray], FloatArray]
+    high: Callable[[FloatArray], FloatArray]
     lowest_z_hat: float
+    seen_z_hat: float
+    flown_z_hat: float
+
+
+#: What the risk at a point rests on, by how far it reaches beyond what was flown.
+BASES = ("flights that crashed", "flights of which none crashed", "extrapolated beyond the set-points flown")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """A way: its points, energy relative to the straight distance flown far from boundaries, and its risk of a crash."""
+    """A way: its points, energy relative to the straight distance flown far from boundaries, and its risk of a crash.
+
+    Attributes
+    ----------
+    basis : int array (n,)
+        What the risk at each point rests on, an index of `BASES`.
+    lo90, hi90 : float
+        Of the risk, over the model's draws and the flights; the upper end of a way on which none crashed is nearly 3 / flights' worth.
+    """
 
     price: float
     x_m: FloatArray
     z_m: FloatArray
+    basis: IntArray
     energy: float
     risk: float
+    lo90: float
+    hi90: float
 
 
-def hazard_of(target_z_hat: FloatArray, crashes: FloatArray, flights: int, duration_s: float) -> Callable[[FloatArray], FloatArray]:
-    """Crashes per second as a function of z_hat, from flights at set-points: log-linear between them.
+def hazard_of(target_z_hat: FloatArray, rate: FloatArray, duration_s: float) -> Callable[[FloatArray], FloatArray]:
+    """Crashes per second as a function of z_hat, from crash rates (t,) or draws of them (m, t) at set-points.
 
-    Where no flight crashed, the fall of the last two rates above zero goes on, from half a crash at most; where all did, the
-    hazard is that of all but half a flight.
+    Log-linear between set-points, constant below the lowest and above the highest.
+
+    Returns
+    -------
+    callable
+        Heights (n,) to hazards (n,), or (m, n) for draws.
     """
-    rate = np.clip(np.asarray(crashes, dtype=float) / flights, 0.5 / flights, 1 - 0.5 / flights)
-    log_hazard = np.log(-np.log1p(-rate) / duration_s)
-    seen = np.flatnonzero(crashes > 0)
-    last = int(seen[-1]) if len(seen) else 0
-    falling = (log_hazard[last] - log_hazard[last - 1]) / (target_z_hat[last] - target_z_hat[last - 1]) if last else -np.inf
-    beyond = np.arange(last + 1, len(rate))
-    if np.isfinite(falling) and falling < 0:
-        log_hazard[beyond] = np.minimum(log_hazard[last] + falling * (target_z_hat[beyond] - target_z_hat[last]), log_hazard[beyond])
+    safe = np.clip(np.asarray(rate, dtype=float), 1e-300, 1 - 1e-12)
+    log_hazard = np.log(-np.log1p(-safe) / duration_s)
 
     def hazard(z_hat: FloatArray) -> FloatArray:
         z = np.asarray(z_hat, dtype=float)
-        value = np.interp(z, target_z_hat, log_hazard)
-        over = z > target_z_hat[-1]
-        slope = min(falling, 0.0) if np.isfinite(falling) else 0.0
-        result: FloatArray = np.exp(np.where(over, log_hazard[-1] + slope * (z - target_z_hat[-1]), value))
+        i = np.clip(np.searchsorted(target_z_hat, z) - 1, 0, len(target_z_hat) - 2)
+        t = np.clip((z - target_z_hat[i]) / (target_z_hat[i + 1] - target_z_hat[i]), 0.0, 1.0)
+        result: FloatArray = np.exp((1 - t) * log_hazard[..., i] + t * log_hazard[..., i + 1])
         return result
 
     return hazard
@@ -107,13 +143,35 @@ def hazard_of(target_z_hat: FloatArray, crashes: FloatArray, flights: int, durat
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Field:
-    """Grid of the corridor: coordinates, relative power, hazard, and where one may fly; arrays (columns, rows)."""
+    """Grid of the corridor: coordinates, relative power, hazard, where one may fly, and the gap to each boundary; arrays (columns, rows)."""
 
     x_m: FloatArray
     z_m: FloatArray
     power: FloatArray
     hazard: FloatArray
     free: np.ndarray
+    gaps: Mapping[Boundary, FloatArray]
+    near: Mapping[Boundary, Nearness]
+
+    def draws(self, nodes: IntArray, which: str) -> FloatArray:
+        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`: those of the boundaries are independent, and add."""
+        total: FloatArray = np.zeros((1, len(nodes)))
+        for boundary, near in self.near.items():
+            at = np.maximum(self.gaps[boundary].ravel()[nodes], near.lowest_z_hat)
+            own = near.low(at) if which == "low" else near.high(at)
+            m = max(len(total), len(own))
+            total = np.resize(total, (m, len(nodes))) + np.resize(own, (m, len(nodes)))
+        return total
+
+    def basis(self, nodes: IntArray) -> IntArray:
+        """What the risk at nodes rests on: the boundary that carries more of it decides."""
+        basis, most = np.full(len(nodes), 2), np.full(len(nodes), -1.0)
+        for boundary, near in self.near.items():
+            gap = self.gaps[boundary].ravel()[nodes]
+            own = np.where(gap <= near.seen_z_hat, 0, np.where(gap <= near.flown_z_hat, 1, 2))
+            hazard = near.hazard(np.maximum(gap, near.lowest_z_hat))
+            basis, most = np.where(hazard > most, own, basis), np.maximum(hazard, most)
+        return basis
 
 
 def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -> Field:
@@ -139,7 +197,7 @@ def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -
             hazard += near[boundary].hazard(at)
         else:
             free &= gap >= BERTH
-    return Field(x_m=x, z_m=z, power=power, hazard=hazard, free=free)
+    return Field(x_m=x, z_m=z, power=power, hazard=hazard, free=free, gaps=gaps, near=near)
 
 
 def ways(grid: Field, pilot: Pilot, start: tuple[float, float], goal: tuple[float, float], prices: FloatArray = PRICES) -> list[Way]:
@@ -179,7 +237,21 @@ def ways(grid: Field, pilot: Pilot, start: tuple[float, float], goal: tuple[floa
         nodes = np.array(way[::-1])
         along, up = np.divmod(nodes, len(grid.z_m))
         own_energy, own_hazard = _sum(nodes, rows, columns, energy, n), _sum(nodes, rows, columns, hazard, n)
-        new = Way(price=float(price), x_m=grid.x_m[along], z_m=grid.z_m[up], energy=own_energy / straight, risk=float(-np.expm1(-own_hazard)))
+        time = np.hypot(np.diff(grid.x_m[along]), np.diff(grid.z_m[up])) / pilot.speed_m_s
+        lo90, hi90 = (
+            float(-np.expm1(-np.percentile((0.5 * (h[:, 1:] + h[:, :-1])) @ time, q)))
+            for h, q in ((grid.draws(nodes, "low"), 5), (grid.draws(nodes, "high"), 95))
+        )
+        new = Way(
+            price=float(price),
+            x_m=grid.x_m[along],
+            z_m=grid.z_m[up],
+            basis=grid.basis(nodes),
+            energy=own_energy / straight,
+            risk=float(-np.expm1(-own_hazard)),
+            lo90=lo90,
+            hi90=hi90,
+        )
         if not found or (new.risk < found[-1].risk * (1 - 1e-9) and new.energy > found[-1].energy * (1 + 1e-9)):
             found.append(new)
     return found
@@ -212,16 +284,19 @@ def _sum(nodes: np.ndarray, rows: FloatArray, columns: FloatArray, values: Float
     return float(values[order[at]].sum())
 
 
-def cheapest(found: Sequence[Way], risk: float) -> Way:
-    """The cheapest way whose risk is within the bound.
+def cheapest(found: Sequence[Way], risk: float, flights: int) -> Way:
+    """The cheapest way that so many flights show to keep within the bound: the upper end of its risk's interval does.
 
     Raises
     ------
     InputRefused
-        None is; says the least risk that there is.
+        None does; says the least that was shown, and how many flights would show more if as few of them crashed.
     """
-    safe = [w for w in found if w.risk <= risk]
-    if not safe:
-        least = min(w.risk for w in found)
-        raise InputRefused("simulate.route.risk", f"no way keeps the risk below {risk:g}", f"the safest has {least:.2g}")
-    return min(safe, key=lambda w: w.energy)
+    safe = [w for w in found if w.hi90 <= risk]
+    if safe:
+        return min(safe, key=lambda w: w.energy)
+    least = min(found, key=lambda w: w.hi90)
+    told = f"the safest has {least.risk:.2g}, at most {least.hi90:.2g} by {flights} flights a set-point"
+    enough = int(np.ceil(1.1 * flights * least.hi90 / risk))
+    more = f"; fly about {enough}" if least.lo90 < risk and enough < 1e9 else "; raise the bound"
+    raise InputRefused("simulate.route.risk", f"no way is shown to keep the risk below {risk:g}", told + more)

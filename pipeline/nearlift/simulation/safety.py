@@ -13,6 +13,8 @@ from nearlift.results import IntArray
 
 #: Resamples of the flights behind the interval of a level.
 RESAMPLES = 400
+#: And so many for each draw of a model.
+PER_DRAW = 50
 INTERVAL = (5.0, 95.0)
 
 
@@ -24,6 +26,49 @@ def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]
     low = np.where(k == 0, 0.0, betaincinv(k + 0.5, flights - k + 0.5, 0.05))
     high = np.where(k == flights, 1.0, betaincinv(k + 0.5, flights - k + 0.5, 0.95))
     return low, high
+
+
+def upper95(crashes: IntArray, flights: int) -> FloatArray:
+    """One-sided 95 % upper bound of a crash rate (Clopper and Pearson): where no flight crashed nearly 3 / flights, the rule of three."""
+    from scipy.special import betaincinv
+
+    k = np.asarray(crashes, dtype=float)
+    bound: FloatArray = np.where(k >= flights, 1.0, betaincinv(k + 1.0, np.maximum(flights - k, 1e-9), 0.95))
+    return bound
+
+
+def falling(rate: FloatArray) -> FloatArray:
+    """The nearest rates that nowhere rise with the set-point (isotonic least squares), along the last axis: farther away is no riskier."""
+    from scipy.optimize import isotonic_regression
+
+    rows = np.atleast_2d(np.asarray(rate, dtype=float))
+    result: FloatArray = np.stack([isotonic_regression(row, increasing=False).x for row in rows]).reshape(np.shape(rate))
+    return result
+
+
+def estimate(crashes: IntArray, flights: int) -> FloatArray:
+    """Crash rates (n,) over ascending set-points: (k + 1/2) / (flights + 1), the mean under Jeffreys' prior, made to fall."""
+    return falling((np.asarray(crashes, dtype=float) + 0.5) / (flights + 1))
+
+
+def rate_draws(crashed: NDArray[np.bool_], number: int, rng: np.random.Generator, crash: float = 0.5, safe: float = 0.5) -> FloatArray:
+    """Crash rates under resampling of the flights, with what none of them may have shown: shape (number, set-points), each row falling.
+
+    The Bayesian bootstrap (Rubin 1981) weighs whole flights, which common gusts tie together over all set-points; a pseudo-crash
+    and a pseudo-return of weights `crash` and `safe` (gamma shapes) at each set-point keep a rate that was never seen from being zero
+    for certain. At one set-point the draws are Beta(k + crash, flights - k + safe): halves are Jeffreys' posterior, (1, 0) and (0, 1) have
+    Clopper and Pearson's upper and lower bounds as percentiles.
+
+    Parameters
+    ----------
+    crashed : bool array (set-points, flights)
+        Set-points ascending.
+    """
+    weights = rng.standard_exponential((number, crashed.shape[1]))
+    shape = (number, len(crashed))
+    more, less = (rng.gamma(a, size=shape) if a > 0 else np.zeros(shape) for a in (crash, safe))
+    drawn: FloatArray = (weights @ crashed.T + more) / (weights.sum(axis=1, keepdims=True) + more + less)
+    return falling(drawn)
 
 
 def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> float:
@@ -65,12 +110,22 @@ def refuse_few(risk: float, flights: int) -> None:
         raise UsageError("risk", f"{risk:g} cannot be seen in {flights} flights", f"fly at least {int(np.ceil(3 / risk))}")
 
 
-def levels(target_z_hat: FloatArray, crashed: NDArray[np.bool_], risk: float, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
-    """Levels under resampling of the flights, which common gusts tie together over all set-points: shape (resamples,), the first as flown."""
-    flights = crashed.shape[1]
-    weights = rng.multinomial(flights, np.full(flights, 1 / flights), size=resamples - 1)
-    rates = np.concatenate([crashed.mean(axis=1)[None], weights @ crashed.T / flights])
-    return np.array([level(target_z_hat, r, risk, 0.5 / flights) for r in rates])
+def resamples(flights: int, rng: np.random.Generator, number: int = RESAMPLES) -> FloatArray:
+    """Weights of the flights under resampling, (number, flights), the first row as flown: one table serves all that is compared."""
+    drawn = rng.multinomial(flights, np.full(flights, 1 / flights), size=number - 1)
+    return np.concatenate([np.ones((1, flights)), drawn]) / flights
+
+
+def levels(target_z_hat: FloatArray, crashed: NDArray[np.bool_], risk: float, weights: FloatArray) -> FloatArray:
+    """Levels under `resamples` of the flights, which common gusts tie together over all set-points: shape (number,), the first as flown."""
+    least = 0.5 / crashed.shape[1]
+    return np.array([level(target_z_hat, r, risk, least) for r in weights @ crashed.T])
+
+
+def held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
+    """Levels that the set-points hold; those at the lowest set-point, which are only upper bounds, become nan."""
+    result: FloatArray = np.where(values > target_z_hat[0], values, np.nan)
+    return result
 
 
 def spread90(values: FloatArray) -> tuple[float, float]:

@@ -1,8 +1,10 @@
 """Random numbers that are addressed, not drawn: the n-th normal of a (key, flight) is a function of its address alone.
 
-splitmix64 (Steele, Lea and Flood 2014) scrambles ``key + n * golden``; two of its outputs make two normals by Box and Muller's
-transform, which is exact. So a flight meets the same gusts in whatever order, block or thread it is flown, at every set-point
-and with every model (common random numbers), and when the step of integration is halved.
+splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``; the ziggurat of 256 layers (Marsaglia and Tsang 2000, with
+Doornik's separate bits for layer and position) makes a normal of it, exactly. What it rejects, one word in eighty, is decided by a
+chain of words that begins at the rejected one, so no normal depends on how many words another took. So a flight meets the
+same gusts in whatever order, block or thread it is flown, at every set-point and with every model (common random numbers), and
+when the step of integration is halved; or, where settings are to be independent, each setting gusts of its own by its `salt`.
 """
 
 from __future__ import annotations
@@ -17,9 +19,24 @@ from nearlift.declare import FloatArray
 
 U = np.uint64
 GOLDEN, MIX_1, MIX_2 = U(0x9E3779B97F4A7C15), U(0xBF58476D1CE4E5B9), U(0x94D049BB133111EB)
-THIRTY, TWENTY_SEVEN, THIRTY_ONE, ELEVEN, ONE = U(30), U(27), U(31), U(11), U(1)
+THIRTY, TWENTY_SEVEN, THIRTY_ONE, ELEVEN, ONE, LAYER = U(30), U(27), U(31), U(11), U(1), U(255)
 #: Upper 53 bits to the open interval (0, 1): half a step off either end, so that its logarithm is finite.
 STEP = 2.0**-53
+#: Where the tail of the ziggurat begins.
+TAIL = 3.6541528853610088
+
+
+def _layers() -> tuple[FloatArray, FloatArray]:
+    """Right ends of the 256 layers of equal area under exp(-x^2 / 2) and a last zero; each layer's share that lies under the curve."""
+    area = TAIL * math.exp(-0.5 * TAIL**2) + math.sqrt(math.pi / 2) * math.erfc(TAIL / math.sqrt(2))
+    x = np.zeros(257)
+    x[0], x[1] = area / math.exp(-0.5 * TAIL**2), TAIL
+    for i in range(2, 256):
+        x[i] = math.sqrt(-2 * math.log(area / x[i - 1] + math.exp(-0.5 * x[i - 1] ** 2)))
+    return x, x[1:] / x[:-1]
+
+
+EDGE, SURE = _layers()
 
 
 def compiled(function: Any, **how: Any) -> Any:
@@ -40,24 +57,66 @@ def _mix(x: Any) -> Any:
 mix = compiled(_mix, inline="always")
 
 
-def _fill(key: Any, flight: Any, out: Any) -> None:
-    """Standard normals 0, 1, ... of one flight."""
-    start = mix(U(key) + mix(U(flight) * GOLDEN + ONE))
-    pairs = (out.size + 1) // 2
-    for i in range(pairs):
-        at = start + U(2 * i) * GOLDEN
-        radius = math.sqrt(-2.0 * math.log((float(mix(at) >> ELEVEN) + 0.5) * STEP))
-        angle = 2.0 * math.pi * (float(mix(at + GOLDEN) >> ELEVEN) + 0.5) * STEP
-        out[2 * i] = radius * math.cos(angle)
-        if 2 * i + 1 < out.size:
-            out[2 * i + 1] = radius * math.sin(angle)
+def _begin(key: Any, flight: Any, salt: Any) -> Any:
+    """Address of the first normal of a flight; a salt of 0 is what all settings share."""
+    return mix(U(key) + mix(U(flight) * GOLDEN + ONE) + U(salt) * MIX_2)
+
+
+begin = compiled(_begin)
+
+
+def _late(word: Any, layer: Any, u: Any) -> Any:
+    """The normal of a word that its layer did not decide at once."""
+    while True:
+        word = mix(word + GOLDEN)
+        chance = (float(word >> ELEVEN) + 0.5) * STEP
+        if layer == 0:
+            # beyond the last layer: Marsaglia's exact tail
+            x = -math.log(chance) / TAIL
+            word = mix(word + GOLDEN)
+            if -2.0 * math.log((float(word >> ELEVEN) + 0.5) * STEP) > x * x:
+                return TAIL + x if u > 0.0 else -TAIL - x
+            continue
+        x = u * EDGE[layer]
+        inner = math.exp(-0.5 * (EDGE[layer] * EDGE[layer] - x * x))
+        outer = math.exp(-0.5 * (EDGE[layer + 1] * EDGE[layer + 1] - x * x))
+        if inner + chance * (outer - inner) < 1.0:
+            return x
+        word = mix(word + GOLDEN)
+        layer = np.int64(word & LAYER)
+        u = float(np.int64(word) >> 11) * (2.0 * STEP)
+        if abs(u) < SURE[layer]:
+            return u * EDGE[layer]
+
+
+late = compiled(_late)
+
+
+def _normal(at: Any) -> Any:
+    """The standard normal at an address."""
+    word = mix(at)
+    layer = np.int64(word & LAYER)
+    # the signed upper 53 bits: position within the layer, in [-1, 1)
+    u = float(np.int64(word) >> 11) * (2.0 * STEP)
+    if abs(u) < SURE[layer]:
+        return u * EDGE[layer]
+    return late(word, layer, u)
+
+
+normal = compiled(_normal)
+
+
+def _fill(start: Any, out: Any) -> None:
+    """Standard normals 0, 1, ... from a flight's first address."""
+    for i in range(out.size):
+        out[i] = normal(start + U(i) * GOLDEN)
 
 
 fill = compiled(_fill)
 
 
-def normals(key: int, flight: int, n: int) -> FloatArray:
-    """The first `n` standard normals of a flight: shape (n,), the same for ever, on every machine to the last digits of log and cos."""
+def normals(key: int, flight: int, n: int, salt: int = 0) -> FloatArray:
+    """The first `n` standard normals of a flight: shape (n,), the same for ever, on every machine to the last digits of log and exp."""
     out = np.empty(n)
-    fill(U(key), U(flight), out)
+    fill(U(begin(U(key), U(flight), U(salt))), out)
     return out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 from dataclasses import asdict
 from typing import Any
 
@@ -14,7 +13,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.flight_manifest import Simulate
 from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
 from nearlift.randomness import generator
-from nearlift.simulation import claims, energy, groups, histories, maps, presets, roll, safety
+from nearlift.simulation import claims, energy, groups, histories, maps, presets, roll, safety, variants
 from nearlift.simulation.control import Gains, stable
 from nearlift.simulation.craft import Craft
 from nearlift.simulation.curve import tabulate
@@ -40,30 +39,32 @@ def run(job: Job) -> Outcome:
     notes: list[str] = []
     content: dict[str, Any] = {"schema": SAFETY.schema, "presets": {}, "fitted": {}}
     samples: list[dict[str, Any]] = []
+    levels = {name: claims.Levels() for name in chosen.presets}
     for name in chosen.presets:
         preset = presets.preset(name)
         content["presets"][name] = {"meaning": preset.meaning, "boundaries": {}}
         for boundary in presets.MODELS:
             job.say(f"simulate {name} {boundary}")
-            flown, entry = _preset(preset, boundary, chosen, key, spread(job), rows)
+            flown, entry = _preset(preset, boundary, chosen, key, spread(job), rows, levels[name])
             content["presets"][name]["boundaries"][boundary] = entry
             samples += histories.paper(preset, boundary, key) if name == "paper" else []
             _note(notes, f"{name} {boundary}", entry, flown)
     fitted = boundaries_of([b for b in job.read_json(FIT)["boundaries"] if b in presets.MODELS])
     craft = vehicle(job, chosen)
     mapped: Rows = []
+    flights: dict[Boundary, Sweep] = {}
     for boundary in fitted:
         job.say(f"simulate fitted {boundary}")
         belief = believe(job, boundary, chosen.draws)
         flown, entry = _fitted(job, belief, chosen, craft, key, rows)
-        content["fitted"][boundary] = entry
+        content["fitted"][boundary], flights[boundary] = entry, flown
         _note(notes, f"fitted {boundary}", entry, flown)
         if chosen.maps:
             job.say(f"simulate map {boundary}")
             how = _how(chosen, boundary, craft)
             mapped += maps.scan(boundary, belief.ratio(), belief.model.name, bound(belief, chosen), **how, key=key, spread=spread(job))
-    content["route"], routes = plan(job, chosen, craft, content["fitted"], rows) if chosen.route else (None, [])
-    content["claims"] = claims.table(content["presets"])
+    content["route"], routes = plan(job, chosen, craft, content["fitted"], flights) if chosen.route else (None, [])
+    content["claims"] = claims.table(levels)
     content["roll"] = _roll(job, chosen)
     job.write(CRASH_RATES, columns(CRASH_RATES, rows))
     job.write(FLIGHTS, columns(FLIGHTS, samples))
@@ -74,10 +75,8 @@ def run(job: Job) -> Outcome:
 
 
 def spread(job: Job) -> Map:
-    """The executor's map, within this process: what is flown is shared in memory, and the compiled loop releases the lock."""
-    if isinstance(job.executor, concurrent.futures.ThreadPoolExecutor):
-        return job.executor.map
-    return map
+    """The executor's map: blocks of flights are plain values that threads, processes or a cluster may fly in any order."""
+    return job.executor.map
 
 
 def columns(product: Any, rows: Rows) -> dict[str, Any]:
@@ -125,37 +124,39 @@ def bound(belief: Belief, chosen: Simulate) -> float:
     return chosen.bound_z_hat.get(belief.boundary, belief.measured_z_hat[0])
 
 
-def _preset(preset: presets.Preset, boundary: Boundary, chosen: Simulate, key: int, over: Map, rows: Rows) -> tuple[Sweep, dict[str, Any]]:
-    """The paper's models and powers under one preset."""
+def _preset(
+    preset: presets.Preset, boundary: Boundary, chosen: Simulate, key: int, over: Map, rows: Rows, levels: claims.Levels
+) -> tuple[Sweep, dict[str, Any]]:
+    """The paper's models and powers under one preset; `levels` takes what its claims are judged by."""
     model = catalogue.model(presets.MODELS[boundary])
     geometry = {n: presets.GEOMETRY[n] for n in model.needs}
     curves = tabulate([lambda z, k=k: model(z, **geometry) ** k for k in presets.EXPONENTS], presets.BOUND_Z_HAT)  # type: ignore[misc]
     gains = stable(preset.gains(boundary), preset.craft, boundary)
     own = groups.of(preset.craft, gains, preset.disturbance, preset.duration_s)
-    flown = sweep(
-        boundary,
-        curves,
-        presets.TARGETS[boundary],
-        own,
-        scheme=preset.scheme,
-        steps_per_hold=steps_per_hold(preset.disturbance.hold_s, preset.step_s),
-        step_s=preset.step_s,
-        flights=chosen.flights,
-        key=key,
-        spread=over,
-    )
+    how: dict[str, Any] = {
+        "scheme": preset.scheme,
+        "steps_per_hold": steps_per_hold(preset.disturbance.hold_s, preset.step_s),
+        "flights": chosen.flights,
+        "key": key,
+        "spread": over,
+    }
+    flown = sweep(boundary, curves, presets.TARGETS[boundary], own, step_s=preset.step_s, **how)
     entry: dict[str, Any] = {"convergence": asdict(flown.convergence), "groups": asdict(own), "flights": flown.flights, "levels": []}
-    rng = generator(key % 2**32, "levels", preset.name, boundary)
+    # one resampling for all curves: they met the same gusts
+    weights = safety.resamples(flown.flights, generator(key % 2**32, "levels", preset.name, boundary))
     for i, k in enumerate(presets.EXPONENTS):
         _rows(rows, preset.name, boundary, model.name if k else "none", k, -1, flown, i, energy.cost(flown.ratio[i], "thrust"))
         for risk in chosen.risks:
-            entry["levels"].append({"exponent": k, **_level(flown, i, risk, rng)})
+            values = safety.levels(flown.target_z_hat, flown.crashed[i], risk, weights)
+            levels.flown[boundary, k, risk] = safety.held(flown.target_z_hat, values)
+            entry["levels"].append({"exponent": k, **_level(flown, values, risk)})
+    rng = generator(key % 2**32, "variants", preset.name, boundary)
+    levels.varied.update(variants.levels(boundary, curves, presets.EXPONENTS, own, **how, rng=rng))
     return flown, entry
 
 
-def _level(flown: Sweep, i: int, risk: float, rng: np.random.Generator) -> dict[str, Any]:
+def _level(flown: Sweep, values: FloatArray, risk: float) -> dict[str, Any]:
     """The lowest set-point for a risk, with the flights' own uncertainty."""
-    values = safety.levels(flown.target_z_hat, flown.crashed[i], risk, rng)
     lo90, hi90 = safety.spread90(values)
     return {"risk": risk, "value": float(values[0]), "lo90": lo90, "hi90": hi90, "lowest_flown": float(flown.target_z_hat[0])}
 
@@ -203,39 +204,49 @@ def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, 
         "convergence": asdict(flown.convergence),
         "levels": [_levels_of_draws(flown, risk, rng) for risk in chosen.risks],
         "front_z_hat": flown.target_z_hat[energy.front(costs[1][1], flown.rate[1])].tolist(),
-        "best_set_points": [_best(flown, costs, price) for price in chosen.crash_prices],
+        "best_set_points": _best(flown, costs, chosen.crash_prices, rng),
     }
     return flown, entry
 
 
 def _levels_of_draws(flown: Sweep, risk: float, rng: np.random.Generator) -> dict[str, Any]:
     """The lowest set-point for a risk with the model's uncertainty and the flights' together; without a model for comparison."""
-    per_draw = [safety.levels(flown.target_z_hat, c, risk, rng, resamples=50) for c in flown.crashed[2:]]
+    weights = safety.resamples(flown.flights, rng)
+    per_draw = [safety.levels(flown.target_z_hat, c, risk, weights[: safety.PER_DRAW]) for c in flown.crashed[2:]]
+    own, none = (safety.levels(flown.target_z_hat, flown.crashed[i], risk, weights) for i in (1, 0))
     lo90, hi90 = safety.spread90(np.concatenate(per_draw))
     model_lo, model_hi = safety.spread90(np.array([v[0] for v in per_draw]))
     return {
-        **_level(flown, 1, risk, rng),
+        **_level(flown, own, risk),
         "lo90": lo90,
         "hi90": hi90,
         "model_only": [model_lo, model_hi],
-        "without_model": _level(flown, 0, risk, rng)["value"],
+        "without_model": float(none[0]),
     }
 
 
-def _best(flown: Sweep, costs: list[Any], price: float) -> dict[str, Any]:
-    """The set-point of least expected cost for a price of a crash, over the draws."""
-    best, total = energy.best_set_point(flown.target_z_hat, costs[1][1], flown.rate[1], price)
-    each = [flown.target_z_hat[energy.best_set_point(flown.target_z_hat, c[1], r, price)[0]] for c, r in zip(costs[2:], flown.rate[2:], strict=True)]
-    lo90, hi90 = safety.spread90(np.array(each))
-    return {
-        "price": price,
-        "target_z_hat": float(flown.target_z_hat[best]),
-        "lo90": lo90,
-        "hi90": hi90,
-        "expected_cost": total,
-        "relative_cost": float(costs[1][1][best]),
-        "rate": float(flown.rate[1, best]),
-    }
+def _best(flown: Sweep, costs: list[Any], prices: list[float], rng: np.random.Generator) -> list[dict[str, Any]]:
+    """For each price of a crash the set-point of least expected cost, over draws of the model and resamples of the flights; or a refusal."""
+    z_hat = flown.target_z_hat
+    drawn = [(c[1], safety.rate_draws(crashed, safety.PER_DRAW, rng)) for c, crashed in zip(costs[2:], flown.crashed[2:], strict=True)]
+    found = []
+    for price in prices:
+        own = energy.choose(z_hat, costs[1][1], flown.crashed[1].sum(axis=1), flown.flights, price)
+        each = [z_hat[energy.best_set_point(z_hat, c, r, price)[0]] for c, rates in drawn for r in rates]
+        lo90, hi90 = safety.spread90(np.array(each)) if own.resolved else (None, None)
+        told = asdict(own)
+        index = told.pop("index")
+        found.append(
+            {
+                "price": price,
+                "target_z_hat": float(z_hat[index]) if own.resolved else None,
+                "lo90": lo90,
+                "hi90": hi90,
+                "farthest": index == len(z_hat) - 1,
+                **told,
+            }
+        )
+    return found
 
 
 def _rows(

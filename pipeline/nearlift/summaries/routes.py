@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.products import ROUTES, SAFETY
+from nearlift.simulation.route import BASES
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
 #: So many ways are drawn: the cheapest, the chosen, the safest, and some between.
@@ -17,7 +18,8 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `kind` (way, box, end, front), `way`, `chosen`, `x` and `y` (m; of the front: energy and risk), `x2` and `y2` (a box's far corner).
+        `kind` (way, box, end, front, bound), `way`, `chosen`, `x` and `y` (m; of the front: energy and risk), `x2` and `y2` (a box's far corner;
+        of the front: the ends of the risk's 90 % interval), `seen` (1 where the risk rests on flights that crashed).
     """
     table, entry = evidence.table(ROUTES), evidence.document(SAFETY).get("route")
     if not entry or not len(table["way"]):
@@ -30,10 +32,11 @@ def summarise(evidence: Evidence) -> Columns:
     parts.append(_rows("end", -1, 0, *zip(entry["start_m"], entry["goal_m"], strict=True)))
     for way in sorted({chosen, *spread.tolist()}):
         mine = table["way"] == way
-        parts.append(_rows("way", way, int(way == chosen), table["x_m"][mine], table["z_m"][mine]))
+        seen = table["risk_from"][mine] == BASES[0]
+        parts.append(_rows("way", way, int(way == chosen), table["x_m"][mine], table["z_m"][mine]) | {"seen": seen.astype(int)})
     found = entry["ways"]
     for i, w in enumerate(found):
-        parts.append(_rows("front", i, int(w["chosen"]), [w["energy"]], [w["risk"]]))
+        parts.append(_rows("front", i, int(w["chosen"]), [w["energy"]], [w["risk"]], [w["lo90"]], [w["hi90"]]))
     parts.append(_rows("bound", -1, 0, [np.nan], [entry["risk_bound"]]))
     return stack(parts)
 
@@ -42,18 +45,23 @@ def _rows(kind: str, way: int, chosen: int, x: object, y: object, x2: object = n
     xs = np.asarray(x, dtype=float)
     n = len(xs)
     far = {name: np.broadcast_to(np.asarray(v, dtype=float), (n,)) for name, v in (("y", y), ("x2", x2), ("y2", y2))}
-    return {"kind": text_column(kind, n), "way": np.full(n, way), "chosen": np.full(n, chosen), "x": xs, **far}
+    return {"kind": text_column(kind, n), "way": np.full(n, way), "chosen": np.full(n, chosen), "x": xs, **far, "seen": np.ones(n, dtype=int)}
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and what the way is not."""
     e = evidence.document(SAFETY)["route"]
+    shares = e["share_by_basis"]
+    lowest = " and ".join(f"ẑ ≥ {z:.3g} from the {side}" for side, z in e["lowest_z_hat"].items())
     return (
         f"Ways through a corridor of {e['length_m']:g} by {e['height_m']:g} m at {e['speed_m_s']:g} m/s, from the fitted models near "
-        f"{' and '.join(e['boundaries'])}. Colours: risk of a crash; bold: the cheapest way with a risk of at most {e['risk_bound']:g}, which takes "
-        f"{e['energy']:.3f} of the straight way's energy far from boundaries, at a risk of {e['risk']:.2g}. Right: energy against risk of all ways "
-        "on the front. A plan on a grid for hover's aerodynamics, no trajectory: neither forward flight's weaker ground effect nor tracking "
-        "error along the way is in it."
+        f"{' and '.join(e['boundaries'])}. Colours: risk of a crash, solid where flights crashed, dashed where it is only a bound set by "
+        f"{e['flights']} flights a set-point ({100 * (1 - shares[BASES[0]]):.0f} % of the chosen way, of it {100 * shares[BASES[2]]:.0f} % "
+        f"extrapolated beyond the set-points flown). Bold: the cheapest way whose risk is shown to be at most {e['risk_bound']:g}. It takes "
+        f"{e['energy']:.3f} of the straight way's energy far from boundaries, at a risk of {e['risk']:.2g} (90 %: {e['lo90']:.2g} to "
+        f"{e['hi90']:.2g}), and keeps {lowest}, below which nothing was both measured and flown. Right: energy against risk of all ways on the "
+        "front, 90 % over model and flights. A plan on a grid for hover's aerodynamics, no trajectory: neither forward flight's weaker ground "
+        "effect nor tracking error along the way is in it."
     )
 
 

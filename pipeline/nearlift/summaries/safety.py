@@ -46,8 +46,10 @@ def summarise(evidence: Evidence) -> Columns:
         shown = {k: np.maximum(v, floor) for k, v in (("y", rates["rate"][best]), ("lo90", lo90), ("hi90", hi90))}
         parts.append(curve_rows("front", side, "model", label, rates["cost"][best], shown["y"], lo90=shown["lo90"], hi90=shown["hi90"]))
         for found in content[side]["best_set_points"]:
-            name = f"{found['price']:g}: z_hat {found['target_z_hat']:g}"
-            parts.append(curve_rows("front", side, "best", name, [found["relative_cost"]], [max(found["rate"], floor)]))
+            if found["resolved"]:
+                name = f"{found['price']:g}: z_hat {found['target_z_hat']:g}"
+                at = max(found["crashes"] / content[side]["flights"], floor)
+                parts.append(curve_rows("front", side, "best", name, [found["relative_cost"]], [at]))
     return stack(parts) if parts else {}
 
 
@@ -69,14 +71,25 @@ def caption(evidence: Evidence, table: Columns) -> str:
             "Above: crash rate against set-point, with the 90 % band of model and flights together, and the relative power to hover (right axis), "
             "by what the trials held (band: what is not known of it) and as the paper has it (dashed)."
         ),
-        "Below: power against risk; symbols are the set-points of least expected cost where a crash costs so many times the flight's energy.",
+        (
+            "Below: power against risk, a rate without a crash standing at half a crash. Symbols are the set-points of least expected cost where a "
+            "crash costs so many times the flight's energy, by rates of (crashes + 1/2) / (flights + 1) that fall with distance. No set-point is "
+            "named for a price at which even the upper bound of its risk (95 %) would cost more than it saves over the farthest set-point."
+        ),
     ]
     for side, own in evidence.document(SAFETY)["fitted"].items():
         effects = f" with {', '.join(own['effects'])}" if own["effects"] else ""
         c = own["convergence"]
+        refused = [
+            f"{e['price']:g} (about {e['flights_needed']} flights would do)" if e["flights_needed"] else f"{e['price']:g}"
+            for e in own["best_set_points"]
+            if not e["resolved"]
+        ]
+        left = f" Not resolved by {own['flights']} flights: prices of {', '.join(refused)}." if refused else ""
         parts.append(
             f"{side.capitalize()}: {own['model']}{effects}, {own['draws']} draws from {own['draws_from']}, {own['flights']} flights a point; "
-            f"L/L∞ is held below ẑ = {own['bound_z_hat']:.2g}, where nothing was measured; halving the step changes a rate by up to {c['worst']:.2g}."
+            f"L/L∞ is held below ẑ = {own['bound_z_hat']:.2g}, where nothing was measured; halving the step changes a rate by up to "
+            f"{c['worst']:.2g}.{left}"
         )
     return " ".join(parts)
 
