@@ -209,6 +209,22 @@ def execute_many(campaigns: tuple[Path, ...], out: Path, executor: str, seed: in
     sys.exit(many.gravest(ended))
 
 
+def follow(campaign: Path, period_s: float, out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool) -> None:
+    """Run a campaign that is being recorded, again and again, until it is interrupted; with `as_json` one object a round."""
+    from dataclasses import asdict
+
+    from nearlift.stages.watch import watch
+
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    voice = Voice(quiet, verbose, as_json)
+    voice.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
+    for found in watch(campaign, out, executor, seed, period_s, voice.progress):
+        voice.line(found.words)
+        if as_json:
+            click.echo(json.dumps(asdict(found)))
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="nearlift")
 def main() -> None:
@@ -224,10 +240,16 @@ CAMPAIGN = click.argument("campaign", type=click.Path(path_type=Path))
 
 @main.command()
 @click.argument("campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN...")
+@click.option("--watch", is_flag=True, help="Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.")
+@click.option("--every", type=click.FloatRange(min=0.1), default=5.0, show_default=True, metavar="SECONDS", help="How often --watch looks.")
 @common
-def run(campaigns: tuple[Path, ...], **options: Any) -> None:
+def run(campaigns: tuple[Path, ...], watch: bool, every: float, **options: Any) -> None:
     """Every stage of CAMPAIGN that is stale; of several campaigns, one after the other, or side by side with processes:N."""
-    if len(campaigns) == 1:
+    if watch:
+        if len(campaigns) > 1:
+            raise UsageError("--watch", f"was given {len(campaigns)} campaigns", "watch one; run the others in terminals of their own")
+        follow(campaigns[0], every, **options)
+    elif len(campaigns) == 1:
         execute(campaigns[0], None, **options)
     else:
         execute_many(campaigns, **options)

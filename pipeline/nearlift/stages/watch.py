@@ -1,0 +1,120 @@
+"""A campaign that is still being recorded: whatever is stale is run again as often as its folder has changed.
+
+The folder is looked at by `stat` alone, every `period_s` seconds; no file is opened to find out whether anything is new. A run that
+is refused (a schedule half saved, too few trials for a fit yet) is told, and waits for the next change.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nearlift import campaign as manifests
+from nearlift import store
+from nearlift.errors import NearliftError
+from nearlift.lock import Busy
+from nearlift.products import FIT, TRIALS
+from nearlift.reduction.quality import rejected
+from nearlift.stages import graph
+from nearlift.stages.job import silent
+from nearlift.stages.opening import open_job
+from nearlift.summaries.rounding import letter, plus_minus
+
+#: Seconds between looks, unless told otherwise.
+PERIOD_S = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Round:
+    """One time round.
+
+    Attributes
+    ----------
+    ran : tuple of str
+        Stages that were stale.
+    good, scheduled : int
+        Trials that take part in fits, and trials in the schedule.
+    words : str
+        One line: how far the campaign is and what it says so far, or why it must wait.
+    refused : str
+        The refusal, where there was one.
+    """
+
+    ran: tuple[str, ...] = ()
+    good: int = 0
+    scheduled: int = 0
+    words: str
+    refused: str = ""
+
+
+def watch(
+    root: Path,
+    out: Path,
+    executor: str,
+    seed: int,
+    period_s: float = PERIOD_S,
+    say: Callable[[str], None] = silent,
+    stages: Sequence[graph.Stage] = graph.STAGES,
+) -> Iterator[Round]:
+    """Rounds without end; one is yielded whenever something was run or refused, or need not wait any longer.
+
+    Raises
+    ------
+    ManifestError
+        The manifest is refused before the first round; later it may be mended.
+    """
+    manifests.load(root)
+    seen: dict[str, tuple[int, int]] | None = None
+    again = waiting = False
+    while True:
+        now = _stamps(root)
+        if again or now != seen:
+            seen = now
+            found, again = _round(root, out, executor, seed, say, stages)
+            if found.ran or found.refused or waiting:
+                yield found
+            waiting = bool(found.refused)
+        time.sleep(period_s)
+
+
+def _stamps(root: Path) -> dict[str, tuple[int, int]]:
+    """Size and time of last change of every file in the campaign's folder; links are not followed."""
+    found = {}
+    for folder, _, names in os.walk(root):
+        for name in names:
+            path = Path(folder, name)
+            try:
+                status = path.lstat()
+            except FileNotFoundError:
+                continue  # renamed meanwhile
+            found[str(path)] = (status.st_size, status.st_mtime_ns)
+    return found
+
+
+def _round(root: Path, out: Path, executor: str, seed: int, say: Callable[[str], None], stages: Sequence[graph.Stage]) -> tuple[Round, bool]:
+    """Run what is stale; the answer, and whether to look again although nothing changes (a record was still being written)."""
+    ran: list[str] = []
+    pending = False
+    try:
+        with open_job(root, out, executor, seed, say) as job:
+            for step in graph.run(job, stages):
+                ran += [step.stage.name] if step.why else []
+                pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
+            quality = job.read(TRIALS)["quality"]
+            fitted = store.read_json_if_whole(job.processed / FIT.file)
+    except NearliftError as refusal:
+        return Round(ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)), isinstance(refusal, Busy)
+    good = len(quality) - int(rejected(quality).sum())
+    words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(fitted)])
+    return Round(ran=tuple(ran), good=good, scheduled=len(quality), words=words), pending
+
+
+def _headlines(fitted: dict[str, Any]) -> Iterator[str]:
+    """The base models' first coefficients."""
+    for boundary, base in fitted.get("base", {}).items():
+        for name, entry in list(fitted["boundaries"][boundary][base]["parameters"].items())[:1]:
+            yield f"{boundary} {letter(name)} = {plus_minus(entry['value'], entry['u'] if entry['u'] is not None else float('inf'))}"

@@ -1,0 +1,153 @@
+"""`nearlift run --watch`: trials that land are taken up; what must wait, waits; Ctrl-C ends it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from nearlift.errors import ManifestError
+from nearlift.stages import graph
+from nearlift.stages import watch as watching
+from nearlift.stages.watch import Round, watch
+
+from . import small_run
+
+FIRST = graph.STAGES[:2]
+PERIOD_S = 0.05
+
+
+def old(path: Path) -> Path:
+    """As if written an hour ago."""
+    os.utime(path, (time.time() - 3600,) * 2)
+    return path
+
+
+@pytest.fixture
+def recording(tmp_path) -> tuple[Path, list[Path]]:
+    """A campaign of which 84 records are there, and the 28 that are still to come."""
+    raw = small_run.write(tmp_path / "raw", visits=4)
+    records = sorted((raw / "trials").iterdir())
+    late = [Path(shutil.move(path, tmp_path / path.name)) for path in records[84:]]
+    for path in records[:84]:
+        old(path)
+    return raw, late
+
+
+def until(rounds, wanted, limit_s: float = 60.0) -> list[Round]:
+    """Rounds up to the first that is wanted."""
+    seen = []
+    end = time.monotonic() + limit_s
+    for found in rounds:
+        seen.append(found)
+        if wanted(found):
+            return seen
+        assert time.monotonic() < end, seen
+    raise AssertionError("a watch has no end")
+
+
+def test_trials_are_taken_up_as_they_land(recording, tmp_path):
+    raw, late = recording
+
+    def drop() -> None:
+        for path in late:
+            time.sleep(0.02)
+            shutil.copy2(path, raw / "trials" / f".{path.name}.part")
+            (raw / "trials" / f".{path.name}.part").rename(raw / "trials" / path.name)
+
+    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST)
+    assert next(rounds).words == "84 of 112 trials"
+    hand = threading.Thread(target=drop)
+    hand.start()
+    seen = until(rounds, lambda found: found.good == 112)
+    hand.join()
+    assert [found.good for found in seen] == sorted(found.good for found in seen)
+    assert seen[-1].ran == ("ingest", "reduce")
+    # the same products as of a campaign that was whole from the start
+    plain = small_run.job(raw, tmp_path / "plain")
+    list(graph.run(plain, FIRST))
+    for name in ("trials.parquet", "lift.parquet"):
+        assert (plain.processed / name).read_bytes() == (tmp_path / "out/processed/small" / name).read_bytes()
+
+
+def test_a_record_still_being_written_is_looked_at_again_though_nothing_changes(recording, tmp_path):
+    raw, late = recording
+    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST)
+    next(rounds)
+    text = late[0].read_bytes()
+    landing = raw / "trials" / late[0].name
+    landing.write_bytes(text[: len(text) // 2])
+    until(rounds, lambda found: found.good == 84)
+    landing.write_bytes(text)
+    assert until(rounds, lambda found: found.good == 85)[-1].refused == ""
+
+
+def test_a_schedule_half_saved_waits_for_the_rest(recording, tmp_path):
+    raw, _ = recording
+    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST)
+    next(rounds)
+    schedule = (raw / "trials.csv").read_text()
+    (raw / "trials.csv").write_text(schedule[: schedule.rindex(",ground,") + 3])
+    found = next(rounds)
+    assert found.words.startswith("waiting: ")
+    assert "trials.csv" in found.refused
+    (raw / "trials.csv").write_text(schedule)
+    (raw / "trials" / "of-nobody.csv").write_text("makes the folder another one")
+    assert until(rounds, lambda found: not found.refused)[-1].good == 84
+
+
+def test_nothing_new_is_no_round(recording, tmp_path, monkeypatch):
+    raw, _ = recording
+    looks = []
+
+    def sleep(seconds: float) -> None:
+        looks.append(seconds)
+        if len(looks) == 5:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(watching.time, "sleep", sleep)
+    rounds = watch(raw, tmp_path / "out", "serial", 0, 7.0, stages=FIRST)
+    next(rounds)
+    with pytest.raises(KeyboardInterrupt):
+        next(rounds)
+    assert looks == [7.0] * 5
+
+
+def test_a_manifest_that_is_refused_is_not_waited_for(tmp_path):
+    with pytest.raises(ManifestError, match=r"holds no campaign\.toml"):
+        next(watch(tmp_path, tmp_path / "out", "serial", 0))
+
+
+def test_ctrl_c_ends_it_with_130_and_products_stand(recording, tmp_path, monkeypatch):
+    raw, _ = recording
+
+    def interrupted(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(watching.time, "sleep", interrupted)
+    monkeypatch.setattr(watching.watch, "__defaults__", (*watching.watch.__defaults__[:-1], FIRST))
+    found = small_run.nearlift("run", raw, "--watch", "--every", "1", "--out", tmp_path, "--json", "--executor", "serial")
+    assert found.exit_code == 130
+    lines = [json.loads(line) for line in found.stdout.splitlines()]
+    assert lines[0]["good"] == 84
+    assert lines[-1]["exit_code"] == 130
+    assert (tmp_path / "processed/small/lift.parquet").is_file()
+
+
+def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
+    raw, _ = recording
+    found = small_run.nearlift("run", raw, raw, "--watch")
+    assert (found.exit_code, "was given 2 campaigns" in found.stderr) == (2, True)
+
+
+def test_what_the_round_says_of_the_fit():
+    fitted = {"base": {"ground": "m"}, "boundaries": {"ground": {"m": {"parameters": {"alpha": {"value": 0.125, "u": 0.01}, "b": {}}}}}}
+    assert list(watching._headlines(fitted)) == ["ground α = 0.125 ± 0.010"]
+    fitted["boundaries"]["ground"]["m"]["parameters"]["alpha"]["u"] = None
+    assert list(watching._headlines(fitted)) == ["ground α = 0.125"]
+    assert list(watching._headlines({})) == []
