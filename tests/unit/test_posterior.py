@@ -3,6 +3,7 @@
 import dataclasses
 import warnings
 
+import emcee
 import numpy as np
 import pytest
 from scipy import stats
@@ -17,6 +18,7 @@ from nearlift.fitting.density import Density
 from nearlift.fitting.grid import grid
 from nearlift.fitting.learnt import learnt
 from nearlift.fitting.least_squares import fit
+from nearlift.fitting.snooker import SnookerMove
 from nearlift.fitting.stations import Stations
 from nearlift.results import Noise
 
@@ -141,10 +143,12 @@ def test_emcee_and_importance_sampling_agree_and_both_deliver_what_was_asked():
     assert (fast.sampler, slow.sampler) == ("importance", "emcee")
     for found in (fast, slow):
         assert found.ess.min() >= 2000
-        assert found.r_hat.max() < 1.02
+        assert found.ess_tail.min() >= 1000
         assert {c.by for c in found.checks} <= {"grid", "importance sampling"}
         assert not any(c.failed for c in found.checks)
     assert {c.by for c in slow.checks} == {"grid", "importance sampling"}
+    assert np.isnan(fast.r_hat).all()
+    assert slow.r_hat.max() < 1.01
     assert 0.15 < slow.acceptance < 0.8
     assert slow.tau.min() > 1
 
@@ -154,20 +158,20 @@ def test_a_killed_chain_goes_on_bit_for_bit():
     settings = posterior.Settings(sampler="emcee", ess=1000)
     kept = []
     whole = posterior.sample(target, settings, 4, keep=kept.append)
-    assert len(kept) > 2
+    assert len(kept) > 1
     further = []
-    resumed = posterior.sample(target, settings, 4, stored=kept[:2], keep=further.append)
-    assert len(further) == len(kept) - 2
+    resumed = posterior.sample(target, settings, 4, stored=kept[:1], keep=further.append)
+    assert len(further) == len(kept) - 1
     np.testing.assert_array_equal(resumed.theta, whole.theta)
     np.testing.assert_array_equal(resumed.log_prob, whole.log_prob)
 
 
 def test_too_few_steps_are_refused_with_the_number_that_is_enough():
     target, _ = density("sanchez_cuevas")
-    with pytest.raises(NotConverged, match=r"(?s)400 steps of 50 walkers, tau = \d.*run at least \d+: `steps = \d+` in \[fit\]") as refusal:
-        posterior.sample(target, posterior.Settings(sampler="emcee", ess=2000, steps=400), 1)
+    with pytest.raises(NotConverged, match=r"(?s)200 steps of 50 walkers, tau = \d.*run at least \d+: `steps = \d+` in \[fit\]") as refusal:
+        posterior.sample(target, posterior.Settings(sampler="emcee", ess=2000, steps=200), 1)
     enough = int(refusal.value.remedy.split()[3].rstrip(":"))
-    assert 400 < enough < 5000
+    assert 200 < enough < 5000
     assert refusal.value.exit_code == 5
     assert posterior.sample(target, posterior.Settings(sampler="emcee", ess=2000, steps=2 * enough), 1).ess.min() >= 2000
 
@@ -183,16 +187,79 @@ class Lopsided(Density):
 def test_a_disagreement_is_an_error_that_says_so():
     target, found = density("sanchez_cuevas")
     wrong = Lopsided(problem=target.problem, centre=found.theta)
-    with pytest.raises(NotConverged, match=r"emcee and the importance sampling disagree: \d+ % of K_b lie below .* errors apart"):
-        posterior.sample(wrong, posterior.Settings(sampler="emcee", ess=1000), 1)
+    kept = []
+    with pytest.raises(
+        NotConverged, match=r"(?s)emcee and the importance sampling disagree: \d+ % of K_b lie below .* errors apart.*another seed"
+    ) as refusal:
+        posterior.sample(wrong, posterior.Settings(sampler="emcee", ess=1000), 1, keep=kept.append)
+    # made twice as long before it gave up, and what it says next is not the setting that failed
+    steps = int(refusal.value.remedy.split()[0])
+    assert steps == ensemble.BLOCK * len(kept)
+    assert '"emcee"' not in refusal.value.remedy
+    with pytest.raises(NotConverged, match=f"`steps = {steps}` in .fit. .now {steps - 1}."):
+        posterior.sample(wrong, posterior.Settings(sampler="emcee", ess=1000, steps=steps - 1), 1)
+
+
+def test_a_disagreement_is_asked_again_of_a_chain_twice_as_long(monkeypatch):
+    target, _ = density("sanchez_cuevas")
+    settings = posterior.Settings(sampler="emcee", ess=500)
+    short = []
+    posterior.sample(target, settings, 1, keep=short.append)
+    compare, asked = agreement.compare, []
+
+    def doubtful(*given):
+        # the judge of the weights, then two of the chain; then the same two of the longer one
+        asked.append(given)
+        return dataclasses.replace(compare(*given), apart=50.0 if len(asked) in (2, 3) else 1.0)
+
+    monkeypatch.setattr(agreement, "compare", doubtful)
+    longer = []
+    found = posterior.sample(target, settings, 1, keep=longer.append)
+    assert found.steps == ensemble.BLOCK * len(longer) == 2 * ensemble.BLOCK * len(short)
+    # killed on the way there, it ends at the same place
+    asked.clear()
+    resumed = posterior.sample(target, settings, 1, stored=longer[:-1])
+    np.testing.assert_array_equal(resumed.theta, found.theta)
+
+
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_the_snooker_move_leaves_a_normal_as_it_is(p):
+    """emcee 3.1.6's own leaves a variance of 1.08 where p = 1. Errors from runs of another seed: 0.004 in the variance."""
+    sampler = emcee.EnsembleSampler(
+        100, p, lambda x: -0.5 * np.sum(x**2, axis=1), moves=[(SnookerMove(), 0.5), (emcee.moves.DEMove(), 0.5)], vectorize=True
+    )
+    sampler._random.seed(3)
+    sampler.run_mcmc(np.random.default_rng(3).standard_normal((100, p)), 1500)
+    chain = sampler.get_chain(discard=100)
+    assert chain.var(axis=(0, 1)) == pytest.approx(np.ones(p), abs=0.025)
+    assert np.mean(np.abs(chain) > 1.645) == pytest.approx(0.1, abs=0.005)
+
+
+def test_emcee_agrees_about_a_shape_with_a_long_tail():
+    """Two coefficients that trade places along a bend: where a wrong move shows."""
+    target, _ = density("power_law", seed=2, dof=300.0)
+    found = posterior.sample(target, posterior.Settings(sampler="emcee", ess=1500), 1)
+    assert {c.by for c in found.checks if not c.unfit} == {"grid", "importance sampling"}
+    assert max(c.apart for c in found.checks) < agreement.APART
+
+
+def test_a_tail_is_worth_less_than_the_bulk_where_the_spread_is_slow():
+    """Chains whose spread wanders: their centre is known well, the ends of their interval are not."""
+    rng = np.random.default_rng(5)
+    slow = rng.standard_normal((20, 2000))
+    for i in range(1, 2000):
+        slow[:, i] = 0.99 * slow[:, i - 1] + np.sqrt(1 - 0.99**2) * slow[:, i]
+    chains = rng.standard_normal((20, 2000)) * np.exp(slow)
+    assert convergence.tail(chains) < 0.5 * convergence.worth(chains)
+    assert convergence.tail(rng.standard_normal((20, 2000))) == pytest.approx(40_000, rel=0.3)
 
 
 def test_judges_that_cannot_judge_do_not():
     check = agreement.Check(by="grid", apart=50.0, where="somewhere", unfit="too coarse")
     assert not check.failed
-    agreement.insist("m", "emcee", [check])
-    with pytest.raises(NotConverged, match=r"importance and the grid disagree: somewhere, 50\.0 Monte Carlo"):
-        agreement.insist("m", "importance", [dataclasses.replace(check, unfit="")])
+    agreement.insist("m", "emcee", [check], "")
+    with pytest.raises(NotConverged, match=r"(?s)importance and the grid disagree: somewhere, 50\.0 Monte Carlo.*do this"):
+        agreement.insist("m", "importance", [dataclasses.replace(check, unfit="")], "do this")
 
 
 def test_heavy_weights_are_refused_or_left_to_emcee(monkeypatch):

@@ -129,7 +129,7 @@ def test_blocks_of_another_run_and_damaged_ones_are_no_blocks(tmp_path):
 
 def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
     raw, out = done
-    asked = ask(raw, tmp_path, 'sampler = "emcee"\nsteps = 400\ness = 4000')
+    asked = ask(raw, tmp_path, 'sampler = "emcee"\nsteps = 400\nground = { base = "sanchez_cuevas_free_exponent", rivals = [] }')
     found = small_run.nearlift("fit", asked, "--out", out)
     assert found.exit_code == 5
     assert "run at least" in found.stderr

@@ -17,7 +17,8 @@ from nearlift.figures import profiles as draw_profiles
 from nearlift.figures.render import render
 from nearlift.figures.style import coefficient, style
 from nearlift.pages import tables, uncertainty
-from nearlift.products import FIT, PROFILES
+from nearlift.pages.number import degrees, share
+from nearlift.products import DIAGNOSIS, FIT, PROFILES
 from nearlift.stages.report import gather
 from nearlift.summaries import budget, profiles
 from nearlift.summaries.tidy import to_csv
@@ -203,11 +204,41 @@ def words(*names):
 def test_what_prediction_says_in_words():
     everything = words(*MODELS)
     assert everything == [
-        "Better at foretelling a visit than the base, by more than 2 standard errors: Right.",
-        "Prediction does not part these from the base: Close.",
-        "Worse by more than 2 standard errors: Wrong.",
+        "Better than the base: Right (20.0, 95 %: 10.0 to 30.0). The 95 % interval of the score difference over visits excludes zero.",
+        "Prediction does not part these from the base: Close (−1.0, 95 %: −1.4 to −0.6).",
+        "Worse: Wrong (−30.0, 95 %: −42.1 to −17.9). The 95 % interval of the score difference over visits excludes zero.",
         "R² cannot decide: it is above 0.9 for 4 of 5 models, Wrong among them (0.97), which prediction rejects.",
     ]
     assert words("base", "wrong")[1] == "No other model foretells as well as the base."
     assert words("base", "close")[1].startswith("R² parts Close from the base although prediction does not")
     assert words("base", "short") == []
+    close = {n: MODELS[n] | {"aic": aic} for n, aic in (("base", 100.0), ("close", 146.0))}
+    told = uncertainty.verdicts(close, "base", {n: n.title() for n in close})
+    assert told[1].startswith("AIC sees it otherwise: Close 46 behind the base.")
+    close["close"]["aic"] = 108.0
+    assert not any("AIC" in t for t in uncertainty.verdicts(close, "base", {n: n.title() for n in close}))
+
+
+def test_what_the_loop_has_gone_beyond_says_so(evidence):
+    name = next(iter(base(evidence, "ground")["budget"]))
+    after = {"value": 2.5, "lo90": 2.4, "hi90": 2.6}
+    named = {"verdict": "effect", "effects": [{"name": "supply_sag"}], "coefficients": {"after": {name: after}}}
+    known = dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: {"boundaries": {"ground": named}}})
+    ground = next(t for t in uncertainty.budget(known)["tables"] if t["boundary"] == "ground")
+    assert ground["superseded"]["effects"] == "supply_sag"
+    assert ground["superseded"]["after"].hi90.text == "2.60"
+    assert next(s for s in uncertainty.limits(known)["sections"] if s["boundary"] == "ground")["superseded"][0]["after"].value.value == 2.5
+    assert all(s["superseded"] == [] for s in uncertainty.limits(known)["sections"] if s["boundary"] != "ground")
+    told = "The loop named an effect at the ground (supply_sag), which is not in these models."
+    assert told in budget.caption(known, budget.summarise(known))
+    assert told in profiles.caption(known, profiles.summarise(known))
+    named["verdict"] = "adequate"
+    assert uncertainty.superseded(known, "ground", name) is None
+    assert told not in budget.caption(known, budget.summarise(known))
+
+
+def test_small_shares_and_few_degrees_of_freedom_are_not_rounded_away(evidence):
+    content = {"a": {"share": 0.0002, "dof": 0.53}, "b": {"share": 0.0, "dof": 12.34}, "c": {"share": 0.3, "dof": None}}
+    known = dataclasses.replace(evidence, documents={FIT.file: content})
+    assert [share(known, FIT, k, "share").text for k in "abc"] == ["< 0.1", "0.0", "30.0"]
+    assert [n.text if (n := degrees(known, FIT, k, "dof")) else None for k in "abc"] == ["0.5", "12", None]

@@ -97,7 +97,8 @@ def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict
     """Effects that the coefficients and L_inf absorb, and the bias they may do unseen.
 
     `bias_at_detection_limit` is the shift of the headline coefficient, in its own standard uncertainties, by an effect just
-    too small to be seen (non-centrality 16), or at its physical prior's size where it can never be seen.
+    too small to be seen (non-centrality 16), or at its physical prior's size where it can never be seen. `u` is that uncertainty, of the
+    base fit under the loop's noise floor; the one in fit.json has the noise of repeats.
     """
     from nearlift.diagnosis.search import visibility
 
@@ -129,6 +130,8 @@ def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict
                     "share_visible": share,
                     "bias_at_detection_limit": float(abs(shift[0]) * size),
                     "in_units_of": f"u({stage.base.parameters[0].name})",
+                    "u": float(np.sqrt(covariance[0, 0])),
+                    "u_of": "base fit, noise floor of the loop",
                     "hidden": hidden,
                 }
             )

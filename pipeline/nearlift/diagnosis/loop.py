@@ -120,6 +120,11 @@ def diagnose(
     }
     intervals = few_visits.before_and_after if few else coefficients.before_and_after
     findings["coefficients"] = intervals(stage, answer, declared_sizes(parts, library))
+    findings["coefficients"]["noise"] = (
+        "visits left out in turn"
+        if few
+        else f"loop: {floor.source}; the intervals of fit.json have the noise of repeats, which holds what moves visits"
+    )
     findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
     findings["limits"] = absorption.limits(stage, answer)
     findings["within_trial"] = heating(stage.data, library, options.false_alarm_rate)

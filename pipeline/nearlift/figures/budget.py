@@ -35,7 +35,7 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_xticks([0, 50, 100])
         ax.tick_params(axis="y", length=0)
         ax.set_title(f"{coefficient(parameter)}, {boundary}", fontsize=look.text_pt)
-    figure.supxlabel("share of the variance (%)", fontsize=look.text_pt)
+    figure.supxlabel("share of the coefficient's variance (%)", fontsize=look.text_pt)
     used = [k for k in LOOKS if np.any(table["type"] == k)]
     handles = [Patch(facecolor=LOOKS[k][0], hatch=LOOKS[k][1], edgecolor="white", linewidth=0.0, label=MEANINGS[k]) for k in used]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(used))
@@ -43,6 +43,6 @@ def draw(table: Rows, look: Style) -> Figure:
 
 
 def _percent(share: float) -> str:
-    if share < 0.05:
-        return "0"
+    if share < 0.1:
+        return "< 0.1" if share > 0 else "0"
     return f"{share:.1f}" if share < 9.95 else f"{share:.0f}"

@@ -69,12 +69,12 @@ def compare(names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Ju
     return Check(by=judge.name, apart=worst, where=where, unfit=judge.unfit)
 
 
-def insist(model: str, sampler: str, checks: Sequence[Check]) -> None:
-    """Raise `NotConverged` if any judge disagrees."""
+def insist(model: str, sampler: str, checks: Sequence[Check], remedy: str) -> None:
+    """Raise `NotConverged` with this remedy if any judge disagrees."""
     for check in checks:
         if check.failed:
             raise NotConverged(
                 f"posterior of {model}",
                 f"{sampler} and the {check.by} disagree: {check.where}, {check.apart:.1f} Monte Carlo standard errors apart (at most {APART:g})",
-                'there may be several peaks, or one at a bound: another seed, or `sampler = "emcee"` in [fit], shows which is wrong',
+                remedy,
             )

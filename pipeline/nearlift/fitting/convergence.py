@@ -56,6 +56,11 @@ def worth(chains: FloatArray) -> float:
     return min(ess(chains), float(chains.var()) / wander) if wander > 0 else ess(chains)
 
 
+def tail(chains: FloatArray) -> float:
+    """What they are worth at the ends of a 90 % interval: `worth` of lying below the 5 % and 95 % quantiles, the lesser."""
+    return min(worth((chains <= q).astype(float)) for q in np.quantile(chains, [0.05, 0.95]))
+
+
 def _ess(z: FloatArray) -> float:
     m, n = z.shape
     deviation = z - z.mean(axis=1, keepdims=True)

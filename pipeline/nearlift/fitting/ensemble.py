@@ -27,6 +27,8 @@ LENGTHS = 50
 BURN = 10
 #: R-hat of every parameter must be below this.
 MIXED = 1.01
+#: The ends of a 90 % interval must be worth this part of the draws asked for.
+TAIL = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,8 +79,16 @@ def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
     )
 
 
-def run(density: Density, rng: np.random.Generator, wanted: int, longest: int, stored: Sequence[Block], keep: Callable[[Block], None]) -> Chain:
-    """Sample until `wanted` effective draws of every parameter are there.
+def run(
+    density: Density,
+    rng: np.random.Generator,
+    wanted: int,
+    longest: int,
+    stored: Sequence[Block],
+    keep: Callable[[Block], None],
+    least: int = 0,
+) -> Chain:
+    """Sample until `wanted` effective draws of every parameter are there, and half as many at the ends of its 90 % interval.
 
     Parameters
     ----------
@@ -88,9 +98,11 @@ def run(density: Density, rng: np.random.Generator, wanted: int, longest: int, s
     wanted, longest : int
         Bulk effective sample size, and the most steps that may be spent on it.
     stored : sequence of Block
-        What an interrupted run had kept, in order.
+        What an interrupted run had kept, in order. Each is judged as if it came now, so that the chain ends where it would have.
     keep : callable
         Given each new block as soon as it is done.
+    least : int
+        Steps before which it does not end.
 
     Raises
     ------
@@ -99,22 +111,27 @@ def run(density: Density, rng: np.random.Generator, wanted: int, longest: int, s
     """
     import emcee
 
+    from nearlift.fitting.snooker import SnookerMove
+
     p = len(density.centre)
     count = walkers(p, wanted)
     start = begin(density, rng, count)
     seed = int(rng.integers(2**32))
-    sampler = emcee.EnsembleSampler(count, p, density, moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], vectorize=True)
+    sampler = emcee.EnsembleSampler(count, p, density, moves=[(emcee.moves.DEMove(), 0.8), (SnookerMove(), 0.2)], vectorize=True)
+    known = [b for b in stored if b.theta.shape[1:] == (count, p)]
+    blocks: list[Block] = []
     state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
-    blocks = [b for b in stored if b.theta.shape[1:] == (count, p)]
-    if blocks:
-        state = _state(emcee, blocks[-1])
     while True:
-        if blocks:
+        if blocks and BLOCK * len(blocks) >= least:
             chain = _assess(blocks, wanted, longest)
             if isinstance(chain, Chain):
                 return chain
             if BLOCK * len(blocks) >= longest:
                 raise NotConverged(f"posterior of {density.problem.model.name}", *chain)
+        if known:
+            blocks.append(known.pop(0))
+            state = _state(emcee, blocks[-1])
+            continue
         sampler.reset()
         state = sampler.run_mcmc(state, BLOCK)
         kind, keys, position, has_cached, cached = state.random_state
@@ -155,14 +172,16 @@ def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> Chain | tuple
     thin = max(int(slowest / 2), 1)
     kept = theta[burn::thin].transpose(1, 0, 2)
     need = math.ceil(max(LENGTHS * slowest, 1.1 * wanted * slowest / count) + BURN * slowest)
-    least, mixed = 0.0, math.inf
+    bulk, tail, mixed = 0.0, 0.0, math.inf
     if steps >= need:
         chains = [kept[:, :, i] for i in range(theta.shape[2])]
-        least, mixed = min(convergence.worth(c) for c in chains), max(convergence.r_hat(c) for c in chains)
-        if least >= wanted and mixed < MIXED:
+        bulk, mixed = min(convergence.worth(c) for c in chains), max(convergence.r_hat(c) for c in chains)
+        tail = min(convergence.tail(c) for c in chains)
+        if bulk >= wanted and tail >= TAIL * wanted and mixed < MIXED:
             accepted = sum(b.accepted for b in blocks) / steps
             log_prob = np.concatenate([b.log_prob for b in blocks])[burn::thin].T
             return Chain(theta=kept, log_prob=log_prob, tau=tau, acceptance=float(np.mean(accepted)), steps=steps, burn=burn, thin=thin)
-        need = math.ceil(steps * max(1.2, 1.1 * wanted / max(least, 1.0) if least < wanted else 1.2))
-    found = f", effective draws {least:.0f} of {wanted}, R-hat {mixed:.3f}" if least else ""
+        short = [asked / max(worth, 1.0) for asked, worth in ((wanted, bulk), (TAIL * wanted, tail)) if worth < asked]
+        need = math.ceil(steps * max([1.2, *(1.1 * s for s in short)]))
+    found = f", effective draws {bulk:.0f} of {wanted}, in the tails {tail:.0f} of {TAIL * wanted:.0f}, R-hat {mixed:.3f}" if bulk else ""
     return f"{steps} steps of {count} walkers, tau = {slowest:.3g}{found}", f"run at least {need}: `steps = {need}` in [fit] (now {longest})"

@@ -58,8 +58,9 @@ class Posterior:
         L_inf per throttle that goes with each draw, N.
     sampler : str
         "importance", "emcee", or "none" where there is nothing to sample.
-    ess, r_hat : (p,)
-        Bulk effective sample size and R-hat of each parameter.
+    ess, ess_tail, r_hat : (p,)
+        Effective sample size of each parameter in bulk and at the ends of its 90 % interval; R-hat, nan for independent draws: it asks
+        whether chains agree, and there are none.
     tau : (p,)
         Steps from one independent draw to the next; 1 for independent draws.
     acceptance, pareto_k : float
@@ -77,6 +78,7 @@ class Posterior:
     levels_N: FloatArray
     sampler: str
     ess: FloatArray
+    ess_tail: FloatArray
     r_hat: FloatArray
     tau: FloatArray
     acceptance: float = math.nan
@@ -137,18 +139,49 @@ def sample(
     quantiles = np.stack([weighted.quantile(i, PROBABILITIES) for i in range(len(names))])
     checks = [agreement.compare(names, quantiles, np.full(quantiles.shape, weighted.ess), judge) for judge in judges]
     passed = weighted.pareto_k < pareto.LIMIT and found.ess.min() >= settings.ess and not any(c.failed for c in checks)
+    remedy = 'there may be several peaks, or one at a bound: `sampler = "emcee"` in [fit] looks for them in another way'
     if settings.sampler == "emcee" or (settings.sampler == "auto" and not passed):
-        chain = ensemble.run(density, stream("emcee"), settings.ess, settings.steps, stored, keep)
-        found = _from_chain(density, chain, weighted, stream)
-        quantiles = np.quantile(found.flat(), PROBABILITIES, axis=0).T
-        # a quantile in the tail is worth fewer draws than the mean
-        below = [
-            [convergence.worth((c <= value).astype(float)) for value in row]
-            for c, row in zip(np.moveaxis(found.theta, -1, 0), quantiles, strict=True)
-        ]
-        checks = [agreement.compare(names, quantiles, np.array(below), judge) for judge in [agreement.of_weights(weighted), *judges]]
-    agreement.insist(model, found.sampler, checks)
+        others = [agreement.of_weights(weighted), *judges]
+        blocks: list[Block] = []
+
+        def both(block: Block) -> None:
+            blocks.append(block)
+            keep(block)
+
+        chain = ensemble.run(density, stream("emcee"), settings.ess, settings.steps, stored, both)
+        found, checks = _judged(density, chain, weighted, others, stream)
+        twice = 2 * chain.steps
+        longer = min(twice, settings.steps)
+        if any(c.failed for c in checks) and longer > chain.steps:
+            # a chain that has missed something slow looks better than it is: only more steps tell
+            so_far = [*stored, *blocks]
+            chain = ensemble.run(density, stream("emcee"), settings.ess, settings.steps, so_far, keep, least=longer)
+            found, checks = _judged(density, chain, weighted, others, stream)
+        remedy = _after(chain, twice, settings)
+    agreement.insist(model, found.sampler, checks, remedy)
     return replace(found, checks=tuple(checks), log_evidence=value, u_log_evidence=u)
+
+
+def _judged(
+    density: Density, chain: ensemble.Chain, weighted: Weighted, judges: Sequence[agreement.Judge], stream: Stream
+) -> tuple[Posterior, list[Check]]:
+    """A chain's posterior before its judges; a quantile in the tail is worth fewer draws than the mean, and has its own number."""
+    found = _from_chain(density, chain, weighted, stream)
+    quantiles = np.quantile(found.flat(), PROBABILITIES, axis=0).T
+    worth = [
+        [convergence.worth((c <= value).astype(float)) for value in row] for c, row in zip(np.moveaxis(found.theta, -1, 0), quantiles, strict=True)
+    ]
+    return found, [agreement.compare(found.names, quantiles, np.array(worth), judge) for judge in judges]
+
+
+def _after(chain: ensemble.Chain, twice: int, settings: Settings) -> str:
+    """What to do about a chain that disagrees with its judges although it was made `twice` as long, if that was allowed."""
+    if settings.steps < twice:
+        return f"a longer chain may agree: `steps = {twice}` in [fit] (now {settings.steps})"
+    return (
+        f"{chain.steps} steps, twice those that seemed enough, did not mend it: there may be several peaks, or one at a bound; another seed "
+        'shows which is wrong, and `sampler = "importance"` in [fit] gives the other answer'
+    )
 
 
 def _from_weights(density: Density, weighted: Weighted, settings: Settings, stream: Stream) -> Posterior:
@@ -163,19 +196,24 @@ def _from_weights(density: Density, weighted: Weighted, settings: Settings, stre
         log_prob=weighted.log_prob[picked].reshape(CHAINS, -1),
         sampler="importance",
         ess=np.full(theta.shape[-1], worth),
+        ess_tail=np.full(theta.shape[-1], worth),
+        r_hat=np.full(theta.shape[-1], math.nan),
         tau=np.ones(theta.shape[-1]),
         pareto_k=weighted.pareto_k,
     )
 
 
 def _from_chain(density: Density, chain: ensemble.Chain, weighted: Weighted, stream: Stream) -> Posterior:
+    each = np.moveaxis(chain.theta, -1, 0)
     return _posterior(
         density,
         stream,
         chain.theta,
         log_prob=chain.log_prob,
         sampler="emcee",
-        ess=np.array([convergence.worth(c) for c in np.moveaxis(chain.theta, -1, 0)]),
+        ess=np.array([convergence.worth(c) for c in each]),
+        ess_tail=np.array([convergence.tail(c) for c in each]),
+        r_hat=np.array([convergence.r_hat(c) for c in each]),
         tau=chain.tau,
         acceptance=chain.acceptance,
         pareto_k=weighted.pareto_k,
@@ -188,14 +226,23 @@ def _without_parameters(density: Density, settings: Settings, stream: Stream) ->
     log = float(density(np.zeros((1, 0)))[0])
     none = np.zeros(0)
     return _posterior(
-        density, stream, theta, log_prob=np.full(theta.shape[:2], log), sampler="none", ess=none, tau=none, log_evidence=log, u_log_evidence=0.0
+        density,
+        stream,
+        theta,
+        log_prob=np.full(theta.shape[:2], log),
+        sampler="none",
+        ess=none,
+        ess_tail=none,
+        r_hat=none,
+        tau=none,
+        log_evidence=log,
+        u_log_evidence=0.0,
     )
 
 
 def _posterior(density: Density, stream: Stream, theta: FloatArray, **more: object) -> Posterior:
-    """What every sampler's draws get: their names, their L_inf, their R-hat."""
-    r_hat = np.array([convergence.r_hat(c) for c in np.moveaxis(theta, -1, 0)])
-    arguments: dict[str, object] = {"levels_N": levels(density, theta, stream("levels")), "r_hat": r_hat, **more}
+    """What every sampler's draws get: their names and their L_inf."""
+    arguments: dict[str, object] = {"levels_N": levels(density, theta, stream("levels")), **more}
     return Posterior(names=density.problem.names, theta=theta, **arguments)  # type: ignore[arg-type]
 
 

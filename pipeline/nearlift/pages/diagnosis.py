@@ -72,7 +72,8 @@ def _silent(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[di
             "effect": s["effect"],
             "absorbed_by": s.get("absorbed_by", ""),
             "bias": cite(evidence, DIAGNOSIS, *path, str(i), "bias_at_detection_limit", digits=2),
-            "unit": s.get("in_units_of", ""),
+            "coefficient": s.get("in_units_of", "").removeprefix("u(").removesuffix(")"),
+            "u": cite(evidence, DIAGNOSIS, *path, str(i), "u", digits=2) if s.get("u") is not None else None,
             "hidden": bool(s.get("hidden")),
         }
         for i, s in enumerate(found.get("silent", [])[:LINES])

@@ -12,6 +12,8 @@ from nearlift.summaries.evidence import Evidence
 from nearlift.summaries.rounding import fixed, like, plain
 
 LEAST_CHANCE = 1e-12
+#: Fewer degrees of freedom than this are printed with a decimal.
+FEW = 9.95
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 SYMBOLS = {"alpha": "α", "lambda_": "λ", "inverse_K_b": "1/K_b"}
 
@@ -125,6 +127,20 @@ def chance(evidence: Evidence, product: Product, *path: str) -> Number:
         return replace(found, text="< 10⁻¹²")
     digits, _, exponent = found.text.partition("e")
     return replace(found, text=f"{digits} × 10{str(int(exponent)).translate(RAISED)}") if exponent else found
+
+
+def degrees(evidence: Evidence, product: Product, *path: str) -> Number | None:
+    """Degrees of freedom: one decimal below ten, where it matters; None where there is no end to them."""
+    found = cite(evidence, product, *path, places=0)
+    if not math.isfinite(found.value):
+        return None
+    return found if found.value >= FEW else replace(found, text=fixed(found.value, 1))
+
+
+def share(evidence: Evidence, product: Product, *path: str) -> Number:
+    """A share in per cent with one decimal; one that is not zero is never printed as zero."""
+    found = cite(evidence, product, *path, places=1, scale=100, how="in percent")
+    return replace(found, text="< 0.1") if 0 < found.value < 5e-4 else found
 
 
 def count(product: Product, value: int, how: str) -> Number:

@@ -22,7 +22,14 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     sampled = [m for m in sorted(fits, key=lambda m: m != base) if fits[m].get("posterior")]
     rows = [_row(evidence, boundary, m, p, m == base) for m in sampled for p in fits[m]["posterior"]["parameters"]]
     words = [(fits[m]["title"], p["words"]) for m in sampled for p in fits[m]["posterior"]["parameters"].values() if p["words"]]
-    return {"boundary": boundary, "rows": rows, "words": words, "how": how(fits[base].get("posterior") or {}), "base": fits[base]["title"]}
+    return {
+        "boundary": boundary,
+        "rows": rows,
+        "words": words,
+        "how": how(fits[base].get("posterior") or {}),
+        "base": fits[base]["title"],
+        "chains": any(r["r_hat"] for r in rows),
+    }
 
 
 def _row(evidence: Evidence, boundary: str, model: str, parameter: str, base: bool) -> dict[str, Any]:
@@ -41,7 +48,7 @@ def _row(evidence: Evidence, boundary: str, model: str, parameter: str, base: bo
         "ratio": cite(evidence, FIT, *after, "width_ratio", digits=2, scale=100, how="in percent"),
         "median": cite(evidence, FIT, *after, "median", like_u=u),
         "ess": cite(evidence, FIT, *after, "ess", places=0),
-        "r_hat": cite(evidence, FIT, *after, "r_hat", places=3),
+        "r_hat": cite(evidence, FIT, *after, "r_hat", places=3) if entry["posterior"]["sampler"] == "emcee" else None,
     }
 
 

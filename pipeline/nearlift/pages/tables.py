@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.pages.latex import SYMBOLS, comment, escape
+from nearlift.pages.number import FEW
 from nearlift.products import FIT
 from nearlift.summaries.evidence import Columns, Evidence
 
@@ -75,7 +76,7 @@ def budget_table(evidence: Evidence) -> str:
                     rf"\num{{{line['u']:.2g}}} & \num{{{100 * line['share']:.1f}}} \\"
                 )
                 label = ""
-            dof = rf"\num{{{own['dof']:.0f}}}" if own["dof"] is not None and math.isfinite(own["dof"]) else r"\infty"
+            dof = rf"\num{{{own['dof']:.{0 if own['dof'] >= FEW else 1}f}}}" if own["dof"] is not None and math.isfinite(own["dof"]) else r"\infty"
             lines.append(
                 rf"{label} & combined, $\nu_\mathrm{{eff}} = {dof}$, $k = \num{{{own['k']:.2f}}}$, "
                 rf"$U_{{95}} = \num{{{own['U95']:.2g}}}$ & & & & & \num{{{own['u']:.2g}}} & \num{{100}} \\"

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from nearlift.declare import Boundary
-from nearlift.pages.number import Number, cite, follow, pointer, quote
-from nearlift.products import FIT
+from nearlift.pages.number import Number, cite, degrees, follow, pointer, quote, share
+from nearlift.products import DIAGNOSIS, FIT
+from nearlift.summaries import superseded as loop
 from nearlift.summaries.evidence import Evidence
 from nearlift.summaries.rounding import fixed, plain
 
 #: A source with less than this share of a coefficient's variance is told by number only.
 LEAST = 0.0005
-#: A difference of predictive scores within so many standard errors is none, nor one below so many units: there the standard error is no guide.
-APART = 2.0
+#: A difference of predictive scores below so many units is none, whatever its interval: there the standard error is no guide.
 LEAST_SCORE = 4.0
+#: A difference of AIC beyond this is explained where prediction sees none.
+AIC_APART = 10.0
 #: Inputs in the units that a bench talks in.
 SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
 TREATMENTS = {
-    "slope": "is carried by the slope of the curve",
-    "exact": "is integrated over, since the slope does not carry it",
-    "mean": "is carried by the slope, and the prediction is its mean over it, since the curve bends",
+    "slope": "enters to first order, as the error times the slope of the curve",
+    "exact": "is an unknown with its declared distribution, integrated over by quadrature, because first order is not enough",
+    "mean": "enters to first order, and the prediction is averaged over it, because the curve bends over so much height",
 }
 
 
@@ -45,7 +46,6 @@ def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name:
             continue
         at = (*here, "lines", str(i))
         scale, unit = SCALES[line["unit"]]
-        dof = line["dof"]
         rows.append(
             {
                 "component": line["component"],
@@ -56,20 +56,32 @@ def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name:
                 "unit": unit,
                 "sensitivity": cite(evidence, FIT, *at, "sensitivity", digits=3, scale=1 / scale, how=f"per {unit}"),
                 "u": cite(evidence, FIT, *at, "u", digits=2),
-                "share": cite(evidence, FIT, *at, "share", places=1, scale=100, how="in percent"),
-                "dof": cite(evidence, FIT, *at, "dof", places=0) if dof is not None and math.isfinite(dof) else None,
+                "share": share(evidence, FIT, *at, "share"),
+                "dof": degrees(evidence, FIT, *at, "dof"),
             }
         )
-    dof = own["dof"]
     return {
         "boundary": boundary,
+        "superseded": superseded(evidence, boundary, name),
         "quoted": quote(evidence, FIT, *path, "parameters", name),
         "rows": rows,
         "small": small,
         "u": cite(evidence, FIT, *here, "u", digits=3),
-        "dof": cite(evidence, FIT, *here, "dof", places=0) if dof is not None and math.isfinite(dof) else None,
+        "dof": degrees(evidence, FIT, *here, "dof"),
         "k": cite(evidence, FIT, *here, "k", digits=3),
         "U95": cite(evidence, FIT, *here, "U95", digits=2),
+    }
+
+
+def superseded(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, Any] | None:
+    """What the loop named at this boundary, and the coefficient with it; None where the base model stands."""
+    found = loop.found(evidence, boundary)
+    if name not in found.get("coefficients", {}).get("after", {}):
+        return None
+    return {
+        "effects": loop.named(evidence, boundary),
+        "after": quote(evidence, DIAGNOSIS, "boundaries", boundary, "coefficients", "after", name),
+        "before": quote(evidence, FIT, "boundaries", boundary, evidence.base(boundary)[0].name, "parameters", name),
     }
 
 
@@ -115,7 +127,8 @@ def limits(evidence: Evidence) -> dict[str, Any]:
             for name, own in entry.get("would_halve", {}).items()
         ]
         bound = [name for name, e in entry["parameters"].items() if e["at_bound"]]
-        sections.append({"boundary": boundary, "title": entry["title"], "rows": rows, "halves": halves, "bound": bound})
+        gone_beyond = [s for s in (superseded(evidence, boundary, name) for name in entry["parameters"]) if s]
+        sections.append({"boundary": boundary, "title": entry["title"], "rows": rows, "halves": halves, "bound": bound, "superseded": gone_beyond})
     return {"sections": sections}
 
 
@@ -174,6 +187,26 @@ def _excess_evidence(evidence: Evidence, boundary: str, name: str, base: str) ->
     return Number(text=fixed(value, 1), value=value, source=pointer(FIT, *path), how="less the base model's")
 
 
+def _half(own: dict[str, Any]) -> float:
+    """Half of the 95 % interval of a difference of scores, over visits."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, max(own["visits"] - 1, 1))) * float(own["u_d_elpd"])
+
+
+def _difference(own: dict[str, Any]) -> str:
+    """Difference of scores with its 95 % interval."""
+    half = _half(own)
+    return f"{fixed(own['d_elpd'], 1)}, 95 %: {fixed(own['d_elpd'] - half, 1)} to {fixed(own['d_elpd'] + half, 1)}"
+
+
+def _aic(models: dict[str, Any], base: str, name: str) -> float | None:
+    """AIC less the base model's, where both are known."""
+    if models[name].get("aic") is None or models[base].get("aic") is None:
+        return None
+    return float(models[name]["aic"] - models[base]["aic"])
+
+
 def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[str]:
     """Which models foretell worse than the base, which as well, which better; and what R² would have said."""
     worse: list[str] = []
@@ -182,19 +215,34 @@ def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[
     for name, own in models.items():
         if name == base or own["u_d_elpd"] is None or own["visits"] < models[base]["visits"]:
             continue
-        size = max(APART * own["u_d_elpd"], LEAST_SCORE)
+        size = max(_half(own), LEAST_SCORE)
         (worse if own["d_elpd"] < -size else better if own["d_elpd"] > size else same).append(name)
 
     def listed(names: list[str]) -> str:
         return ", ".join(titles[n] for n in names)
 
+    def told(names: list[str]) -> str:
+        return "; ".join(f"{titles[n]} ({_difference(models[n])})" for n in names)
+
     words = []
     if better:
-        words.append(f"Better at foretelling a visit than the base, by more than {APART:g} standard errors: {listed(better)}.")
+        words.append(f"Better than the base: {told(better)}. The 95 % interval of the score difference over visits excludes zero.")
     if same:
-        words.append(f"Prediction does not part these from the base: {listed(same)}.")
+        words.append(f"Prediction does not part these from the base: {told(same)}.")
     if worse:
-        words.append(f"Worse by more than {APART:g} standard errors: {listed(worse)}.")
+        words.append(f"Worse: {told(worse)}. The 95 % interval of the score difference over visits excludes zero.")
+    torn = [n for n in same if _aic(models, base, n) is not None and abs(_aic(models, base, n) or 0.0) > AIC_APART]
+    if torn:
+        listing = "; ".join(
+            f"{titles[n]} {abs(_aic(models, base, n) or 0.0):.0f} {'behind' if (_aic(models, base, n) or 0.0) > 0 else 'ahead of'} the base"
+            for n in torn
+        )
+        words.append(
+            f"AIC sees it otherwise: {listing}. It asks how well all trials are fitted at once, and charges a model for every shared unknown "
+            "(a datum, a gain) that it must bend from what is declared; the score foretells a visit with those unknowns already learnt from the "
+            "others, so a misfit that looks like a wrong datum costs little. Where a shared error is well declared, believe AIC; where it is not, "
+            "neither decides."
+        )
     if not better and not same and worse:
         words.append("No other model foretells as well as the base.")
     known = {n: m["r2"] for n, m in models.items() if m["r2"] is not None}

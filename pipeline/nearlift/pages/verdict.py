@@ -46,6 +46,7 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "words": words,
         "verdict": verdict,
         "effects": [_effect(e) for e in found["effects"]] if found else [],
+        "superseded": bool(found and found["verdict"] == "effect"),
         "after": _after(evidence, boundary, found),
         "constrained": _constrained(evidence, boundary, names, found),
         "tone": tone,

@@ -110,6 +110,7 @@ def _record(density: Density, found: Posterior, throttles: FloatArray) -> dict[s
         parameters[belief.parameter.name] = {
             **_spread(draws, belief.parameter.unit),
             "ess": found.ess[i],
+            "ess_tail": found.ess_tail[i],
             "r_hat": found.r_hat[i],
             "tau": found.tau[i],
             "prior": {"text": said.prior, "lo90": said.prior_lo90, "hi90": said.prior_hi90, "bounds": list(belief.parameter.bounds)},

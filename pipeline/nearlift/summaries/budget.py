@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.summaries import superseded
 from nearlift.summaries.evidence import Columns, Evidence
 from nearlift.summaries.rounding import letter
 
@@ -70,7 +71,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         words.append(f"{letter(name)} ({panel}): {table['component'][top]}, {table['share_percent'][top]:.0f} %")
     return (
         "Share of each source of error in the variance of each coefficient of the base models; type A from repeats, type B declared in the "
-        f"manifest. The shares of a panel add to 100 %. Largest: {'; '.join(words)}. A source that an L_inf per throttle absorbs has no share."
+        f"manifest. {superseded.warning(evidence)}The shares of a panel add to 100 %. Largest: {'; '.join(words)}. A source that an L_inf per "
+        "throttle absorbs has no share."
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.products import PROFILES
+from nearlift.summaries import superseded
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 from nearlift.summaries.rounding import letter
 
@@ -67,7 +68,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
     text = "; ".join(words)
     return (
         "Rise of chi² above its least with one coefficient held, L_inf and everything else optimised again (line), and the parabola of its standard "
-        f"uncertainty (dashes). Marks: ends of the 68, 90 and 95 % intervals. {text[:1].upper()}{text[1:]}."
+        f"uncertainty (dashes), of the base models. {superseded.warning(evidence)}Marks: ends of the 68, 90 and "
+        f"95 % intervals. {text[:1].upper()}{text[1:]}."
     )
 
 
