@@ -309,12 +309,16 @@ class Report(Section):
 
 
 class Quality(Section):
-    """Limits of the quality codes; fractions are of the trial's own lift, `height` of the rotor's radius."""
+    """Limits of the quality codes; fractions are of the trial's own lift, `height` of the rotor's radius.
+
+    `near_reference`: a throttle without a station far from the boundary takes its L_inf from the farthest that it has, else it has no Delta L.
+    """
 
     drift: float = Field(default=0.05, gt=0)
     missing: float = Field(default=0.05, gt=0, lt=1)
     out_of_range: float = Field(default=0.01, ge=0, lt=1)
     height: float = Field(default=0.02, gt=0)
+    near_reference: bool = False
 
 
 class Diagnose(Section):

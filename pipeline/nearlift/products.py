@@ -89,7 +89,7 @@ LIFT = Product(
         Column(
             name="delta_L",
             unit="1",
-            meaning="(L - L_inf) / L_inf with L_inf the farthest station (or free air); for tables and figures, never fitted",
+            meaning="(L - L_inf) / L_inf with L_inf the farthest station (or free air); nan at a throttle whose farthest is not far; never fitted",
         ),
         Column(name="u_delta_L", unit="1", meaning="its standard uncertainty; zero at the farthest station by construction"),
     ),

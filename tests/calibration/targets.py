@@ -6,15 +6,18 @@ import os
 import tempfile
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from tests.unit import written
 from tests.unit.written import MANIFEST
 
 import nearlift.campaign as manifests
+from nearlift import units
 from nearlift.errors import NearliftError
 from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text, usd
 from nearlift.readers.channel import Malformed
+from nearlift.readers.piv import DIALECTS, Setting, settle
 from nearlift.readers.schedule import read_schedule
 
 #: In memory where there is such a place.
@@ -79,6 +82,35 @@ def schedule(data: bytes) -> None:
     read_schedule(manifests.parse(tomllib.loads(MANIFEST)), folder)
 
 
+def grids(data: bytes) -> None:
+    path = _file(data)
+    for dialect in DIALECTS:
+        if dialect.child:
+            continue
+        try:
+            for raw in dialect.read(path):
+                settle(raw, SETTING if raw.length_unit else replace(SETTING, length_unit="px", velocity_unit="px/frame"), "f")
+        except NearliftError:
+            continue
+
+
+def _grid(header: str, separator: str, code: str, comma: bool = False) -> bytes:
+    """Three by three vectors below a header, one of them missing."""
+    rows = [f"{x}.5 {y}.5 {x + y}.25 {-y} {code}".split() for y in (1, 2, 3) for x in (1, 2, 3)]
+    text = header + "".join(separator.join(row) + "\n" for row in rows)
+    return (text.replace(".", ",") if comma else text).encode()
+
+
+SETTING = Setting(scale_m=2e-5, frame_time_s=1e-4)
+#: Headers of each text dialect, its separator, the codes of a good vector.
+GRIDS = (
+    ("# x\ty\tu\tv\tflags\tmask\n", "\t", "0 0"),
+    ("PIVlab, ASCII chart output\nx [m],y [m],u [m/s],v [m/s],Vector type [-]\n", ",", "1"),
+    ("x [px],y [px],u [px/frame],v [px/frame],Vector type [-]\n", ",", "1"),
+    ('TITLE="a" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", ZONE I=3, J=3, F=POINT\n', ", ", "1"),
+    ('#DaVis 8.1.6 2D-vector 32 3 3 "position" "mm" "position" "mm" "velocity" "m/s"\n', "\t", "", True),
+    (">>*HEADER*<<\nFileID:DSExport.CSV\nGridSize:{Width=3,Height=3}\n>>*DATA*<<\nx [mm],y [mm],U[m/s],V[m/s],Status\n", ",", "0"),
+)
 FORCE = [1.5, -2.25, 3.125]
 #: Target -> its function and what it starts from.
 TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
@@ -90,8 +122,14 @@ TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
     "labview": (labview, (written.lvm(FORCE), written.lvm(FORCE, decimal=".", columns="No", segments=2))),
     "deck": (deck, (written.usd(FORCE), written.usd(FORCE, version=1))),
     "manifest": (manifest, (MANIFEST.encode(),)),
+    "grids": (grids, tuple(_grid(*form) for form in GRIDS)),
     "schedule": (schedule, (b"trial,boundary,distance,throttle\na,ground,30,50\nb,none,,50\n",)),
 }
+
+
+def ready() -> None:
+    """Load what readers load on first use, which no input is to be blamed for."""
+    units.to_si("furlong/fortnight", "velocity", "f")
 
 
 def once(target: str, data: bytes) -> None:

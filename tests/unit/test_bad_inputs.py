@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from nearlift import store
-from nearlift.products import TRIALS
+from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.stages import intact
 
 from . import written
@@ -409,12 +409,34 @@ def test_15_no_tare_enters_the_budget_when_that_is_said(raw: Path) -> None:
     assert (code, "the records have no tare" in said) == (0, True)
 
 
-def test_17_a_throttle_without_a_far_station_is_told(raw: Path) -> None:
+def test_17_a_throttle_without_a_far_station_has_no_delta_L_unless_asked(raw: Path) -> None:
+    """L_inf of such a group would be a lift that the boundary changes; the others have theirs as before."""
     rows = (raw / "trials.csv").read_text().split()
     (raw / "trials.csv").write_text("\n".join(r for r in rows if not r.startswith("t12")) + "\n")
-    code, said, _ = ingest(raw)
-    assert code == 0
-    assert "note: ground: at 75 % throttle no trial is farther than z_hat = 1.3, where others reach 13" in said
+    assert ingest(raw)[0] == 0
+
+    def reduced() -> tuple[str, dict[float, set[bool]], int]:
+        said = nearlift("reduce", raw, "--out", raw.parent)
+        assert said.exit_code == 0, said.stderr
+        folder = next((raw.parent / "processed").iterdir())
+        cells, covariance = store.read_table(folder / LIFT.file, LIFT), store.read_table(folder / LIFT_COVARIANCE.file, LIFT_COVARIANCE)
+        for name in ("delta_L", "u_delta_L"):
+            known = {float(t): set(np.isfinite(cells[name][cells["throttle"] == t]).tolist()) for t in np.unique(cells["throttle"])}
+        finite = np.isfinite(np.stack(list(covariance.values())))
+        assert (finite == np.outer(np.isfinite(cells["delta_L"]), np.isfinite(cells["delta_L"]))).all()
+        assert np.isfinite(cells["lift_N"]).all()
+        return said.stderr, known, int(finite.sum())
+
+    said, known, _ = reduced()
+    assert "note: ground: at 75 % throttle no trial is farther than z_hat = 1.3, where others reach 13: it has no L_inf, hence no Delta L" in said
+    assert "near_reference = true under [quality]" in said
+    assert known == {t: {t != 0.75} for t in known}
+    assert 0.75 in known
+    text = (raw / "campaign.toml").read_text()
+    (raw / "campaign.toml").write_text(text + "\n[quality]\nnear_reference = true\n")
+    said, known, _ = reduced()
+    assert "its Delta L rests on a lift that the boundary changes, as asked" in said
+    assert known == {t: {True} for t in known}
 
 
 def test_6_and_31_names_with_blanks_and_umlauts_work(raw: Path) -> None:

@@ -89,7 +89,7 @@ STAGES = (
         summary="trials to Delta L per cell, with its covariance",
         reads=(TRIALS,),
         writes=(LIFT, LIFT_COVARIANCE),
-        sections=("vehicle",),
+        sections=("vehicle", "quality"),
     ),
     Stage(
         name="fit",

@@ -288,11 +288,6 @@ def _judge(table: store.Table, campaign: Campaign) -> list[str]:
     _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
     _mark(table, "NO_LIFT", plausibility.without_lift(table))
     notes = [*plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
-    for side, level, far, farthest in plausibility.without_reference(table):
-        notes.append(
-            f"{side}: at {100 * level:.4g} % throttle no trial is farther than z_hat = {far:.3g}, where others reach {farthest:.3g}: "
-            "its Delta L rests on a lift that the boundary changes; measure it far away, or in free air"
-        )
     for side, lower, upper, below, above in plausibility.not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         far = here & (table["z_hat"] == table["z_hat"][here].max())

@@ -6,13 +6,17 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
-from nearlift.reduction import cells
+from nearlift.reduction import cells, plausibility
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 
 
 def run(job: Job) -> Outcome:
-    """Average the accepted trials of each (boundary, distance, throttle); write the cells and the covariance of Delta L."""
+    """Average the accepted trials of each (boundary, distance, throttle); write the cells and the covariance of Delta L.
+
+    A throttle without a lift far from the boundary has no Delta L (nan), unless ``[quality] near_reference`` asks for it: its L_inf would be
+    a lift that the boundary changes.
+    """
     trials = job.read(TRIALS)
     found = {}
     for boundary in boundaries(trials):
@@ -22,10 +26,21 @@ def run(job: Job) -> Outcome:
     table = {name: np.concatenate([getattr(c, name) for c in found.values()]) for name in columns}
     table["boundary"] = np.concatenate([np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()])
     covariance = _block_diagonal([c.covariance for c in found.values()])
+    wanted, notes = job.campaign.quality.near_reference, []
+    for side, level, far, farthest in plausibility.without_reference(trials):
+        if not wanted:
+            lacking = (table["boundary"] == side) & (table["throttle"] == level)
+            table["delta_L"][lacking] = covariance[lacking] = covariance[:, lacking] = np.nan
+        notes.append(
+            f"{side}: at {100 * level:.4g} % throttle no trial is farther than z_hat = {far:.3g}, where others reach {farthest:.3g}: "
+            + ("its Delta L rests on a lift that the boundary changes, as asked" if wanted else "it has no L_inf, hence no Delta L")
+            + "; measure it far away, or in free air"
+            + ("" if wanted else ", or say near_reference = true under [quality]")
+        )
     table["u_delta_L"] = np.sqrt(np.maximum(np.diag(covariance), 0))
     job.write(LIFT, table)
     job.write(LIFT_COVARIANCE, {f"c{i}": column for i, column in enumerate(covariance.T)})
-    return Outcome()
+    return Outcome(notes=tuple(notes))
 
 
 def _block_diagonal(blocks: list[FloatArray]) -> FloatArray:

@@ -154,12 +154,20 @@ class Study:
             if product not in tables:
                 raise UsageError(product, "is no table product", f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}")
             product = tables[product]
-        return pd.DataFrame(store.read_table(self.processed / product.file, product))
+        return pd.DataFrame(store.read_table(self._whole(product), product))
 
     def _document(self, product: Product) -> dict[str, Any]:
         from nearlift import store
 
-        return store.read_json(self.processed / product.file)
+        return store.read_json(self._whole(product))
+
+    def _whole(self, product: Product) -> Path:
+        """Where a product stands, no commit half carried out."""
+        from nearlift.lock import settled
+        from nearlift.transaction import Homes
+
+        settled(Homes.of(self.out, self.name))
+        return self.processed / product.file
 
     def _bring(self, last: str) -> dict[str, Any]:
         return self._steps(last)[1]

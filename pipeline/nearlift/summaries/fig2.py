@@ -152,11 +152,14 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
     if np.isinf(evidence.observations[boundary].z_hat).any():
         return f"{boundary.capitalize()}: {model.title}{of}; L∞ of the data from trials in free air."
     far = float(table["z_hat"][mine].max())
+    cells = evidence.table(LIFT)
+    lacking = cells["throttle"][(cells["boundary"] == boundary) & np.isnan(np.asarray(cells["delta_L"], dtype=float))]
+    without = f" No trial far away at {', '.join(f'{100 * t:.3g} %' for t in np.unique(lacking))} throttle, hence no ΔL." if len(lacking) else ""
     there = float(curves.ratio(model, np.array([far]), {**evidence.known(boundary, model), **values(entry)})[0] - 1)
     apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
     return (
         f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, "
-        f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}."
+        f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}.{without}"
     )
 
 
