@@ -302,11 +302,15 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
         share = min(answer.accepted[0].gain / answer.stage.excess, 1.0)
         enough = f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the true one"
     single = any(s.accepted for s in answer.singles) and not (answer.accepted and len(answer.accepted[0].effects) > 1)
+    alone = [s for s in answer.singles if s.accepted]
+    why_not = "each one leaves structure beyond the threshold, or explains too little"
+    if alone and not single:
+        why_not = f"{max(alone, key=lambda e: e.log_evidence).name} would do, but two effects are plainly likelier: its form would have to be far off"
     rounds.append(
         {
             "candidates": listing(answer.singles),
             "decision": f"accept {answer.accepted[0].name}" if single else "no single effect will do",
-            "reason": enough if single else "each one leaves structure beyond the threshold, or explains too little",
+            "reason": enough if single else why_not,
         }
     )
     if not single:

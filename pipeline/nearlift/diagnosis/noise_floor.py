@@ -8,6 +8,7 @@ where it shows itself beyond doubt.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,59 +22,75 @@ CLIP = 3.5
 #: Noise shared by neighbours is looked for over these numbers of trials, and believed beyond so many standard errors.
 SERIAL_LENGTHS = (1.0, 3.0, 10.0, 30.0)
 BEYOND_DOUBT = 3.5
+#: No component grows beyond this many times what scoring began with.
+LARGEST = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Components:
-    """Variance components as blocks by visit: `own` fixed, each of `parts` a list of (m, b, b) matching `index`."""
+    """Variance components as blocks by visit: `own` fixed, each of `parts` a list of (m, b, b) matching `index`.
+
+    The restricted likelihood's P = V^-1 - U U' has a V^-1 of blocks and few columns U (n, k), so nothing n x n is ever formed.
+    """
 
     index: list[IntArray]
     own: FloatArray
     parts: list[list[FloatArray]]
 
-    def projector(self, basis: FloatArray, sizes: FloatArray) -> FloatArray:
-        """P = V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1, dense (n, n)."""
-        n = len(self.own)
-        p = np.zeros((n, n))
+    def _precision(self, sizes: FloatArray) -> tuple[list[FloatArray], float]:
+        """V^-1 by visit, and log det V."""
+        inverse, log_det = [], 0.0
         for i, index in enumerate(self.index):
             block = self.own[index][:, :, None] * np.eye(index.shape[1]) + sum(s * part[i] for s, part in zip(sizes, self.parts, strict=True))
-            p[index[:, :, None], index[:, None, :]] = np.linalg.inv(block)
-        vx = p @ basis
-        result: FloatArray = p - vx @ np.linalg.solve(basis.T @ vx, vx.T)
+            inverse.append(np.linalg.inv(block))
+            log_det += float(np.linalg.slogdet(block)[1].sum())
+        return inverse, log_det
+
+    def _times(self, blocks: list[FloatArray], x: FloatArray) -> FloatArray:
+        """Blocks times x (n,) or (n, k)."""
+        result = np.empty_like(x)
+        for index, block in zip(self.index, blocks, strict=True):
+            result[index] = block @ x[index] if x.ndim == 2 else (block @ x[index][:, :, None])[:, :, 0]
         return result
+
+    def projector(self, basis: FloatArray, sizes: FloatArray) -> tuple[list[FloatArray], FloatArray, float]:
+        """V^-1 by visit and U of P = V^-1 - U U' that removes `basis` (n, k); log det V + log det X' V^-1 X."""
+        from scipy.linalg import solve_triangular
+
+        inverse, log_det = self._precision(sizes)
+        vx = self._times(inverse, basis)
+        triangle = np.linalg.cholesky(basis.T @ vx)
+        u: FloatArray = solve_triangular(triangle, vx.T, lower=True, check_finite=False).T
+        return inverse, u, log_det + 2 * float(np.log(np.diag(triangle)).sum())
 
     def deviance(self, basis: FloatArray, y: FloatArray, sizes: FloatArray) -> float:
         """Minus twice the restricted log likelihood, up to a constant."""
-        total, vy, vx = 0.0, np.empty_like(y), np.empty_like(basis)
-        for i, index in enumerate(self.index):
-            block = self.own[index][:, :, None] * np.eye(index.shape[1]) + sum(s * part[i] for s, part in zip(sizes, self.parts, strict=True))
-            total += float(np.linalg.slogdet(block)[1].sum())
-            inverse = np.linalg.inv(block)
-            vy[index] = np.einsum("mij,mj->mi", inverse, y[index])
-            vx[index] = np.einsum("mij,mjk->mik", inverse, basis[index])
-        middle = basis.T @ vx
-        projected = basis.T @ vy
-        return total + float(np.linalg.slogdet(middle)[1] + y @ vy - projected @ np.linalg.solve(middle, projected))
+        inverse, u, log_det = self.projector(basis, sizes)
+        return log_det + float(y @ self._times(inverse, y) - np.sum((u.T @ y) ** 2))
 
-    def times(self, part: list[FloatArray], x: FloatArray) -> FloatArray:
-        """X V for one component, along the last axis."""
-        result = np.empty_like(x)
-        for index, block in zip(self.index, part, strict=True):
-            result[..., index] = (x[..., index][..., None, :] @ block)[..., 0, :] if x.ndim == 1 else self._right(x[:, index], block)
-        return result
+    def score(self, basis: FloatArray, y: FloatArray, sizes: FloatArray, further: Sequence[list[FloatArray]] = ()) -> tuple[FloatArray, FloatArray]:
+        """Gradient and information of twice the restricted log likelihood in each component, those of `further` (not in V) last.
 
-    @staticmethod
-    def _right(x: FloatArray, block: FloatArray) -> FloatArray:
-        """X (n, m, b) times block (m, b, b) for each m."""
-        result: FloatArray = np.moveaxis(np.moveaxis(x, 1, 0) @ block, 0, 1)
-        return result
-
-    def score(self, p: FloatArray, y: FloatArray, parts: list[list[FloatArray]]) -> tuple[FloatArray, FloatArray]:
-        """Gradient and information of twice the restricted log likelihood in each of `parts`."""
-        py = p @ y
-        pv = [self.times(part, p) for part in parts]
-        gradient = np.array([py @ self.times(part, py) - np.trace(m) for part, m in zip(parts, pv, strict=True)])
-        information = np.array([[np.sum(a * b.T) for b in pv] for a in pv])
+        With A' = V^-1 A for a component A: tr(P A P B) = tr(A' B') - 2 tr(U' A V^-1 B U) + tr(U' A U U' B U).
+        """
+        parts = [*self.parts, *further]
+        inverse, u, _ = self.projector(basis, sizes)
+        py = self._times(inverse, y) - u @ (u.T @ y)
+        scaled = [[w @ a for w, a in zip(inverse, part, strict=True)] for part in parts]
+        au = [self._times(part, u) for part in parts]
+        wau = [self._times(inverse, x) for x in au]
+        uau = [u.T @ x for x in au]
+        gradient = np.array(
+            [
+                py @ self._times(part, py) - sum(float(np.trace(b, axis1=1, axis2=2).sum()) for b in whole) + float(np.trace(inner))
+                for part, whole, inner in zip(parts, scaled, uau, strict=True)
+            ]
+        )
+        information = np.empty((len(parts), len(parts)))
+        for i in range(len(parts)):
+            for j in range(i + 1):
+                blocks = sum(float(np.sum(a * b.swapaxes(1, 2))) for a, b in zip(scaled[i], scaled[j], strict=True))
+                information[i, j] = information[j, i] = blocks - 2 * float(np.vdot(au[i], wau[j])) + float(np.vdot(uau[i], uau[j]))
         return gradient, information
 
 
@@ -171,8 +188,10 @@ def _diagonal(model: _Components, sizes: FloatArray) -> FloatArray:
 def _maximise(model: _Components, y: FloatArray, basis: FloatArray, sizes: FloatArray) -> FloatArray:
     """Fisher scoring from `sizes`, each component kept at or above zero."""
     scale = sizes.sum()
+    # with little freedom left the information is next to nothing, and a step by it would know no end
+    most = LARGEST * scale
     for _ in range(12):
-        gradient, information = model.score(model.projector(basis, sizes), y, model.parts)
+        gradient, information = model.score(basis, y, sizes)
         new = sizes.copy()
         # one at zero whose gradient points further down stays there
         free = [i for i in range(len(sizes)) if sizes[i] > 0 or gradient[i] > 0]
@@ -180,7 +199,7 @@ def _maximise(model: _Components, y: FloatArray, basis: FloatArray, sizes: Float
             step = np.linalg.lstsq(information[np.ix_(free, free)], gradient[free], rcond=None)[0]
             trial = sizes[free] + step
             if (trial >= 0).all():
-                new[free] = trial
+                new[free] = np.minimum(trial, most)
                 break
             worst = free[int(np.argmin(trial / np.maximum(sizes[free], 1e-300)))]
             new[worst] = 0.0
@@ -199,7 +218,7 @@ def _not_quite_zero(model: _Components, y: FloatArray, basis: FloatArray, sizes:
 
     At zero the trials to which such a component matters most would be taken for more precise than they are.
     """
-    _, information = model.score(model.projector(basis, sizes), y, model.parts)
+    _, information = model.score(basis, y, sizes)
     error = np.sqrt(2 * np.maximum(np.diag(np.linalg.pinv(information)), 0))
     return np.where(sizes > 0, sizes, 0.5 * error)
 
@@ -212,12 +231,13 @@ def _serial_lengths(model: _Components, y: FloatArray, basis: FloatArray, sizes:
     """The lengths over which neighbours may share noise; empty unless a score test leaves no doubt that they do."""
     longest = max(i.shape[1] for i in model.index)
     lengths = tuple(s for s in SERIAL_LENGTHS if s < longest)
-    p = model.projector(basis, sizes)
-    for length in lengths:
-        gradient, information = model.score(p, y, [_serial_part(model, length), *model.parts])
+    gradient, information = model.score(basis, y, sizes, [_serial_part(model, length) for length in lengths])
+    present = len(model.parts)
+    for i in range(present, present + len(lengths)):
         # what the present components already explain of it does not count
-        rest = information[0, 0] - information[0, 1:] @ np.linalg.lstsq(information[1:, 1:], information[1:, 0], rcond=None)[0]
-        if gradient[0] / np.sqrt(2 * max(rest, 1e-300)) > BEYOND_DOUBT:
+        own = np.linalg.lstsq(information[:present, :present], information[:present, i], rcond=None)[0]
+        rest = information[i, i] - information[i, :present] @ own
+        if gradient[i] / np.sqrt(2 * max(rest, 1e-300)) > BEYOND_DOUBT:
             return lengths
     return ()
 

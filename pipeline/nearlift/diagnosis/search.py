@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -24,6 +25,8 @@ from nearlift.results import Noise, Observations
 #: Twice the log evidence by which an explanation may trail the best and still be its rival.
 RIVAL = 9.0
 PAIRS = 40
+#: What stands before the name of a hypothesis that is an effect.
+EFFECT = "effect "
 #: A column that keeps less than this share of its energy beside theta and L_inf cannot be seen.
 SILENT = 1e-4
 #: Every bench's gain wanders a little, slowly; below this fraction of lift (rms) that is no finding. Pink, over so many periods.
@@ -144,7 +147,7 @@ class Stage:
         """Families and library in the reduced space, and the space's orthonormal basis (n, d)."""
         found = families(self.data)
         named = [(f.name, f.covariate, f.columns) for f in found]
-        named += [(f"effect {e.name}", e.varies_with, columns) for e, columns in self.library]
+        named += [(f"{EFFECT}{e.name}", e.varies_with, columns) for e, columns in self.library]
         white = [self.space.project(c.T).T for _, _, c in named]
         basis = orthonormal(np.hstack([self.base_fit.jacobian, *white]))
         reduced = tuple(
@@ -361,22 +364,49 @@ def run(stage: Stage) -> Answer:
     seen = {e.name: e for e, _ in stage.library}
     visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
     singles = tuple(stage.explain((e,), 1 + i) for i, e in enumerate(visible))
-    accepted = [s for s in singles if s.accepted]
-    pairs: tuple[Explanation, ...] = ()
-    if not accepted:
-        ranked = sorted(combinations(visible, 2), key=lambda p: -_pair_gain(stage, p))[:PAIRS]
-        pairs = tuple(stage.explain(p, 1000 + i) for i, p in enumerate(ranked))
-        accepted = [p for p in pairs if p.accepted]
-    if not accepted:
-        singles, pairs = second_look(stage, singles), second_look(stage, pairs)
-        alone, together = ([e for e in tried if e.accepted] for tried in (singles, pairs))
-        # a second effect must earn its place beside the first
-        need = max((e.log_evidence for e in alone), default=-np.inf) + RIVAL
-        accepted = together if any(e.log_evidence > need for e in together) else alone
-    # who belongs    # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
+    alone = [s for s in singles if s.accepted]
+    clean = bool(alone)
+    if not clean:
+        singles = second_look(stage, singles)
+        alone = [s for s in singles if s.accepted]
+    best = max(alone, key=lambda e: e.log_evidence, default=None)
+    pairs = tuple(stage.explain(pair, 1000 + i) for i, pair in enumerate(promising(stage, visible, best)))
+    together = [p for p in pairs if p.accepted]
+    if not together and not clean:
+        pairs = second_look(stage, pairs)
+        together = [p for p in pairs if p.accepted]
+    # one effect of uncertain form can imitate two, and two one of strange form: the second must earn its place, more so where it only tidies up
+    need = -np.inf if best is None else best.log_evidence + (RIVAL / 2 if clean else RIVAL)
+    accepted = together if any(p.log_evidence > need for p in together) else alone
+    # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
     most = max((e.log_evidence for e in accepted), default=0.0)
     rivals = tuple(sorted((e for e in accepted if 2 * (most - e.log_evidence) <= RIVAL), key=lambda e: -e.plausibility))
     return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=rivals)
+
+
+def promising(stage: Stage, visible: list[Effect], alone: Explanation | None) -> list[tuple[Effect, Effect]]:
+    """Pairs by what they could gain to first order, the best first; beside an effect that will do alone, those that could gain plainly more."""
+    least = -np.inf if alone is None else alone.gain + RIVAL
+    gains = pair_gains(stage)
+    projected = ((gains[one.name, two.name], (one, two)) for one, two in combinations(visible, 2))
+    return [pair for _, pair in sorted((p for p in projected if p[0] > least), key=lambda p: -p[0])[:PAIRS]]
+
+
+def pair_gains(stage: Stage) -> dict[tuple[str, str], float]:
+    """Drop of chi2 that two effects could give to first order, over their shapes, beside the coefficients; by names, in either order."""
+    hypotheses, basis = stage.hypotheses
+    named = tuple(h for h in hypotheses if h.name.startswith(EFFECT))
+    jacobian = basis.T @ stage.base_fit.jacobian
+    which, stacked, ranks = structure.bases(named, orthonormal(jacobian) if jacobian.shape[1] else np.zeros((basis.shape[1], 0)))
+    score, product = stacked.T @ (basis.T @ stage.base_fit.residual), stacked.T @ stacked
+    ends = np.cumsum(ranks)
+    shapes = [(named[i].name.removeprefix(EFFECT), np.arange(end - rank, end)) for i, rank, end in zip(which, ranks, ends, strict=True)]
+    best: dict[tuple[str, str], float] = defaultdict(float)
+    for (one, left), (two, right) in combinations(shapes, 2):
+        both = np.r_[left, right]
+        gain = float(score[both] @ np.linalg.lstsq(product[np.ix_(both, both)], score[both], rcond=1e-8)[0])
+        best[one, two] = best[two, one] = max(best[one, two], gain)
+    return best
 
 
 def second_look(stage: Stage, tried: tuple[Explanation, ...]) -> tuple[Explanation, ...]:
@@ -413,15 +443,3 @@ def visibility(stage: Stage, effect: Effect) -> float:
             left = white - basis @ (basis.T @ white)
             shares.append(float(np.sum(left**2) / max(np.sum(whole**2), 1e-300)))
     return max(shares, default=0.0)
-
-
-def _pair_gain(stage: Stage, pair: tuple[Effect, Effect]) -> float:
-    """Drop of chi2 that two effects could give to first order, over their shapes."""
-    residual = stage.base_fit.residual
-    best = 0.0
-    for one in (c for e, c in stage.library if e is pair[0]):
-        for two in (c for e, c in stage.library if e is pair[1]):
-            white = stage.space.project(np.hstack([one, two]).T).T
-            q = orthonormal(np.hstack([stage.base_fit.jacobian, white]))
-            best = max(best, float(np.sum((q.T @ residual) ** 2)))
-    return best

@@ -1,22 +1,22 @@
 """Ratio: plane or vehicle is tilted.
 
-    ratio -> 1 + (ratio - 1) (1 + (tilt_first t + tilt_second t^2) (1 + z_hat^2)^(-tilt_decay / 2)),   t = tilt_rad
+    ratio -> (1 + (ratio - 1) (1 + (tilt_first t + tilt_second t^2) (1 + z_hat^2)^(-tilt_decay / 2))) (1 - tilt_lean t^2 / 2)
+    t = tilt_rad + tilt_zero
 
-Mechanism: two of them. Tilted about another point than the vehicle's centre, the whole vehicle comes nearer or goes farther:
+Mechanism: three of them. Tilted about another point than the vehicle's centre, the whole vehicle comes nearer or goes farther:
 first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one side come nearer by x_i t and gain more than the others
-lose: second order, 3 <x_i^2> t^2 / z^2 of a gain that goes as z^-2.
+lose: second order, 3 <x_i^2> t^2 / z^2 of a gain that goes as z^-2. And where the cell stands still, a tilted force acts on it by
+its cosine, at every distance.
 
 Convention: t > 0 as the schedule has it; tilt_first changes sign with it, tilt_second > 0 gains lift on either side. tilt_decay
-is 0 where a tilt acts in proportion to the gain (turned wakes and wall jets), 2 for the rotors' distances. Without a gain (free
-air, a blank tilt allowed) nothing changes.
-
-Not in here: the loss of a tilted force along the cell's axis, 1 - t^2 / 2 at every distance (0.4 % at 5 degrees), which has no
-free number.
+is 0 where a tilt acts in proportion to the gain (turned wakes and wall jets), 2 for the rotors' distances. tilt_lean is 1 where
+the vehicle tilts and the cell does not, 0 where the plate tilts. In free air (a blank tilt allowed) nothing changes.
 
 Size on a Crazyflie: 1 degree is 0.8 mm across 90 mm; second order, by the sum over images at z_hat = 1, 0.03 % of lift at 1.5
-degrees and 0.35 % at 5; a centre 10 mm off gives 0.1 % of lift per degree there.
+degrees and 0.35 % at 5; a centre 10 mm off gives 0.1 % of lift per degree there; the cosine takes 0.4 % at 5 degrees.
 
-Confounded with height_offset and K_b at a constant tilt. Repeats at both signs separate them.
+Confounded with height_offset and K_b at a constant tilt, and so by its zero: a coefficient beside a tilt that is known only to a
+degree is known less well than its fit says. Repeats at both signs separate them.
 """
 
 from __future__ import annotations
@@ -28,16 +28,20 @@ import numpy as np
 from nearlift.declare import Check, Effect, Parameter, Source, normal, uniform
 
 
-def evaluate(ratio: Any, /, *, z_hat: Any, tilt_rad: Any, tilt_first: Any, tilt_second: Any, tilt_decay: Any) -> Any:
+def evaluate(ratio: Any, /, *, z_hat: Any, tilt_rad: Any, tilt_first: Any, tilt_second: Any, tilt_decay: Any, tilt_zero: Any, tilt_lean: Any) -> Any:
     """L / L_inf of a tilted vehicle. Shapes broadcast."""
-    angle = np.where(np.isinf(z_hat), 0.0, tilt_rad)
-    return ratio + (ratio - 1.0) * (tilt_first * angle + tilt_second * np.square(angle)) * (1.0 + np.square(z_hat)) ** (-0.5 * tilt_decay)
+    angle = np.where(np.isinf(z_hat), 0.0, tilt_rad + tilt_zero)
+    change = (tilt_first * angle + tilt_second * np.square(angle)) * (1.0 + np.square(z_hat)) ** (-0.5 * tilt_decay)
+    return (ratio + (ratio - 1.0) * change) * (1.0 - 0.5 * tilt_lean * np.square(angle))
 
 
 EFFECT = Effect(
     name="tilt",
     title="Tilt",
-    formula=r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left[1 + (t_1 \theta + t_2 \theta^2) (1 + \hat{z}^2)^{-m/2}\right]",
+    formula=(
+        r"\frac{L}{L_\infty} \to \left\{1 + \left(\frac{L}{L_\infty} - 1\right) \left[1 + (t_1 t + t_2 t^2) (1 + \hat{z}^2)^{-m/2}\right]\right\}"
+        r" \left(1 - \tfrac{c}{2} t^2\right)"
+    ),
     evaluate=evaluate,
     acts_on="ratio",
     mechanism="tilt puts rotors, or the whole vehicle, at other distances than recorded",
@@ -62,6 +66,14 @@ EFFECT = Effect(
             meaning="relative change of the gain per square radian of tilt; positive where tilt to either side gains lift; 4 to 10 on a Crazyflie",
         ),
         Parameter(
+            name="tilt_lean",
+            unit="1",
+            value=0.0,
+            bounds=(-4.0, 6.0),
+            prior=normal(0.0, 1.0),
+            meaning="how much of the cosine's loss of a tilted force is read, 1 - t^2 / 2 at every distance: 1 where the cell stands still",
+        ),
+        Parameter(
             name="tilt_decay",
             unit="1",
             value=2.0,
@@ -69,6 +81,15 @@ EFFECT = Effect(
             prior=uniform(0.0, 4.0),
             meaning="power of distance with which a tilt's share of the gain falls off: 0 turned wakes, 2 distances of the rotors",
             grid=(0.0, 2.0),
+        ),
+        Parameter(
+            name="tilt_zero",
+            unit="rad",
+            value=0.0,
+            bounds=(-0.1, 0.1),
+            prior=normal(0.0, 0.02),
+            meaning="true tilt where the log reads 0: an inclinometer on the plate does not know how the rotors stand to it",
+            grid=(0.0,),
         ),
     ),
     source=Source(
@@ -86,6 +107,12 @@ EFFECT = Effect(
             expected=1.095,
             arguments={"z_hat": 1.0, "tilt_rad": -0.1, "tilt_first": 0.5, "tilt_decay": 0.0},
             quoted_by="by hand: 0.1 (0.5 x -0.1)",
+        ),
+        Check(
+            x=1.1,
+            expected=1.1 * 0.995,
+            arguments={"z_hat": 1.0, "tilt_rad": 0.08, "tilt_zero": 0.02, "tilt_lean": 1.0},
+            quoted_by="by hand: cosine of 0.1 to second order",
         ),
     ),
     notes=__doc__ or "",

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.results import IntArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,16 +59,24 @@ class Covariance:
         """Trials (m, b) and inverse covariance (m, b, b) of each visit, the shared unknowns left out; one pair for each size b."""
         return tuple((index, whitener.swapaxes(-1, -2) @ whitener) for index, whitener in self._blocks)
 
+    @cached_property
+    def _whitener(self) -> csr_array:
+        """The visits' whiteners side by side along the diagonal, (n, n), lower triangular where trials stand in run order."""
+        from scipy.sparse import csr_array
+
+        rows, columns, values = [], [], []
+        for index, whitener in self._blocks:
+            i, j = np.tril_indices(index.shape[1])
+            rows.append(index[:, i].ravel())
+            columns.append(index[:, j].ravel())
+            values.append(whitener[:, i, j].ravel())
+        n = len(self.variance)
+        return csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n))
+
     def _whiten_visits(self, x: FloatArray, transposed: bool = False) -> FloatArray:
-        result = np.empty(np.broadcast_shapes(x.shape, self.variance.shape))
-        for index, own in self._blocks:
-            whitener = own.swapaxes(-1, -2) if transposed else own
-            if index.shape[1] == 1:
-                result[..., index[:, 0]] = x[..., index[:, 0]] * whitener[:, 0, 0]
-            else:
-                stacked = np.moveaxis(x[..., index], (-2, -1), (0, 1)).reshape(*index.shape, -1)
-                white = (whitener @ stacked).reshape(*index.shape, *x.shape[:-1])
-                result[..., index] = np.moveaxis(white, (0, 1), (-2, -1))
+        whitener = self._whitener.T if transposed else self._whitener
+        x = np.broadcast_to(x, np.broadcast_shapes(x.shape, self.variance.shape))
+        result: FloatArray = (whitener @ x.reshape(-1, x.shape[-1]).T).T.reshape(x.shape)
         return result
 
     @cached_property
@@ -72,6 +84,13 @@ class Covariance:
         """Orthonormal directions (n, k) of the whitened shared unknowns, and their squared lengths."""
         basis, length, _ = np.linalg.svd(self._whiten_visits(self.shared.T).T, full_matrices=False)
         return basis, length**2
+
+    def shared_precision(self) -> FloatArray:
+        """Rows r (k, n) by which the shared unknowns lessen the precision: C^-1 is `precision_blocks` less r' r."""
+        if not self.shared.shape[1]:
+            return np.zeros((0, len(self.variance)))
+        basis, length2 = self._shared_part
+        return self._whiten_visits((basis * np.sqrt(length2 / (1 + length2))).T, transposed=True)
 
     def whiten(self, x: FloatArray) -> FloatArray:
         """Apply a W with W C W' = 1 along the last axis, shape (..., n)."""

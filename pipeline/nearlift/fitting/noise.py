@@ -100,17 +100,14 @@ def estimate(
         return replace(Noise(relative=0.0, serial_length=WHOLE_VISIT), **named)
 
     def deviance(log_sizes: FloatArray) -> float:
+        return _deviance(trial_covariance(data, noise_of(np.exp(log_sizes)), slope, shared, extra), mean, centred)[0]
+
+    def with_slope(log_sizes: FloatArray) -> tuple[float, FloatArray]:
         covariance = trial_covariance(data, noise_of(np.exp(log_sizes)), slope, shared, extra)
-        x, white = covariance.whiten(mean.T), covariance.whiten(centred)
-        try:
-            triangle = np.linalg.cholesky(x @ x.T)
-        except np.linalg.LinAlgError:
-            q, triangle = np.linalg.qr(x.T)
-            explained = q.T @ white
-        else:
-            explained = np.linalg.solve(triangle, x @ white)
-        diagonal = np.abs(np.diag(triangle))
-        return float(covariance.log_det + 2 * np.log(np.maximum(diagonal, 1e-30)).sum() + white @ white - explained @ explained)
+        value, by_variance, by_visit = _deviance(covariance, mean, centred, acts)
+        change = {"relative": by_variance.sum(), "force_N": by_variance @ data.lift_N**-2.0, **dict(zip(acts, by_visit, strict=True))}
+        # by the logarithm of a standard deviation: twice its square times the change by variance
+        return value, np.array([2 * np.exp(2 * x) * change[name] for name, x in zip(guess, log_sizes, strict=True)])
 
     # a height error of a visit shows only where a distance is visited again
     stations = np.unique(np.stack([data.z_hat, data.visit]), axis=1)[0]
@@ -128,9 +125,10 @@ def estimate(
                 guess["height_m"] = np.log(0.5 * start / typical_slope)
         elif several:
             source += f"; {UNSEEN} (distances were visited again {revisits} times, {ENOUGH} are needed): uncertainties are too small"
+    acts = {name: act for name, act in (("serial", np.ones(data.n)), ("height_m", slope)) if name in guess}
     bounds = [(g - 9, g + 4) for g in guess.values()]
-    # central differences: one-sided ones leave the minimum where their rounding puts it, and the order of trials would show
-    found = minimize(deviance, list(guess.values()), method="L-BFGS-B", jac="3-point", bounds=bounds)
+    # the slope in closed form: differences leave the minimum where their rounding puts it, and the order of trials would show
+    found = minimize(with_slope, list(guess.values()), method="L-BFGS-B", jac=True, bounds=bounds)
     # a component at the bottom of its range is indistinguishable from none
     at_floor = found.x <= np.array([b[0] for b in bounds]) + 0.5
     seen = [i for i in range(len(guess)) if not at_floor[i]]
@@ -142,6 +140,38 @@ def estimate(
         sizes=tuple(name for i, name in enumerate(guess) if i in seen),
         log_covariance=tuple(tuple(float(x) for x in row) for row in spread),
     )
+
+
+def _deviance(
+    covariance: Covariance, mean: FloatArray, centred: FloatArray, acts: dict[str, FloatArray] | None = None
+) -> tuple[float, FloatArray, FloatArray]:
+    """Minus twice the restricted log likelihood, and its change with each trial's variance (n,) and with what a visit shares by `acts`.
+
+    With P = C^-1 - U U', U the part of C^-1 that the mean takes, the change with a component V is tr(P V) - y' P V P y.
+    Without `acts` the changes are not worked out.
+    """
+    from scipy.linalg import solve_triangular
+
+    x, white = covariance.whiten(mean.T), covariance.whiten(centred)
+    try:
+        triangle = np.linalg.cholesky(x @ x.T)
+    except np.linalg.LinAlgError:
+        triangle = np.linalg.qr(x.T)[1].T
+    diagonal = np.abs(np.diag(triangle))
+    explained = solve_triangular(triangle, x @ white, lower=True, check_finite=False)
+    value = float(covariance.log_det + 2 * np.log(np.maximum(diagonal, 1e-30)).sum() + white @ white - explained @ explained)
+    if acts is None:
+        return value, np.zeros(0), np.zeros(0)
+    rows = solve_triangular(triangle, x, lower=True, check_finite=False)
+    # C^-1 is the visits' own precision less what the shared unknowns take; then the mean's part and the data's, all as columns
+    taken = np.vstack([covariance.unwhiten(rows), covariance.unwhiten(white - explained @ rows)[None], covariance.shared_precision()])
+    by_variance, by_visit = -np.sum(taken**2, axis=0), np.zeros(len(acts))
+    for index, precision in covariance.precision_blocks():
+        by_variance[index] += np.diagonal(precision, axis1=1, axis2=2)
+        for i, act in enumerate(acts.values()):
+            h = act[index]
+            by_visit[i] += np.sum(h * (precision @ h[:, :, None])[:, :, 0]) - np.sum(np.einsum("kmi,mi->km", taken[:, index], h) ** 2)
+    return value, by_variance, by_visit
 
 
 #: Step in the logarithm of a size by which the deviance's curvature is taken.
