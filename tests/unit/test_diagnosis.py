@@ -9,7 +9,7 @@ from nearlift import catalogue
 from nearlift.diagnosis import confirmation, families, few_visits, noise_floor, separation, structure
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.diagnosis.loop import close_loop, set_up
-from nearlift.diagnosis.search import Options, run
+from nearlift.diagnosis.search import EFFECT, Options, pair_gains, run
 from nearlift.diagnosis.setting import missing
 from nearlift.errors import NotConverged
 
@@ -322,3 +322,56 @@ def test_a_step_is_neither_a_drift_nor_a_gain_of_each_session():
     order = np.arange(8 * len(STATIONS) * 4)
     stepped = campaign(6, visits=8, gain=lambda c: 1 + 0.01 * (order > 0.5 * len(order)))
     assert run(set_up(stepped, GROUND, (), Options(seed=6))[0]).verdict == "unexplained"
+
+
+def test_the_score_of_the_noise_is_that_of_the_matrices_written_out():
+    """P = V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1, n x n; visits of two sizes."""
+    rng = np.random.default_rng(5)
+    visit = np.repeat(np.arange(12), [3, 2] * 6)
+    n = len(visit)
+    index = noise_floor.visits_by_size(visit)
+    lever = rng.standard_normal(n)
+    parts = [
+        [np.broadcast_to(np.eye(i.shape[1]), (len(i), *[i.shape[1]] * 2)) for i in index],
+        [lever[i][:, :, None] * lever[i][:, None] for i in index],
+    ]
+    serial = [np.broadcast_to(noise_floor.serial_block(i.shape[1], 2.0), (len(i), *[i.shape[1]] * 2)) for i in index]
+    model = noise_floor._Components(index=index, own=rng.uniform(1, 2, n), parts=parts)
+    x, y, sizes = rng.standard_normal((n, 4)), rng.standard_normal(n), np.array([0.5, 0.3])
+
+    def dense(part):
+        whole = np.zeros((n, n))
+        for i, block in zip(index, part, strict=True):
+            whole[i[:, :, None], i[:, None, :]] = block
+        return whole
+
+    several = [dense(p) for p in (*parts, serial)]
+    v = np.diag(model.own) + 0.5 * several[0] + 0.3 * several[1]
+    w = np.linalg.inv(v)
+    p = w - w @ x @ np.linalg.solve(x.T @ w @ x, x.T @ w)
+    gradient, information = model.score(x, y, sizes, [serial])
+    np.testing.assert_allclose(gradient, [y @ p @ a @ p @ y - np.trace(p @ a) for a in several])
+    np.testing.assert_allclose(information, [[np.trace(p @ a @ p @ b) for b in several] for a in several])
+    log_det = np.linalg.slogdet(v)[1] + np.linalg.slogdet(x.T @ w @ x)[1]
+    assert model.deviance(x, y, sizes) == pytest.approx(log_det + y @ p @ y)
+
+
+@pytest.mark.filterwarnings("error")
+def test_with_hardly_any_freedom_the_noise_stays_finite():
+    data = campaign(2, visits=1)
+    rng = np.random.default_rng(1)
+    for free in (0, 1, 2):
+        found, _ = noise_floor.estimate(data, np.log(data.lift_N), rng.standard_normal((data.n, data.n - free)), np.zeros(data.n))
+        assert np.isfinite([found.relative, found.force_N]).all()
+
+
+def test_what_a_pair_could_gain_is_what_both_take_of_the_residual(null_stage):
+    gains = pair_gains(null_stage)
+    hypotheses, basis = null_stage.hypotheses
+    mine = {h.name: h.columns for h in hypotheses if h.name in (f"{EFFECT}supply_sag", f"{EFFECT}zero_offset")}
+    residual = basis.T @ null_stage.base_fit.residual
+    without, both = (
+        np.column_stack(x) for x in ((basis.T @ null_stage.base_fit.jacobian,), (basis.T @ null_stage.base_fit.jacobian, *mine.values()))
+    )
+    left = [np.sum((residual - x @ np.linalg.lstsq(x, residual, rcond=None)[0]) ** 2) for x in (without, both)]
+    assert gains["supply_sag", "zero_offset"] == pytest.approx(left[0] - left[1], rel=1e-6)

@@ -144,3 +144,23 @@ def test_cells_are_pairs_of_distance_and_throttle():
     pairs = {(z, t): label[(data.z_hat == z) & (data.throttle == t)] for z in data.z_hat for t in THROTTLES}
     assert all(len(set(members.tolist())) == 1 and len(members) == 3 for members in pairs.values())
     assert len(set(label.tolist())) == len(pairs)
+
+
+def test_the_deviance_in_closed_form_has_the_slope_of_its_differences():
+    """Against differences, with unknowns shared by all trials in the covariance."""
+    data = quiet(campaign(1, visits=3), 1e-4)
+    rng = np.random.default_rng(0)
+    mean, centred = rng.standard_normal((data.n, 5)), 0.01 * rng.standard_normal(data.n)
+    slope, shared = height_slope(MODEL, data, VALUES), 0.002 * rng.standard_normal((data.n, 3))
+    acts = {"serial": np.ones(data.n), "height_m": slope}
+
+    def at(relative, force_N, serial, height_m):
+        scatter = Noise(relative=relative**0.5, force_N=force_N**0.5, serial=serial**0.5, height_m=height_m**0.5, serial_length=noise.WHOLE_VISIT)
+        return noise._deviance(noise.trial_covariance(data, scatter, slope, shared), mean, centred, acts)
+
+    variances = np.array([2e-5, 1e-7, 1e-5, 1e-8])
+    _, by_variance, by_visit = at(*variances)
+    found = [by_variance.sum(), by_variance @ data.lift_N**-2.0, *by_visit]
+    steps = np.diag(1e-4 * variances)
+    differences = [(at(*variances + h)[0] - at(*variances - h)[0]) / (2 * h.sum()) for h in steps]
+    np.testing.assert_allclose(found, differences, rtol=1e-4)
