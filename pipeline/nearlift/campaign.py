@@ -13,7 +13,7 @@ import re
 import tomllib
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, model_validator
@@ -402,10 +402,18 @@ def load(folder: Path) -> Campaign:
     return parse(raw, str(path))
 
 
+Kind = TypeVar("Kind", bound=BaseModel)
+
+
 def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
     """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key."""
+    return validated(Campaign, raw, where)
+
+
+def validated(kind: type[Kind], raw: dict[str, Any], where: str) -> Kind:
+    """A table of the manifest from plain values; raises `ManifestError` that lists every fault with its key."""
     try:
-        return Campaign.model_validate(raw)
+        return kind.model_validate(raw)
     except ValidationError as fault:
         lines = [_explain(error, raw) for error in fault.errors()]
         raise ManifestError(where, "\n  ".join(dict.fromkeys(lines))) from None

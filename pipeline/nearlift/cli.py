@@ -280,7 +280,7 @@ def _stage_command(name: str, summary: str) -> None:
 
 
 for _name, _summary in STAGE_NAMES.items():
-    if _name != "diagnose":
+    if _name not in ("diagnose", "detect"):
         _stage_command(_name, _summary)
 
 
@@ -306,6 +306,62 @@ def diagnose(campaign: Path, explain: str | None, **options: Any) -> None:
         click.echo(json.dumps(plain(found)))
     elif not options["quiet"]:
         click.echo(text(found), nl=False)
+
+
+def _reading(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The options that make a reading; each is text, as the manifest has it."""
+    options = (
+        click.option("--boundary", type=click.Choice(["ground", "ceiling", "sidewall"]), help="Instead of the stage: where is it, by this reading?"),
+        click.option("--ratio", type=float, help="Lift over lift far away."),
+        click.option("--throttle", help='Throttle at which the vehicle hovers, e.g. "55 percent".'),
+        click.option("--u", help='Standard uncertainty of the ratio or the throttle, e.g. "1 percent".'),
+        click.option("--weight-u", help="Relative standard uncertainty of the weight."),
+        click.option("--supply-u", help="Relative standard uncertainty of the supply voltage."),
+        click.option("--mass", help='Mass with payload, e.g. "29 g"; the vehicle\'s if not given.'),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@main.command(help=STAGE_NAMES["detect"] + " Runs even if it is up to date; earlier stages must have run.")
+@CAMPAIGN
+@_reading
+@common
+def detect(
+    campaign: Path,
+    boundary: str | None,
+    ratio: float | None,
+    throttle: str | None,
+    u: str | None,
+    weight_u: str | None,
+    supply_u: str | None,
+    mass: str | None,
+    **options: Any,
+) -> None:
+    """The stage, or one reading as a distance."""
+    from nearlift.stages import graph
+
+    given = {"ratio": ratio, "throttle": throttle, "u": u, "weight": weight_u, "supply": supply_u, "mass": mass}
+    told = {name: value for name, value in given.items() if value is not None}
+    if boundary is None:
+        if told:
+            raise UsageError("--boundary", "is missing: a reading is one of ground, ceiling or sidewall", "add --boundary ground")
+        execute(campaign, (graph.stage("detect"),), force=True, **options)
+        return
+    from nearlift.campaign import validated
+    from nearlift.flight_manifest import Reading
+    from nearlift.stages.reading import read, text
+    from nearlift.store import plain
+
+    reading = validated(Reading, {"boundary": boundary, **told}, "nearlift detect")
+    voice = Voice(options["quiet"], options["verbose"], options["as_json"])
+    with open_job(campaign, options["out"], "serial", options["seed"], voice, keep=False) as job:
+        found = read(job, reading)
+    if options["as_json"]:
+        click.echo(json.dumps(plain(found)))
+    elif not options["quiet"]:
+        click.echo(text(found))
 
 
 @main.command()

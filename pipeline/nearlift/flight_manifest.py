@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from nearlift.declare import Boundary
 from nearlift.quantities import (
@@ -14,11 +14,13 @@ from nearlift.quantities import (
     Fraction,
     Inertia,
     IntegralGain,
+    Mass,
     Position,
     PositiveLength,
     ProportionalGain,
     Rate,
     Section,
+    Share,
     Velocity,
     Voltage,
 )
@@ -87,8 +89,36 @@ class Simulate(Section):
     crash_prices: list[float] = Field(default=[0.1, 1.0, 10.0])
     supply_end: Voltage | None = None
     roll_inertia: Inertia | None = None
+    roll_inertia_uncertainty: Fraction | None = None
     maps: bool = True
     route: Route | None = None
+
+
+class Reading(Section):
+    """A measurement to be read as a distance: a lift ratio, or the throttle at which the vehicle hovers.
+
+    `u` is the standard uncertainty of the ratio, or of the throttle, both as fractions; `weight` and `supply` are relative standard
+    uncertainties of weight and supply voltage (for a throttle the first of [detect]'s lists if not given; a ratio's `u` is all of it),
+    `mass` the vehicle's with its payload, in kg.
+    """
+
+    boundary: Boundary
+    ratio: float | None = Field(default=None, gt=0)
+    throttle: Share | None = None
+    u: Fraction
+    weight: Fraction | None = None
+    supply: Fraction | None = None
+    mass: Mass | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Reading:
+        if (self.ratio is None) == (self.throttle is None):
+            raise ValueError('takes a ratio or a throttle, one of both\nratio = 1.12, or throttle = "55 percent"')
+        return self
+
+
+def _listed(value: object) -> object:
+    return value if isinstance(value, list) else [value]
 
 
 class Detect(Section):
@@ -99,5 +129,6 @@ class Detect(Section):
     averaging: list[Duration] = Field(default=[0.01, 0.1, 1.0, 10.0, 100.0])
     force_noise: Force | None = None
     force_bandwidth: Rate | None = None
-    payload: list[Fraction] = Field(default=[0.0, 0.01, 0.05])
-    supply: Fraction = 0.0
+    payload: list[Fraction] = Field(default=[0.0, 0.01, 0.05], min_length=1)
+    supply: Annotated[list[Fraction], BeforeValidator(_listed)] = Field(default=[0.0], min_length=1)
+    reading: list[Reading] = Field(default=[])

@@ -300,12 +300,13 @@ ROUTES = Product(
 DETECTION = Product(
     file="detection.parquet",
     title="Detection range",
-    row="a boundary, an averaging time and an uncertainty of payload",
+    row="a boundary, an averaging time, an uncertainty of payload and one of the supply",
     columns=(
         Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
         Column(name="model", kind="text", meaning="name of the lift model"),
         Column(name="averaging_s", unit="s", meaning="time over which lift (or the throttle to hover) is averaged"),
         Column(name="payload", unit="1", meaning="relative standard uncertainty of the weight"),
+        Column(name="voltage", unit="1", meaning="relative standard uncertainty of the supply voltage"),
         Column(name="supply", unit="1", meaning="relative standard uncertainty of lift from that of the supply voltage"),
         Column(name="sigma", unit="1", meaning="standard deviation of the ratio's estimate"),
         Column(name="needed", unit="1", meaning="change of lift noticed at the rates of false alarms and misses"),

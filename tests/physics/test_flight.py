@@ -437,3 +437,12 @@ def test_roll_from_a_fit():
     assert near["lo90_N_m"][0] < near["torque_N_m"][0] < near["hi90_N_m"][0]
     assert found["same_law"]["torque_N_m"][0] < near["torque_N_m"][0]
     assert near["lo90_deg_s2"] < near["acceleration_deg_s2"] < near["hi90_deg_s2"]
+    # the inertia is not known exactly: with a torque known perfectly, its uncertainty is all there is
+    sure = [ratios[0]] * 400
+    known = {"mass_kg": 0.027, "gravity_m_s2": 9.8, "arm_m": 0.0325, "spacing_hat": 65 / 23, "inertia_kg_m2": 1.6e-5}
+    for u in (0.0, 0.1):
+        own = roll.of_belief(sure, 0.1, **known, u_inertia=u, rng=rng)["near_pair_only"]
+        half = 0.5 * math.log(own["hi90_deg_s2"] / own["lo90_deg_s2"])
+        assert half == pytest.approx(1.645 * u, rel=0.2)
+        assert own["lo90_N_m"][0] == pytest.approx(own["hi90_N_m"][0])
+    assert pytest.approx(0.056, abs=1e-3) == roll.INERTIA_SPREAD

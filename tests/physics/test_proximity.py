@@ -86,6 +86,9 @@ def test_hover_throttle_is_a_lift_ratio():
     ratio, u = inverse.ratio_of_hover(0.45, 0.2646, 0.03, levels, far, 0.04)
     assert ratio > 1.1
     assert u == pytest.approx(0.05 * ratio)
+    # between 0.25 and 0.5 lift goes as throttle to the power 1.307, and so does what 1 % of throttle is worth
+    power = math.log(0.2646 / 0.107) / math.log(2)
+    assert inverse.ratio_of_hover(0.45, 0.2646, 0.0, levels, far, 0.0, 0.0045)[1] == pytest.approx(ratio * power * 0.01)
     with pytest.raises(InputRefused, match=r"0.9 is outside 0.25 to 0.75"):
         inverse.ratio_of_hover(0.9, 0.2646, 0.0, levels, far, 0.0)
 

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import math
+
 import numpy as np
 import pytest
 
+from nearlift.errors import ManifestError
 from nearlift.figures.render import render
 from nearlift.figures.style import style
+from nearlift.flight_manifest import Reading
 from nearlift.pages import proximity as chapter
 from nearlift.products import DETECTION, FIT, PROXIMITY
 from nearlift.stages import detect
+from nearlift.stages.belief import believe
 from nearlift.stages.gallery import FIGURES
+from nearlift.stages.reading import read, text
 from nearlift.stages.report import gather
+
+from . import small_run
+from .small_run import nearlift
 
 SENSOR = {"force_noise": "3 mN", "force_bandwidth": "50 Hz"}
 
@@ -50,11 +60,100 @@ def test_located(done):
 
 def test_supply_costs_range(make_job, done):
     job, _ = done
-    worse = make_job(detect=SENSOR | {"supply": "2 percent"})
-    detect.run(worse)
-    before, after = job.read(DETECTION), worse.read(DETECTION)
-    assert after["supply"] == pytest.approx(0.04)  # lift as the square of the supply
-    assert (after["needed"] > before["needed"]).all()
+    both = make_job(detect=SENSOR | {"supply": ["0 percent", "2 percent"]})
+    detect.run(both)
+    before, after = job.read(DETECTION), both.read(DETECTION)
+    worse = after["voltage"] == 0.02
+    assert after["supply"][worse] == pytest.approx(0.04)  # lift as the square of the supply
+    assert after["needed"][~worse] == pytest.approx(before["needed"])
+    assert (after["needed"][worse] > before["needed"]).all()
+    evidence = gather(both)
+    (spec,) = (s for s in FIGURES if s.name == "detection")
+    table = spec.summarise(evidence)
+    drawn = set(table["case"][table["row"] == "range"])
+    assert drawn == {"weight and supply known exactly", "weight ±1 %", "weight ±5 %", "supply voltage ±2 %"}
+    shown = [c["case"] for c in chapter.facts(evidence)["rows"][0]["cells"]]
+    assert shown == [
+        "weight and supply known exactly",
+        "weight ±5 %",
+        "supply voltage ±2 %",
+    ]
+    assert "e+0" not in spec.caption(evidence, table)
+    # one number stands for a list of one
+    assert make_job(("ground",), detect={"supply": "2 percent"}).campaign.detect.supply == [0.02]
+
+
+def test_a_reading_becomes_a_distance(done):
+    """The ratio that the fitted model has at 1.5 radii, and the throttle at which a vehicle would hover there, say 1.5 radii."""
+    job, _ = done
+    belief = believe(job, "ground", 50)
+    ratio = float(belief.ratio()(np.array([1.5]))[0])
+    found = read(job, Reading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"}))
+    assert found["z_hat"]["lo90"] < 1.5 < found["z_hat"]["hi90"]
+    assert found["z_hat"]["median"] == pytest.approx(1.5, rel=0.05)
+    assert found["z_m"]["median"] == pytest.approx(0.023 * found["z_hat"]["median"])
+    assert found["beyond"] < 1e-3
+    assert "z_hat = 1.5 (90 %: 1." in text(found).replace("1.49 ", "1.5 ").replace("1.51 ", "1.5 ").replace("1.52 ", "1.5 ")
+    # lift goes as throttle^1.4 here: the throttle that lifts weight / ratio far away
+    hover = (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)
+    given = {"boundary": "ground", "throttle": f"{100 * hover} percent", "u": "0 percent"}
+    told = read(job, Reading.model_validate(given))
+    assert told["ratio"] == pytest.approx(ratio, rel=0.02)
+    assert told["z_hat"]["lo90"] < 1.5 < told["z_hat"]["hi90"]
+    wider = read(job, Reading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"}))
+    assert wider["u"] == pytest.approx(math.hypot(told["u"], 0.01 * told["ratio"], 0.02 * told["ratio"]), rel=1e-3)
+    heavier = read(job, Reading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}))
+    assert heavier["ratio"] == pytest.approx(told["ratio"] * 28 / 27)
+
+
+def test_readings_in_the_manifest(make_job):
+    readings = [
+        {"boundary": "ground", "ratio": 1.1, "u": "1 percent"},
+        {"boundary": "ground", "throttle": "99 percent", "u": "1 percent"},
+        {"boundary": "ceiling", "ratio": 1.1, "u": "1 percent"},
+    ]
+    job = make_job(("ground",), detect=SENSOR | {"reading": readings})
+    outcome = detect.run(job)
+    good, outside, elsewhere = job.read_json(PROXIMITY)["readings"]
+    assert 1.2 < good["z_hat"]["median"] < 2.2
+    assert "0.99 is outside 0.25 to 0.92" in outside["refused"]
+    assert "nothing was fitted at the ceiling" in elsewhere["refused"]
+    assert [n[:17] for n in outcome.notes] == ["detect.reading[1]", "detect.reading[2]"]
+    evidence = gather(job)
+    told = chapter.facts(evidence)["readings"]
+    assert told[0]["median"].source == "proximity.json#/readings/0/z_hat/median"
+    assert told[1]["refused"]
+    (spec,) = (s for s in FIGURES if s.name == "detection")
+    table = spec.summarise(evidence)
+    assert (table["row"] == "reading").sum() == 1
+    assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
+    with pytest.raises(ManifestError, match="one of both"):
+        make_job(("ground",), detect={"reading": [{"boundary": "ground", "u": "1 percent"}]})
+
+
+def test_the_command_line_takes_a_reading(tmp_path):
+    raw = small_run.write(tmp_path / "raw")
+    for stage in ("ingest", "reduce", "fit"):
+        assert nearlift(stage, raw, "--out", tmp_path, "-q").exit_code == 0
+    reading = ("--boundary", "ground", "--ratio", "1.1", "--u", "1 percent")
+    found = nearlift("detect", raw, "--out", tmp_path, *reading)
+    assert found.exit_code == 0, found.output
+    assert "ground, sanchez_cuevas: L/L_inf = 1.1 +- 0.01\nz_hat = " in found.stdout
+    told = json.loads(nearlift("detect", raw, "--out", tmp_path, *reading, "--json").stdout)
+    assert told["z_hat"]["lo90"] < told["z_hat"]["median"] < told["z_hat"]["hi90"]
+    hover = nearlift("detect", raw, "--out", tmp_path, "--boundary", "ground", "--throttle", "50 percent", "--u", "0.5 percent", "--mass", "27 g")
+    assert "(hover at 50 % throttle)" in hover.stdout
+    assert not (tmp_path / "processed" / small_run.NAME / "proximity.json").exists()
+    for words, code, said in (
+        (("--ratio", "1.1"), 2, "--boundary: is missing"),
+        (("--boundary", "ceiling", "--ratio", "1.1", "--u", "1 percent"), 2, "nothing was fitted at the ceiling"),
+        (("--boundary", "ground", "--ratio", "1.1"), 2, "u: is missing"),
+        (("--boundary", "ground", "--u", "1 percent"), 2, "one of both"),
+        (("--boundary", "ground", "--ratio", "3", "--u", "1 percent"), 4, "standard uncertainties from everything"),
+    ):
+        found = nearlift("detect", raw, "--out", tmp_path, *words)
+        assert found.exit_code == code
+        assert said in found.stderr
 
 
 def test_without_a_sensor_the_bench_s_own_noise_counts(make_job):

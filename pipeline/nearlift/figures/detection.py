@@ -24,22 +24,26 @@ def draw(table: Rows, look: Style) -> Figure:
     for i, row in enumerate(("range", "located")):
         for j, side in enumerate(sides):
             ax = axes[i, j]
-            own = {name: column[(table["row"] == row) & (table["panel"] == side)] for name, column in table.items()}
+            own, read = ({k: column[(table["row"] == r) & (table["panel"] == side)] for k, column in table.items()} for r in (row, "reading"))
             ax.set_title(f"{next(letters)}) {side}", loc="left", fontsize=look.text_pt)
-            (_range if row == "range" else _located)(ax, own)
+            if row == "range":
+                _range(ax, own)
+            else:
+                _located(ax, own, read)
     axes[0, 0].set_ylabel("detection range " + nomenclature.label("z_hat"))
     axes[1, 0].set_ylabel("located " + nomenclature.label("z_hat"))
     handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=len(names))
+    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 4))
     return figure
 
 
 def _range(ax: Any, own: Rows) -> None:
     ax.set_xscale("log")
-    for (shade, marker), payload in zip(SERIES, sorted(set(own["payload_percent"].tolist())), strict=False):
-        mine = own["payload_percent"] == payload
+    for (shade, marker), case in zip(SERIES, dict.fromkeys(own["case"].tolist()), strict=False):
+        mine = own["case"] == case
         x, y = own["x"][mine], own["y"][mine]
-        ax.plot(x, y, color=shade, marker=marker, markerfacecolor="white", label=f"weight known to {payload:g} %", zorder=3)
+        dashes = (0, (4, 1.5)) if own["voltage_percent"][mine][0] > own["voltage_percent"].min() else "-"
+        ax.plot(x, y, color=shade, marker=marker, markerfacecolor="white", linestyle=dashes, label=case, zorder=3)
         known = np.isfinite(y)
         ax.fill_between(x[known], own["lo90"][mine][known], own["hi90"][mine][known], color=shade, alpha=0.2, linewidth=0)
     ax.set_ylim(bottom=0)
@@ -51,7 +55,7 @@ def _range(ax: Any, own: Rows) -> None:
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
-def _located(ax: Any, own: Rows) -> None:
+def _located(ax: Any, own: Rows, read: Rows) -> None:
     ax.set_xlabel("true " + nomenclature.label("z_hat"))
     if not len(own["x"]):
         ax.text(0.5, 0.5, "not inverted: the model folds", transform=ax.transAxes, ha="center", va="center")
@@ -61,6 +65,9 @@ def _located(ax: Any, own: Rows) -> None:
     ax.fill_between(own["x"], own["lo90"], own["hi90"], color=BAND, linewidth=0)
     ax.plot(own["x"], own["y"], color=FIT)
     ax.plot(own["x"], own["x"], color="0.45", linestyle=(0, (1, 1.2)))
+    for (shade, _), y, low, high in zip(SERIES, read["y"], read["lo90"], read["hi90"], strict=False):
+        ax.axhspan(low, high, color=shade, alpha=0.25, linewidth=0)
+        ax.axhline(y, color=shade, linewidth=0.8)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

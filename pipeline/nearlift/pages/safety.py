@@ -146,4 +146,9 @@ def _roll(evidence: Evidence, content: dict[str, Any]) -> dict[str, Any]:
                     else [],
                 }
             )
-    return {"paper": rows, "fitted": fitted, "gap": cite(evidence, SAFETY, "roll", "fitted", "z_hat", "0", digits=2) if own else None}
+    return {
+        "paper": rows,
+        "fitted": fitted,
+        "gap": cite(evidence, SAFETY, "roll", "fitted", "z_hat", "0", digits=2) if own else None,
+        "u_inertia": cite(evidence, SAFETY, "roll", "fitted", "u_inertia", scale=100, digits=2, how="in percent") if own else None,
+    }

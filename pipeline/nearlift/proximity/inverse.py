@@ -131,7 +131,7 @@ def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high:
 
 
 def ratio_of_hover(
-    throttle: float, weight_N: float, u_weight: float, levels: Sequence[float], lift_inf_N: Sequence[float], u_lift: float
+    throttle: float, weight_N: float, u_weight: float, levels: Sequence[float], lift_inf_N: Sequence[float], u_lift: float, u_throttle: float = 0.0
 ) -> tuple[float, float]:
     """L / L_inf of a vehicle that hovers at a throttle: weight over the lift that this throttle gives far away; and its uncertainty.
 
@@ -145,6 +145,8 @@ def ratio_of_hover(
         The throttles measured, ascending, and lift far away at each; between them lift goes as a power of throttle.
     u_lift : float
         Relative standard uncertainty of lift far away: levels, supply.
+    u_throttle : float
+        Standard uncertainty of the throttle, as a fraction of full; it counts with the power between the levels beside it.
 
     Raises
     ------
@@ -155,6 +157,9 @@ def ratio_of_hover(
         raise InputRefused(
             "throttle", f"{throttle:.3g} is outside {levels[0]:.3g} to {levels[-1]:.3g}, where lift was measured", "measure lift at that throttle too"
         )
-    far = float(np.exp(np.interp(np.log(throttle), np.log(levels), np.log(lift_inf_N))))
+    log_levels, log_lift = np.log(levels), np.log(lift_inf_N)
+    far = float(np.exp(np.interp(np.log(throttle), log_levels, log_lift)))
     ratio = weight_N / far
-    return ratio, ratio * float(np.hypot(u_weight, u_lift))
+    i = int(np.clip(np.searchsorted(levels, throttle), 1, max(len(levels) - 1, 1)))
+    power = float((log_lift[i] - log_lift[i - 1]) / (log_levels[i] - log_levels[i - 1])) if len(levels) > 1 else 0.0
+    return ratio, ratio * float(np.sqrt(u_weight**2 + u_lift**2 + (power * u_throttle / throttle) ** 2))

@@ -20,6 +20,8 @@ from nearlift.declare import FloatArray
 
 #: Rolling inertia of a Crazyflie, kg m^2, as system identifications of it give it: lowest and highest.
 MEASURED_INERTIA = (1.4e-5, 1.7e-5)
+#: Relative standard uncertainty of an inertia of which none is declared: that of a uniform spread as wide as those identifications.
+INERTIA_SPREAD = (MEASURED_INERTIA[1] - MEASURED_INERTIA[0]) / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0]) / math.sqrt(3)
 
 
 def torque_N_m(difference: float, mass_kg: float, gravity_m_s2: float, arm_m: float) -> float:
@@ -76,6 +78,7 @@ def of_belief(
     arm_m: float,
     spacing_hat: float,
     inertia_kg_m2: float | None,
+    u_inertia: float = INERTIA_SPREAD,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
     """Torque over the gap from the fitted sidewall models, the best estimate first and draws after it, with 90 % intervals.
@@ -84,7 +87,8 @@ def of_belief(
     twice what the vehicle does; that is the upper reading. The lower one takes the same law for every rotor over its own gap, the far
     pair's being larger by the spacing; its near pair then loses less than twice. Both are given, since lift alone cannot tell them apart.
 
-    Without an inertia in the manifest, the torque alone is given: it depends on the batteries and cannot be had from the mass.
+    Without an inertia in the manifest, the torque alone is given: it depends on the batteries and cannot be had from the mass. With one,
+    `u_inertia` is its relative standard uncertainty (log-normal); the acceleration's interval has it and the torque's.
     """
     z_hat = np.geomspace(max(nearest_z_hat, 0.01), 2.0, 40)
     loss = np.stack([1.0 - np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios])
@@ -95,11 +99,13 @@ def of_belief(
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)
     shared = torque_N_m(1.0, mass_kg, gravity_m_s2, arm_m) * share
-    content: dict[str, Any] = {"arm_m": arm_m, "z_hat": z_hat.tolist(), "inertia_kg_m2": inertia_kg_m2}
+    content: dict[str, Any] = {"arm_m": arm_m, "z_hat": z_hat.tolist(), "inertia_kg_m2": inertia_kg_m2, "u_inertia": u_inertia}
+    factor = np.exp(u_inertia * rng.standard_normal(len(loss) - 1))
     for name, torque in (("near_pair_only", near_only), ("same_law", shared)):
         low, high = np.percentile(torque[1:], [5, 95], axis=0)
         content[name] = {"torque_N_m": torque[0].tolist(), "lo90_N_m": low.tolist(), "hi90_N_m": high.tolist()}
         if inertia_kg_m2 is not None:
             scale = acceleration_deg_s2(1.0, inertia_kg_m2)
-            content[name] |= {"acceleration_deg_s2": scale * torque[0, 0], "lo90_deg_s2": scale * low[0], "hi90_deg_s2": scale * high[0]}
+            slow, fast = np.percentile(scale * torque[1:, 0] / factor, [5, 95])
+            content[name] |= {"acceleration_deg_s2": scale * torque[0, 0], "lo90_deg_s2": float(slow), "hi90_deg_s2": float(fast)}
     return content

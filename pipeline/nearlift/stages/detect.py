@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,16 @@ from nearlift.proximity.reach import Sensor, needed, reaches
 from nearlift.reduction.quality import rejected
 from nearlift.stages.belief import Belief, believe
 from nearlift.stages.job import Job, Outcome
+from nearlift.stages.reading import DRAWS, all_of, refuse_folds, sensitivity
 from nearlift.stages.simulate import columns
 
-DRAWS = 100
-#: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.
-SAG_EXPONENT = 2.0
 #: Distances at which the inversion is tried, and the time averaged then, s.
 TRIED = 25
 INVERTED_S = 1.0
 
 
 def run(job: Job) -> Outcome:
-    """Ranges over averaging times and payloads, and what a reading at each distance would say of the distance."""
+    """Ranges over averaging times, payloads and supplies; what a reading at each distance would say of it; and the manifest's readings."""
     chosen = job.campaign.detect or Detect()
     fitted = job.read_json(FIT)
     rows: list[dict[str, Any]] = []
@@ -39,22 +38,22 @@ def run(job: Job) -> Outcome:
         "boundaries": {},
     }
     notes = []
+    beliefs: dict[str, Belief] = {}
     for boundary in boundaries_of(fitted["boundaries"]):
         job.say(f"detect {boundary}")
-        belief = believe(job, boundary, DRAWS)
+        belief = beliefs[boundary] = believe(job, boundary, DRAWS)
         device = sensor(job, boundary, chosen, float(fitted["noise"][boundary]["relative"]))
-        exponent = belief.best.get("sag_exponent", SAG_EXPONENT)
-        supply = abs(exponent) * chosen.supply
-        rows += _ranges(job, belief, device, chosen, supply)
-        entry = _entry(belief, device, supply)
+        rows += _ranges(job, belief, device, chosen)
+        entry = _entry(belief, device)
         try:
-            for member in range(-1, belief.number):
-                inverse.refuse_folds(belief.ratio(member), *belief.measured_z_hat, where=f"{boundary} {belief.model.name}")
-            entry["located"] = _located(belief, device.sigma(INVERTED_S, chosen.payload[0], supply))
+            refuse_folds(belief)
+            entry["located"] = _located(belief, device.sigma(INVERTED_S, chosen.payload[0], sensitivity(belief) * chosen.supply[0]))
         except InputRefused as refusal:
             entry["refused"] = f"{refusal.what}; {refusal.remedy}"
             notes.append(f"{boundary}: distance is not told from lift: {refusal.what}; {refusal.remedy}")
         content["boundaries"][boundary] = entry
+    content["readings"], refused = all_of(job, beliefs)
+    notes += refused
     job.write(DETECTION, columns(DETECTION, rows))
     job.write_json(PROXIMITY, content)
     return Outcome(notes=tuple(notes))
@@ -75,10 +74,11 @@ def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor
     return Sensor(short_per_sqrt_Hz=float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight)), floor=floor)
 
 
-def _ranges(job: Job, belief: Belief, device: Sensor, chosen: Detect, supply: float) -> list[dict[str, Any]]:
+def _ranges(job: Job, belief: Belief, device: Sensor, chosen: Detect) -> list[dict[str, Any]]:
     ratios = [belief.ratio(m) for m in range(-1, belief.number)]
     rows = []
-    for payload in chosen.payload:
+    for voltage, payload in itertools.product(chosen.supply, chosen.payload):
+        supply = sensitivity(belief) * voltage
         for averaging_s in chosen.averaging:
             sigma = device.sigma(averaging_s, payload, supply)
             change = needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
@@ -89,6 +89,7 @@ def _ranges(job: Job, belief: Belief, device: Sensor, chosen: Detect, supply: fl
                     "model": belief.model.name,
                     "averaging_s": averaging_s,
                     "payload": payload,
+                    "voltage": voltage,
                     "supply": supply,
                     "sigma": sigma,
                     "needed": change,
@@ -101,7 +102,7 @@ def _ranges(job: Job, belief: Belief, device: Sensor, chosen: Detect, supply: fl
     return rows
 
 
-def _entry(belief: Belief, device: Sensor, supply: float) -> dict[str, Any]:
+def _entry(belief: Belief, device: Sensor) -> dict[str, Any]:
     near = np.array([belief.measured_z_hat[0]])
     return {
         "model": belief.model.name,
@@ -111,7 +112,7 @@ def _entry(belief: Belief, device: Sensor, supply: float) -> dict[str, Any]:
         "largest_change": float(belief.ratio()(near)[0] - 1.0),
         "short_per_sqrt_Hz": device.short_per_sqrt_Hz,
         "floor": device.floor,
-        "supply": supply,
+        "lift_per_voltage": sensitivity(belief),
     }
 
 

@@ -290,6 +290,7 @@ def _roll(job: Job, chosen: Simulate) -> dict[str, Any]:
             arm_m=job.campaign.vehicle.rotor_spacing / 2,
             spacing_hat=job.campaign.vehicle.rotor_spacing / job.campaign.vehicle.rotor_radius,
             inertia_kg_m2=chosen.roll_inertia,
+            u_inertia=roll.INERTIA_SPREAD if chosen.roll_inertia_uncertainty is None else chosen.roll_inertia_uncertainty,
             rng=generator(job.seed, "roll"),
         )
     return content

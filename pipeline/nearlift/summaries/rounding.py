@@ -42,6 +42,9 @@ def plain(value: float, digits: int = 4) -> str:
     if not math.isfinite(value):
         return "–"
     text = f"{value:.{digits}g}"
+    if "e+" in text and abs(value) < 1e6:
+        # 130, not 1.3e+02
+        text = f"{float(text):.0f}"
     return text.replace("-", "−") if "e" not in text else text
 
 

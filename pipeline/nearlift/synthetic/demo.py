@@ -59,6 +59,18 @@ speed     = "0.3 m/s"
 risk      = 0.05
 
 [detect]
+supply = ["0 percent", "2 percent"]
+
+[[detect.reading]]
+boundary = "ground"
+throttle = "49.5 percent"
+u        = "0.2 percent"
+weight   = "1 percent"
+
+[[detect.reading]]
+boundary = "ceiling"
+ratio    = 1.08
+u        = "1 percent"
 """
 
 
