@@ -63,7 +63,7 @@ def test_kill_9_at_every_place_of_a_run_up_to_its_report(tmp_path):
     whole = Scene(tmp_path, BEFORE_REPORT)
     for at in range(1, whole.calls + 1):
         place = whole.fresh()
-        killed(whole, place, at)
+        failing(lambda place=place: run(whole.raw, place, whole.stages), at, "kill")
         whole.check(place)
     print(f"killed at {whole.calls} places of {', '.join(whole.stages)}")
 
@@ -75,7 +75,7 @@ def test_kill_9_within_the_report(tmp_path):
     assert set(whole.new["report"]) <= book("old")["report"].keys(), "the book has every file that the report writes"
     for at in range(whole.calls // 2, whole.calls + 1, whole.calls // 16):
         place = whole.fresh()
-        killed(whole, place, at)
+        failing(lambda place=place: run(whole.raw, place, whole.stages), at, "kill")
         whole.check(place)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.readers import text
+from nearlift.readers import table, text
 from nearlift.readers.dialect import HEAD, Given, NoRows, sniff
 
 
@@ -173,3 +174,16 @@ def test_a_carriage_return_within_a_header_is_refused() -> None:
 def test_a_cell_without_its_label_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match=r"line 1: has a cell without a label: 'C0.02'"):
         read(tmp_path, b"T: 0.01 \t C0.02 \t C: 0.7\n", {"labels": True})
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ("STOP", 'dialect = { ignore = ["STOP"] }'),
+        ("T: 0.01 \t C: 0.65 \t V: 1.48", "dialect = { labels = true }"),
+        ("1.5", "no cell may be left out"),
+    ],
+)
+def test_a_line_of_another_kind_is_refused_with_what_would_read_it(line: str, remedy: str) -> None:
+    with pytest.raises(InputRefused, match=re.escape(remedy)):
+        table.row_of(line, "f, line 3", ["a", "b"], table.COMMAS)

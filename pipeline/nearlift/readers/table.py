@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -130,6 +131,17 @@ def _explained(body: bytes, where: str, first: int, header: Sequence[str], wante
     return [np.array(values) for values in out]
 
 
+def _way_out(line: str, cells: Cells) -> str:
+    """What to do about a line with other cells than the header has: a rig may write lines of another kind, and label its cells."""
+    if not cells.labels and len(re.findall(r"[A-Za-z]\w*\s*:\s*[-+.\d]", line)) > 1:
+        return 'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true } under [records]'
+    if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
+        own = json.dumps(line.strip()[:40], ensure_ascii=False)
+        return f'if the rig writes such lines, reader = "text" with dialect = {{ ignore = [{own}] }}; else take the trial out of the schedule'
+    other = "point" if cells.decimal == "." else "comma"
+    return f"decimals want a {other} and no cell may be left out; mend the line, or take the trial out of the schedule"
+
+
 def row_of(line: str, at: str, header: Sequence[str], cells: Cells) -> list[str]:
     """One line's cells, one for each name of the header.
 
@@ -152,8 +164,7 @@ def row_of(line: str, at: str, header: Sequence[str], cells: Cells) -> list[str]
         raise InputRefused(
             at,
             f"has {len(row)} cells under {len(header)} column names",
-            f"decimals want a {'point' if cells.decimal == '.' else 'comma'} and no cell may be left out; "
-            "mend the line, or take the trial out of the schedule",
+            _way_out(line, cells),
         )
     if not cells.labels:
         return row
