@@ -149,6 +149,14 @@ def run(raw: Path, place: Path, stages: Sequence[str] = QUICK) -> list[str]:
     return [s.stage.name for s in graph.run(small_run.job(raw, place), [graph.stage(name) for name in stages]) if s.why]
 
 
+def copied(folder: Path) -> Path:
+    """What stands in `folder`/old, in a place of its own."""
+    place = folder / "place"
+    shutil.rmtree(place, ignore_errors=True)
+    shutil.copytree(folder / "old", place)
+    return place
+
+
 class Scene:
     """Old products, new input, and what the new products must be."""
 
@@ -165,10 +173,7 @@ class Scene:
 
     def fresh(self) -> Path:
         """The old products in a place of their own."""
-        place = self.folder / "place"
-        shutil.rmtree(place, ignore_errors=True)
-        shutil.copytree(self.folder / "old", place)
-        return place
+        return copied(self.folder)
 
     def check(self, place: Path) -> None:
         """Every stage is old or new; a rerun ends in the bytes of an undisturbed run and leaves no litter."""

@@ -22,7 +22,7 @@ from nearlift.stages import graph
 from nearlift.transaction import Homes
 
 from . import small_run
-from .faulty import QUICK, Book, Fault, Faulty, Outputs, Scene, book, calls, failing, homes, litter, outputs, run, stands, written
+from .faulty import QUICK, Book, Fault, Faulty, Outputs, Scene, book, calls, copied, failing, homes, litter, outputs, run, stands, written
 from .small_run import nearlift, state
 
 ROOT = Path(__file__).parents[2]
@@ -93,21 +93,15 @@ class Bookkeeping:
         for _ in graph.run(small_run.job(self.raw, place), [graph.stage(name) for name in stages], force=True):
             pass
 
-    def fresh(self) -> Path:
-        place = self.folder / "place"
-        shutil.rmtree(place, ignore_errors=True)
-        shutil.copytree(self.folder / "old", place)
-        return place
-
     def ended(self, of: Book) -> Outputs:
         return {stage: {n: hashlib.sha256(c).hexdigest() for n, c in sorted(files.items())} for stage, files in of.items()}
 
     def places(self, stage: str) -> int:
-        return calls(lambda: self.write(self.fresh(), self.new, self.old, [stage]))
+        return calls(lambda: self.write(copied(self.folder), self.new, self.old, [stage]))
 
     def fails(self, stage: str, at: int, fault: Fault) -> bool:
         """Whether the stage stands as new after a fault; that a mixture is never seen, nor kept, and that a rerun mends it."""
-        place = self.fresh()
+        place = copied(self.folder)
         failing(lambda: self.write(place, self.new, self.old, [stage]), at, fault)
         old, new = self.ended(self.old), self.ended(self.old | {stage: self.new[stage]})
         if not homes(place).journal.is_file():
@@ -151,10 +145,10 @@ def test_a_stage_is_old_or_new_whatever_happens_at_every_place(bookkeeping, stag
 
 def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
     """plan, verify and all that opens the campaign find it whole; while its lock is held they wait, then say whose it is."""
-    place = bookkeeping.fresh()
+    place = copied(bookkeeping.folder)
     before = stands(place, *2 * [bookkeeping.ended(bookkeeping.old)])
     at = bookkeeping.places("fit") - 4
-    place = bookkeeping.fresh()
+    place = copied(bookkeeping.folder)
     failing(lambda: bookkeeping.write(place, bookkeeping.new, bookkeeping.old, ["fit"]), at, "kill")
     assert homes(place).journal.is_file()
     with pytest.MonkeyPatch.context() as patch, locked(Homes(processed=place / "other", reports=place / "other")):
@@ -193,7 +187,6 @@ def test_a_full_disk_ends_with_4_and_old_products(tmp_path, monkeypatch):
 
 
 def test_too_little_room_is_told_before_anything_is_written(tmp_path, monkeypatch):
-    import shutil
 
     raw = small_run.write_means(tmp_path / "raw", 24)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 9, 1))
