@@ -276,8 +276,7 @@ def test_what_a_c_library_parses_is_parsed_in_another_process(tmp_path, monkeypa
         (tmp_path / "cut.nc").write_bytes(path.read_bytes()[:3000])
         with pytest.raises(InputRefused, match="is damaged"):
             list(read(tmp_path / "cut.nc", child=child))
-        listening = read(path, child=child)
-        next(listening)
+        assert len(list(read(path, child=child))) == 2
         os.kill(child.process.pid, signal.SIGKILL)
         with pytest.raises(InputRefused, match=r"its reader crashed \(exit code -9\)"):
             list(read(path, child=child))
@@ -334,3 +333,19 @@ def test_real_pivlab_and_netcdf_files():
     assert [f.shape for f in fields] == [(8, 10)] * 2
     with pytest.raises(InputRefused, match="has no x, y, u, v, but chc"):
         list(read(SHARED / "testInterCreates_nc.nc"))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            b"PIVlab\nFRAME: 1, conversion factor xy (px -> m): +, conversion factor uv (px/frame -> m/s): 0\n1,1,2,3,1\n",
+            "line 2: has conv",
+        ),
+        (b'TITLE="" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", MicrometersPerPixelX="1e"\n1,1,2,3,1\n', "line 1: has MicrometersPerPixel"),
+    ],
+)
+def test_a_scale_that_is_no_number_is_refused(tmp_path, content, words):
+    """Found by fuzzing: such a word ended in an error of our own making."""
+    with pytest.raises(InputRefused, match=words):
+        list(read(put(tmp_path, content, "f")))

@@ -179,8 +179,9 @@ class Scene:
         """Every stage is old or new; a rerun ends in the bytes of an undisturbed run and leaves no litter."""
         settled(homes(place))
         stood = stands(place, self.old, self.new)
-        # one stage after the other
-        assert [stood[name] for name in self.stages] == sorted((stood[name] for name in self.stages), reverse=True)
+        # one stage after the other, where the bytes tell
+        done = [stood[name] for name in self.stages if self.old[name] != self.new[name]]
+        assert done == sorted(done, reverse=True)
         run(self.raw, place, self.stages)
         assert products(place) == self.whole
         assert litter(place) == []

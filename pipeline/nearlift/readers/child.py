@@ -84,7 +84,7 @@ class Child:
         return self.process
 
     def ask(self, request: Mapping[str, Any]) -> Iterator[Answer]:
-        """The answers to one request, as they come.
+        """The answers to one request, as they come; one request at a time.
 
         Raises
         ------

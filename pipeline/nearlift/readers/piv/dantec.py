@@ -40,7 +40,7 @@ def read(path: Path) -> Iterator[Raw]:
     table = rows(lines[at + 2 :], path, at + 3, separator, comma=comma)
     if table.shape[1] != len(names):
         raise InputRefused(f"{path}, line {at + 3}", f"has {table.shape[1]} columns where line {at + 2} names {len(names)}", "export it again")
-    size = re.search(r"GridSize\s*[:;]\s*\{?\s*Width\s*=\s*(\d+)\s*,\s*Height\s*=\s*(\d+)", header)
+    size = re.search(r"GridSize\s*[:;]\s*\{?\s*Width\s*=\s*(\d{1,9})\s*,\s*Height\s*=\s*(\d{1,9})\b", header)
     if size is not None and int(size[1]) * int(size[2]) != len(table):
         raise InputRefused(str(path), f"has {len(table)} rows, its header promises {size[1]} x {size[2]}", "it was cut off: export it again")
     (i, length), (j, _) = _column(names, "x", path), _column(names, "y", path)

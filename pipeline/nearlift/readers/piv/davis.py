@@ -24,7 +24,7 @@ def read(path: Path) -> Iterator[Raw]:
     """The one field of a file."""
     header, _, body = text_of(path).partition("\n")
     quantities = re.findall(r'"([^"]*)"\s+"([^"]*)"', header)
-    size = re.search(r"2D-vector\s+\d+\s+(\d+)\s+(\d+)", header)
+    size = re.search(r"2D-vector\s+\d+\s+(\d{1,9})\s+(\d{1,9})\b", header)
     if size is None or len(quantities) < 3:
         raise InputRefused(f"{path}, line 1", "is not the header of a two-component vector field", "export 2D vectors as text")
     comma, point = "," in body, "." in body

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from nearlift.errors import InputRefused
 from nearlift.readers.piv.seam import Dialect, Raw, rows, text_of
+from nearlift.readers.words import NUMBER
 
 MEASURED = 1
 
@@ -32,7 +33,7 @@ def read(path: Path) -> Iterator[Raw]:
     if table.shape[1] != len(columns):
         raise InputRefused(f"{path}, line 2", f"has {table.shape[1]} columns where the header names {len(columns)}", "export it again")
     unit = [name.partition(" ")[2] or None for name in names]
-    um, us = _number(header, "MicrometersPerPixelX"), _number(header, "MicrosecondsPerDeltaT")
+    um, us = _number(header, "MicrometersPerPixelX", path), _number(header, "MicrosecondsPerDeltaT", path)
     yield Raw(
         x=table[:, 0],
         y=table[:, 1],
@@ -46,9 +47,14 @@ def read(path: Path) -> Iterator[Raw]:
     )
 
 
-def _number(header: str, key: str) -> float | None:
-    found = re.search(key + r'="([-+0-9.eE]+)"', header)
-    return float(found[1]) if found and float(found[1]) > 0 else None
+def _number(header: str, key: str, path: Path) -> float | None:
+    found = re.search(key + r'="([-+0-9.eE]*)"', header)
+    if found is None:
+        return None
+    if not NUMBER.fullmatch(found[1]):
+        raise InputRefused(f"{path}, line 1", f"has {key} {found[1]!r}, which is no number", "export it again")
+    value = float(found[1])
+    return value if value > 0 else None
 
 
 INSIGHT = Dialect(name="insight", title="TSI Insight .vec", sniff=sniff, read=read)

@@ -14,9 +14,12 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.readers.piv.seam import Dialect, Raw, rows, text_of
+from nearlift.readers.words import NUMBER
 
 MEASURED = 1
-FACTORS = re.compile(r"conversion factor xy \(px -> m\):\s*([-+0-9.eE]+).*conversion factor uv \(px/frame -> m/s\):\s*([-+0-9.eE]+)")
+FACTORS = re.compile(
+    r"conversion factor xy \(px -> m\):\s*(" + NUMBER.pattern + r").*conversion factor uv \(px/frame -> m/s\):\s*(" + NUMBER.pattern + r")(?![\d.])"
+)
 NAME = re.compile(r"\s*([^\[\],;\t]+?)\s*\[([^\]]*)\]")
 
 
@@ -30,7 +33,10 @@ def read(path: Path) -> Iterator[Raw]:
     """The one field of a file."""
     lines = text_of(path).split("\n")
     header = [line for line in lines[:3] if re.match(r"\s*(PIVlab|FRAME:|x\s*\[)", line)]
-    factors = next((FACTORS.search(line) for line in header if FACTORS.search(line)), None)
+    scale = next((i for i, line in enumerate(header) if "conversion factor" in line), None)
+    factors = None if scale is None else FACTORS.search(header[scale])
+    if scale is not None and factors is None:
+        raise InputRefused(f"{path}, line {scale + 1}", "has conversion factors that are no numbers", "export it again")
     names = next((NAME.findall(line) for line in header if re.match(r"\s*x\s*\[", line)), [])
     body = lines[len(header) :]
     data = next((line for line in body if line.strip()), "")
