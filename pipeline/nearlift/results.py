@@ -115,6 +115,8 @@ class Noise:
     sizes, log_covariance : tuple
         The names of those above zero that repeats told apart, and the covariance of the logarithms of their sizes: how well the
         noise itself is known. Empty where it is not known.
+    between : float
+        Degrees of freedom that tell what the trials of a visit share; 0 where nothing does, infinite where there is nothing to tell.
     """
 
     relative: float
@@ -126,3 +128,4 @@ class Noise:
     dof: float = np.inf
     sizes: tuple[str, ...] = ()
     log_covariance: tuple[tuple[float, ...], ...] = ()
+    between: float = np.inf

@@ -134,11 +134,11 @@ def answers(data: Observations, components: tuple[budget.Component, ...]) -> dic
 
 def intervals(found: Fit) -> dict[str, Interval]:
     """The intervals of a fit, by the quantiles that it reports its own 90 % with."""
-    made = {name: Interval.of(e.value, e.u, found.noise.dof) for name, e in found.estimates.items()}
+    made = {name: Interval.of(e.value, e.u, dof) for (name, e), dof in zip(found.estimates.items(), found.effective, strict=True)}
     over = found.marginal
     if over is not None:
         for i, name in enumerate(found.names):
-            ends = [tuple(over.quantile(i, p, found.noise.dof) for p in (0.5 - level / 2, 0.5 + level / 2)) for level in LEVELS]
+            ends = [tuple(over.quantile(i, p, found.effective[i]) for p in (0.5 - level / 2, 0.5 + level / 2)) for level in LEVELS]
             made[name] = replace(made[name], ends=tuple(ends))
     for name, e in found.estimates.items():
         assert np.allclose(made[name].ends[1], (e.lo90, e.hi90)), "these are not the intervals that the library reports"

@@ -63,7 +63,7 @@ def rank(boundary: str, seed: int, noise: Callable[[Campaign], Noise | None] = f
     found = simulate(Spec(boundary=boundary, spread=SPREAD, realism=False, visits=4, samples=120), seed)
     model = believed(boundary)
     fitted = fit(model, found.data, scatter=noise(found))
-    density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.noise.dof)
+    density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
     drawn = posterior.sample(density, posterior.Settings(ess=1000), seed, boundary).flat()[:, 0]
     truth = found.truth.theta[model.parameters[0].name]
     low, high = np.quantile(drawn, [0.05, 0.95])

@@ -27,6 +27,11 @@ MANIFEST = {
 NOISE = Noise(relative=0.004, force_N=3e-4, dof=240.0)
 
 
+def known(g):
+    """So many degrees of freedom for every estimator."""
+    return np.full(len(g), 240.0)
+
+
 def problem_of(data, model="sanchez_cuevas", parts=()):
     fitted = fit(catalogue.model(model), data, parts, NOISE)
     return assemble(catalogue.model(model), data, parts, NOISE, fitted.theta), fitted
@@ -56,7 +61,7 @@ def uneven(seed, low, high):
 
 def test_a_collapse_is_rejected_as_often_as_stated():
     """60 campaigns at 5 %: each of three counts lies in its 99.9 % band unless the library errs (or once in 300 runs)."""
-    found = [collapse.examine(*(lambda p, f: (p, f.theta, 240.0))(*problem_of(ground(s)))) for s in range(60)]
+    found = [collapse.examine(*(lambda p, f: (p, f.theta, known))(*problem_of(ground(s)))) for s in range(60)]
     low, high = binom.interval(0.999, 60, 0.05)
     for name in ("coefficient", "curve", "cells"):
         assert low <= sum(getattr(f, name).p_value < 0.05 for f in found) <= high, name
@@ -66,7 +71,7 @@ def test_a_collapse_is_rejected_as_often_as_stated():
 
 def test_a_coefficient_that_depends_on_throttle_is_seen_by_all_three_tests():
     problem, fitted = problem_of(uneven(1, 1.0, 3.0))
-    found = collapse.examine(problem, fitted.theta, 240.0)
+    found = collapse.examine(problem, fitted.theta, known)
     assert max(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) < 1e-4
     assert found.values == pytest.approx([1, 1, 3, 3], abs=5 * found.u.max())
     assert found.of_coefficient.between[0] < 0.6 < found.of_coefficient.between[1]
@@ -92,8 +97,8 @@ def test_an_error_that_throttles_share_cancels_between_them():
     data = ground(3)
     plain, fitted = problem_of(data)
     shared, with_datum = problem_of(data, parts=(datum,))
-    without = collapse.examine(plain, fitted.theta, 240.0)
-    found = collapse.examine(shared, with_datum.theta, 240.0)
+    without = collapse.examine(plain, fitted.theta, known)
+    found = collapse.examine(shared, with_datum.theta, known)
     assert found.u.min() > 1.3 * without.u.min()
     assert found.u_apart == pytest.approx(without.u_apart, rel=0.1)
 
@@ -101,7 +106,7 @@ def test_an_error_that_throttles_share_cancels_between_them():
 def test_one_throttle_says_nothing_of_the_collapse():
     data = ground(4)
     problem, fitted = problem_of(data.take(data.throttle == 0.5))
-    found = collapse.examine(problem, fitted.theta, 240.0)
+    found = collapse.examine(problem, fitted.theta, known)
     assert (found.coefficient, found.curve, found.cells, found.of_curve) == (None,) * 4
     assert "cannot be tested" in beside.throttle_collapse(found, 1.65)["text"]
 
@@ -286,7 +291,7 @@ def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_fir
     assert fitted.marginal is not None
     problem, theta = beside.linearised(fitted)
     assert (problem.data.z_hat - data.z_hat) * RADIUS == pytest.approx(0.7e-3, abs=0.05e-3)
-    found = collapse.examine(problem, theta, 240.0)
+    found = collapse.examine(problem, theta, known)
     # with the slope at the recorded heights the misfit would be shared out among the throttles
     assert found.values == pytest.approx(0.125, abs=5 * found.u.max())
     assert min(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) > 1e-3

@@ -7,24 +7,39 @@ throttle between cells. L_inf is free per throttle in all of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.fitting import student
 from nearlift.fitting.least_squares import parameter_covariance
 from nearlift.fitting.problem import Problem
 
 CONFIDENCE = 0.95
+#: Data as even as that come once in a thousand.
+SUSPECT = 1e-3
+#: Effective degrees of freedom (m,) of linear estimators (m, n) of the trials' log lift.
+Freedom = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FTest:
-    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]` degrees of freedom."""
+    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]` degrees of freedom.
+
+    A gain so small that noise would leave it once in `1 / SUSPECT` such tests is no confirmation: the noise was then put too large for
+    what is tested, or in another shape than trials have it (`quiet`).
+    """
 
     statistic: float
     dof: tuple[int, float]
     p_value: float
+
+    @property
+    def quiet(self) -> bool:
+        """Whether the data are more even than their noise should let them be."""
+        return self.p_value > 1 - SUSPECT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,13 +84,15 @@ class Collapse:
     of_curve: Departure | None
 
 
-def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Collapse:
+def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
     """Test the collapse at the optimum `theta` (p,) of a model common to all throttles.
 
     Parameters
     ----------
     problem : Problem
-        Its covariance is taken as known but for a factor known with `noise_dof` degrees of freedom.
+    freedom : callable
+        How well the variance of a linear estimator is known, as `gum.freedom` gives it: contrasts between throttles of one visit do not
+        feel what the visit's trials share, so that their degrees of freedom are others than the coefficient's.
     """
     throttles, name = problem.data.levels, problem.names[0] if problem.names else ""
     found = Collapse(
@@ -86,7 +103,7 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Collapse:
         u_apart=np.full(len(throttles), np.nan),
         coefficient=None,
         curve=None,
-        cells=cells(problem, noise_dof),
+        cells=cells(problem, freedom),
         of_coefficient=None,
         of_curve=None,
     )
@@ -99,17 +116,19 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Collapse:
     centred = np.eye(known.sum()) - 1 / known.sum()
     u_apart = np.full(len(throttles), np.nan)
     u_apart[known] = np.sqrt(np.diag(centred @ covariance[inner] @ centred))
-    curve, of_curve = scale_per_throttle(problem, theta, noise_dof)
+    curve, of_curve = scale_per_throttle(problem, theta, freedom)
+    apart = _directions(problem, theta, problem.jacobian(theta)[:, :1])
+    dof = student.several(freedom(problem.covariance.unwhiten(apart.T)))
     return Collapse(
         throttles=throttles,
         name=name,
         values=values,
         u=np.sqrt(np.diag(covariance)),
         u_apart=u_apart,
-        coefficient=f_test(gain, int(known.sum()) - 1, noise_dof),
+        coefficient=f_test(gain, int(known.sum()) - 1, dof),
         curve=curve,
         cells=found.cells,
-        of_coefficient=largest(throttles[known], values[known], covariance[inner], abs(float(theta[0])), noise_dof),
+        of_coefficient=largest(throttles[known], values[known], covariance[inner], abs(float(theta[0])), dof),
         of_curve=of_curve,
     )
 
@@ -148,7 +167,18 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     return np.asarray(found.x[:k]), covariance[:k, :k], 2 * float(found.cost)
 
 
-def scale_per_throttle(problem: Problem, theta: FloatArray, noise_dof: float) -> tuple[FTest | None, Departure | None]:
+def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> FloatArray:
+    """Orthonormal whitened directions (n, m) of a column (n, 1) of its own size per throttle beside theta and L_inf."""
+    k = len(problem.data.levels)
+    contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
+    each = ((np.eye(k)[problem.data.level] * column) @ contrast).T
+    q, _ = np.linalg.qr(problem.project(problem.jacobian(theta).T).T)
+    free = problem.project(each).T
+    u, size, _ = np.linalg.svd(free - q @ (q.T @ free), full_matrices=False)
+    return u[:, size > 1e-6 * np.linalg.norm(problem.covariance.whiten(each), axis=1).max(initial=0.0)]
+
+
+def scale_per_throttle(problem: Problem, theta: FloatArray, freedom: Freedom) -> tuple[FTest | None, Departure | None]:
     """Whether log ratio has another size at each throttle, theta free in common; to first order about `theta`."""
     data, k = problem.data, len(problem.data.levels)
     common = problem.project(problem.jacobian(theta).T).T
@@ -164,30 +194,34 @@ def scale_per_throttle(problem: Problem, theta: FloatArray, noise_dof: float) ->
         return None, None
     scale = covariance @ (free.T @ residual)
     gain = float(residual @ residual - (residual - free @ scale) @ (residual - free @ scale))
-    return f_test(gain, k - 1, noise_dof), largest(data.levels, contrast @ scale, contrast @ covariance @ contrast.T, 1.0, noise_dof)
+    dof = student.several(freedom(problem.covariance.unwhiten(np.linalg.qr(free)[0].T)))
+    return f_test(gain, k - 1, dof), largest(data.levels, contrast @ scale, contrast @ covariance @ contrast.T, 1.0, dof)
 
 
-def cells(problem: Problem, noise_dof: float) -> FTest | None:
+def cells(problem: Problem, freedom: Freedom) -> FTest | None:
     """Interaction of distance and throttle between cells: no model but that of how trials scatter."""
     data = problem.data
     distance = np.unique(data.z_hat, return_inverse=True)[1]
     both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
     if len(data.levels) < 2 or both.max() + 1 >= data.n:
         return None
-    left = [_left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both)]
-    extra = left[1][1] - left[0][1]
-    return f_test(left[0][0] - left[1][0], extra, noise_dof) if extra > 0 else None
+    (common, left), (each, rest) = (_left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both))
+    extra = each.shape[1] - common.shape[1]
+    if extra <= 0:
+        return None
+    apart = np.linalg.svd(each - common @ (common.T @ each), full_matrices=False)[0][:, :extra]
+    return f_test(left - rest, extra, student.several(freedom(problem.covariance.unwhiten(apart.T))))
 
 
-def _left(problem: Problem, indicator: FloatArray) -> tuple[float, int]:
-    """Chi2 left beside the columns of an indicator and a free L_inf, and the number of directions that they span beside it."""
+def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
+    """Orthonormal directions (n, m) that an indicator's columns span beside a free L_inf, and the chi2 left beside both."""
     white = problem.project(indicator.T).T
     u, size, _ = np.linalg.svd(white, full_matrices=False)
     # an indicator's column that L_inf spans leaves only rounding
     u = u[:, size > 1e-7 * np.linalg.norm(problem.covariance.whiten(indicator.T), axis=1).max()]
     target = problem.project(np.log(problem.data.lift_N))
     rest = target - u @ (u.T @ target)
-    return float(rest @ rest), u.shape[1]
+    return u, float(rest @ rest)
 
 
 def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
@@ -203,15 +237,13 @@ def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
 
 def largest(throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float) -> Departure | None:
     """The pair of throttles with the largest difference that the data allow, over `unit`."""
-    from scipy.stats import norm, t
-
     i, j = np.triu_indices(len(throttles), 1)
     if not len(i) or not unit > 0:
         return None
     difference = values[j] - values[i]
     u = np.sqrt(np.maximum(covariance[i, i] + covariance[j, j] - 2 * covariance[i, j], 0.0))
     tail = 0.5 + 0.5 * (1 - (1 - CONFIDENCE) / len(i))
-    quantile = norm.ppf(tail) if np.isinf(noise_dof) else t.ppf(tail, noise_dof)
+    quantile = student.quantile(tail, noise_dof)
     bound = np.abs(difference) + quantile * u
     at = int(np.argmax(bound))
     return Departure(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fitting import budget
+from nearlift.fitting import budget, student
 from nearlift.fitting.budget import GROUPED, Component, columns
 from nearlift.fitting.covariance import serial_block, visits_by_size
 from nearlift.fitting.problem import Problem
@@ -23,6 +23,8 @@ from nearlift.results import Noise, Observations
 if TYPE_CHECKING:
     from nearlift.fitting.least_squares import Fit
 
+#: An uncertainty known worse than one degree of freedom would say is given that one: 90 % are then 6.3 standard uncertainties.
+LEAST_DOF = 1.0
 #: Unit of a component's standard uncertainty, by what it is on.
 UNITS = {"height": "m", "force": "N", "gain": "1", "linearity": "N"}
 
@@ -88,14 +90,14 @@ def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
     p, over, shared = len(fit.theta), fit.marginal, fit.plan.shared
     if over is None:
         found = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
-        return found, total(found, fit.noise, p)
+        return found, told(total(found, fit.noise, p), fit.noise)
     wider, offset, slope = linearised(fit)
     g = gain(wider, fit.theta, offset)
     found = (*lines(wider, g, fit.parts, fit.noise, fit.slope), *(_declared(fit.problem.data, g, part, slope) for part in shared))
     linear = sum((np.diag(line.covariance) for line in found), np.zeros(p))
     factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
     found = tuple(replace(a, covariance=a.covariance * np.outer(factor, factor), sensitivity=a.sensitivity * factor) for a in found)
-    return found, total(found, fit.noise, p)
+    return found, told(total(found, fit.noise, p), fit.noise)
 
 
 def linearised(fit: Fit) -> tuple[Problem, float, FloatArray]:
@@ -205,14 +207,31 @@ def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatAr
     return line
 
 
+def levels_gain(problem: Problem, theta: FloatArray, g: FloatArray) -> FloatArray:
+    """Change of log L_inf of each throttle per unit change of each trial's log lift, (K, n), beside the coefficients' `g` (p, n)."""
+    direct = problem.level_gain
+    return direct + problem.level_sensitivity(problem.jacobian(theta)) @ g if len(theta) else direct
+
+
+def freedom(problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray) -> FloatArray:
+    """Effective degrees of freedom of any linear estimators g (m, n) of the trials' log lift, (m,)."""
+    return total(lines(problem, g, parts, scatter, slope), scatter, len(g)).dof
+
+
+def told(found: Total, scatter: Noise) -> Total:
+    """The same where the trials tell what they share; else without degrees of freedom, and without an end."""
+    if scatter.between >= 1:
+        return found
+    endless = np.full(len(found.u), np.inf)
+    return Total(u=found.u, dof=np.zeros(len(found.u)), k=endless, U95=endless)
+
+
 def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
-    """Combined uncertainty with Welch and Satterthwaite's degrees of freedom.
+    """Combined uncertainty with Welch and Satterthwaite's degrees of freedom, at least `LEAST_DOF`.
 
     Their formula takes the variances of repeats as estimated apart from one another; the parts of one scatter are not, and theirs
     are combined with the covariance that the fit of the noise gives. Where they are independent the two formulas are one.
     """
-    from scipy.stats import norm, t
-
     parts = {line.component: np.diag(line.covariance) for line in found}
     variance: FloatArray = sum(parts.values(), np.zeros(p))
     joint = [NAMES[name] for name in scatter.sizes]
@@ -221,8 +240,8 @@ def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
     for line in found:
         if line.component not in joint:
             spread = spread + 2 * parts[line.component] ** 2 / line.dof
-    dof = np.where(spread > 0, 2 * variance**2 / np.where(spread > 0, spread, 1.0), np.inf)
-    k = np.array([t.ppf(0.975, d) if np.isfinite(d) else norm.ppf(0.975) for d in dof])
+    dof = np.where(spread > 0, np.maximum(2 * variance**2 / np.where(spread > 0, spread, 1.0), LEAST_DOF), np.inf)
+    k = np.array([student.quantile(0.975, d) for d in dof])
     return Total(u=np.sqrt(variance), dof=dof, k=k, U95=k * np.sqrt(variance))
 
 

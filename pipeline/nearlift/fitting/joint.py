@@ -132,7 +132,7 @@ def fit_joint(lift: Fit, data: Observations, downwash: Downwash, parts: tuple[bu
         model=model,
         theta=theta,
         covariance=covariance,
-        estimates=interval90(model, theta, sd, lift.noise.dof),
+        estimates=interval90(model, theta, sd, lift.effective),
         chi2_lift=chi2_lift,
         chi2_downwash=chi2_own,
         n_downwash=len(own),

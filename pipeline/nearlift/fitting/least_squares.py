@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget, heights, noise
+from nearlift.fitting import budget, gum, heights, noise, student
 from nearlift.fitting.degeneracy import Degeneracy, degeneracies
 from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
@@ -25,7 +25,8 @@ class Fit:
     of relative lift residuals over trials; `r2` is of cell means of Delta L, `r2_near` the same over 1 < z_hat < 3.
     `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model, not the noise, is at fault. `problem` is
     the likelihood, `slope` and `parts` what its covariance was assembled from; `plan` says which height errors are not in
-    it, and `marginal` is the integral over those.
+    it, and `marginal` is the integral over those. `effective` (p,) are each coefficient's effective degrees of freedom (`gum`), which its
+    interval, its profile and U95 share; 0 where visits are too few to tell what their trials share, and the interval has no end.
     """
 
     model: LiftModel
@@ -49,12 +50,18 @@ class Fit:
     slope: FloatArray
     parts: tuple[budget.Component, ...]
     plan: heights.Plan
+    effective: FloatArray
     marginal: heights.Marginal | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The free parameters, in the order of `theta`."""
         return tuple(p.name for p in self.model.parameters)
+
+    @property
+    def dof_of_all(self) -> float:
+        """Degrees of freedom for all coefficients at once: the fewest of any, 1 where one has none."""
+        return max(float(self.effective.min(initial=np.inf)), gum.LEAST_DOF)
 
 
 def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
@@ -186,11 +193,14 @@ def _integrated(found: Fit) -> Fit:
     problem, data, p = found.problem, found.problem.data, len(found.theta)
     u = np.sqrt(np.diag(found.covariance))
     over = heights.integrate(problem, found.theta, np.where(u > 0, u, 1.0), found.plan.shared)
-    theta, covariance, dof = over.mean, over.within + over.between, found.noise.dof
+    theta, covariance = over.mean, over.within + over.between
+    effective = gum.of(replace(found, theta=theta, covariance=covariance, marginal=over))[1].dof
     estimates = {}
     for i, q in enumerate(found.model.parameters):
-        plain = _estimate(theta[i], float(np.sqrt(covariance[i, i])), _t90(dof), q.unit, q.bounds)
-        estimates[q.name] = replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof)) if plain.u > 0 else plain
+        dof = float(effective[i])
+        plain = _estimate(theta[i], float(np.sqrt(covariance[i, i])), student.quantile(0.95, dof), q.unit, q.bounds)
+        bounded = plain.u > 0 and dof > 0
+        estimates[q.name] = replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof)) if bounded else plain
     logs, spread = np.zeros((len(over.weight), len(data.levels))), np.zeros(len(data.levels))
     for node in np.flatnonzero(over.weight > 0):
         at, offset = over.theta[node], over.offset_m[node]
@@ -200,7 +210,11 @@ def _integrated(found: Fit) -> Fit:
     log_levels = over.weight @ logs
     spread += over.weight @ (logs - log_levels) ** 2
     values = np.exp(log_levels)
-    levels = {float(t): _estimate(v, v * w, _t90(dof), "N", (0.0, np.inf)) for t, v, w in zip(data.levels, values, np.sqrt(spread), strict=True)}
+    # the quantiles of the linear fit serve: what its levels rest on is the same
+    quantiles = {t: (e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for t, e in found.levels.items()}
+    levels = {
+        float(t): _estimate(v, v * w, quantiles[float(t)], "N", (0.0, np.inf)) for t, v, w in zip(data.levels, values, np.sqrt(spread), strict=True)
+    }
     rmse, r2, r2_near = _closeness(problem, theta, log_levels, over.offset()[0])
     gained = float(over.log_integral + problem.chi2(theta) / 2)
     unknown = p + len(data.levels)
@@ -218,6 +232,7 @@ def _integrated(found: Fit) -> Fit:
         log_likelihood=log_likelihood,
         aic=2 * unknown - 2 * log_likelihood,
         bic=unknown * float(np.log(data.n)) - 2 * log_likelihood,
+        effective=effective,
         marginal=over,
     )
 
@@ -235,16 +250,18 @@ def _describe(
     p, k = len(theta), len(data.levels)
     jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
     covariance, determined = parameter_covariance(problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1))
-    quantile = _t90(scatter.dof)
+    g = gum.gain(problem, theta) if p else np.zeros((0, data.n))
+    lines = gum.lines(problem, g, parts, scatter, slope)
+    effective = gum.told(gum.total(lines, scatter, p), scatter).dof
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
-    estimates = interval90(model, theta, sd, scatter.dof)
+    estimates = interval90(model, theta, sd, effective)
     log_levels, given = problem.log_levels(theta)
     toll = problem.level_sensitivity(jacobian) if p else np.zeros((k, 0))
     level_covariance = given + toll @ covariance @ toll.T
-    level_values = np.exp(log_levels)
+    level_dof = gum.told(gum.total(gum.lines(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope), scatter, k), scatter).dof
     levels = {
-        float(t): _estimate(v, v * u, quantile, "N", (0.0, np.inf))
-        for t, v, u in zip(data.levels, level_values, np.sqrt(np.diag(level_covariance)), strict=True)
+        float(t): _estimate(v, v * u, student.quantile(0.95, dof), "N", (0.0, np.inf))
+        for t, v, u, dof in zip(data.levels, np.exp(log_levels), np.sqrt(np.diag(level_covariance)), level_dof, strict=True)
     }
     chi2 = float(problem.chi2(theta))
     log_likelihood = float(problem.log_likelihood(theta))
@@ -271,6 +288,7 @@ def _describe(
         slope=slope,
         parts=parts,
         plan=plan,
+        effective=effective,
     )
 
 
@@ -292,22 +310,17 @@ def parameter_covariance(white: FloatArray, whole: FloatArray | None = None) -> 
     return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
 
 
-def interval90(model: LiftModel, theta: FloatArray, sd: FloatArray, dof: float) -> dict[str, Estimate]:
-    """Each parameter with its standard uncertainty and 90 % interval by Student's t at the noise's degrees of freedom."""
-    quantile = _t90(dof)
-    return {q.name: _estimate(t, u, quantile, q.unit, q.bounds) for q, t, u in zip(model.parameters, theta, sd, strict=True)}
-
-
-def _t90(dof: float) -> float:
-    from scipy.stats import norm, t
-
-    return float(t.ppf(0.95, dof) if np.isfinite(dof) else norm.ppf(0.95))
+def interval90(model: LiftModel, theta: FloatArray, sd: FloatArray, dof: FloatArray) -> dict[str, Estimate]:
+    """Each parameter with its standard uncertainty and 90 % interval by Student's t at its effective degrees of freedom."""
+    each = zip(model.parameters, theta, sd, dof, strict=True)
+    return {q.name: _estimate(t, u, student.quantile(0.95, d), q.unit, q.bounds) for q, t, u, d in each}
 
 
 def _estimate(value: float, u: float, quantile: float, unit: str, bounds: tuple[float, float]) -> Estimate:
     width = bounds[1] - bounds[0]
     at_bound = bool(np.isfinite(width) and min(value - bounds[0], bounds[1] - value) < 1e-6 * width)
-    return Estimate(value=float(value), u=float(u), lo90=float(value - quantile * u), hi90=float(value + quantile * u), unit=unit, at_bound=at_bound)
+    reach = quantile * u if u > 0 else 0.0
+    return Estimate(value=float(value), u=float(u), lo90=float(value - reach), hi90=float(value + reach), unit=unit, at_bound=at_bound)
 
 
 def _closeness(problem: Problem, theta: FloatArray, log_levels: FloatArray, offset_m: float = 0.0) -> tuple[float, float, float | None]:

@@ -1,14 +1,19 @@
-"""How trials scatter, from repeats that no model touches.
+"""How trials scatter, from repeats that no model touches where there are enough of them.
 
-Restricted maximum likelihood of three variance components - in proportion to lift, additive, height of a visit - about the
+Restricted maximum likelihood of variance components - in proportion to lift, additive, height of a visit, common to a visit - about the
 mean of each (distance, throttle) cell. A height error of one visit moves all its throttles together, in proportion to the
 slope of the curve; that slope is the only thing taken from a model, and only to first order.
+
+Where distances were hardly visited again, what the trials of a visit share is learnt from how whole visits scatter about the fitted
+curve: between distances only, trials within a distance keep their cell means. Few visits cannot tell a small size from none, and the
+likeliest size is then too often none; the likelihood is multiplied by the root of each of these sizes, which keeps it off zero by about
+a standard error (after Chung, Rabe-Hesketh, Dorie, Gelman & Liu 2013, Psychometrika 78, 685, who multiply by the size itself).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,8 +25,13 @@ from nearlift.results import IntArray, Noise, Observations
 
 #: Repeats must leave this many degrees of freedom, or the scatter is taken about the model instead.
 ENOUGH = 12
-#: Said of noise where distances were hardly visited again.
-UNSEEN = "what the trials of a visit have in common is not in it"
+#: Said of noise where visits are too few to show what their trials share.
+UNSEEN = "what the trials of a visit have in common cannot be told"
+#: Power of a visit's sizes by which the likelihood is multiplied where fewer degrees of freedom than `FEW` tell them; by what covers
+#: (docs/coverage.md).
+OFF_ZERO, FEW = 0.5, 30
+#: Few visits are not asked to tell a scatter of stops beyond this part of the least distance.
+WORST_STOP = 0.1
 #: Trials over which noise common to a visit fades: not at all.
 WHOLE_VISIT = 1e6
 
@@ -64,8 +74,7 @@ def estimate(
     model, parameters
         Whose slope carries a height error into lift.
     jacobian : (n, p) or None
-        d log ratio / d theta; used only where repeats are too few, when the scatter is taken about the fitted model. Pass
-        the target already reduced by the model's prediction in `data` then.
+        d log ratio / d theta; used only where repeats or revisits are too few, when scatter is taken about the fitted model.
     shared, extra
         What the budget declares, as in `trial_covariance`: scatter that it accounts for is not counted again.
 
@@ -76,24 +85,16 @@ def estimate(
     from scipy.optimize import minimize
 
     slope = height_slope(model, data, parameters)
-    cell = cells(data)
-    repeats = data.n - len(np.unique(cell))
     log_lift = np.log(data.lift_N)
-    if repeats >= ENOUGH:
-        mean = np.eye(cell.max() + 1)[cell]
-        source = f"scatter of repeats about cell means ({repeats} degrees of freedom)"
-    else:
+    layout = _layout(data, jacobian)
+    if not layout.model_free:
         known = {n: need(data, n, model.name) for n in model.needs}
         log_lift = log_lift - np.log(np.asarray(model.evaluate(data.z_hat, **parameters, **known), dtype=float))
-        mean = np.eye(len(data.levels))[data.level]
-        if jacobian is not None:
-            mean = np.hstack([mean, jacobian])
-        source = "scatter about the fitted model (too few repeats)"
-    rank = np.linalg.matrix_rank(mean)
+    mean = layout.mean
     # the same restricted likelihood for whatever of the mean is taken away first, and nothing large to cancel
-    centred = log_lift - mean @ np.linalg.lstsq(mean, log_lift, rcond=None)[0]
-    dof = max(data.n - rank, 1)
-    start = max(_spread(log_lift, mean), 1e-6)
+    centred = log_lift - mean @ (mean.T @ log_lift)
+    dof = max(data.n - mean.shape[1], 1)
+    start = max(float(np.sqrt(np.mean(centred**2))), 1e-6)
 
     def noise_of(sizes: FloatArray) -> Noise:
         named: dict[str, Any] = {name: float(size) for name, size in zip(guess, sizes, strict=True)}
@@ -107,38 +108,39 @@ def estimate(
         value, by_variance, by_visit = _deviance(covariance, mean, centred, acts)
         change = {"relative": by_variance.sum(), "force_N": by_variance @ data.lift_N**-2.0, **dict(zip(acts, by_visit, strict=True))}
         # by the logarithm of a standard deviation: twice its square times the change by variance
-        return value, np.array([2 * np.exp(2 * x) * change[name] for name, x in zip(guess, log_sizes, strict=True)])
+        steep = np.array([2 * np.exp(2 * x) * change[name] for name, x in zip(guess, log_sizes, strict=True)])
+        return value - 2 * OFF_ZERO * float(of_few @ log_sizes), steep - 2 * OFF_ZERO * of_few
 
-    # a height error of a visit shows only where a distance is visited again
-    stations = np.unique(np.stack([data.z_hat, data.visit]), axis=1)[0]
-    revisits = len(stations) - len(np.unique(stations))
-    revisited = revisits >= ENOUGH
     typical_slope = np.sqrt(np.mean(slope**2))
-    several = len(np.unique(data.visit)) < data.n
     guess = {"relative": np.log(start)}
-    if repeats >= ENOUGH:
+    if layout.repeated:
         guess["force_N"] = np.log(0.3 * start * np.median(data.lift_N))
-        if several and revisited:
-            # what a visit's trials have in common whatever the distance (a drift, a sag) is not a height error
-            guess["serial"] = np.log(0.3 * start)
-            if typical_slope > 0:
-                guess["height_m"] = np.log(0.5 * start / typical_slope)
-        elif several:
-            source += f"; {UNSEEN} (distances were visited again {revisits} times, {ENOUGH} are needed): uncertainties are too small"
+    if 0 < layout.between < np.inf:
+        # what a visit's trials have in common whatever the distance (a drift, a sag) is not a height error
+        guess["serial"] = np.log(0.3 * start)
+        if typical_slope > 0:
+            guess["height_m"] = np.log(0.5 * start / typical_slope)
     acts = {name: act for name, act in (("serial", np.ones(data.n)), ("height_m", slope)) if name in guess}
-    bounds = [(g - 9, g + 4) for g in guess.values()]
+    of_few = np.array([float(layout.between < FEW and name in acts) for name in guess])
+    bounds = {name: (g - 9, g + 4) for name, g in guess.items()}
+    if "height_m" in guess and layout.between < FEW:
+        # visits that tell next to nothing of it would let it grow to where no slope could carry it
+        most = float(np.log(WORST_STOP * data.z_hat.min() * data.radius_m))
+        bounds["height_m"] = (min(bounds["height_m"][0], most - 9), min(bounds["height_m"][1], most))
+        guess["height_m"] = min(guess["height_m"], most - 1)
     # the slope in closed form: differences leave the minimum where their rounding puts it, and the order of trials would show
-    found = minimize(with_slope, list(guess.values()), method="L-BFGS-B", jac=True, bounds=bounds)
+    found = minimize(with_slope, list(guess.values()), method="L-BFGS-B", jac=True, bounds=list(bounds.values()))
     # a component at the bottom of its range is indistinguishable from none
-    at_floor = found.x <= np.array([b[0] for b in bounds]) + 0.5
+    at_floor = found.x <= np.array([b[0] for b in bounds.values()]) + 0.5
     seen = [i for i in range(len(guess)) if not at_floor[i]]
     spread = _log_covariance(deviance, np.where(at_floor, -np.inf, found.x), seen)
     return replace(
         noise_of(np.where(at_floor, 0.0, np.exp(found.x))),
-        source=source,
+        source=layout.source,
         dof=float(dof),
         sizes=tuple(name for i, name in enumerate(guess) if i in seen),
         log_covariance=tuple(tuple(float(x) for x in row) for row in spread),
+        between=layout.between,
     )
 
 
@@ -174,6 +176,60 @@ def _deviance(
     return value, by_variance, by_visit
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Layout:
+    """About which mean (an orthonormal basis, (n, q)) the trials' scatter is taken, and what of it that can show.
+
+    `model_free`: cell means alone; `repeated`: trials repeat within cells often enough to part force from proportion; `between`: degrees of
+    freedom between visits (inf where trials share no visit, so that there is nothing to tell).
+    """
+
+    mean: FloatArray
+    model_free: bool
+    repeated: bool
+    between: float
+    source: str
+
+
+def _layout(data: Observations, jacobian: FloatArray | None) -> _Layout:
+    cell, visit = _basis(np.eye(cells(data).max() + 1)[cells(data)]), np.unique(data.visit, return_inverse=True)[1]
+    repeats = data.n - cell.shape[1]
+    several = visit.max() + 1 < data.n
+    curve = np.eye(len(data.levels))[data.level]
+    if jacobian is not None:
+        curve = np.hstack([curve, jacobian])
+    curve = _basis(curve)
+    about_cells = f"scatter of repeats about cell means ({repeats} degrees of freedom)"
+    again = _gained(cell, visit) if several else np.inf
+    if repeats >= ENOUGH and again >= ENOUGH:
+        return _Layout(mean=cell, model_free=True, repeated=True, between=again, source=about_cells)
+    about_curve = "scatter about the fitted model (too few repeats)"
+    if not several:
+        return _Layout(mean=curve, model_free=False, repeated=False, between=np.inf, source=about_curve)
+    between = _gained(curve, visit)
+    if repeats >= ENOUGH:
+        # what throttles make of a distance stays free; how far distances lie apart is the curve's to say
+        distance = np.unique(data.z_hat, return_inverse=True)[1]
+        share = _basis(np.eye(distance.max() + 1)[distance])
+        wider = _basis(np.hstack([curve, cell - share @ (share.T @ cell)]))
+        # unless visits of a distance ran other throttles, when it would take what tells of visits
+        if _gained(wider, visit) == between:
+            curve, about_curve = wider, about_cells
+    if between < 1:
+        told = f"{UNSEEN} ({visit.max() + 1} visits, none to spare): every interval has no end"
+    else:
+        told = f"what the trials of a visit have in common from the scatter of {visit.max() + 1} visits about the fitted curve"
+        told += f" ({between:.0f} degrees of freedom; revisits alone leave {again:.0f})"
+    return _Layout(mean=curve, model_free=False, repeated=repeats >= ENOUGH, between=between, source=f"{about_curve}; {told}")
+
+
+def _gained(mean: FloatArray, visit: IntArray) -> float:
+    """Degrees of freedom between visits that a mean leaves."""
+    each = np.eye(visit.max() + 1)[visit]
+    left = each - mean @ (mean.T @ each)
+    return float((np.linalg.eigvalsh(left.T @ left) > 1e-9 * np.bincount(visit).max()).sum())
+
+
 #: Step in the logarithm of a size by which the deviance's curvature is taken.
 STEP = 0.1
 
@@ -198,6 +254,8 @@ def _moved(at: FloatArray, step: FloatArray) -> FloatArray:
     return np.where(np.isfinite(at), at + step, at)
 
 
-def _spread(y: FloatArray, mean: FloatArray) -> float:
-    residual = y - mean @ np.linalg.lstsq(mean, y, rcond=None)[0]
-    return float(np.sqrt(np.mean(residual**2)))
+def _basis(columns: FloatArray) -> FloatArray:
+    """Orthonormal columns that span the same, (n, rank)."""
+    u, size, _ = np.linalg.svd(columns, full_matrices=False)
+    result: FloatArray = u[:, size > 1e-9 * size[0]]
+    return result

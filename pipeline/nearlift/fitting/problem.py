@@ -85,6 +85,12 @@ class Problem:
         q, r = self._levels
         return np.asarray(np.linalg.solve(r, q.T @ self.covariance.whiten(np.log(self.data.lift_N))), dtype=np.float64)
 
+    @property
+    def level_gain(self) -> FloatArray:
+        """Change of log L_inf of each throttle per unit change of each trial's log lift, theta held, (K, n)."""
+        q, r = self._levels
+        return np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
+
     def project(self, x: FloatArray) -> FloatArray:
         """Whiten along the last axis and remove what a free L_inf per throttle absorbs."""
         white = self.covariance.whiten(x)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fitting import batched, heights
+from nearlift.fitting import batched, heights, student
 
 if TYPE_CHECKING:
     from nearlift.fitting.least_squares import Fit
@@ -78,7 +78,8 @@ def of(fit: Fit) -> tuple[Profile, ...]:
 
 def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
     low, high = fit.model.parameters[i].bounds
-    wanted = _threshold(95, fit.noise.dof)
+    dof = float(fit.effective[i])
+    wanted = _threshold(95, dof)
     centre = float(np.clip(fit.theta[i], low, high))
     ends = max(centre - REACH * sd[i], low), min(centre + REACH * sd[i], high)
     value = np.unique(np.r_[np.linspace(*ends, POINTS), centre])
@@ -104,7 +105,7 @@ def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
         value=value,
         rise=rise,
         quadratic=((value - fit.theta[i]) / sd[i]) ** 2,
-        intervals={level: _interval(value, rise, best, _threshold(level, fit.noise.dof)) for level in LEVELS},
+        intervals={level: _interval(value, rise, best, _threshold(level, dof)) for level in LEVELS},
     )
 
 
@@ -123,10 +124,7 @@ def _vertex(value: FloatArray, chi2: FloatArray) -> float:
 
 def _threshold(level: int, dof: float) -> float:
     """Rise of chi2 at the ends of an interval, Student's t in place of the normal's."""
-    from scipy.stats import norm, t
-
-    p = 0.5 + level / 200
-    return float(t.ppf(p, dof) if np.isfinite(dof) else norm.ppf(p)) ** 2
+    return student.quantile(0.5 + level / 200, dof) ** 2
 
 
 def _along(fit: Fit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 from nearlift.campaign import Campaign
 from nearlift.declare import FloatArray
 from nearlift.effects.air_density import STANDARD, density
-from nearlift.fitting import collapse, gum, held_quantity, rotor
+from nearlift.fitting import collapse, gum, held_quantity, rotor, student
 from nearlift.fitting.least_squares import Fit, minimise
 from nearlift.fitting.problem import Problem
 from nearlift.results import Estimate, Observations
@@ -22,11 +22,17 @@ NORMAL90 = 1.6448536269514722
 def ask(campaign: Campaign, fitted: Fit) -> dict[str, dict[str, Any]]:
     """The three entries of one boundary, from the fit of its base model."""
     problem, theta = linearised(fitted)
-    covariance, noise_dof = fitted.covariance, fitted.noise.dof
-    quantile = _quantile90(noise_dof)
-    found = held_quantity.examine(problem, theta, noise_dof) if len(theta) else None
+    covariance = fitted.covariance
+    # the exponent trades places with the coefficients: it rests on what they rest on
+    quantile = student.quantile(0.95, fitted.effective[0]) if len(theta) else NORMAL90
+    found = held_quantity.examine(problem, theta, fitted.dof_of_all) if len(theta) else None
+    parts, slope = (*fitted.parts, *fitted.plan.shared), gum.linearised(fitted)[2]
+
+    def freedom(g: FloatArray) -> FloatArray:
+        return gum.freedom(problem, g, parts, fitted.noise, slope)
+
     return {
-        "throttle_collapse": throttle_collapse(collapse.examine(problem, theta, noise_dof), quantile),
+        "throttle_collapse": throttle_collapse(collapse.examine(problem, theta, freedom), quantile),
         "held_quantity": {} if found is None else held(campaign, problem, found, quantile),
         "rotor_coefficient": rotor_coefficient(campaign, problem, theta, covariance, found.responses if found else ()),
     }
@@ -55,7 +61,7 @@ def throttle_collapse(found: collapse.Collapse, quantile: float) -> dict[str, An
             if np.isfinite(u)
         },
         "tests": {
-            name: None if test is None else {"F": test.statistic, "dof": list(test.dof), "p_value": test.p_value}
+            name: None if test is None else {"F": test.statistic, "dof": list(test.dof), "p_value": test.p_value, "quiet": test.quiet}
             for name, test in (("coefficient", found.coefficient), ("curve", found.curve), ("cells", found.cells))
         },
         "largest_departure": {
@@ -145,7 +151,7 @@ def rotor_coefficient(
         "per_throttle": {f"{x:g}": {"speed_Hz": f, **interval(c, u, NORMAL90)} for x, f, c, u in each},
         "mean": interval(law.mean, law.u_mean, NORMAL90),
         "p_constant": law.p_constant,
-        "exponent": None if law.p_trend is None else interval(law.exponent, law.u_exponent, _quantile90(law.dof)),
+        "exponent": None if law.p_trend is None else interval(law.exponent, law.u_exponent, student.quantile(0.95, law.dof)),
         "law": {"C_L": law.C_middle, "speed_Hz": law.middle_Hz},
         "p_trend": law.p_trend,
         "excess": law.excess,
@@ -186,12 +192,6 @@ def logged_speed(data: Observations, responses: tuple[held_quantity.Response, ..
         mean.append(far.mean())
         u.append(far.std(ddof=1) / np.sqrt(len(far)) if len(far) > 1 else 0.0)
     return np.exp(mean), np.array(u)
-
-
-def _quantile90(dof: float) -> float:
-    from scipy.stats import t
-
-    return float(t.ppf(0.95, dof)) if np.isfinite(dof) else NORMAL90
 
 
 def interval(value: float, u: float, quantile: float) -> dict[str, Any]:

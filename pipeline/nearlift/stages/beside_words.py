@@ -34,8 +34,14 @@ def throttle_collapse(found: collapse.Collapse) -> str:
     if not made:
         return "These trials cannot test whether Delta L depends on throttle."
     rejected = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value < REJECTS]
-    kept = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value >= REJECTS]
+    kept = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value >= REJECTS and not test.quiet]
+    quiet = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.quiet]
     parts = [f"For all throttles {verdict}: {'; '.join(claims)}." for verdict, claims in (("rejected", rejected), ("not rejected", kept)) if claims]
+    if quiet:
+        parts.append(
+            f"Not tested: {'; '.join(quiet)}. Trials are more even than their noise would let them be: the noise is overestimated, or shared by"
+            " trials in a way that it does not represent. That is no evidence of a collapse."
+        )
     bounds = [
         f"{percent(d.bound)} % in {what} (between {100 * d.between[0]:.3g} and {100 * d.between[1]:.3g} %)"
         for what, d in ((found.name, found.of_coefficient), ("Delta L", found.of_curve))

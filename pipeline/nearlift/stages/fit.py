@@ -10,7 +10,7 @@ from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fitting import budget, profiles
 from nearlift.fitting.least_squares import Fit, fit
-from nearlift.fitting.noise import UNSEEN
+from nearlift.fitting.noise import ENOUGH, UNSEEN
 from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
 from nearlift.products import FIT, PROFILES, TRIALS
@@ -89,7 +89,7 @@ def run(job: Job) -> Outcome:
         content["boundaries"][boundary] = fits
         content["comparison"][boundary] = accounts.comparison(base.name, fits, held_out)
         assert scatter is not None
-        if UNSEEN in scatter.source:
+        if scatter.between < ENOUGH:
             notes.append(f"{boundary}: the noise is the {scatter.source}")
         content["noise"][boundary] = {
             "relative": scatter.relative,
@@ -98,6 +98,7 @@ def run(job: Job) -> Outcome:
             "visit": scatter.serial,
             "source": scatter.source,
             "dof": scatter.dof,
+            "between_visits": scatter.between,
         }
     posteriors.write()
     job.write(PROFILES, accounts.profile_table(rows))
@@ -116,7 +117,9 @@ def record(result: Fit, data: Observations) -> dict[str, Any]:
     """One model's entry in fit.json."""
     return {
         "title": result.model.title,
-        "parameters": {name: _estimate(e) for name, e in result.estimates.items()},
+        "parameters": {
+            name: _estimate(e) | {"dof": dof} | _warned(float(dof)) for (name, e), dof in zip(result.estimates.items(), result.effective, strict=True)
+        },
         "covariance": {"names": list(result.names), "values": result.covariance},
         "chi2": result.chi2,
         "dof": result.dof,
@@ -131,6 +134,19 @@ def record(result: Fit, data: Observations) -> dict[str, Any]:
         "degeneracies": [{"pair": list(d.pair), "r": d.r, "text": d.text, "u_if_free": d.u_if_free} for d in result.degeneracies],
         "excluded": [{"trial": t, "reason": why} for t, why in result.excluded],
     }
+
+
+#: An uncertainty known with fewer degrees of freedom than this is flagged.
+FEW = 5.0
+
+
+def _warned(dof: float) -> dict[str, str]:
+    """What to say of a coefficient whose uncertainty is itself hardly known."""
+    if dof == 0:
+        return {"warning": f"{UNSEEN}: the interval has no end"}
+    if dof < FEW:
+        return {"warning": f"the uncertainty itself is known with {dof:.1f} degrees of freedom only: measure more visits"}
+    return {}
 
 
 def _estimate(e: Estimate) -> dict[str, Any]:

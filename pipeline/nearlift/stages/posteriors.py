@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -47,7 +48,7 @@ class Posteriors:
     def add(self, fitted: Fit, base: bool) -> dict[str, Any]:
         """Sample one model's posterior; returns what fit.json says of it. L_inf of each throttle is kept for base models."""
         boundary, name = fitted.problem.data.boundary, fitted.model.name
-        density = Density(problem=gum.stand_in(fitted), centre=fitted.theta, dof=fitted.noise.dof)
+        density = Density(problem=gum.stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
         checkpoint = Checkpoint(folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key)
         found = posterior.sample(density, self.settings, self.job.seed, boundary, name, stored=checkpoint.read(), keep=checkpoint.keep)
         throttles = fitted.problem.data.levels
@@ -55,7 +56,12 @@ class Posteriors:
         if base:
             columns |= {level_name(t): found.levels_N[:, :, i] for i, t in enumerate(throttles)}
         self.parts += [_rows(boundary, name, n, values, found.log_prob) for n, values in columns.items()]
-        return {"model": name, "data_sha256": self._data, **_record(density, found, throttles)}
+        entry = _record(density, found, throttles)
+        for i, parameter in enumerate(fitted.names):
+            if fitted.effective[i] == 0:
+                # the draws know only what trials of one visit do not share
+                entry["parameters"][parameter] |= {"lo90": -math.inf, "hi90": math.inf}
+        return {"model": name, "data_sha256": self._data, **entry}
 
     @functools.cached_property
     def _data(self) -> str:
