@@ -3,9 +3,10 @@
 Conventions, the same as those of least squares:
 
 - L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form; its constant is part of the evidence.
-- The noise was learnt from repeats, so the scale of the coefficients' covariance is uncertain by a scaled inverse chi-square of `dof`, their
-  effective degrees of freedom: one number here, the fewest of any coefficient. Integrated out, the likelihood's exp(-D / 2), D = chi2 - its least, becomes Student's (1 + D / dof)^-((dof + p) / 2): linear models
-  get exactly the t intervals of least squares. How well the model fits has no say in the noise; only repeats have.
+- The noise was learnt from repeats, so the scale of the coefficients' covariance is uncertain by a scaled inverse chi-square of `dof`,
+  their effective degrees of freedom: one number here, the fewest of any coefficient. Integrated out, the likelihood's exp(-D / 2),
+  D = chi2 - its least, becomes Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly the t intervals of least squares. How
+  well the model fits has no say in the noise; only repeats have, and how visits scatter about the base model's curve where they are few.
 - The covariance, budget included, is that of the least-squares fit.
 """
 
