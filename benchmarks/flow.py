@@ -1,95 +1,115 @@
 """The streamed average of 150 fields of 128 x 128 beside numpy's mean and variance of the stack in memory; and its memory as fields grow.
 
-    python benchmarks/flow.py [--fields 150] [--nodes 128] [--rounds 7]
-
-"pass" is numpy's own mean and variance of the whole stack, without a missing vector (it could not bear one); "nan pass" the same by
+"numpy" is its own mean and variance of the whole stack, without a missing vector (it could not bear one); "nan" the same by
 nanmean and nanvar. The accumulator takes the same stack, 1 % of it missing. "stream" averages ever more fields that are made as they are
-asked for and prints the peak memory of the process: flat, however large the set.
+asked for: its memory is flat, however large the set.
 """
 
 from __future__ import annotations
 
-import argparse
-import resource
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
-import numpy as np
+from benchmarks.harness import Bench, Contestant, Target
+
+FIELDS, NODES, REPEATS = 150, 128, 5
 
 
-def best(function: Callable[[], object], rounds: int) -> float:
-    """Least wall time in ms."""
+def timed(function: Callable[[], object]) -> dict[str, float]:
+    """Least times of a few calls, after one that does not count."""
     found = []
-    for _ in range(rounds):
-        start = time.perf_counter()
+    for _ in range(REPEATS + 1):
+        begun = time.perf_counter(), time.process_time()
         function()
-        found.append(time.perf_counter() - start)
-    return 1e3 * min(found)
+        found.append((time.perf_counter() - begun[0], time.process_time() - begun[1]))
+    return {"wall_s": min(f[0] for f in found[1:]), "cpu_s": min(f[1] for f in found[1:])}
 
 
-def stream(fields: int, nodes: int) -> None:
-    """Average fields that are never all in memory; prints the process's peak."""
-    from nearlift.flow.average import average
-    from nearlift.flow.field import Field
-
-    axis = np.linspace(0.0, 0.1, nodes)
-
-    def made() -> Iterator[Field]:
-        rng = np.random.default_rng(0)
-        for _ in range(fields):
-            u = rng.standard_normal((2, nodes, nodes))
-            yield Field(x_m=axis, y_m=axis, vx_m_s=u[0], vy_m_s=u[1])
-
-    average(made())
-    print(f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f}")
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--fields", type=int, default=150)
-    parser.add_argument("--nodes", type=int, default=128)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--stream", type=int)
-    given = parser.parse_args()
-    if given.stream:
-        stream(given.stream, given.nodes)
-        return
-    from nearlift.flow.average import BATCH, Moments, average
-    from nearlift.flow.field import Field
+def stack(missing: float) -> Any:
+    import numpy as np
 
     rng = np.random.default_rng(0)
-    stack = rng.standard_normal((given.fields, 2 * given.nodes**2))
-    holed = np.where(rng.random(stack.shape) < 0.01, np.nan, stack)
-    axis = np.linspace(0.0, 0.1, given.nodes)
-    shape = (2, given.nodes, given.nodes)
-    fields = [Field(x_m=axis, y_m=axis, vx_m_s=f[0], vy_m_s=f[1]) for f in (row.reshape(shape) for row in holed)]
+    whole = rng.standard_normal((FIELDS, 2 * NODES**2))
+    return np.where(rng.random(whole.shape) < missing, np.nan, whole) if missing else whole
 
-    def accumulate() -> Moments:
-        moments = Moments(stack.shape[1])
+
+def field(values: Any) -> Any:
+    import numpy as np
+
+    from nearlift.flow.field import Field
+
+    axis = np.linspace(0.0, 0.1, NODES)
+    u = values.reshape(2, NODES, NODES)
+    return Field(x_m=axis, y_m=axis, vx_m_s=u[0], vy_m_s=u[1])
+
+
+def bare(_: Path) -> dict[str, float]:
+    whole = stack(0.0)
+    return timed(lambda: (whole.mean(axis=0), whole.var(axis=0)))
+
+
+def nan(_: Path) -> dict[str, float]:
+    import numpy as np
+
+    holed = stack(0.01)
+    return timed(lambda: (np.nanmean(holed, axis=0), np.nanvar(holed, axis=0)))
+
+
+def moments(_: Path) -> dict[str, float]:
+    from nearlift.flow.average import BATCH, Moments
+
+    holed = stack(0.01)
+
+    def accumulate() -> None:
+        found = Moments(holed.shape[1])
         for i in range(0, len(holed), BATCH):
-            moments.add(holed[i : i + BATCH])
-        return moments
+            found.add(holed[i : i + BATCH])
 
-    print(f"{given.fields} fields of {given.nodes} x {given.nodes}, {stack.nbytes / 1e6:.0f} MB, best of {given.rounds}")
-    contestants = (
-        ("pass", lambda: (stack.mean(axis=0), stack.var(axis=0))),
-        ("nan pass", lambda: (np.nanmean(holed, axis=0), np.nanvar(holed, axis=0))),
-        ("mean and variance, streamed", accumulate),
-        ("all of average()", lambda: average(fields)),
-    )
-    # in turn, so that what else the machine does hits all alike
-    walls = {name: best(function, 1) for name, function in contestants}
-    for _ in range(given.rounds - 1):
-        walls = {name: min(walls[name], best(function, 1)) for name, function in contestants}
-    for name, wall in walls.items():
-        print(f"{name:30s} {wall:7.1f} ms = {wall / walls['pass']:5.2f} x pass")
-    for n in (given.fields, 10 * given.fields, 40 * given.fields):
-        command = [sys.executable, __file__, "--stream", str(n), "--nodes", str(given.nodes)]
-        peak = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
-        print(f"stream of {n:6d} fields ({n * 2 * given.nodes**2 * 8 / 1e6:6.0f} MB)   peak {peak} MiB")
+    return timed(accumulate)
 
 
-if __name__ == "__main__":
-    main()
+def average(_: Path) -> dict[str, float]:
+    from nearlift.flow.average import average as whole
+
+    fields = [field(row) for row in stack(0.01)]
+    return timed(lambda: whole(fields))
+
+
+def stream(fields: int) -> None:
+    """Average fields that are never all in memory."""
+    import numpy as np
+
+    from nearlift.flow.average import average as whole
+
+    def made() -> Iterator[Any]:
+        rng = np.random.default_rng(0)
+        for _ in range(fields):
+            yield field(rng.standard_normal(2 * NODES**2))
+
+    whole(made())
+
+
+def prepare(_: Path, quick: bool) -> str:
+    return f"{FIELDS} fields of {NODES} x {NODES} nodes, 1 % of the vectors missing where that is borne; least of {REPEATS} calls in a process."
+
+
+BENCH = Bench(
+    title="Average of 150 velocity fields",
+    prepare=prepare,
+    one="numpy",
+    rounds=3,
+    contestants=(
+        Contestant(name="numpy", title="numpy, mean and variance in memory", run=bare),
+        Contestant(name="nan", title="numpy, nanmean and nanvar", run=nan),
+        Contestant(name="nearlift", title="nearlift, mean, variance and count, streamed", run=moments),
+        Contestant(name="nearlift-average", title="nearlift, with correlation in time and convergence", run=average),
+        Contestant(name="nearlift-stream", title="nearlift, a process that averages 150 fields", run=lambda _: stream(FIELDS), rounds=1),
+        Contestant(name="nearlift-stream-40", title="nearlift, a process that averages 6000 fields", run=lambda _: stream(40 * FIELDS), rounds=1),
+    ),
+    targets=(
+        Target(work="average of velocity fields over numpy's pass in memory", ours="nearlift", peer="numpy", must=2.0),
+        Target(work="memory, 6000 velocity fields over 150", ours="nearlift-stream-40", peer="nearlift-stream", quantity="peak_MiB", must=1.1),
+    ),
+)

@@ -1,70 +1,98 @@
-"""Ingest of the paper's whole campaign (3600 CSV files, 43 M samples) beside pyarrow's bare parse of the same files.
+"""Ingest of the paper's whole campaign beside a bare parse of the same files, what a lab would write, and C.
 
-    python benchmarks/ingest.py [--scale 1.0] [--threads 2] [--keep DIR] [--columns 1|2]
-
-Each contestant runs in a process of its own, imports included, page cache warm, and prints wall and processor time and peak resident memory.
-pyarrow only parses: no tare, no statistics, no hash, no checks. "flat" compares nearlift's peak at a tenth of the scale.
+nearlift digests every file, removes the tare, checks clock and samples, and takes mean, standard error, drift and quality codes; pyarrow only parses;
+pandas, polars and duckdb parse and take mean and standard deviation per file; C (two threads, its own parser of decimals, which
+trusts the file) takes mean and standard deviation of tare and live part.
 """
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
-import json
 import os
-import resource
-import subprocess
-import sys
-import tempfile
-import time
 from pathlib import Path
+from typing import Any
 
-TRIALS, RATE, TARE, RECORD = 3600, 1000.0, 2.0, 10.0
+from benchmarks import _compiled, _paper
+from benchmarks.harness import Bench, Contestant, Target
+
+SOURCE = r"""
+#include <dirent.h>
+#include <fcntl.h>
+#include <math.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+static char **names; static long files; static atomic_long next; static const char *folder; static double total;
+static const double power[19] = {1, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18};
+static inline double number(const char **at) {
+    const char *c = *at; int negative = *c == '-', down = 0; unsigned long m = 0;
+    c += negative;
+    while (*c >= '0') m = 10 * m + (*c++ - '0');
+    if (*c == '.') { const char *p = ++c; while (*c >= '0') m = 10 * m + (*c++ - '0'); down = c - p; }
+    *at = c;
+    return (negative ? -1.0 : 1.0) * m / power[down];
+}
+static void *work(void *unused) {
+    char *text = 0; size_t room = 0; double sum = 0;
+    for (long i; (i = atomic_fetch_add(&next, 1)) < files;) {
+        char path[4096]; struct stat s;
+        snprintf(path, sizeof path, "%s/%s", folder, names[i]);
+        int f = open(path, O_RDONLY); fstat(f, &s);
+        if ((size_t)s.st_size + 1 > room) text = realloc(text, room = s.st_size + 1);
+        for (size_t got = 0; got < (size_t)s.st_size;) got += read(f, text + got, s.st_size - got);
+        close(f); text[s.st_size] = 0;
+        const char *at = strchr(text, '\n') + 1;
+        double n[2] = {0}, mean[2] = {0}, square[2] = {0};
+        while (*at) {
+            const double t = number(&at); at++;
+            const double x = number(&at); at++;
+            const int part = t >= 1.9995; const double d = x - mean[part];
+            n[part]++; mean[part] += d / n[part]; square[part] += d * (x - mean[part]);
+        }
+        sum += mean[1] - mean[0] + sqrt(square[1] / (n[1] - 1));
+    }
+    double *answer = malloc(sizeof *answer); *answer = sum;
+    return answer;
+}
+int main(int argc, char **argv) {
+    folder = argv[1];
+    DIR *d = opendir(folder);
+    for (struct dirent *e; (e = readdir(d));)
+        if (e->d_name[0] != '.') { names = realloc(names, (files + 1) * sizeof *names); names[files++] = strdup(e->d_name); }
+    pthread_t thread[2]; void *answer;
+    for (int i = 0; i < 2; i++) pthread_create(thread + i, 0, work, 0);
+    for (int i = 0; i < 2; i++) { pthread_join(thread[i], &answer); total += *(double *)answer; }
+    printf("%ld files, %.6f\n", files, total);
+    return 0;
+}
+"""
+#: The scale is written into a file, so that contestants know whether this is a quick look.
+WHICH = "ingest-campaign"
 
 
-def write(folder: Path, scale: float, columns: int) -> None:
-    """The campaign: distinct records (a few written out, the rest made of them by a shift), as a lab's logger prints them."""
-    import numpy as np
-
-    from nearlift.declare import Boundary
-    from nearlift.synthetic import demo
-    from nearlift.synthetic.design import randomised
-    from nearlift.synthetic.presets import PERCENT_DIAMETER, TABLE_1
-    from nearlift.synthetic.records import Bench, Form, manifest, record, schedule, simulate
-
-    visits = max(round(15 * scale), 1)
-    stations: dict[Boundary, np.ndarray] = {side: PERCENT_DIAMETER.recorded_m(side) for side in TABLE_1}
-    plan = randomised(stations, seed=1, visits=visits)
-    truths = {side: dataclasses.replace(truth, effects=()) for side, truth in demo.truths().items()}
-    bench = Bench(rate_Hz=RATE, tare_s=TARE, record_s=RECORD)
-    quantum = next(iter(truths.values())).noise.quantum_N
-    true = simulate(plan, truths, bench=bench, seed=1)
-    (folder / "trials").mkdir(parents=True)
-    form: Form = "csv" if columns == 1 else "csv_with_time"
-    (folder / "campaign.toml").write_text(manifest("paper", "Simulated, for timing.", bench, form, quantum, plan))
-    (folder / "trials.csv").write_text(schedule(plan, bench))
-    clock = [f"{i / RATE:.3f}," for i in range(round((TARE + RECORD) * RATE))]
-    for i, trial in enumerate(plan.trial):
-        counts = record(str(trial), float(true.lift_N[i]), float(plan.throttle[i]), truths[plan.boundary[i]], bench, 1)
-        force = [f"{f:.4f}" for f in (1e3 * quantum * counts).tolist()]
-        lines = ["force", *force] if columns == 1 else ["t,force", *(t + f for t, f in zip(clock, force, strict=True))]
-        (folder / "trials" / f"{trial}.csv").write_text("\n".join(lines) + "\n")
+def prepare(data: Path, quick: bool) -> str:
+    folder = _paper.campaign(data, 0.1 if quick else 1.0)
+    (data / WHICH).write_text(folder.name)
+    _compiled.program(data, "ingest-peer", SOURCE)
+    return _paper.spoken(folder)
 
 
-def nearlift(folder: Path, threads: int) -> None:
-    from nearlift import campaign, executors
-    from nearlift.stages import ingest
-    from nearlift.stages.job import Job
-
-    with tempfile.TemporaryDirectory() as out, executors.open_executor(f"threads:{threads}") as executor:
-        manifest = campaign.load(folder)
-        job = Job(root=folder, campaign=manifest, processed=Path(out), reports=Path(out), executor=executor)
-        outcome = ingest.run(job)
-    if outcome.rejected:
-        raise SystemExit(f"{len(outcome.rejected)} trials rejected: {outcome.rejected[0]}")
+def campaign(data: Path) -> Path:
+    return data / (data / WHICH).read_text()
 
 
-def pyarrow(folder: Path, threads: int) -> None:
+def nearlift(data: Path) -> None:
+    _paper.ingest(campaign(data))
+
+
+def paths(data: Path) -> list[str]:
+    return sorted(e.path for e in os.scandir(campaign(data) / "trials"))
+
+
+def pyarrow(data: Path) -> None:
     from concurrent.futures import ThreadPoolExecutor
 
     import pyarrow as pa
@@ -72,66 +100,52 @@ def pyarrow(folder: Path, threads: int) -> None:
 
     pa.set_cpu_count(1)
     options = pc.ReadOptions(use_threads=False)
-
-    def parse(path: str) -> int:
-        return int(pc.read_csv(path, read_options=options).num_rows)
-
-    with ThreadPoolExecutor(threads) as pool:
-        sum(pool.map(parse, [e.path for e in os.scandir(folder / "trials")]))
+    with ThreadPoolExecutor(2) as pool:
+        sum(pool.map(lambda path: int(pc.read_csv(path, read_options=options).num_rows), paths(data)))
 
 
-def contest(name: str, folder: Path, threads: int) -> tuple[float, float, float]:
-    """Wall time in s of a whole process, its processor time in s, and its peak resident memory in MiB."""
-    start = time.perf_counter()
-    command = [sys.executable, __file__, "--contestant", name, "--folder", str(folder), "--threads", str(threads)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    wall = time.perf_counter() - start
-    told = json.loads(done.stdout.splitlines()[-1])
-    return wall, told["cpu_s"], told["peak_MiB"]
+def pandas(data: Path) -> dict[str, Any]:
+    import pandas as pd
+
+    whole = pd.concat([pd.read_csv(path).assign(trial=Path(path).stem) for path in paths(data)])
+    table = whole[whole.t >= _paper.TARE].groupby("trial").force.agg(["mean", "std"])
+    return {"trials": len(table)}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scale", type=float, default=1.0)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--columns", type=int, choices=(1, 2), default=2)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--keep", type=Path)
-    parser.add_argument("--contestant")
-    parser.add_argument("--folder", type=Path)
-    given = parser.parse_args()
-    if given.contestant:
-        {"nearlift": nearlift, "pyarrow": pyarrow}[given.contestant](given.folder, given.threads)
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        print(json.dumps({"peak_MiB": used.ru_maxrss / 1024, "cpu_s": used.ru_utime + used.ru_stime}))
-        return
-    with tempfile.TemporaryDirectory() as temporary:
-        base = given.keep or Path(temporary)
-        folders = {scale: base / f"paper-{scale:g}-{given.columns}" for scale in (given.scale, given.scale / 10)}
-        for scale, folder in folders.items():
-            if not folder.exists():
-                write(folder, scale, given.columns)
-        whole = folders[given.scale]
-        files = list((whole / "trials").iterdir())
-        size = sum(f.stat().st_size for f in files)
-        samples = len(files) * round((TARE + RECORD) * RATE) / 1e6
-        print(f"{len(files)} files, {samples:.1f} M samples, {size / 1e6:.0f} MB, {given.threads} threads, best of {given.rounds}")
-        # the first call compiles the scanner and warms the page cache
-        contest("nearlift", whole, given.threads)
-        found: dict[str, list[tuple[float, float, float]]] = {"pyarrow": [], "nearlift": []}
-        for _ in range(given.rounds):
-            for name, runs in found.items():
-                runs.append(contest(name, whole, given.threads))
-        bare_wall, bare_cpu = (min(run[i] for run in found["pyarrow"]) for i in (0, 1))
-        for name, runs in found.items():
-            wall, cpu, peak = (min(run[i] for run in runs) for i in range(3))
-            print(
-                f"{name:10s} {wall:6.2f} s = {wall / bare_wall:5.2f} x pyarrow   processor {cpu:6.2f} s = {cpu / bare_cpu:5.2f} x   "
-                f"peak {peak:4.0f} MiB   wall of each {' '.join(f'{run[0]:.2f}' for run in runs)}"
-            )
-        small = contest("nearlift", folders[given.scale / 10], given.threads)
-        print(f"flat       nearlift at a tenth of the scale: peak {small[2]:.0f} MiB")
+def polars(data: Path) -> dict[str, Any]:
+    import polars as pl
+
+    live = pl.scan_csv(f"{campaign(data)}/trials/*.csv", include_file_paths="file").filter(pl.col("t") >= _paper.TARE)
+    table = live.group_by("file").agg(pl.col("force").mean().alias("mean"), pl.col("force").std().alias("sd")).collect()
+    return {"trials": len(table)}
 
 
-if __name__ == "__main__":
-    main()
+def duckdb(data: Path) -> dict[str, Any]:
+    import duckdb as db
+
+    db.sql("set threads = 2")
+    files = f"read_csv('{campaign(data)}/trials/*.csv', filename = true)"
+    table = db.sql(f"select filename, avg(force), stddev(force) from {files} where t >= {_paper.TARE} group by filename").fetchall()
+    return {"trials": len(table)}
+
+
+C = Contestant(name="c", title="C, two threads", command=lambda data: [str(data / "ingest-peer"), str(campaign(data) / "trials")])
+BENCH = Bench(
+    title="Ingest of the paper's whole campaign",
+    prepare=prepare,
+    one="pyarrow",
+    contestants=(
+        Contestant(name="pyarrow", title="pyarrow, bare parse, two outer threads", run=pyarrow),
+        Contestant(name="nearlift", title="nearlift, digest and statistics", run=nearlift),
+        *([C] if _compiled.compiler() else []),
+        Contestant(name="duckdb", title="duckdb, mean and deviation", run=duckdb, rounds=2),
+        Contestant(name="polars", title="polars, mean and deviation", run=polars, rounds=2),
+        Contestant(name="pandas", title="pandas, concat and groupby", run=pandas, rounds=1),
+    ),
+    targets=(
+        Target(work="CSV ingest over pyarrow's bare parse on two threads", ours="nearlift", peer="pyarrow", must=0.6),
+        Target(work="CSV ingest over pyarrow's bare parse on two threads", ours="nearlift", peer="pyarrow", quantity="cpu_s", must=0.6),
+        Target(work="CSV ingest over C", ours="nearlift", peer="c", must=5.0, aim=1.5),
+        Target(work="CSV ingest", ours="nearlift", quantity="peak_MiB", must=250.0),
+    ),
+)

@@ -1,7 +1,5 @@
 """A posterior to 4000 effective draws, whole process, beside emcee as a lab would write it.
 
-    python benchmarks/posterior.py [--ess 4000] [--repeat 2] [--quick]
-
 One simulated campaign near the ground (Sanchez-Cuevas with a free exponent, four throttles), its covariance known. Each contestant runs in
 a process of its own, imports included, and stops by its own measure; the bulk effective sample size of what it returns is then
 taken by one yardstick for all, outside the clock. Ratios count, times are orientation.
@@ -9,16 +7,12 @@ taken by one yardstick for all, outside the clock. Ratios count, times are orien
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import os
-import subprocess
-import sys
-import tempfile
-import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from benchmarks.harness import Bench, Contestant, Target
 
 NAMES = ("K_b", "n")
 MODEL = "sanchez_cuevas_free_exponent"
@@ -165,49 +159,44 @@ def until(sampler: Any, start: Any, ess: int) -> Any:
             raise SystemExit("no convergence in 200000 steps")
 
 
-CONTESTANTS = {
-    "vectorised": ("emcee vectorised, DE + snooker, L_inf sampled", lambda p, e: vectorised(p, e, eliminate=False)),
-    "eliminated": ("the same, L_inf eliminated", lambda p, e: vectorised(p, e, eliminate=True)),
-    "scalar": ("emcee scalar, stretch, as a lab would write it", scalar),
-    "fast": ("nearlift, importance sampling, checked by a grid", lambda p, e: nearlift(p, e, "auto")),
-    "emcee": ("nearlift, emcee, checked by both", lambda p, e: nearlift(p, e, "emcee")),
-}
+ESS = 4000
+DATA = "posterior.npz"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ess", type=int, default=4000)
-    parser.add_argument("--repeat", type=int, default=2)
-    parser.add_argument("--quick", action="store_true", help="without the scalar chain, which takes minutes")
-    parser.add_argument("--only", nargs=2, metavar=("CONTESTANT", "DATA"))
-    options = parser.parse_args()
-    if options.only:
-        name, data = options.only
-        draws = CONTESTANTS[name][1](Path(data), options.ess)
-        done = time.clock_gettime(time.CLOCK_MONOTONIC)
-        from nearlift.fitting.convergence import ess
-
-        found = {n: [ess(draws[:, :, i]), float(draws[:, :, i].mean()), float(draws[:, :, i].std())] for i, n in enumerate(NAMES)}
-        print(json.dumps({"done": done, "draws": found}))
-        return
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    best: dict[str, tuple[float, dict[str, list[float]]]] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        data = Path(folder) / "campaign.npz"
-        write(data)
-        for _ in range(options.repeat):
-            for name in (n for n in CONTESTANTS if n != "scalar" or not options.quick):
-                command = [sys.executable, __file__, "--ess", str(options.ess), "--only", name, str(data)]
-                begin = time.clock_gettime(time.CLOCK_MONOTONIC)
-                told = json.loads(subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout)
-                wall = told["done"] - begin
-                if name not in best or wall < best[name][0]:
-                    best[name] = (wall, told["draws"])
-    one = best["vectorised"][0]
-    for name, (wall, draws) in best.items():
-        shown = ", ".join(f"{n} = {mean:.3f} +- {sd:.3f} (ESS {size:.0f})" for n, (size, mean, sd) in draws.items())
-        print(f"{CONTESTANTS[name][0]:52s} {wall / one:6.3f}   {wall:6.2f} s   {shown}")
+def prepare(data: Path, quick: bool) -> str:
+    write(data / DATA)
+    return f"320 trials near the ground, Sanchez-Cuevas with a free exponent, four throttles, the covariance known, to {ESS} draws; whole process."
 
 
-if __name__ == "__main__":
-    main()
+def contestant(name: str, title: str, draw: Callable[[Path, int], Any], rounds: int | None = None) -> Contestant:
+    def run(data: Path) -> Callable[[], dict[str, float]]:
+        draws = draw(data / DATA, ESS)
+
+        def yardstick() -> dict[str, float]:
+            from nearlift.fitting.convergence import ess
+
+            return {"ESS of K_b": float(round(ess(draws[:, :, 0]))), "sd of K_b": float(draws[:, :, 0].std())}
+
+        return yardstick
+
+    return Contestant(name=name, title=title, run=run, rounds=rounds)
+
+
+BENCH = Bench(
+    title="A posterior to 4000 effective draws",
+    prepare=prepare,
+    one="vectorised",
+    rounds=3,
+    contestants=(
+        contestant("vectorised", "emcee vectorised, DE + snooker, `L_inf` sampled", lambda p, e: vectorised(p, e, eliminate=False)),
+        contestant("eliminated", "the same, `L_inf` eliminated beforehand", lambda p, e: vectorised(p, e, eliminate=True)),
+        contestant("nearlift", "nearlift, importance sampling, checked by a grid", lambda p, e: nearlift(p, e, "auto")),
+        contestant("nearlift-emcee", "nearlift, emcee, checked by both", lambda p, e: nearlift(p, e, "emcee")),
+        contestant("scalar", "emcee scalar, stretch moves, a solve for each, as a lab would write it", scalar, rounds=1),
+    ),
+    targets=(Target(work="posterior to ESS 4000 over vectorised emcee", ours="nearlift", peer="vectorised", must=0.3, aim=0.08),),
+    note=(
+        "Each stops by its own measure; the effective draws of what it returns are the bulk estimate, by one yardstick for all, outside the clock. "
+        "The exact standard deviation of `K_b` is 0.118."
+    ),
+)

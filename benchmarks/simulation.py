@@ -1,7 +1,5 @@
 """Steps of the paper's Fig. 6 on one thread, beside the same simulation in scalar C compiled here with -O3.
 
-    python benchmarks/simulation.py [--flights 200] [--rounds 3]
-
 All contestants fly the paper's settings (ground and ceiling, no model and five powers, explicit Euler, 0.1 s, 120 s) and stop a flight
 when it crashes. "C" draws its normals per flight and setting (xoshiro256+ and Marsaglia's polar method) and evaluates the lift ratio
 by formula; "C, table" interpolates the same table that nearlift does. "nearlift, gusts of its own" gives every setting its own
@@ -10,21 +8,12 @@ gusts, as C does; "nearlift" lets all settings of a boundary meet the same gusts
 
 from __future__ import annotations
 
-import argparse
-import shutil
-import subprocess
-import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from nearlift import catalogue
-from nearlift.simulation import groups, presets
-from nearlift.simulation.curve import tabulate
-from nearlift.simulation.flight import Plan, Setting, fly
+from benchmarks import _compiled
+from benchmarks.harness import Bench, Contestant, Target
 
 SOURCE = r"""
 #include <math.h>
@@ -65,8 +54,9 @@ int main(int argc, char **argv) {
     const double r = 0.023, m = 0.027, g = 9.8, K = 4 * 1.6 * 1.2 * r * r * r * r, powers[6] = {0, 0.6, 0.8, 1, 1.2, 1.4};
     long steps = 0, crashes = 0;
     for (int i = 0; i < 4; i++) s[i] = 0x9E3779B97F4A7C15ull * (i + 1);
-    struct timespec a, b;
+    struct timespec a, b, c, d;
     clock_gettime(CLOCK_MONOTONIC, &a);
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &c);
     for (int ceiling = 0; ceiling < 2; ceiling++)
         for (int p = 0; p < 6; p++) {
             const double k = powers[p], side = ceiling ? -1 : 1;
@@ -89,15 +79,22 @@ int main(int argc, char **argv) {
             }
         }
     clock_gettime(CLOCK_MONOTONIC, &b);
-    printf("%ld %ld %.9f\n", steps, crashes, (b.tv_sec - a.tv_sec) + 1e-9 * (b.tv_nsec - a.tv_nsec));
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &d);
+    const double wall = (b.tv_sec - a.tv_sec) + 1e-9 * (b.tv_nsec - a.tv_nsec), cpu = (d.tv_sec - c.tv_sec) + 1e-9 * (d.tv_nsec - c.tv_nsec);
+    printf("{\"wall_s\": %.9f, \"cpu_s\": %.9f, \"ns a step\": %.3f, \"crashes\": %ld}\n", wall, cpu, 1e9 * wall / steps, crashes);
     return 0;
 }
 """
-Contest = Callable[[], tuple[float, int, int]]
+FLIGHTS = "simulation-flights"
 
 
-def plans() -> list[Plan]:
+def plans() -> list[Any]:
     """The paper's settings, a plan for each boundary."""
+    from nearlift import catalogue
+    from nearlift.simulation import groups, presets
+    from nearlift.simulation.curve import tabulate
+    from nearlift.simulation.flight import Plan, Setting
+
     preset = presets.preset("paper")
     found = []
     for boundary, name in presets.MODELS.items():
@@ -110,56 +107,57 @@ def plans() -> list[Plan]:
     return found
 
 
-def contest_nearlift(flights: int, common: bool) -> tuple[float, int, int]:
-    """Seconds, steps and crashes of one run."""
+def prepare(data: Path, quick: bool) -> str:
+    flights = 20 if quick else 60
+    (data / FLIGHTS).write_text(str(flights))
+    _compiled.program(data, "simulation-peer", SOURCE)
+    return f"228 settings, explicit Euler at 0.1 s, flights that end with a crash, {flights} a setting; one thread, time of flying alone."
+
+
+def nearlift(data: Path, common: bool) -> dict[str, Any]:
+    """Fly, after a first flight that loads the compiled loop."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from nearlift.simulation.flight import fly
+
     steps = crashes = 0
-    spent = 0.0
+    wall = cpu = 0.0
+    flights = int((data / FLIGHTS).read_text())
     for plan in plans():
-        start = time.perf_counter()
-        ended = fly(replace(plan, common=common), flights, 1)
-        spent += time.perf_counter() - start
+        own = replace(plan, common=common)
+        fly(own, 2, 1)
+        begun = time.perf_counter(), time.process_time()
+        ended = fly(own, flights, 1)
+        wall, cpu = wall + time.perf_counter() - begun[0], cpu + time.process_time() - begun[1]
         steps += int(np.where(ended < 0, plan.holds, ended + 1).sum())
         crashes += int((ended >= 0).sum())
-    return spent, steps, crashes
+    return {"wall_s": wall, "cpu_s": cpu, "ns a step": 1e9 * wall / steps, "crashes": crashes}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--flights", type=int, default=200)
-    parser.add_argument("--rounds", type=int, default=3)
-    given, _ = parser.parse_known_args()
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    with tempfile.TemporaryDirectory() as folder:
-        contestants: dict[str, Contest] = {}
-        if compiler:
-            (Path(folder) / "peer.c").write_text(SOURCE)
-            subprocess.run([compiler, "-O3", "-march=native", "-o", "peer", "peer.c", "-lm"], cwd=folder, check=True)
-
-            def contest_c(table: int) -> tuple[float, int, int]:
-                told = subprocess.run([f"{folder}/peer", str(given.flights), str(table)], check=True, capture_output=True, text=True).stdout.split()
-                return float(told[2]), int(told[0]), int(told[1])
-
-            contestants |= {"C": lambda: contest_c(0), "C, table": lambda: contest_c(1)}
-        else:
-            print("no C compiler on this machine: nearlift alone")
-        contestants |= {
-            "nearlift, gusts of its own": lambda: contest_nearlift(given.flights, common=False),
-            "nearlift": lambda: contest_nearlift(given.flights, common=True),
-        }
-        # the first call compiles
-        contest_nearlift(2, common=True)
-        runs: dict[str, list[tuple[float, int, int]]] = {name: [] for name in contestants}
-        for _ in range(given.rounds):
-            for name, contest in contestants.items():
-                runs[name].append(contest())
-    per_step = {name: min(1e9 * t / n for t, n, _ in own) for name, own in runs.items()}
-    reference = per_step.get("C", next(iter(per_step.values())))
-    print(f"{given.flights} flights a setting, {runs['nearlift'][0][1] / 1e6:.0f} M steps, one thread, best of {given.rounds}")
-    for name, ns in per_step.items():
-        _, steps, crashes = runs[name][0]
-        rates = f"{1e3 / ns:6.1f} M steps/s   {ns:6.2f} ns = {ns / reference:5.2f} x C"
-        print(f"{name:28s}{rates}   {crashes} crashes in {steps / 1e6:.1f} M steps")
+def c(data: Path, table: int) -> list[str]:
+    return [str(data / "simulation-peer"), (data / FLIGHTS).read_text(), str(table)]
 
 
-if __name__ == "__main__":
-    main()
+PEERS = (
+    Contestant(name="c", title="C, the ratio by formula", command=lambda data: c(data, 0)),
+    Contestant(name="c-table", title="C, the ratio by nearlift's table", command=lambda data: c(data, 1)),
+)
+BENCH = Bench(
+    title="Flights of the paper's Fig. 6",
+    prepare=prepare,
+    one="c" if _compiled.compiler() else "nearlift",
+    contestants=(
+        *(PEERS if _compiled.compiler() else ()),
+        Contestant(name="nearlift-own", title="nearlift, gusts of its own for every setting", run=lambda data: nearlift(data, common=False)),
+        Contestant(
+            name="nearlift", title="nearlift, all settings meet the same gusts (what the stage does)", run=lambda data: nearlift(data, common=True)
+        ),
+    ),
+    targets=(
+        Target(work="simulation on one thread over scalar C", ours="nearlift", peer="c", quantity="cpu_s", must=1.0, aim=0.5),
+        Target(work="simulation on one thread over scalar C", ours="nearlift", peer="c", must=1.0, aim=0.5),
+    ),
+    note="The gain is that of common gusts, made once, and of settings advanced side by side; a single setting flown by itself has neither.",
+)

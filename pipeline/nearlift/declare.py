@@ -231,23 +231,46 @@ class LiftModel(Declaration):
     `evaluate(z_hat, /, *, ...)` is the ratio L / L_inf (1 far away). `downwash`, where a model has one, is the induced
     velocity at the disk over its value far away, with the same signature. `rotors` says whether the model describes an
     isolated rotor (``"one"``), a vehicle of several (``"several"``), or either.
+
+    `gradient`, where a model has one, has that signature too and returns the derivatives of the ratio with respect to each parameter,
+    a tuple in their order; it is compared with differences of `evaluate` at every check. Without it, fits take differences.
     """
 
     boundary: Boundary
     rotors: Literal["one", "several", "any"] = "any"
     downwash: Evaluate | None = None
+    gradient: Evaluate | None = None
     tends_to_one: bool = True
 
     def __post_init__(self) -> None:
         super(LiftModel, self).__post_init__()
         if self.boundary not in BOUNDARIES:
             raise DeclarationError(f"declaration {self.name}", f"{self.boundary!r} is not a boundary", f"boundaries are {', '.join(BOUNDARIES)}")
-        if self.downwash is not None and set(keywords(self.downwash)) != set(keywords(self.evaluate)):
-            raise DeclarationError(
-                f"declaration {self.name}",
-                f"downwash takes {sorted(keywords(self.downwash))} but evaluate takes {sorted(keywords(self.evaluate))}",
-                "give both the same keyword-only names",
-            )
+        for role, other in (("downwash", self.downwash), ("gradient", self.gradient)):
+            if other is not None and set(keywords(other)) != set(keywords(self.evaluate)):
+                raise DeclarationError(
+                    f"declaration {self.name}",
+                    f"{role} takes {sorted(keywords(other))} but evaluate takes {sorted(keywords(self.evaluate))}",
+                    "give both the same keyword-only names",
+                )
+        if self.gradient is not None:
+            for check in self.checks:
+                self._compare_gradient(check, self.gradient)
+
+    def _compare_gradient(self, check: Check, gradient: Evaluate) -> None:
+        """Refuse derivatives that are not those of `evaluate`, by central differences."""
+        at = {p.name: p.value for p in self.parameters} | dict(check.arguments)
+        declared = gradient(check.x, **at)
+        if len(declared) != len(self.parameters):
+            raise DeclarationError(f"declaration {self.name}", f"gradient gives {len(declared)} derivatives for {len(self.parameters)} parameters")
+        for p, own in zip(self.parameters, declared, strict=True):
+            h = 1e-5 * max(abs(at[p.name]), 0.1)
+            up, down = (float(np.squeeze(self.evaluate(check.x, **(at | {p.name: at[p.name] + s})))) for s in (h, -h))
+            difference, given = (up - down) / (2 * h), float(np.squeeze(own))
+            if not abs(given - difference) <= 1e-5 * (abs(difference) + 1e-3):
+                raise DeclarationError(
+                    f"declaration {self.name}", f"gradient says d/d{p.name} = {given:.6g} at {check.x}, differences say {difference:.6g}"
+                )
 
     def suits(self, rotors: int, geometry: Mapping[str, Any]) -> bool:
         """Whether the model describes a vehicle with so many rotors and this known geometry."""

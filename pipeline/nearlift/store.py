@@ -12,7 +12,8 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -85,6 +86,14 @@ def sha256(path: Path) -> str:
     """SHA-256 of a file, streamed."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sha256_of(paths: Sequence[Path]) -> list[str]:
+    """SHA-256 of each file, a few at a time: hashing and reading leave the interpreter alone."""
+    if len(paths) < 2:
+        return [sha256(path) for path in paths]
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
+        return list(pool.map(sha256, paths))
 
 
 def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:

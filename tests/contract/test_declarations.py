@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES, Declaration, LiftModel, keywords
+from nearlift.errors import DeclarationError
 from nearlift.models import MODELS as BUILT_IN
 from nearlift.models.images import square
 from nearlift.nomenclature import symbol
@@ -221,3 +222,50 @@ def test_importing_the_catalogue_imports_nothing_heavy():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+# --- every model: its derivatives
+
+
+def test_every_built_in_model_declares_its_derivatives():
+    assert [m.name for m in BUILT_IN if m.parameters and m.gradient is None] == []
+
+
+@pytest.mark.parametrize("model", [m for m in MODELS if m.gradient is not None], ids=lambda m: m.name)
+def test_gradient_is_that_of_the_ratio(model: LiftModel):
+    """Against five-point differences, which are good to 1e-9 of a derivative; where the ratio has no value, neither has its derivative."""
+    rng = np.random.default_rng(1)
+    m, z = 40, np.geomspace(max(0.3, 1.1 * model.valid_z_hat[0]), 20.0, 9)
+    low, high = (np.array([p.bounds[end] for p in model.parameters]) for end in (0, 1))
+    theta = low + (0.02 + 0.96 * rng.random((m, len(low)))) * (high - low)
+    theta[0] = [p.value for p in model.parameters]
+
+    def ratio(at: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(model.evaluate(z, **{p.name: at[:, i, None] for i, p in enumerate(model.parameters)}, **known(model)), (m, len(z)))
+
+    found = model.gradient(z, **{p.name: theta[:, i, None] for i, p in enumerate(model.parameters)}, **known(model))
+    assert len(found) == len(model.parameters)
+    for i, own in enumerate(found):
+        h = np.zeros(len(low))
+        h[i] = 1e-4 * (high - low)[i]
+        wanted = (8 * (ratio(theta + h) - ratio(theta - h)) - (ratio(theta + 2 * h) - ratio(theta - 2 * h))) / (12 * h[i])
+        # near a pole differences are no measure
+        tame = np.isfinite(wanted) & (np.abs(ratio(theta)) < 5)
+        assert tame.mean() > 0.3
+        np.testing.assert_allclose(np.broadcast_to(own, wanted.shape)[tame], wanted[tame], rtol=2e-6, atol=1e-7)
+        assert np.isnan(np.broadcast_to(own, wanted.shape)[np.isnan(ratio(theta))]).all()
+
+
+@pytest.mark.parametrize("model", [m for m in MODELS if m.gradient is not None and m.tends_to_one], ids=lambda m: m.name)
+def test_free_air_has_no_derivatives(model: LiftModel):
+    assert [float(d) for d in model.gradient(np.inf, **declared(model), **known(model))] == [0.0] * len(model.parameters)
+
+
+def test_a_wrong_gradient_cannot_be_imported():
+    right = next(m for m in BUILT_IN if m.name == "exponential")
+    with pytest.raises(DeclarationError, match=r"gradient says d/db = .* differences say"):
+        dataclasses.replace(right, gradient=lambda z, /, *, a, b: (np.exp(-b * z), a * z * np.exp(-b * z)))
+    with pytest.raises(DeclarationError, match="gradient gives 1 derivatives for 2 parameters"):
+        dataclasses.replace(right, gradient=lambda z, /, *, a, b: (np.exp(-b * z),))
+    with pytest.raises(DeclarationError, match=r"gradient takes .*'a'.* but evaluate takes"):
+        dataclasses.replace(right, gradient=lambda z, /, *, a: (z,))

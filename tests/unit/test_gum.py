@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fitting import batched, budget, gum, heights
+from nearlift.fitting import budget, gum, heights
 from nearlift.fitting.budget import Component
 from nearlift.fitting.least_squares import assemble, fit
+from nearlift.fitting.refit import refit
 from nearlift.results import Noise
 
 from .simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao
@@ -90,18 +91,11 @@ def test_every_line_is_what_brute_force_makes_of_its_error_alone():
     exact = problem.log_ratio(found.theta) + np.log(np.array([e.value for e in found.levels.values()]))[problem.data.level]
     data = dataclasses.replace(problem.data, lift_N=np.exp(exact), u_lift_N=problem.data.u_lift_N)
     problem = assemble(MODEL, data, PARTS, SCATTER, found.theta, found.slope)
-    low, high = (np.array([p.bounds[end] for p in MODEL.parameters]) for end in (0, 1))
     rng = np.random.default_rng(11)
     lines = {line.component: line for line in gum.lines(problem, gum.gain(problem, found.theta), PARTS, SCATTER, found.slope)}
     for name, line in lines.items():
-        target = problem.project(exact + errors(name, rng, data, MODEL, found.theta, 2000))
-        theta, _ = batched.minimise(
-            lambda at, rows, target=target: target[rows] - problem.project(problem.log_ratio(at)),
-            np.tile(found.theta, (2000, 1)),
-            (low, high),
-            np.sqrt(np.diag(found.covariance)),
-            np.ones(2, dtype=bool),
-        )
+        noisy = exact + errors(name, rng, data, MODEL, found.theta, 2000)
+        theta = refit(problem, found.theta, np.sqrt(np.diag(found.covariance)), log_lift=noisy).good()
         assert theta.std(axis=0) == pytest.approx(np.sqrt(np.diag(line.covariance)), rel=0.1, abs=1e-6), name
     assert lines["gain by throttle"].covariance == pytest.approx(np.zeros((2, 2)), abs=1e-12)  # L_inf takes it
 

@@ -1,11 +1,13 @@
 """Many small least-squares problems at once: Levenberg and Marquardt's method on a stack, with bounds and with some parameters held.
 
-Profiles, and integrals over an unknown height, ask for the same minimum at dozens of nearby settings; one call of the model serves them all.
+Profiles, integrals over an unknown height, resampled and left-out trials ask for the same minimum at dozens or thousands of nearby
+settings; one call of the model serves them all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +18,40 @@ ROUNDS = 60
 #: A step smaller than this part of a parameter's scale ends the search.
 STILL = 1e-7
 DAMPING_MAX = 1e10
+#: A problem counts as converged where an undamped step would be smaller than this part of every parameter's scale.
+CONVERGED = 1e-4
+
+IntArray = NDArray[np.int64]
+Residuals = Callable[[FloatArray, IntArray], FloatArray]
+Linearised = Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Minima:
+    """The minimum of each of m problems.
+
+    Attributes
+    ----------
+    theta : (m, p)
+    chi2 : (m,)
+        inf where the model has no value at the start.
+    converged : (m,) bool
+        False where the search stopped short of a minimum; never take a mean over those.
+    """
+
+    theta: FloatArray
+    chi2: FloatArray
+    converged: NDArray[np.bool_]
 
 
 def minimise(
-    residuals: Callable[[FloatArray, NDArray[np.int64]], FloatArray],
+    residuals: Residuals,
     start: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     scale: FloatArray,
     free: NDArray[np.bool_],
-) -> tuple[FloatArray, FloatArray]:
+    linearised: Linearised | None = None,
+) -> Minima:
     """Minimise the sum of squares of each of m problems.
 
     Parameters
@@ -37,46 +64,55 @@ def minimise(
         Typical size of each parameter's change, such as its standard uncertainty.
     free : (p,) bool
         What is optimised; the rest is held at its start.
-
-    Returns
-    -------
-    theta : (m, p)
-    chi2 : (m,)
-        inf where the model has no value at the start.
+    linearised : callable, optional
+        The same arguments, to residuals (k, n) and their derivatives (k, p, n); without it, differences are taken.
     """
     theta = np.clip(np.array(start, dtype=float), *bounds)
-    m = len(theta)
-    chi2 = _chi2(residuals(theta, np.arange(m)))
-    if not free.any():
-        return theta, chi2
-    damping = np.full(m, 1e-3)
+    which = np.flatnonzero(free)
+    if not len(which):
+        chi2 = _chi2(residuals(theta, np.arange(len(theta))))
+        return Minima(theta=theta, chi2=chi2, converged=np.isfinite(chi2))
+
+    def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        r, slopes = _differences(residuals, theta, rows, bounds, scale, which) if linearised is None else _chosen(linearised(theta, rows), which)
+        return r, np.nan_to_num(slopes) * scale[which][:, None]
+
+    r, slopes = at(theta, np.arange(len(theta)))
+    chi2 = _chi2(r)
+    damping = np.full(len(theta), 1e-3)
     active = np.isfinite(chi2)
     for _ in range(ROUNDS):
         rows = np.flatnonzero(active)
         if not len(rows):
             break
-        step = _step(residuals, theta[rows], rows, bounds, scale, free, damping[rows])
+        step = np.zeros((len(rows), theta.shape[1]))
+        step[:, which] = _step(theta[rows][:, which], r[rows], slopes[rows], [b[which] for b in bounds], damping[rows]) * scale[which]
         trial = np.clip(theta[rows] + step, *bounds)
-        moved = np.abs((trial - theta[rows]) / scale).max(axis=1)
-        new = _chi2(residuals(trial, rows))
+        still = np.abs((trial - theta[rows]) / scale).max(axis=1) <= STILL
+        new_r, new_slopes = at(trial, rows)
+        new = _chi2(new_r)
         better = new <= chi2[rows]
-        theta[rows[better]], chi2[rows[better]] = trial[better], new[better]
+        ahead = rows[better]
+        theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = trial[better], new[better], new_r[better], new_slopes[better]
         damping[rows] = np.where(better, damping[rows] / 10, damping[rows] * 10)
-        active[rows] = (moved > STILL) & (damping[rows] < DAMPING_MAX)
-    return theta, chi2
+        active[rows] = ~still & (damping[rows] < DAMPING_MAX)
+    whole = np.isfinite(chi2)
+    left = np.full((len(theta), len(which)), np.inf)
+    left[whole] = _step(theta[whole][:, which], r[whole], slopes[whole], [b[which] for b in bounds], np.zeros(int(whole.sum())))
+    # what a bound stops is as good as still
+    reached = np.clip(theta[:, which] + left * scale[which], *(b[which] for b in bounds))
+    return Minima(theta=theta, chi2=chi2, converged=whole & (np.abs((reached - theta[:, which]) / scale[which]).max(axis=1) <= CONVERGED))
 
 
-def _step(
-    residuals: Callable[[FloatArray, NDArray[np.int64]], FloatArray],
-    theta: FloatArray,
-    rows: NDArray[np.int64],
-    bounds: tuple[FloatArray, FloatArray],
-    scale: FloatArray,
-    free: NDArray[np.bool_],
-    damping: FloatArray,
-) -> FloatArray:
-    """A damped Newton step for each problem, none for what stands at a bound and would leave it."""
-    which = np.flatnonzero(free)
+def _chosen(found: tuple[FloatArray, FloatArray], which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    r, slopes = found
+    return r, slopes if len(which) == slopes.shape[1] else slopes[:, which]
+
+
+def _differences(
+    residuals: Residuals, theta: FloatArray, rows: IntArray, bounds: tuple[FloatArray, FloatArray], scale: FloatArray, which: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Residuals and their derivatives with respect to what is free, by differences in one call."""
     # towards the middle, so that the derivative never asks beyond a bound
     side = np.where(theta[:, which] > np.clip(bounds, -1e12, 1e12).mean(axis=0)[which], -1.0, 1.0)
     h = 1e-4 * scale[which] * side
@@ -84,20 +120,21 @@ def _step(
     shifted[:, np.arange(len(which)), which] += h
     stacked = np.concatenate([theta[:, None, :], shifted], axis=1).reshape(-1, theta.shape[1])
     r = residuals(stacked, np.repeat(rows, len(which) + 1)).reshape(len(theta), len(which) + 1, -1)
-    here = r[:, 0]
-    jacobian = np.nan_to_num((r[:, 1:] - here[:, None]) / h[:, :, None]) * scale[which][None, :, None]
-    gradient = np.einsum("kpn,kn->kp", jacobian, here)
-    low, high = bounds[0][which], bounds[1][which]
-    stuck = ((theta[:, which] <= low) & (gradient > 0)) | ((theta[:, which] >= high) & (gradient < 0))
-    jacobian[stuck] = 0.0
-    gradient[stuck] = 0.0
-    curved = np.einsum("kpn,kqn->kpq", jacobian, jacobian)
+    return r[:, 0], (r[:, 1:] - r[:, :1]) / h[:, :, None]
+
+
+def _step(theta: FloatArray, r: FloatArray, slopes: FloatArray, bounds: list[FloatArray], damping: FloatArray) -> FloatArray:
+    """A damped Newton step for each problem, in units of the scale; none for what stands at a bound and would leave it."""
+    gradient = (slopes @ r[:, :, None])[..., 0]
+    curved = slopes @ slopes.swapaxes(-1, -2)
+    low, high = bounds
+    stuck = ((theta <= low) & (gradient > 0)) | ((theta >= high) & (gradient < 0))
+    gradient = np.where(stuck, 0.0, gradient)
+    curved = np.where(stuck[:, :, None] | stuck[:, None, :], 0.0, curved)
     diagonal = np.einsum("kpp->kp", curved)
     extra = damping[:, None] * diagonal + 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-300)
-    own = curved + np.eye(len(which)) * np.where(diagonal > 0, extra, 1.0)[:, None, :]
-    step = np.zeros_like(theta)
-    step[:, which] = -np.linalg.solve(own, gradient[..., None])[..., 0] * scale[which]
-    return step
+    own = curved + np.eye(theta.shape[1]) * np.where(diagonal > 0, extra, 1.0)[:, None, :]
+    return np.asarray(-np.linalg.solve(own, gradient[..., None])[..., 0], dtype=np.float64)
 
 
 def _chi2(r: FloatArray) -> FloatArray:

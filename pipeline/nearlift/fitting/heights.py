@@ -233,7 +233,11 @@ def integrate(problem: Problem, theta: FloatArray, u: FloatArray, parts: Sequenc
         def residuals(at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes) -> FloatArray:
             return problem.residuals(at, nodes[rows, None])
 
-        found, chi2 = batched.minimise(residuals, start, bounds, u, free)
+        def linearised(at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes) -> tuple[FloatArray, FloatArray]:
+            return problem.linearised(at, nodes[rows, None])
+
+        minima = batched.minimise(residuals, start, bounds, u, free, linearised)
+        found, chi2 = minima.theta, minima.chi2
         with np.errstate(divide="ignore"):
             joint = np.log(prior(nodes)) - chi2 / 2
         kept = np.flatnonzero(joint > joint.max() - NEGLIGIBLE)

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.errors import NotConverged
-from nearlift.fitting.least_squares import minimise, parameter_covariance
+from nearlift.fitting import batched
+from nearlift.fitting.least_squares import parameter_covariance
 from nearlift.fitting.problem import Problem
-from nearlift.results import Observations
+from nearlift.results import IntArray, Observations
 
 #: Exponent -> what it supposes.
 PLAUSIBLE = {1.0: "the ratio as published", 0.82: "constant speed, at most", 2 / 3: "constant power", 0.6: "constant speed, at least"}
@@ -46,6 +46,10 @@ class Raised(Problem):
     def log_ratio(self, *given: Any, **named: Any) -> FloatArray:
         """Exponent times log L / L_inf."""
         return self.exponent * super().log_ratio(*given, **named)
+
+    def slopes(self, *given: Any, **named: Any) -> FloatArray:
+        """Its derivatives."""
+        return self.exponent * super().slopes(*given, **named)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,8 +143,7 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
     supported = _supported(responses)
 
     def at(exponents: Sequence[float]) -> tuple[AtExponent, ...]:
-        found = (at_exponent(problem, theta, x) for x in exponents)
-        return tuple(_with_p(x, least, noise_dof) for x in found if x is not None)
+        return tuple(_with_p(x, least, noise_dof) for x in at_exponents(problem, theta, exponents))
 
     return Held(
         plausible=at(list(PLAUSIBLE)),
@@ -153,17 +156,30 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
     )
 
 
-def at_exponent(problem: Problem, theta: FloatArray, n: float) -> AtExponent | None:
-    """The first coefficient refitted at one exponent; None where the fit fails."""
-    raised = _raised(problem, n)
-    try:
-        best = minimise(raised, theta)
-    except NotConverged:
-        return None
-    jacobian = raised.jacobian(best)
-    covariance, determined = parameter_covariance(raised.project(jacobian.T), np.linalg.norm(raised.covariance.whiten(jacobian.T), axis=1))
-    u = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
-    return AtExponent(n=float(n), value=float(best[0]), u=u, chi2=float(raised.chi2(best)))
+def at_exponents(problem: Problem, theta: FloatArray, exponents: Sequence[float]) -> tuple[AtExponent, ...]:
+    """The first coefficient refitted at each exponent, all at once; exponents at which no fit converges are left out."""
+    n = np.asarray(exponents, dtype=float)
+    target = problem.project(np.log(problem.data.lift_N))
+    low, high = (np.array([p.bounds[end] for p in problem.model.parameters]) for end in (0, 1))
+
+    def residuals(at: FloatArray, rows: IntArray) -> FloatArray:
+        return target - n[rows, None] * problem.project(problem.log_ratio(at))
+
+    def linearised(at: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        return residuals(at, rows), -n[rows, None, None] * problem.project(problem.slopes(at))
+
+    jacobian = problem.slopes(theta)
+    u = np.sqrt(np.diag(parameter_covariance(problem.project(jacobian))[0]))
+    found = batched.minimise(
+        residuals, np.tile(theta, (len(n), 1)), (low, high), np.where(u > 0, u, 1.0), np.ones(len(theta), dtype=bool), linearised
+    )
+    answers = []
+    for k in np.flatnonzero(found.converged):
+        jacobian = n[k] * problem.slopes(found.theta[k])
+        covariance, determined = parameter_covariance(problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1))
+        own = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
+        answers.append(AtExponent(n=float(n[k]), value=float(found.theta[k, 0]), u=own, chi2=float(found.chi2[k])))
+    return tuple(answers)
 
 
 def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, float]:

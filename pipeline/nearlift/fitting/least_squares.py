@@ -15,6 +15,8 @@ from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
 
 NEAR_GROUND = (1.0, 3.0)
+#: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say nothing of it.
+VAGUE = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,6 +255,8 @@ def _describe(
     g = gum.gain(problem, theta) if p else np.zeros((0, data.n))
     lines = gum.lines(problem, g, parts, scatter, slope)
     effective = gum.told(gum.total(lines, scatter, p), scatter).dof
+    width = np.array([q.bounds[1] - q.bounds[0] for q in model.parameters])
+    determined &= np.sqrt(np.diag(covariance)) < VAGUE * width
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
     estimates = interval90(model, theta, sd, effective)
     log_levels, given = problem.log_levels(theta)

@@ -129,18 +129,49 @@ class Problem:
         q, r = self._levels
         return np.asarray(-np.linalg.solve(r, q.T @ self.covariance.whiten(jacobian.T).T), dtype=np.float64)
 
+    def linearised(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter (..., p, n)."""
+        return self.residuals(theta, offset_m), -self.project(self.slopes(theta, offset_m))
+
     def jacobian(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """D log ratio / d theta at one theta, shape (n, p), by central differences in one broadcast call."""
-        theta = np.asarray(theta, dtype=float)
-        steps = np.array([1e-4 * max(abs(t), 1e-2 * (p.bounds[1] - p.bounds[0]), 1e-6) for t, p in zip(theta, self.model.parameters, strict=True)])
-        low = np.array([p.bounds[0] for p in self.model.parameters])
-        high = np.array([p.bounds[1] for p in self.model.parameters])
-        up, down = np.minimum(theta + steps, high), np.maximum(theta - steps, low)
-        at = np.concatenate([np.where(np.eye(len(theta), dtype=bool), up, theta), np.where(np.eye(len(theta), dtype=bool), down, theta)])
-        value = self.log_ratio(at, offset_m)
-        p = len(theta)
-        result: FloatArray = ((value[:p] - value[p:]) / (up - down)[:, None]).T
+        """D log ratio / d theta at one theta, shape (n, p)."""
+        result: FloatArray = self.slopes(np.asarray(theta, dtype=float), offset_m).T
         return result
+
+    def slopes(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """D log ratio / d theta, shape (..., p, n): the declared derivatives where the model has them, else central differences.
+
+        Whoever makes `log_ratio` another function must make this its derivative.
+        """
+        if self.model.gradient is None:
+            return self._differences(theta, offset_m)
+        if not self.blur_m:
+            return self._slopes_at(theta, offset_m)
+        return sum(w * self._slopes_at(theta, offset_m + x * self.blur_m) for x, w in BLUR)  # type: ignore[return-value]
+
+    def _slopes_at(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
+        columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
+        z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
+        assert self.model.gradient is not None
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
+            inside = np.where((ratio > 0) & (z_hat > 0), ratio, np.nan)
+            each = [derivative / inside for derivative in self.model.gradient(z_hat, **columns, **self.known)]
+        shape = (*np.shape(theta)[:-1], self.data.n)
+        return np.stack([np.broadcast_to(e, shape) for e in each], axis=-2)
+
+    def _differences(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
+        """`slopes` by central differences within the bounds, in one broadcast call."""
+        low, high = (np.array([p.bounds[end] for p in self.model.parameters]) for end in (0, 1))
+        steps = 1e-4 * np.maximum(np.maximum(np.abs(theta), 1e-2 * (high - low)), 1e-6)
+        p = len(low)
+        own = np.eye(p, dtype=bool)
+        up, down = np.minimum(theta + steps, high)[..., None, :], np.maximum(theta - steps, low)[..., None, :]
+        here = theta[..., None, :]
+        at = np.concatenate([np.where(own, up, here), np.where(own, down, here)], axis=-2)
+        shift = np.asarray(offset_m)[..., None] if np.ndim(offset_m) else offset_m
+        value = self.log_ratio(at, shift)
+        return np.asarray((value[..., :p, :] - value[..., p:, :]) / (up - down).swapaxes(-1, -2), dtype=np.float64)
 
     def height_slope(self, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
         """D log ratio / d z at one theta, per metre, shape (n,), every height moved by `offset_m`; 0 in free air."""

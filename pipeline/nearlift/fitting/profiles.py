@@ -160,7 +160,10 @@ def _along(fit: Fit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
         # signed, or its derivative would break at zero
         return np.hstack([problem.residuals(theta[:, :p], offset_m), np.sign(offset_m) * penalty])
 
-    return batched.minimise(residuals, start, (low, high), scale, free)[1]
+    def linearised(theta: FloatArray, rows: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        return problem.linearised(theta)
+
+    return batched.minimise(residuals, start, (low, high), scale, free, None if shared else linearised).chi2
 
 
 def _interval(value: FloatArray, rise: FloatArray, best: int, wanted: float) -> Interval:

@@ -12,11 +12,20 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fitting.problem import Problem
+from nearlift.results import IntArray
 
 #: With more stations than this the triangle costs more than whitening every trial.
 MOST = 400
 #: Numbers held at once by one batch.
 BATCH = 4_000_000
+
+
+def distinct(problem: Problem) -> tuple[IntArray, Problem]:
+    """The station of each trial (n,), and the problem at one trial of each station; its covariance is not that of the stations."""
+    data = problem.data
+    own = [np.asarray(value, dtype=float) for name, value in problem.known.items() if name not in data.geometry]
+    _, first, index = np.unique(np.stack([data.z_hat, *own]), axis=1, return_index=True, return_inverse=True)
+    return index.ravel(), replace(problem, data=data.take(first), shift=np.broadcast_to(problem.shift, data.n)[first])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,16 +43,13 @@ class Stations:
     @classmethod
     def of(cls, problem: Problem) -> Stations:
         """The stations of a problem."""
-        data = problem.data
-        own = [np.asarray(value, dtype=float) for name, value in problem.known.items() if name not in data.geometry]
-        _, first, index = np.unique(np.stack([data.z_hat, *own]), axis=1, return_index=True, return_inverse=True)
-        if len(first) > MOST or len(first) + 1 > data.n:
+        index, at = distinct(problem)
+        if at.data.n > MOST or at.data.n + 1 > problem.data.n:
             return cls(problem=problem, at=problem, triangle=None, level_rows=None)
-        indicator = np.eye(len(first))[index.ravel()]
+        indicator = np.eye(at.data.n)[index]
         columns = problem.project(indicator.T)
-        target = problem.project(np.log(data.lift_N))
+        target = problem.project(np.log(problem.data.lift_N))
         triangle = np.asarray(np.linalg.qr(np.vstack([columns, target]).T, mode="r"), dtype=np.float64)
-        at = replace(problem, data=data.take(first), shift=np.broadcast_to(problem.shift, data.n)[first])
         return cls(problem=problem, at=at, triangle=triangle, level_rows=problem.level_sensitivity(indicator))
 
     def chi2(self, theta: FloatArray) -> FloatArray:

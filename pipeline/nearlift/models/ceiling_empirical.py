@@ -36,11 +36,19 @@ def evaluate(z_hat: Any, /, *, c: Any, e: Any) -> Any:
     return gain(cancelled(z_hat, c, e))
 
 
+def gradient(z_hat: Any, /, *, c: Any, e: Any) -> tuple[Any, ...]:
+    """Derivatives of `evaluate` with respect to c and e."""
+    shifted = clear_of_boundary(clear_of_boundary(z_hat) + e)
+    each = np.square(evaluate(z_hat, c=c, e=e)) / np.square(shifted)
+    return each, -2.0 * c * each / shifted
+
+
 MODEL = LiftModel(
     name="ceiling_empirical",
     title="Empirical ceiling",
     formula=r"\frac{L}{L_\infty} = \frac{1}{1 - c / (\hat{z} + e)^2}",
     evaluate=evaluate,
+    gradient=gradient,
     boundary="ceiling",
     parameters=(
         Parameter(name="c", unit="1", value=0.04, bounds=(-0.5, 2.0), prior=normal(0.04, 0.25), meaning="strength, 1 / K_1; positive gains lift"),

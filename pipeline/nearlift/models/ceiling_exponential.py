@@ -12,13 +12,14 @@ Traps: as the ground's `exponential`.
 from __future__ import annotations
 
 from nearlift.declare import Check, LiftModel, Parameter, Prior, Source, normal
-from nearlift.models.exponential import evaluate
+from nearlift.models.exponential import evaluate, gradient
 
 MODEL = LiftModel(
     name="ceiling_exponential",
     title="Exponential",
     formula=r"\frac{L}{L_\infty} = 1 + a \, e^{-b \hat{z}}",
     evaluate=evaluate,
+    gradient=gradient,
     boundary="ceiling",
     parameters=(
         Parameter(

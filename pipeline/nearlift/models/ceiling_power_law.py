@@ -15,13 +15,14 @@ Traps: as the ground's `power_law`.
 from __future__ import annotations
 
 from nearlift.declare import Check, LiftModel, Parameter, Prior, Source, normal
-from nearlift.models.power_law import evaluate
+from nearlift.models.power_law import evaluate, gradient
 
 MODEL = LiftModel(
     name="ceiling_power_law",
     title="Power law",
     formula=r"\frac{L}{L_\infty} = 1 + a \, \hat{z}^{-p}",
     evaluate=evaluate,
+    gradient=gradient,
     boundary="ceiling",
     parameters=(
         Parameter(name="a", unit="1", value=0.03125, bounds=(-1.0, 2.0), prior=normal(0.03125, 0.25), meaning="relative lift gained at z_hat = 1"),

@@ -19,6 +19,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal
 from nearlift.models.inflow import clear_of_boundary, gain, image
 
@@ -31,6 +33,11 @@ def cancelled(z_hat: Any, k: Any) -> Any:
 def evaluate(z_hat: Any, /, *, k: Any) -> Any:
     """L / L_inf; nan at and below the pole sqrt(k) / 4. Shapes broadcast."""
     return gain(cancelled(z_hat, k))
+
+
+def gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
+    """Derivative of `evaluate` with respect to k."""
+    return (np.square(evaluate(z_hat, k=k)) * image(2.0 * clear_of_boundary(z_hat)),)
 
 
 def downwash(z_hat: Any, /, *, k: Any) -> Any:
@@ -52,6 +59,7 @@ MODEL = LiftModel(
     title="Cheeseman-Bennett, free coefficient",
     formula=r"\frac{L}{L_\infty} = \frac{1}{1 - k / (16 \hat{z}^2)}",
     evaluate=evaluate,
+    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     parameters=(COEFFICIENT,),

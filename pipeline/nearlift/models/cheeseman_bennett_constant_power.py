@@ -25,6 +25,12 @@ def evaluate(z_hat: Any, /, *, k: Any) -> Any:
     return cheeseman_bennett.evaluate(z_hat, k=k) ** (2.0 / 3.0)
 
 
+def gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
+    """Derivative of `evaluate` with respect to k."""
+    (plain,) = cheeseman_bennett.gradient(z_hat, k=k)
+    return (2.0 / 3.0 * cheeseman_bennett.evaluate(z_hat, k=k) ** (-1.0 / 3.0) * plain,)
+
+
 def downwash(z_hat: Any, /, *, k: Any) -> Any:
     """Induced velocity at the disk over its value far away, at the same thrust: 1 - s."""
     return cheeseman_bennett.downwash(z_hat, k=k)
@@ -35,6 +41,7 @@ MODEL = LiftModel(
     title="Cheeseman-Bennett, constant power",
     formula=r"\frac{L}{L_\infty} = \left(1 - \frac{k}{16 \hat{z}^2}\right)^{-2/3}",
     evaluate=evaluate,
+    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     rotors="one",

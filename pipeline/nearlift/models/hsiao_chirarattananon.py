@@ -33,9 +33,20 @@ def gamma(z_hat: Any, alpha: Any) -> Any:
     return 0.5 + 0.5 * np.sqrt(np.where(radicand >= 0, radicand, np.nan))
 
 
+def slope(z_hat: Any, alpha: Any) -> Any:
+    """Derivative of `gamma` with respect to alpha."""
+    # the root is 2 gamma - 1
+    return 0.25 / (np.square(clear_of_boundary(z_hat)) * (2.0 * gamma(z_hat, alpha) - 1.0))
+
+
 def evaluate(z_hat: Any, /, *, alpha: Any) -> Any:
     """L / L_inf taken as gamma itself. Shapes broadcast."""
     return gamma(z_hat, alpha)
+
+
+def gradient(z_hat: Any, /, *, alpha: Any) -> tuple[Any, ...]:
+    """Derivative of `evaluate` with respect to alpha."""
+    return (slope(z_hat, alpha),)
 
 
 def downwash(z_hat: Any, /, *, alpha: Any) -> Any:
@@ -72,6 +83,7 @@ MODEL = LiftModel(
     title="Hsiao-Chirarattananon",
     formula=r"\frac{L}{L_\infty} = \frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha / \hat{z}^2}",
     evaluate=evaluate,
+    gradient=gradient,
     downwash=downwash,
     boundary="ceiling",
     parameters=(COEFFICIENT,),

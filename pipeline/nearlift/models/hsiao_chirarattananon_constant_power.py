@@ -17,7 +17,7 @@ from typing import Any
 
 from nearlift.declare import Check, LiftModel
 from nearlift.models import hsiao_chirarattananon
-from nearlift.models.hsiao_chirarattananon import COEFFICIENT, SOURCE, gamma
+from nearlift.models.hsiao_chirarattananon import COEFFICIENT, SOURCE, gamma, slope
 
 
 def evaluate(z_hat: Any, /, *, alpha: Any) -> Any:
@@ -25,11 +25,17 @@ def evaluate(z_hat: Any, /, *, alpha: Any) -> Any:
     return gamma(z_hat, alpha) ** (2.0 / 3.0)
 
 
+def gradient(z_hat: Any, /, *, alpha: Any) -> tuple[Any, ...]:
+    """Derivative of `evaluate` with respect to alpha."""
+    return (2.0 / 3.0 * gamma(z_hat, alpha) ** (-1.0 / 3.0) * slope(z_hat, alpha),)
+
+
 MODEL = LiftModel(
     name="hsiao_chirarattananon_constant_power",
     title="Hsiao-Chirarattananon, constant power",
     formula=r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha / \hat{z}^2}\right)^{2/3}",
     evaluate=evaluate,
+    gradient=gradient,
     downwash=hsiao_chirarattananon.downwash,
     boundary="ceiling",
     parameters=(COEFFICIENT,),

@@ -21,12 +21,19 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Check, LiftModel, Parameter, normal
-from nearlift.models.hsiao_chirarattananon import COEFFICIENT, SOURCE, gamma
+from nearlift.models.hsiao_chirarattananon import COEFFICIENT, SOURCE, gamma, slope
 
 
 def evaluate(z_hat: Any, /, *, alpha: Any, n: Any) -> Any:
     """L / L_inf. Shapes broadcast."""
     return gamma(z_hat, alpha) ** n
+
+
+def gradient(z_hat: Any, /, *, alpha: Any, n: Any) -> tuple[Any, ...]:
+    """Derivatives of `evaluate` with respect to alpha and n."""
+    plain = gamma(z_hat, alpha)
+    raised = plain**n
+    return n * raised / plain * slope(z_hat, alpha), raised * np.log(plain)
 
 
 def downwash(z_hat: Any, /, *, alpha: Any, n: Any) -> Any:  # same signature as `evaluate`, as the contract wants
@@ -39,6 +46,7 @@ MODEL = LiftModel(
     title="Hsiao-Chirarattananon, free exponent",
     formula=r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha / \hat{z}^2}\right)^{n}",
     evaluate=evaluate,
+    gradient=gradient,
     downwash=downwash,
     boundary="ceiling",
     parameters=(

@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from nearlift.declare import Check, LiftModel, Parameter, Prior, Source, normal
 from nearlift.models.inflow import clear_of_boundary
 
@@ -26,6 +28,14 @@ def evaluate(z_hat: Any, /, *, a: Any, p: Any) -> Any:
     return 1.0 + a * clear_of_boundary(z_hat) ** -p
 
 
+def gradient(z_hat: Any, /, *, a: Any, p: Any) -> tuple[Any, ...]:
+    """Derivatives of `evaluate` with respect to a and p."""
+    z = clear_of_boundary(z_hat)
+    power = z**-p
+    # in free air the height is infinite and the power nothing
+    return power, -a * power * np.log(np.where(np.isinf(z), 1.0, z))
+
+
 _SIMULATOR = {"a": 11.36859 / 16, "p": 2.0}
 
 MODEL = LiftModel(
@@ -33,6 +43,7 @@ MODEL = LiftModel(
     title="Power law",
     formula=r"\frac{L}{L_\infty} = 1 + a \, \hat{z}^{-p}",
     evaluate=evaluate,
+    gradient=gradient,
     boundary="ground",
     parameters=(
         Parameter(name="a", unit="1", value=0.0625, bounds=(-1.0, 5.0), prior=normal(0.0625, 0.5), meaning="relative lift gained at z_hat = 1"),

@@ -23,6 +23,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal
 from nearlift.models.inflow import clear_of_boundary, gain, image
 
@@ -41,6 +43,12 @@ def cancelled(z_hat: Any, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
 def evaluate(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
     """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
     return gain(cancelled(z_hat, spacing_hat, diagonal_hat, K_b))
+
+
+def gradient(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> tuple[Any, ...]:
+    """Derivative of `evaluate` with respect to K_b."""
+    ratio = evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b)
+    return (np.square(ratio) * (4.0 * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)),)
 
 
 def downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
@@ -84,6 +92,7 @@ MODEL = LiftModel(
         r" - \frac{\hat{z}}{2 (2 \hat{d}^2 + 4 \hat{z}^2)^{3/2}} - \frac{2 K_b \hat{z}}{(\hat{b}^2 + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
     ),
     evaluate=evaluate,
+    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     rotors="several",

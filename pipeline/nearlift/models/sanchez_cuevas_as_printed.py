@@ -19,6 +19,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal
 from nearlift.models.inflow import clear_of_boundary, gain, image
 from nearlift.models.sanchez_cuevas import four_images
@@ -32,6 +34,12 @@ def cancelled(z_hat: Any, spacing_hat: Any, inverse_K_b: Any) -> Any:
 def evaluate(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
     """L / L_inf as printed; nan where nothing of the inflow is left. Shapes broadcast."""
     return gain(cancelled(z_hat, spacing_hat, inverse_K_b))
+
+
+def gradient(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> tuple[Any, ...]:
+    """Derivative of `evaluate` with respect to inverse_K_b."""
+    ratio = evaluate(z_hat, spacing_hat=spacing_hat, inverse_K_b=inverse_K_b)
+    return (np.square(ratio) * image(2.0 * clear_of_boundary(z_hat), spacing_hat),)
 
 
 def downwash(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
@@ -49,6 +57,7 @@ MODEL = LiftModel(
         r" - \frac{\hat{z}}{2 (2 \hat{l}^2 + 4 \hat{z}^2)^{3/2}} - \frac{\hat{z}}{2 K_b (\hat{l}^2 + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
     ),
     evaluate=evaluate,
+    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     rotors="several",

@@ -21,11 +21,20 @@ import numpy as np
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal
 from nearlift.models import sanchez_cuevas
+from nearlift.models.inflow import clear_of_boundary, image
 
 
 def evaluate(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any) -> Any:
     """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
     return sanchez_cuevas.evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b) ** n
+
+
+def gradient(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any) -> tuple[Any, ...]:
+    """Derivatives of `evaluate` with respect to K_b and n."""
+    plain = sanchez_cuevas.evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b)
+    raised = plain**n
+    fountain = 4.0 * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)
+    return n * raised * plain * fountain, raised * np.log(plain)
 
 
 def downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any) -> Any:  # same signature as `evaluate`, as the contract wants
@@ -49,6 +58,7 @@ MODEL = LiftModel(
     title="Sanchez-Cuevas, free exponent",
     formula=r"\frac{L}{L_\infty} = \left(1 - s(\hat{z}; \hat{d}, \hat{b}, K_b)\right)^{-n}",
     evaluate=evaluate,
+    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     rotors="several",

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import csv
 import difflib
+import functools
+import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -51,8 +53,17 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
             content, str(path), force_channel(campaign).column, clock.column if clock else None, compiled=piece.bytes > WORTH_COMPILING
         )
         yield Record(
-            trial=trial, force_N=factor * (force - zero), time_s=None if time is None else tick * time, source=source_of(root, path), codes=codes
+            trial=trial,
+            force_N=factor * (force - zero if zero else force),
+            time_s=time if time is None or tick == 1.0 else tick * time,
+            source=source_of(root, path),
+            codes=codes,
+            sha256=functools.partial(_sha256, content),
         )
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def parse(
@@ -122,13 +133,13 @@ def _place(header: list[str], name: str, key: str, where: str) -> int:
 
 def _scanned(content: bytes, body: int, columns: int, wanted: list[int]) -> list[FloatArray] | None:
     """The compiled road; None where the file is not plain enough."""
-    from nearlift.readers import kernel
+    from nearlift.readers import native
 
     # a row has at least a digit and a separator per column
     rows = (len(content) - body) // (2 * columns) + 1
     out = [np.empty(rows) for _ in wanted]
     clock = out[1] if len(wanted) > 1 else np.empty(0)
-    found = kernel.scan(np.frombuffer(content, dtype=np.uint8), body, columns, wanted[0], wanted[1] if len(wanted) > 1 else None, out[0], clock)
+    found = native.scan(content, body, columns, wanted[0], wanted[1] if len(wanted) > 1 else None, out[0], clock)
     return None if found is None else [values[:found] for values in out]
 
 

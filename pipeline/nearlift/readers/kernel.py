@@ -3,7 +3,9 @@
 A number is taken here only if it has at most 18 digits that fit 53 bits: then mantissa and power of ten are both exact in binary
 and one division rounds correctly (Clinger 1990), so the result is bit for bit Python's `float`. Everything else (more digits, powers
 of ten, a plus, quotes, blanks, words, cells too many or too few) makes the scanner give the whole file back to the strict reader,
-which reads it or says what is wrong. The GIL is released throughout.
+which reads it or says what is wrong.
+
+Nothing here can raise or allocate, so that what the compiler makes of it needs neither Python nor numba (`readers.native`).
 
 Two things make it fast. Every whole number is unsigned and 64 bits wide: a signed index costs a test at each byte, and a mixture of
 both becomes floating point. And there are no loops but those over digits and cells: one for blanks or powers of ten, even if it
@@ -16,8 +18,8 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba import types
 
-POWERS = 10.0 ** np.arange(19)
 U = np.uint64
 ZERO, ONE, TWO, NINE, TEN, ZERO_DIGIT = U(0), U(1), U(2), U(9), U(10), U(48)
 NEWLINE, RETURN, QUOTE, COMMA, MINUS = (U(ord(c)) for c in '\n\r",-')
@@ -25,15 +27,7 @@ NEWLINE, RETURN, QUOTE, COMMA, MINUS = (U(ord(c)) for c in '\n\r",-')
 MOST_DIGITS, EXACT = U(18), U(1 << 53)
 #: The decimal point, as it comes out where a digit is looked for.
 POINT_DIGIT = U((ord(".") - ord("0")) % (1 << 64))
-IRREGULAR = -1
-
-
-def _compiled(function: Any, **how: Any) -> Any:
-    """The function compiled and cached on disk, or only compiled where no cache folder can be written."""
-    try:
-        return numba.njit(cache=True, nogil=True, **how)(function)
-    except RuntimeError:
-        return numba.njit(nogil=True, **how)(function)
+IRREGULAR = np.int64(-1)
 
 
 def _number(text: Any, at: Any, powers: Any) -> Any:
@@ -66,7 +60,7 @@ def _number(text: Any, at: Any, powers: Any) -> Any:
     return np.nan, ZERO
 
 
-_compiled_number = _compiled(_number, inline="always")
+_inlined_number = numba.njit(inline="always")(_number)
 
 
 def _skip(text: Any, at: Any, cells: Any) -> Any:
@@ -83,16 +77,17 @@ def _skip(text: Any, at: Any, cells: Any) -> Any:
     return at
 
 
-_compiled_skip = _compiled(_skip, inline="always")
+_inlined_skip = numba.njit(inline="always")(_skip)
 
 
-def _scan(text: Any, at: Any, before: Any, between: Any, after: Any, first: Any, second: Any, powers: Any) -> int:
+def scan(text: Any, size: Any, at: Any, before: Any, between: Any, after: Any, first: Any, second: Any, room: Any, pair: Any, powers: Any) -> Any:
     """Fill `first` and `second` with a number each from every row of `text` behind byte `at`; returns the rows, or `IRREGULAR`.
 
-    Rows end in a newline and have so many cells `before`, `between` and `after` those two. Only the first is read where `second` is empty.
-    The two have code of their own, since the processor learns the length of each one's numbers.
+    Arrays are bare pointers: `text` has `size` bytes, the others have `room` numbers, `powers` those of ten. Rows end in a newline and have so
+    many cells `before`, `between` and `after` those two. Only the first is read unless `pair` is 1. The two have code of
+    their own, since the processor learns the length of each one's numbers.
     """
-    size, row, room, pair = U(len(text)), ZERO, U(len(first)), len(second) > 0
+    row = ZERO
     # with this, no loop below can run over the end
     if U(text[size - ONE]) != NEWLINE:
         return IRREGULAR
@@ -109,29 +104,29 @@ def _scan(text: Any, at: Any, before: Any, between: Any, after: Any, first: Any,
         if row == room:
             return IRREGULAR
         if before != ZERO:
-            at = _compiled_skip(text, at, before)
+            at = _inlined_skip(text, at, before)
             if at == ZERO:
                 return IRREGULAR
-        value, at = _compiled_number(text, at, powers)
+        value, at = _inlined_number(text, at, powers)
         if at == ZERO:
             return IRREGULAR
         first[row] = value
-        if pair:
+        if pair != ZERO:
             if U(text[at]) != COMMA:
                 return IRREGULAR
             at = at + ONE
             if between != ZERO:
-                at = _compiled_skip(text, at, between)
+                at = _inlined_skip(text, at, between)
                 if at == ZERO:
                     return IRREGULAR
-            value, at = _compiled_number(text, at, powers)
+            value, at = _inlined_number(text, at, powers)
             if at == ZERO:
                 return IRREGULAR
             second[row] = value
         if after != ZERO:
             if U(text[at]) != COMMA:
                 return IRREGULAR
-            at = _compiled_skip(text, at + ONE, after - ONE)
+            at = _inlined_skip(text, at + ONE, after - ONE)
             if at == ZERO:
                 return IRREGULAR
             byte = U(text[at])
@@ -146,21 +141,16 @@ def _scan(text: Any, at: Any, before: Any, between: Any, after: Any, first: Any,
             return IRREGULAR
         at = at + ONE
         row = row + ONE
-    return int(row)
+    return np.int64(row)
 
 
-_compiled_scan = _compiled(_scan)
-
-
-def scan(text: Any, at: int, columns: int, force_column: int, time_column: int | None, force: Any, time: Any) -> int | None:
-    """Fill `force` and `time` from the bytes `text` after byte `at`; the number of rows, or None where a line is not plain.
-
-    Bytes before `at` are the header; there must be some. `time_column` is None where there is none.
-    """
-    if at < 1:
-        return None
-    there = {force_column: force} if time_column is None else {force_column: force, time_column: time}
-    low, high = min(there), max(there)
-    second = there[high] if high != low else np.empty(0)
-    rows = int(_compiled_scan(text, U(at), U(low), U(max(high - low - 1, 0)), U(columns - 1 - high), there[low], second, POWERS))
-    return None if rows == IRREGULAR else rows
+#: What `readers.native` compiles.
+SIGNATURE = types.int64(
+    types.CPointer(types.uint8),
+    *(types.uint64,) * 5,
+    types.CPointer(types.float64),
+    types.CPointer(types.float64),
+    types.uint64,
+    types.uint64,
+    types.CPointer(types.float64),
+)

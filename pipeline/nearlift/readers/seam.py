@@ -45,6 +45,8 @@ class Record:
         What the reader noticed (names in `reduction.quality.CODES`).
     notes : tuple of str
         Remarks for the user, without the file's name: alike ones of many records are told once.
+    sha256 : callable or None
+        Digest of the whole file, from bytes that the reader still holds; None where it holds none.
     """
 
     trial: str
@@ -53,6 +55,7 @@ class Record:
     time_s: FloatArray | None = None
     codes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    sha256: Callable[[], str] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

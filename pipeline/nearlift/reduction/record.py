@@ -117,8 +117,10 @@ def reduce_record(
             start = int(np.count_nonzero(since < tare_s + settle_s - 0.5 / rate_Hz))
     tare, live = force_N[:head], force_N[start:]
     whole = len(live)
-    if not math.isfinite(float(tare.sum()) + float(live.sum())):
+    of_tare, of_live = float(tare.sum()), float(live.sum())
+    if not math.isfinite(of_tare + of_live):
         tare, live = tare[np.isfinite(tare)], live[np.isfinite(live)]
+        of_tare, of_live = float(tare.sum()), float(live.sum())
         lost = 1.0 - (len(tare) + len(live)) / (head + whole)
         found.append("OUT_OF_RANGE" if lost > limits.out_of_range else "out_of_range")
     n = len(live)
@@ -126,8 +128,8 @@ def reduce_record(
         return Reduced(codes=(*found, "NO_DATA"))
     if n < FEWEST_SAMPLES:
         return Reduced(codes=(*found, "TOO_SHORT"))
-    mean = float(live.mean())
-    zero = float(tare.mean()) if len(tare) else 0.0
+    mean = of_live / n
+    zero = of_tare / len(tare) if len(tare) else 0.0
     lift = mean - zero
     away = live - mean
     variance = float(away @ away) / (n - 1)
@@ -295,11 +297,11 @@ def _rotors_at_rest(tare: FloatArray, lift: float) -> list[str]:
 
 def _clock(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
     """Gaps and stumbles of a clock column; refuses one that runs at another rate."""
-    steps = np.diff(time_s) * rate_Hz
-    shortest, longest = float(steps.min()), float(steps.max())
+    steps = np.diff(time_s)
+    shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
     if shortest > 0.99 and longest < 1.01:
         return []
-    usual = float(np.median(steps))
+    usual = float(np.median(steps)) * rate_Hz
     if not abs(usual - 1.0) <= 0.01:
         rate = f"{rate_Hz / usual:.6g} Hz" if usual > 0 else "no steady rate"
         raise InputRefused(

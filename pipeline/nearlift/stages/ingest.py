@@ -151,7 +151,7 @@ def reduce_piece(task: Task) -> list[Row]:
             where=f"{record.source}, trial {record.trial!r}",
         )
         if record.source not in digests:
-            digests[record.source] = store.sha256(task.root / record.source)
+            digests[record.source] = record.sha256() if record.sha256 else store.sha256(task.root / record.source)
         rows.append(
             Row(
                 trial=record.trial,

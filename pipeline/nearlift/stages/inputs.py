@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -32,24 +33,31 @@ def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, 
     result: dict[str, str] = {}
     fresh: Stamps = {}
 
-    def digest(name: str) -> str:
-        status = (root / name).stat()
-        known = cache.get(name)
-        stamp = [status.st_size, status.st_mtime_ns, status.st_ino]
-        sha: str = known["sha256"] if known and known["stamp"] == stamp else store.sha256(root / name)
-        racy = time.time_ns() - status.st_mtime_ns <= RACY_NS
-        fresh[name] = {"stamp": stamp, "sha256": sha, "remembered": bool(known and known["stamp"] == stamp), "racy": racy}
-        return sha
+    def look(names: Iterable[str]) -> None:
+        """Digest those files, all that must be read at once."""
+        unknown = []
+        for name in names:
+            status = (root / name).stat()
+            known = cache.get(name)
+            stamp = [status.st_size, status.st_mtime_ns, status.st_ino]
+            remembered = bool(known and known["stamp"] == stamp)
+            racy = time.time_ns() - status.st_mtime_ns <= RACY_NS
+            fresh[name] = {"stamp": stamp, "sha256": known["sha256"] if known and remembered else "", "remembered": remembered, "racy": racy}
+            unknown += [] if remembered else [name]
+        for name, sha in zip(unknown, store.sha256_of([root / name for name in unknown]), strict=True):
+            fresh[name]["sha256"] = sha
 
     overlays = (o.file for o in campaign.report.overlay if (root / o.file).is_file())
-    for name in dict.fromkeys((*ingest.inputs(root, campaign), *overlays)):
-        result[name] = digest(name)
+    own = list(dict.fromkeys((*ingest.inputs(root, campaign), *overlays)))
+    look(own)
+    result.update((name, fresh[name]["sha256"]) for name in own)
     for case in campaign.piv.case if campaign.piv is not None else ():
         # hundreds of files in one line: names and digests of all of them
         listed = hashlib.sha256()
         files = [source_of(root, path) for path in files_of(root, case)]
+        look(files)
         for name in files:
-            listed.update(f"{name} {digest(name)}\n".encode())
+            listed.update(f"{name} {fresh[name]['sha256']}\n".encode())
         result[f"{PIV_INPUT}{case.name} ({len(files)} files)"] = listed.hexdigest()
     return result, fresh
 

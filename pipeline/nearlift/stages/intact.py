@@ -33,8 +33,9 @@ def not_rotten(job: Job) -> None:
     InputRefused
         A file is another than was ingested, though its size and times are as before.
     """
-    for name, known in job.stamps.items():
-        if known["remembered"] and store.sha256(job.root / name) != known["sha256"]:
+    remembered = [name for name, known in job.stamps.items() if known["remembered"]]
+    for name, sha in zip(remembered, store.sha256_of([job.root / name for name in remembered]), strict=True):
+        if sha != job.stamps[name]["sha256"]:
             raise InputRefused(
                 str(job.root / name),
                 "is not what was ingested before, though its size and its time stamp are as they were: bits have flipped on the disk",

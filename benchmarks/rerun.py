@@ -1,0 +1,52 @@
+"""A rerun of an unchanged campaign beside its first run; and finding out, at the paper's size, that nothing has changed since ingest."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+from benchmarks import _paper
+from benchmarks.harness import Bench, Contestant, Target
+
+WHICH = "rerun-campaigns"
+
+
+def prepare(data: Path, quick: bool) -> str:
+    small, whole = _paper.campaign(data, 0.1), _paper.campaign(data, 0.1 if quick else 1.0)
+    (data / WHICH).write_text("\n".join([small.name, whole.name]))
+    shutil.rmtree(data / "rerun-out", ignore_errors=True)
+    count = len((small / "trials.csv").read_text().splitlines()) - 1
+    return f"All stages of {count} trials; ingest alone of {_paper.spoken(whole)}"
+
+
+def command(data: Path, verb: str, again: bool) -> list[str]:
+    """A first run begins with nothing; the next finds what it left."""
+    campaign = data / (data / WHICH).read_text().splitlines()[0 if verb == "run" else 1]
+    out = data / "rerun-out" / ("run" if verb == "run" else "ingest")
+    if not again:
+        shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True, exist_ok=True)
+    return [sys.executable, "-c", "from nearlift.cli import main; main()", verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2"]
+
+
+def contestant(name: str, title: str, verb: str, again: bool, rounds: int | None = None) -> Contestant:
+    return Contestant(name=name, title=title, command=lambda data: command(data, verb, again), rounds=rounds)
+
+
+BENCH = Bench(
+    title="Rerun of an unchanged campaign",
+    prepare=prepare,
+    one="nearlift-first",
+    rounds=3,
+    contestants=(
+        contestant("nearlift-first", "first run, all stages", "run", again=False, rounds=3),
+        contestant("nearlift-again", "rerun, all stages", "run", again=True, rounds=3),
+        contestant("nearlift-ingest", "first ingest", "ingest", again=False, rounds=3),
+        contestant("nearlift-plan", "what is stale after that ingest", "plan", again=True, rounds=3),
+    ),
+    targets=(
+        Target(work="rerun of an unchanged campaign over its first run", ours="nearlift-again", peer="nearlift-first", must=0.1, aim=0.05),
+        Target(work="telling what is stale, paper's size, over its first ingest", ours="nearlift-plan", peer="nearlift-ingest", must=0.5, aim=0.1),
+    ),
+)

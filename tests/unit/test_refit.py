@@ -1,0 +1,147 @@
+"""Refits in a stack are the single fits, one by one; what fails says so."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.errors import NotConverged
+from nearlift.fitting import batched
+from nearlift.fitting.budget import Component
+from nearlift.fitting.held_quantity import Raised, at_exponents
+from nearlift.fitting.least_squares import fit, minimise
+from nearlift.fitting.problem import Problem
+from nearlift.fitting.refit import Refits, refit, without
+from nearlift.results import Noise
+
+from .simulated import campaign
+
+MODEL = catalogue.model("sanchez_cuevas_free_exponent")
+PARTS = (
+    Component(name="datum", on="height", standard=1e-4, distribution="normal", scope="boundary"),
+    Component(name="gain", on="gain", standard=0.003, distribution="normal", scope="throttle"),
+)
+
+
+def fitted(*, moved: float = 0.0, gradient: bool = True):
+    """Forty stops; `moved` makes every trial's height its own."""
+    data = campaign(3, visits=4)
+    if moved:
+        data = dataclasses.replace(data, z_hat=data.z_hat * np.exp(moved * np.random.default_rng(1).normal(size=data.n)))
+    model = MODEL if gradient else dataclasses.replace(MODEL, gradient=None)
+    return fit(model, data, PARTS, Noise(relative=0.004, height_m=1e-4, force_N=2e-4))
+
+
+def resampled(problem: Problem, theta: np.ndarray, m: int) -> np.ndarray:
+    rng = np.random.default_rng(2)
+    root = np.linalg.cholesky(problem.covariance.dense())
+    level, _ = problem.log_levels(theta)
+    return problem.log_ratio(theta) + level[problem.data.level] + rng.normal(size=(m, problem.data.n)) @ root.T
+
+
+def single(problem: Problem, log_lift: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """By scipy, one campaign, each throttle's level as one more unknown."""
+    from scipy.optimize import least_squares
+
+    white = np.linalg.inv(np.linalg.cholesky(problem.covariance.dense()))
+    level = np.eye(len(problem.data.levels))[problem.data.level]
+    p = len(start)
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        return white @ (log_lift - problem.log_ratio(x[:p]) - level @ x[p:])
+
+    first = np.r_[start, problem.log_levels(start)[0]]
+    found = least_squares(residuals, first, jac="3-point", x_scale=np.abs(first), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    return np.r_[found.x[:p], 2 * found.cost]
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.02], ids=["stations", "every trial at its own height"])
+def test_refits_are_the_single_fits(moved: float):
+    found = fitted(moved=moved)
+    assert bool(moved) == (len(np.unique(found.problem.data.z_hat)) == found.n)
+    scale = np.sqrt(np.diag(found.covariance))
+    log_lift = resampled(found.problem, found.theta, 30)
+    stack = refit(found.problem, found.theta, scale, log_lift=log_lift)
+    assert stack.converged.all()
+    for row, chi2, lifts in zip(stack.good()[:4], stack.chi2, log_lift, strict=False):
+        alone = single(found.problem, lifts, found.theta)
+        np.testing.assert_allclose(row, alone[:2], rtol=1e-8)
+        assert chi2 == pytest.approx(alone[2], rel=1e-9)
+        other = minimise(dataclasses.replace(found.problem, data=dataclasses.replace(found.problem.data, lift_N=np.exp(lifts))), found.theta)
+        # lmfit takes one-sided differences, which stop it a little short
+        np.testing.assert_allclose(row, other, rtol=1e-6)
+    spread = stack.good().std(axis=0)
+    # 30 refits tell a standard deviation to 13 %: four of that
+    assert spread == pytest.approx(scale, rel=0.52)
+
+
+def test_differences_serve_where_no_derivatives_are_declared():
+    a, b = fitted(), fitted(gradient=False)
+    np.testing.assert_allclose(a.theta, b.theta, rtol=1e-7)
+    np.testing.assert_allclose(a.problem.slopes(a.theta), b.problem.slopes(a.theta), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        a.problem.slopes(np.tile(a.theta, (3, 1)), np.full((3, 1), 1e-4)), a.problem.slopes(a.theta, 1e-4) + np.zeros((3, 1, 1))
+    )
+    np.testing.assert_allclose(
+        b.problem.slopes(np.tile(a.theta, (3, 1)), np.full((3, 1), 1e-4)), b.problem.slopes(a.theta, 1e-4) + np.zeros((3, 1, 1))
+    )
+    log_lift = resampled(a.problem, a.theta, 5)
+    scale = np.sqrt(np.diag(a.covariance))
+    rows = [refit(f.problem, f.theta, scale, log_lift=log_lift).good() for f in (a, b)]
+    np.testing.assert_allclose(rows[0], rows[1], rtol=1e-7)
+
+
+def test_without_a_visit_is_a_fit_of_the_other_trials():
+    found = fitted()
+    problem = found.problem
+    visits = [np.flatnonzero(problem.data.visit == v) for v in (0, 7, 39)]
+    stack = without(problem, found.theta, np.sqrt(np.diag(found.covariance)), visits)
+    assert stack.converged.all()
+    for block, row, chi2 in zip(visits, stack.theta, stack.chi2, strict=True):
+        keep = np.ones(problem.data.n, dtype=bool)
+        keep[block] = False
+        c = problem.covariance
+        own = dataclasses.replace(c, variance=c.variance[keep], visit=c.visit[keep], per_visit=c.per_visit[keep], shared=c.shared[keep])
+        alone = dataclasses.replace(problem, data=problem.data.take(keep), covariance=own)
+        np.testing.assert_allclose(row, minimise(alone, found.theta), rtol=1e-7)
+        assert chi2 == pytest.approx(float(alone.chi2(row)), rel=1e-9)
+
+
+def test_all_exponents_at_once_are_each_alone():
+    problem = fitted().problem
+    plain = dataclasses.replace(problem, model=catalogue.model("sanchez_cuevas"))
+    theta = minimise(plain, np.array([2.0]))
+    for found in at_exponents(plain, theta, [0.6, 1.0, 1.2]):
+        fields = {f.name: getattr(plain, f.name) for f in dataclasses.fields(plain)}
+        alone = Raised(**fields, exponent=found.n)
+        assert found.value == pytest.approx(minimise(alone, theta)[0], rel=1e-6)
+        assert found.chi2 == pytest.approx(float(alone.chi2(np.array([found.value]))), rel=1e-10)
+
+
+def test_a_search_that_gives_up_is_no_estimate():
+    """A trough that runs on for ever: no step is the last one."""
+    found = batched.minimise(
+        lambda x, rows: np.exp(-x) * np.where(rows, 1.0, 0.0)[:, None] + np.where(rows, 0.0, 1.0)[:, None] * (x - 1),
+        np.array([[0.5], [0.5]]),
+        (np.array([-1e9]), np.array([1e9])),
+        np.array([1e-6]),
+        np.array([True]),
+    )
+    assert found.converged.tolist() == [True, False]
+    few = Refits(names=("x",), theta=found.theta, chi2=found.chi2, converged=found.converged)
+    with pytest.raises(NotConverged, match="1 of 2 did not converge"):
+        few.good()
+
+
+def test_a_bound_is_a_minimum_and_no_value_is_none():
+    found = batched.minimise(
+        lambda x, rows: np.where(rows[:, None] == 0, x - 3.0, np.nan),
+        np.zeros((2, 1)),
+        (np.array([-1.0]), np.array([2.0])),
+        np.array([1.0]),
+        np.array([True]),
+    )
+    assert found.theta[0] == pytest.approx([2.0])
+    assert found.chi2[0] == pytest.approx(1.0)
+    assert found.converged.tolist() == [True, False]
