@@ -1,12 +1,13 @@
 """Files that a C library parses (HDF5, MATLAB, netCDF) or that claim sizes of their own (TDMS) are read in a child process.
 
 The child may use so much memory and time, may write no file, loads no code from the folder of the data, and speaks to its parent in
-JSON and plain float64: no pickle, so that even a child taken over by a file could send nothing but numbers. One child serves
-the files of one piece of the plan, or the velocity grids of one case; a crash, or a limit reached, costs the one file that caused it.
+JSON and plain float64: no pickle, so that even a child taken over by a file could send nothing but numbers. A child takes longer to
+start than to read a hundred files, so it serves many; a crash, or a limit reached, costs the one file that caused it.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import json
@@ -29,6 +30,8 @@ from nearlift.readers.seam import FloatArray
 #: Address space of the child, bytes, and time for one file, s.
 MEMORY = 2 << 30
 TIME_S = 120.0
+#: Files after which a lasting child is let go.
+FILES = 1000
 _LENGTH = struct.Struct("<Q")
 
 Reading = Callable[[Path, Mapping[str, Any], Names], Contents]
@@ -52,12 +55,45 @@ def _contents(child: Child, reader: str, path: Path, dialect: Mapping[str, Any],
     return Contents(channels=channels, kind=answer["kind"], codes=tuple(answer["codes"]), notes=tuple(answer["notes"]))
 
 
+@contextlib.contextmanager
+def lasting(form: Format) -> Iterator[Reading]:
+    """As `source`, by a child that is kept for whoever asks next; the last ones end with this process."""
+    if not form.child:
+        yield form.contents
+        return
+    with _lock:
+        worker = _idle.pop() if _idle else Child()
+    try:
+        yield functools.partial(_contents, worker, form.name)
+    except BaseException:
+        worker.end()
+        raise
+    # what libraries leak shall not add up to the limit
+    if worker.files >= FILES:
+        worker.end()
+    with _lock:
+        _idle.append(worker)
+
+
+_lock = threading.Lock()
+_idle: list[Child] = []
+
+
+@atexit.register
+def dismiss() -> None:
+    """Let the children go that nobody uses."""
+    with _lock:
+        while _idle:
+            _idle.pop().end()
+
+
 class Child:
-    """The process, started when the first file comes and again after each that killed it."""
+    """The process, started when the first file comes and again after each that killed it; `files` counts the questions put to it."""
 
     def __init__(self, time_s: float = TIME_S, memory: int = MEMORY) -> None:
         self.time_s, self.memory = time_s, memory
         self.process: subprocess.Popen[bytes] | None = None
+        self.files = 0
 
     def __enter__(self) -> Self:
         return self
@@ -112,6 +148,7 @@ class Child:
     def _answer(self, request: Mapping[str, Any]) -> Answer:
         """Put a request, unless it is empty, and wait for the next answer."""
         process = self._started()
+        self.files += 1
         assert process.stdin is not None
         assert process.stdout is not None
         late = threading.Event()
@@ -137,7 +174,7 @@ class Child:
 
     def end(self) -> None:
         """Let the child go."""
-        process, self.process = self.process, None
+        process, self.process, self.files = self.process, None, 0
         if process is None:
             return
         process.kill()

@@ -144,13 +144,7 @@ def scan(text: Any, size: Any, at: Any, before: Any, between: Any, after: Any, f
     return np.int64(row)
 
 
+_BYTES: Any = types.CPointer(types.uint8)  # type: ignore[no-untyped-call]
+_NUMBERS: Any = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 #: What `readers.native` compiles.
-SIGNATURE = types.int64(
-    types.CPointer(types.uint8),
-    *(types.uint64,) * 5,
-    types.CPointer(types.float64),
-    types.CPointer(types.float64),
-    types.uint64,
-    types.uint64,
-    types.CPointer(types.float64),
-)
+SIGNATURE = types.int64(_BYTES, *(types.uint64,) * 5, _NUMBERS, _NUMBERS, types.uint64, types.uint64, _NUMBERS)

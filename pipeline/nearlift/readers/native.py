@@ -126,7 +126,8 @@ def _compiled() -> tuple[str, bytes]:
     from nearlift.readers import kernel
 
     # wrappers would call Python; an error model of Python's would raise
-    function = numba.njit(nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, error_model="numpy")(kernel.scan)
+    options: dict[str, Any] = {"nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
+    function = numba.njit(**options)(kernel.scan)
     function.compile(kernel.SIGNATURE.args)
     found = function.overloads[kernel.SIGNATURE.args]
     module = found.library._final_module
@@ -165,7 +166,7 @@ def _by_numba() -> Call:
     from nearlift.readers import kernel
 
     compiled = numba.cfunc(kernel.SIGNATURE, error_model="numpy")(kernel.scan)
-    function = ctypes.CFUNCTYPE(ctypes.c_int64, *_ARGUMENTS)(compiled.address)
+    function = ctypes.CFUNCTYPE(ctypes.c_int64, *_ARGUMENTS)(int(compiled.address or 0))
 
     def call(*arguments: int) -> int:
         return int(function(*arguments))

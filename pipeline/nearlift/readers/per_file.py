@@ -138,7 +138,7 @@ def _pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
 def _source(form: Format) -> Any:
     from nearlift.readers import child
 
-    return child.source(form)
+    return child.lasting(form)
 
 
 def _record(form: Format, contents: Any, campaign: Campaign, root: Path, trial: str, path: Path) -> Record:

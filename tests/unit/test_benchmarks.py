@@ -1,0 +1,120 @@
+"""The benchmarks' arithmetic, and that contestants are measured as they are."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+if not (ROOT / "benchmarks" / "harness.py").exists():
+    pytest.skip("the benchmarks are not here", allow_module_level=True)
+
+
+@pytest.fixture(scope="module")
+def harness():
+    sys.path.insert(0, str(ROOT))
+    try:
+        yield importlib.import_module("benchmarks.harness")
+    finally:
+        sys.path.remove(str(ROOT))
+
+
+def bench(harness, **changes):
+    def python(code: str):
+        return lambda folder: [sys.executable, "-S", "-c", code]
+
+    given = {
+        "title": "Waiting",
+        "prepare": lambda folder, quick: "nothing",
+        "one": "peer",
+        "contestants": (
+            harness.Contestant(name="peer", title="peer", command=python("import time; time.sleep(0.3)")),
+            harness.Contestant(name="nearlift", title="nearlift", command=python('print(\'{"wall_s": 0.15, "ESS": 7}\')')),
+            harness.Contestant(name="slow", title="slow", command=python("x = bytearray(60_000_000)"), rounds=1),
+        ),
+        "targets": (harness.Target(work="waiting", ours="nearlift", peer="peer", must=0.9, aim=0.01),),
+    }
+    return harness.Bench(**{**given, **changes})
+
+
+def test_median_and_spread(harness):
+    assert harness.median([3.0, 1.0, 2.0]) == 2.0
+    assert harness.median([4.0, 1.0, 2.0, 3.0]) == 2.5
+    found = harness.summary([1.0, 2.0, 3.0, 4.0, 100.0])
+    assert (found["median"], found["low"], found["high"], found["n"]) == (3.0, 1.0, 100.0, 5)
+    # an outlier counts for one, however far it is
+    assert found["spread"] == pytest.approx(1.4826)
+
+
+def test_ratios_are_of_one_round_each(harness):
+    # the machine was half as fast in the second round: the ratio does not know
+    ours, peer = [{"wall_s": 1.0}, {"wall_s": 2.0}], [{"wall_s": 4.0}, {"wall_s": 8.0}, {"wall_s": 1.0}]
+    assert harness.ratios(ours, peer, "wall_s") == [0.25, 0.25]
+
+
+@pytest.mark.parametrize(("value", "word"), [(0.05, "aim met"), (0.1, "aim met"), (0.2, "met"), (0.5, "met"), (0.51, "missed")])
+def test_verdict(harness, value: float, word: str):
+    assert harness.verdict(value, 0.5, 0.1) == word
+    assert harness.verdict(value, 0.5, None) == ("met" if word == "aim met" else word)
+
+
+def test_a_change_within_noise_is_none(harness):
+    quiet, noisy = {"median": 1.0, "spread": 0.01}, {"median": 1.0, "spread": 0.3}
+    assert harness.change({**quiet, "median": 1.05}, quiet) is None
+    assert harness.change({**quiet, "median": 1.25}, quiet) == pytest.approx(math.log(1.25))
+    assert harness.change({**quiet, "median": 0.5}, quiet) == pytest.approx(math.log(0.5))
+    assert harness.change({**quiet, "median": 1.25}, noisy) is None
+
+
+def test_regressions_compare_like_with_like(harness):
+    def result(ratio: float, setting: str = "all") -> dict:
+        own = {"name": "nearlift", "title": "nearlift", "ratio": {"wall_s": harness.summary([ratio] * 3)}}
+        peer = {"name": "peer", "title": "peer", "ratio": {"wall_s": harness.summary([ratio] * 3)}}
+        return {"benches": {"waiting": {"setting": setting, "one": "peer", "contestants": [own, peer]}}}
+
+    assert harness.regressions(result(0.8), result(0.5)) == ["waiting: nearlift: wall 0.8 x peer, was 0.5: 60 % worse"]
+    assert harness.regressions(result(0.5), result(0.8)) == []
+    assert harness.regressions(result(0.8), result(0.5, "a part")) == []
+    assert harness.regressions(result(0.8), {}) == []
+
+
+def test_contestants_take_turns_and_are_measured(harness, tmp_path: Path):
+    said: list[str] = []
+    given = bench(harness)
+    runs = harness.contest("waiting", given, tmp_path, 2, said.append)
+    assert [s.split(",")[0] for s in said] == ["waiting: peer", "waiting: nearlift", "waiting: peer", "waiting: nearlift", "waiting: slow"] + [
+        "waiting: peer",
+        "waiting: nearlift",
+    ]
+    assert [len(own) for own in runs.values()] == [2, 2, 1]
+    assert all(r["wall_s"] >= 0.3 > r["cpu_s"] for r in runs["peer"])
+    assert runs["nearlift"][0]["wall_s"] == 0.15
+    assert runs["slow"][0]["peak_MiB"] > 57 + runs["peer"][0]["peak_MiB"] - 10
+    told = harness.told(given, "nothing", runs)
+    (target,) = told["targets"]
+    assert target["verdict"] == "met"
+    assert target["median"] == pytest.approx(harness.median([0.15 / r["wall_s"] for r in runs["peer"]]))
+    page = harness.markdown({"machine": harness.machine(), "load": [1.0, 2.0], "benches": {"waiting": told}})
+    assert "| waiting | 0.9 | 0.01 |" in page
+    assert "| nearlift |" in page
+    assert " ESS |" in page
+
+
+def test_a_contestant_that_fails_stops_the_run(harness):
+    with pytest.raises(SystemExit, match="failed with 3"):
+        harness.measure([sys.executable, "-S", "-c", "raise SystemExit(3)"])
+
+
+def test_every_benchmark_is_one(harness):
+    main = importlib.import_module("benchmarks.__main__")
+    assert {"ingest", "rerun", "memory", "fits", "posterior", "simulation", "formats", "flow"} <= set(main.NAMES)
+    for name in main.NAMES:
+        found = main.bench_of(name)
+        names = [c.name for c in found.contestants]
+        assert found.one in names
+        assert len(set(names)) == len(names)
+        assert all(t.ours in names and (not t.peer or t.peer in names) for t in found.targets)
