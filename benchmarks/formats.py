@@ -20,13 +20,12 @@ def prepare(data: Path, quick: bool) -> str:
         folder = data / f"paper-0.1-{form}"
         if not folder.exists():
             convert(source, folder, form)
+    sizes = {form: sum(f.stat().st_size for f in (data / f"paper-0.1-{form}").rglob("*") if f.is_file()) / 1e6 for form in LIBRARIES}
     return (
         _paper.spoken(source).replace("CSV files (`t,force`)", "trials")
         + " "
-        + ", ".join(
-            f"{form} {sum(f.stat().st_size for f in (data / f'paper-0.1-{form}').rglob('*') if f.is_file()) / 1e6:.0f} MB"
-            for form in ("parquet", "tdms", "hdf5")
-        )
+        + ", ".join(f"{form} {size:.0f} MB" for form, size in sizes.items())
+        + "."
     )
 
 
