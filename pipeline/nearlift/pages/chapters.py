@@ -30,6 +30,8 @@ class Chapter:
     needs : tuple of Product
     figures : tuple of str
         Names of figures shown beneath, those that were made.
+    charts : tuple of str
+        Names of interactive charts; the figure of the same name then stands on paper only.
     template : bool
         Whether there is a template.
     pictures_lead : bool
@@ -41,13 +43,14 @@ class Chapter:
     facts: Callable[[Evidence], dict[str, Any]] = nothing
     needs: tuple[Product, ...] = ()
     figures: tuple[str, ...] = ()
+    charts: tuple[str, ...] = ()
     template: bool = True
     pictures_lead: bool = False
 
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="verdict", title="Verdict", facts=verdict.facts, needs=(FIT,)),
-    Chapter(name="fig2", title="Lift change near each boundary", needs=(FIT,), figures=("fig2",), template=False),
+    Chapter(name="fig2", title="Lift change near each boundary", needs=(FIT,), figures=("fig2",), charts=("fig2",), template=False),
     Chapter(name="diagnosis", title="What the residuals say", facts=diagnosis.facts, needs=(DIAGNOSIS,), figures=("diagnosis",), pictures_lead=True),
     Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
     Chapter(name="prediction", title="Models compared by prediction", facts=uncertainty.held_out, needs=(FIT,)),

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import base64
+import functools
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 import jinja2
+from markupsafe import Markup
 
 from nearlift.pages.chapters import CHAPTERS, Chapter, nothing
+from nearlift.pages.charts.chart import Chart, embedded
 from nearlift.summaries.evidence import Evidence
 
 NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
@@ -31,7 +36,22 @@ class Picture:
         return "data:image/png;base64," + base64.b64encode(self.png).decode()
 
 
-def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Chapter] = CHAPTERS) -> bytes:
+@functools.cache
+def scripts() -> tuple[str, str]:
+    """The drawing library with its licence, and the page's own script."""
+    here = resources.files("nearlift.pages")
+    licence = here.joinpath("vendor", "vega.LICENSE.txt").read_text(encoding="utf-8")
+    library = here.joinpath("vendor", "vega.js").read_text(encoding="utf-8")
+    return f"/*! {licence}*/\n{library}", here.joinpath("templates", "report.js").read_text(encoding="utf-8")
+
+
+def policy(allowed: Sequence[str]) -> str:
+    """What a browser may do with the page: these very scripts, pictures and styles within it, and nothing from anywhere else."""
+    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in allowed)
+    return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests or chr(39) + 'none' + chr(39)}"
+
+
+def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Chapter] = CHAPTERS, charts: Sequence[Chart] = ()) -> bytes:
     """index.html. Chapters whose products are missing are left out; figures that no chapter names come at the end."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("nearlift.pages", "templates"),
@@ -42,6 +62,7 @@ def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Cha
     )
     environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
     made = {p.name: p for p in pictures}
+    drawn = {c.name: c for c in charts}
     named = {n for c in chapters for n in c.figures}
     further = tuple(n for n in made if n not in named)
     if further:
@@ -49,12 +70,23 @@ def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Cha
     shown: list[Mapping[str, Any]] = []
     for chapter in chapters:
         own = [made[n] for n in chapter.figures if n in made]
-        if not evidence.has(*chapter.needs) or not (chapter.template or own):
+        interactive = [drawn[n] for n in chapter.charts if n in drawn]
+        if not evidence.has(*chapter.needs) or not (chapter.template or own or interactive):
             continue
         template = f"{chapter.name}.html.j2" if chapter.template else ""
         facts = chapter.facts(evidence)
         shown.append(
-            {"name": chapter.name, "title": chapter.title, "template": template, "facts": facts, "pictures": own, "lead": chapter.pictures_lead}
+            {"name": chapter.name, "title": chapter.title, "template": template, "facts": facts}
+            | {"pictures": own, "charts": interactive, "lead": chapter.pictures_lead}
         )
-    text = environment.get_template("index.html.j2").render(campaign=evidence.campaign, chapters=shown, names=NAMES)
+    # without charts there is nothing to run
+    run = scripts() if any(c["charts"] for c in shown) else ()
+    text = environment.get_template("index.html.j2").render(
+        campaign=evidence.campaign,
+        chapters=shown,
+        names=NAMES,
+        policy=policy(run),
+        scripts=[Markup(s) for s in run],
+        charts=Markup(embedded([c for s in shown for c in s["charts"]])),
+    )
     return text.encode()

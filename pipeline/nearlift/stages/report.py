@@ -23,6 +23,7 @@ def run(job: Job) -> Outcome:
     from nearlift.figures.render import render
     from nearlift.figures.style import style
     from nearlift.pages import tables
+    from nearlift.pages.charts.gallery import charts
     from nearlift.pages.latex import coefficients, table
     from nearlift.pages.render import Picture, page
     from nearlift.stages.gallery import FIGURES
@@ -49,7 +50,7 @@ def run(job: Job) -> Outcome:
     for name in ("budget", "comparison"):
         job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
         job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
-    job.publish("index.html", page(evidence, pictures))
+    job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.products import POSTERIOR
-from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.evidence import Evidence, values
 
 #: Normal quantile of a two-sided 90 % interval, for a fit that quotes none of its own.
 NORMAL_90 = 1.6448536269514722
@@ -56,6 +56,18 @@ def posterior_band(
     inside = np.isfinite(ratio(model, z_hat, {**known, **{n: float(np.median(x)) for n, x in each.items()}}))
     low, high = np.nanquantile(np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.95], axis=0)
     return np.where(inside, low, np.nan), np.where(inside, high, np.nan)
+
+
+def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """L / L_inf - 1 of the base model as fitted, and its 90 % band: the posterior's where there is one, else the covariance's."""
+    entry = evidence.base(boundary)[1]
+    known = evidence.known(boundary, model)
+    delta = ratio(model, z_hat, {**known, **values(entry)}) - 1
+    drawn = posterior_band(evidence, boundary, model, z_hat, known)
+    if drawn is None:
+        reach = quantile90(entry) * uncertainty(model, z_hat, known, entry)
+        drawn = delta - reach, delta + reach
+    return delta, *drawn
 
 
 def quantile90(entry: Mapping[str, Any]) -> float:

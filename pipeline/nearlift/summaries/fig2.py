@@ -92,15 +92,10 @@ def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
 
 
 def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> Columns:
-    model, entry = evidence.base(boundary)
-    known = evidence.known(boundary, model)
-    delta = curves.ratio(model, grid, {**known, **values(entry)}) - 1
+    model, _ = evidence.base(boundary)
     label = f"{SHORT.get(model.name, model.title)} (fit)"
-    drawn = curves.posterior_band(evidence, boundary, model, grid, known)
-    if drawn is None:
-        reach = curves.quantile90(entry) * curves.uncertainty(model, grid, known, entry)
-        drawn = delta - reach, delta + reach
-    return _rows(boundary, "band", label, grid, 100 * delta, lo90=100 * drawn[0], hi90=100 * drawn[1])
+    delta, low, high = curves.band(evidence, boundary, model, grid)
+    return _rows(boundary, "band", label, grid, 100 * delta, lo90=100 * low, hi90=100 * high)
 
 
 def _rows(boundary: str, kind: str, label: Any, z_hat: FloatArray, delta: FloatArray, **more: FloatArray) -> Columns:

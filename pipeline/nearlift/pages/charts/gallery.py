@@ -1,0 +1,29 @@
+"""Every interactive chart: what it needs, and how it is made. A new chart is one more entry, and its name in a chapter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from nearlift.pages.charts import fig2
+from nearlift.pages.charts.chart import Chart
+from nearlift.products import FIT, LIFT, TRIALS, Product
+from nearlift.summaries.evidence import Evidence
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChartSpec:
+    """One chart; it is made when every product in `needs` exists, and left out where it has no views."""
+
+    name: str
+    make: Callable[[Evidence], Chart]
+    needs: tuple[Product, ...]
+
+
+CHARTS: tuple[ChartSpec, ...] = (ChartSpec(name="fig2", make=fig2.chart, needs=(TRIALS, LIFT, FIT)),)
+
+
+def charts(evidence: Evidence) -> tuple[Chart, ...]:
+    """Those that this campaign's products suffice for."""
+    made = [spec.make(evidence) for spec in CHARTS if evidence.has(*spec.needs)]
+    return tuple(chart for chart in made if chart.views)

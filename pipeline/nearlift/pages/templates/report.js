@@ -1,0 +1,117 @@
+"use strict";
+// Draws each chart of the page from the JSON that the page holds, and binds native inputs to its signals. Nothing is fetched.
+(() => {
+  document.documentElement.classList.add("js");
+  const held = JSON.parse(document.getElementById("charts").textContent);
+  const live = new Map();
+
+  const rows = columns => {
+    const names = Object.keys(columns);
+    return names.length ? columns[names[0]].map((_, i) => Object.fromEntries(names.map(name => [name, columns[name][i]]))) : [];
+  };
+
+  // What the inputs of a chart say for one of its views.
+  const chosen = (figure, view) => {
+    const found = {};
+    for (const input of figure.querySelectorAll("input[data-signal]")) {
+      if (input.dataset.view && input.dataset.view !== view) continue;
+      const name = input.dataset.signal;
+      if (input.type === "radio") { if (input.checked) found[name] = input.value; }
+      else if (input.dataset.switch) found[name] = input.checked;
+      else { found[name] ??= []; if (input.checked) found[name].push(input.value); }
+    }
+    return found;
+  };
+
+  // The ordinate reaches as far as the points shown, with their uncertainties.
+  const limits = (cells, state) => {
+    const value = state.quantity, ends = cells.filter(c => state.throttles.includes(c.throttle));
+    if (!ends.length) return {};
+    const low = Math.min(...ends.map(c => c[value] - c["u_" + value])), high = Math.max(...ends.map(c => c[value] + c["u_" + value]));
+    const room = 0.05 * (high - low || 1);
+    return { low: low - room, high: high + room };
+  };
+
+  const state = (figure, view, data) => {
+    const now = chosen(figure, view);
+    return now.quantity ? { ...now, ...limits(data.cells, now) } : now;
+  };
+
+  const specification = (kept, now, data) => {
+    const spec = JSON.parse(JSON.stringify(kept), (_, v) => (typeof v === "string" && v.startsWith("$") ? now[v.slice(1)] : v));
+    for (const parameter of spec.params) if (parameter.name in now) parameter.value = now[parameter.name];
+    return { ...spec, datasets: data };
+  };
+
+  const options = { mode: "vega-lite", ast: true, renderer: "svg", actions: false, defaultStyle: false, tooltip: { disableDefaultStyle: true } };
+
+  const draw = async place => {
+    const figure = place.closest("[data-chart]"), kept = held[figure.dataset.chart][place.dataset.view];
+    const data = Object.fromEntries(Object.entries(kept.data).map(([name, columns]) => [name, rows(columns)]));
+    const now = state(figure, place.dataset.view, data);
+    live.get(place)?.result.finalize();
+    const result = await vegaEmbed(place.querySelector(".drawing"), specification(kept.spec, now, data), options);
+    live.set(place, { result, data, scale: now.x_scale, names: kept.spec.params.map(p => p.name) });
+  };
+
+  const refresh = async place => {
+    const { result, data, scale, names } = live.get(place);
+    const now = state(place.closest("[data-chart]"), place.dataset.view, data);
+    if (now.x_scale !== scale) return draw(place);
+    for (const name of names) if (name in now) result.view.signal(name, now[name]);
+    await result.view.runAsync();
+  };
+
+  // Arrow keys go from point to point and say each one; Escape leaves.
+  const walk = place => {
+    let at = -1;
+    const said = place.querySelector("[aria-live]");
+    const pointed = (mark, kind) => {
+      const box = mark.getBoundingClientRect();
+      const where = { bubbles: true, clientX: box.x + box.width / 2, clientY: box.y + box.height / 2 };
+      mark.dispatchEvent(new PointerEvent(kind, where));
+    };
+    place.querySelector(".drawing").addEventListener("keydown", event => {
+      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1, Home: -Infinity, End: Infinity, Escape: 0 }[event.key];
+      if (step === undefined) return;
+      event.preventDefault();
+      const marks = [...place.querySelectorAll('[aria-roledescription="cell"]')].sort((a, b) => a.getBoundingClientRect().x - b.getBoundingClientRect().x);
+      if (!marks.length) return;
+      for (const mark of marks) mark.classList.remove("pointed");
+      if (step === 0) { if (at >= 0 && marks[at]) pointed(marks[at], "pointerout"); at = -1; said.textContent = ""; return; }
+      at = Math.min(Math.max(at + step, 0), marks.length - 1);
+      marks[at].classList.add("pointed");
+      pointed(marks[at], "pointermove");
+      said.textContent = marks[at].getAttribute("aria-label");
+    });
+  };
+
+  for (const figure of document.querySelectorAll("[data-chart]")) {
+    const places = [...figure.querySelectorAll("[data-view].view")];
+    for (const place of places) walk(place);
+    figure.addEventListener("change", event => {
+      const view = event.target.dataset.view;
+      for (const place of places) if (!view || place.dataset.view === view) refresh(place);
+    });
+    for (const button of figure.querySelectorAll("button[data-all]")) {
+      button.addEventListener("click", () => {
+        const inputs = button.closest("fieldset").querySelectorAll("input[data-signal]");
+        for (const input of inputs) input.checked = button.dataset.all === "yes";
+        inputs[0].dispatchEvent(new Event("change", { bubbles: true }));
+      });
+    }
+  }
+
+  for (const button of document.querySelectorAll("button[data-copies]")) {
+    button.hidden = !navigator.clipboard;
+    button.addEventListener("click", async () => {
+      await navigator.clipboard.writeText(document.getElementById(button.dataset.copies).textContent.trim());
+      button.textContent = "Copied";
+    });
+  }
+
+  // A chart takes the width of its place; on paper that is another one.
+  const all = [...document.querySelectorAll("[data-view].view")];
+  document.documentElement.dataset.charts = "drawing";
+  Promise.all(all.map(draw)).then(() => { document.documentElement.dataset.charts = "drawn"; });
+})();
