@@ -85,7 +85,7 @@ def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Cha
         campaign=evidence.campaign,
         chapters=shown,
         names=NAMES,
-        policy=policy(run),
+        policy=Markup(policy(run)),
         scripts=[Markup(s) for s in run],
         charts=Markup(embedded([c for s in shown for c in s["charts"]])),
     )
