@@ -199,7 +199,6 @@ def test_hostile_names_are_shown_and_do_nothing(make_job):
     assert "<script>alert" not in text
     assert len(Elements(text).every("script")) == 3
     assert "&lt;script&gt;" in text
-    assert r"\u003cscript\u003ealert" in text
     assert "{{ 7*7 }}" in text
     assert b"\nground,z_hat,trial,'=cmd()," in (job.reports / "residuals.csv").read_bytes()
 
