@@ -322,9 +322,13 @@ class Quality(Section):
 
 
 class Diagnose(Section):
-    """Choices of the closed loop."""
+    """Choices of the closed loop.
+
+    `not_feasible`: what this bench cannot do, so that it is not proposed: go closer than it did, go farther, arrive from both directions.
+    """
 
     false_alarm_rate: float = Field(default=0.05, gt=0, lt=1)
+    not_feasible: list[Literal["closer", "farther", "both directions"]] = []
 
 
 class Campaign(Section):

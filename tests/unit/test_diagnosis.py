@@ -242,6 +242,22 @@ def test_a_proposed_session_adds_power(null_stage):
         assert more > now - 1e-6 * max(now, 1.0)
 
 
+def test_what_the_bench_cannot_do_is_not_proposed():
+    data = campaign(12, visits=15, datum=3e-3)
+    answer, refused = (run(set_up(data, GROUND, (), Options(not_feasible=n))[0]) for n in ((), ("closer", "both directions")))
+    near = data.z_hat.min()
+    for answered, allowed in ((answer, True), (refused, False)):
+        menu = separation.menu(answered.stage.data, answered.stage.options.not_feasible)
+        assert any(p.added.z_hat.min() < near for p in menu) is allowed
+        assert any("both directions" in p.text for p in menu) is allowed
+        said = [
+            text for n in separation.next_experiment(answered.stage, answered) for text in (n["measure"], *(a["measure"] for a in n["alternatives"]))
+        ]
+        assert said
+        assert any("closer" in text for text in said) is allowed
+    assert all(p.added.z_hat.max() <= data.z_hat.max() for p in separation.menu(answer.stage.data, ("farther",)))
+
+
 def test_lift_levels_are_what_the_trials_were_given(null_stage):
     assert null_stage.data.covariates["lift_inf_N"] == pytest.approx([L_INF[t] for t in null_stage.data.throttle], rel=0.01)
 

@@ -168,7 +168,7 @@ def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[
         return lambda one, other, now: max(parted(stage, data, one, other) - now, 0.0)
 
     offered = [Change(text=text, trials=0, gain=by_data(data), data=data) for text, data in variants.items()]
-    additions = {p.text: p.added for p in menu(stage.data)} | _more(stage.data)
+    additions = {p.text: p.added for p in menu(stage.data, stage.options.not_feasible)} | _more(stage.data)
     for text, added in additions.items():
         whole = join(stage.data, added)
         offered.append(Change(text=text, trials=added.n, gain=by_data(whole), data=whole))

@@ -47,10 +47,14 @@ FORM_SD = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How the search is run; the last two exist to show what breaks without them."""
+    """How the search is run; `form_sd` and `multiplicity` exist to show what breaks without them.
+
+    `not_feasible` is what the bench cannot do, and what is not proposed: "closer", "farther", "both directions".
+    """
 
     seed: int = 0
     false_alarm_rate: float = 0.05
+    not_feasible: tuple[str, ...] = ()
     form_sd: float = FORM_SD
     multiplicity: bool = True
 

@@ -27,20 +27,27 @@ class Proposal:
     added: Observations
 
 
-def menu(data: Observations) -> list[Proposal]:
-    """Sessions of about the same cost: at single distances near, middle and far, closer than now, and from both directions."""
+def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposal]:
+    """Sessions of about the same cost: at single distances near, middle and far, closer than now, and from both directions.
+
+    What the bench said it cannot do ("closer", "farther", "both directions") is left out.
+    """
     finite = data.z_hat[np.isfinite(data.z_hat)]
     near, far = float(finite.min()), float(finite.max())
-    places = {
-        f"go closer than the present minimum, z_hat = {0.75 * near:.2g}, if that is feasible": (0.75 * near,),
+    places: dict[str, tuple[float, ...]] = {}
+    if "closer" not in not_feasible:
+        places[f"go closer than the present minimum, z_hat = {0.75 * near:.2g}, if that is feasible"] = (0.75 * near,)
+    places |= {
         f"more visits at the closest distance, z_hat = {near:.2g}": (near,),
         f"visits between z_hat = {near:.2g} and {1.6 * near:.2g}": (near, 1.3 * near, 1.6 * near),
         "visits between z_hat = 3 and 6": (3.0, 4.0, 5.0, 6.0),
         f"visits beyond z_hat = 10, and at {max(far, 10.0):.3g}": (10.0, max(far, 10.0)),
         "the closest, a middle and the farthest distance in turn": (near, 2.5 * near, far),
     }
+    if "farther" in not_feasible:
+        places = {text: z for text, z in places.items() if max(z) <= far}
     proposals = [Proposal(text=text, added=session(data, z)) for text, z in places.items()]
-    if "approach" in data.covariates:
+    if "approach" in data.covariates and "both directions" not in not_feasible:
         both = session(data, (near, 1.3 * near))
         direction = np.where(np.arange(both.n) // len(data.levels) % 2 == 0, 1.0, -1.0)
         both = dataclasses.replace(both, covariates={**both.covariates, "approach": direction})
@@ -117,7 +124,7 @@ def next_experiment(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     for rival in compared[1:5]:
         now = parting(stage, stage.data, best, rival)
         ranked = []
-        for proposal in menu(stage.data):
+        for proposal in menu(stage.data, stage.options.not_feasible):
             gain = parting(stage, join(stage.data, proposal.added), best, rival) - now
             ranked.append((gain / proposal.added.n, proposal))
         ranked.sort(key=lambda item: -item[0])

@@ -20,12 +20,12 @@ from nearlift.declare import Boundary
 from nearlift.design_manifest import Planned
 from nearlift.diagnosis.foresight import planned
 from nearlift.diagnosis.outlook import outlook
-from nearlift.diagnosis.search import Options
 from nearlift.diagnosis.setting import derive
 from nearlift.errors import NotConverged, UsageError
 from nearlift.fitting import budget
 from nearlift.fitting.problem import usable
 from nearlift.readers.columns import BY_NAME
+from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job
 from nearlift.stages.observe import boundaries, observe
@@ -56,7 +56,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
     target = _target(job, write)
     made = plan(job.campaign, job.root, job.seed)
     parts = budget.components(job.campaign)
-    options = Options(seed=job.seed, false_alarm_rate=job.campaign.diagnose.false_alarm_rate)
+    options = chosen(job)
     found: dict[str, Any] = {"campaign": job.campaign.name, "plan": made.source, "assumed": list(made.assumed), "boundaries": {}, "notes": []}
     for boundary in boundaries(made.table):
         job.say(f"design {boundary}")
@@ -76,7 +76,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
             found["notes"].append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
         variants = {}
-        if made.design is None:
+        if made.design is None and "both directions" not in options.not_feasible:
             for text, table in _otherwise(job.campaign, made, job.seed).items():
                 other = observe(table, job.campaign, boundary)
                 other = other.take(usable(base, other))

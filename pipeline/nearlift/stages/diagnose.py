@@ -20,7 +20,7 @@ def run(job: Job) -> Outcome:
     """Diagnose each boundary; one with too few trials for it is left out, and noted."""
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
-    options = Options(seed=job.seed, false_alarm_rate=job.campaign.diagnose.false_alarm_rate)
+    options = chosen(job)
     findings: dict[str, Any] = {}
     residuals: list[dict[str, Any]] = []
     notes = []
@@ -37,6 +37,12 @@ def run(job: Job) -> Outcome:
     job.write(LOOP_RESIDUALS, {c.name: _joined(residuals, c.name, c.kind) for c in LOOP_RESIDUALS.columns})
     job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": options.false_alarm_rate, "boundaries": findings})
     return Outcome(notes=tuple(notes))
+
+
+def chosen(job: Job) -> Options:
+    """The search's options that a manifest may set."""
+    asked = job.campaign.diagnose
+    return Options(seed=job.seed, false_alarm_rate=asked.false_alarm_rate, not_feasible=tuple(asked.not_feasible))
 
 
 def _joined(tables: list[dict[str, Any]], name: str, kind: str) -> np.ndarray[Any, Any]:

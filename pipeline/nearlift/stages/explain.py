@@ -17,12 +17,13 @@ from nearlift.diagnosis import coefficients
 from nearlift.diagnosis.few_visits import applies
 from nearlift.diagnosis.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handles
 from nearlift.diagnosis.loop import set_up
-from nearlift.diagnosis.search import SILENT, Options, Stage, visibility
+from nearlift.diagnosis.search import SILENT, Stage, visibility
 from nearlift.diagnosis.within_trial import power as heating_power
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.fitting import budget
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.results import Noise
+from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job
 from nearlift.stages.observe import boundaries, observe
@@ -45,7 +46,7 @@ def run(job: Job, name: str) -> dict[str, Any]:
     effect = catalogue.effect(name)
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
-    options = Options(seed=job.seed, false_alarm_rate=job.campaign.diagnose.false_alarm_rate)
+    options = chosen(job)
     loop = store.read_json_if_whole(job.processed / DIAGNOSIS.file).get("boundaries", {})
     told: dict[str, Any] = {}
     pictures: list[Columns] = []
