@@ -8,7 +8,7 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -147,8 +147,9 @@ def execute(
     quiet: bool,
     verbose: bool,
     force: bool = False,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
-    """Run stages on a campaign and end with the contract's exit code."""
+    """Run stages on a campaign and end with the contract's exit code; `overrides` of the manifest by section."""
     from nearlift.lock import size
     from nearlift.stages import graph
 
@@ -159,6 +160,8 @@ def execute(
     told: list[dict[str, Any]] = []
     rejected: list[tuple[str, str]] = []
     with open_job(campaign, out, executor, seed, voice) as job:
+        for section, given in (overrides or {}).items():
+            job = job.overriding(section, given)
         wanted = graph.STAGES if stages is None else stages
 
         def begin(item: Stage, why: str) -> None:
@@ -280,8 +283,20 @@ def _stage_command(name: str, summary: str) -> None:
 
 
 for _name, _summary in STAGE_NAMES.items():
-    if _name not in ("diagnose", "detect"):
+    if _name not in ("fit", "diagnose", "detect"):
         _stage_command(_name, _summary)
+
+
+@main.command(help=STAGE_NAMES["fit"] + " Runs even if it is up to date; earlier stages must have run.")
+@CAMPAIGN
+@click.option("--sampler", type=click.Choice(("auto", "emcee", "importance")), help="Instead of the manifest's [fit] sampler, this once.")
+@click.option("--ess", type=click.IntRange(100, 1_000_000), help="Effective draws, instead of the manifest's [fit] ess, this once.")
+@common
+def fit(campaign: Path, sampler: str | None, ess: int | None, **options: Any) -> None:
+    """The stage; what was put in place of the manifest stands in provenance.json, and `run` goes by the manifest again."""
+    from nearlift.stages import graph
+
+    execute(campaign, (graph.stage("fit"),), force=True, overrides={"fit": {"sampler": sampler, "ess": ess}}, **options)
 
 
 @main.command(help=STAGE_NAMES["diagnose"] + " Runs even if it is up to date; earlier stages must have run.")

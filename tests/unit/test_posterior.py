@@ -16,7 +16,7 @@ from nearlift.fitting import agreement, convergence, ensemble, importance, paret
 from nearlift.fitting.belief import Belief, Beliefs
 from nearlift.fitting.density import Density
 from nearlift.fitting.grid import grid
-from nearlift.fitting.learnt import learnt
+from nearlift.fitting.learnt import beside_fit, learnt
 from nearlift.fitting.least_squares import fit
 from nearlift.fitting.snooker import SnookerMove
 from nearlift.fitting.stations import Stations
@@ -290,6 +290,24 @@ def test_a_posterior_at_a_bound_is_said_to_be():
     said = learnt(target.beliefs.each[0], found.flat()[:, 0])
     assert said.at_low > 0.9
     assert "of the posterior of alpha lies against its bound 0" in said.words
+
+
+def test_a_posterior_unlike_least_squares_says_why():
+    draws = np.random.default_rng(1).normal(0.0, 1.0, 20_000)
+    half = 1.645
+
+    def said(factor, prior, bounds=(-100.0, 100.0), about=0.0):
+        (parameter,) = line(prior, bounds).parameters
+        return beside_fit(Belief(parameter=parameter), draws, about - factor * half, about + factor * half)
+
+    assert said(1.0, uniform(-100, 100)) == (pytest.approx(1.0, abs=0.03), "")
+    ratio, why = said(2.0, normal(0.0, 1.2))
+    assert ratio == pytest.approx(0.5, abs=0.02)
+    assert "the 90 % interval of a is 0.5 times as wide as that of least squares, probably because the prior narrows it" in why
+    assert "the bound -2 cuts it off" in said(2.0, uniform(-100, 100), (-2.0, 100.0))[1]
+    assert "the curve is not straight" in said(2.0, uniform(-100, 100))[1]
+    assert "the curve is not straight" in said(0.5, normal(0.0, 1.2))[1]
+    assert np.isnan(said(np.nan, uniform(-100, 100))[0])
 
 
 def test_a_model_without_parameters_has_levels_and_evidence():

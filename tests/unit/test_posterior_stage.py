@@ -127,6 +127,24 @@ def test_blocks_of_another_run_and_damaged_ones_are_no_blocks(tmp_path):
     assert len(Checkpoint(folder=tmp_path, name="a", key="one").read()) == 1
 
 
+def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
+    raw, out = done
+    asked = ask(raw, tmp_path, "ground = { rivals = [] }")
+    again = tmp_path / "out"
+    shutil.copytree(out, again)
+    assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "emcee", "--ess", "300").exit_code == 0
+    said = json.loads((products(again) / FIT.file).read_text())["boundaries"]["ground"]["sanchez_cuevas"]["posterior"]
+    assert said["sampler"] == "emcee"
+    assert 300 <= said["ess"] < 4000
+    assert said["parameters"]["K_b"]["ess_tail"] >= 150
+    recorded = json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
+    assert recorded["overrides"] == {"sampler": "emcee", "ess": 300}
+    assert "was last run with --sampler emcee --ess 300" in small_run.nearlift("plan", asked, "--out", again).stdout
+    assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "gibbs").exit_code == 2
+    assert small_run.nearlift("fit", asked, "--out", again).exit_code == 0
+    assert "overrides" not in json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
+
+
 def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
     raw, out = done
     asked = ask(raw, tmp_path, 'sampler = "emcee"\nsteps = 400\nground = { base = "sanchez_cuevas_free_exponent", rivals = [] }')

@@ -8,6 +8,8 @@ import dataclasses
 import io
 import math
 import re
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from nearlift.figures import budget as draw_budget
 from nearlift.figures import profiles as draw_profiles
 from nearlift.figures.render import render
 from nearlift.figures.style import coefficient, style
-from nearlift.pages import tables, uncertainty
+from nearlift.pages import latex, models, tables, uncertainty
 from nearlift.pages.number import degrees, share
 from nearlift.products import DIAGNOSIS, FIT, PROFILES
 from nearlift.stages.report import gather
@@ -242,3 +244,38 @@ def test_small_shares_and_few_degrees_of_freedom_are_not_rounded_away(evidence):
     known = dataclasses.replace(evidence, documents={FIT.file: content})
     assert [share(known, FIT, k, "share").text for k in "abc"] == ["< 0.1", "0.0", "30.0"]
     assert [n.text if (n := degrees(known, FIT, k, "dof")) else None for k in "abc"] == ["0.5", "12", None]
+
+
+def test_degeneracies_of_a_group_are_one_sentence():
+    parameters = {"a": {"u": 0.033}, "p": {"u": 0.19}}
+    levels = [{"pair": [n, f"L_inf at {t}%"], "r": r, "text": "", "u_if_free": None} for t in (25, 50, 92) for n, r in (("a", -0.984), ("p", 0.96))]
+    free = [
+        {"pair": [n, "height offset"], "r": r, "text": "", "u_if_free": u, "known_to": "43 mm"} for n, r, u in (("a", 0.963, 0.12), ("p", 0.987, 1.1))
+    ]
+    own = {"pair": ["a", "p"], "r": 0.99, "text": "a and p trade places: r = +0.990"}
+    blind = {"pair": ["a", "exponent n"], "r": 1.0, "text": "a and the exponent n cannot be told apart at all by these trials"}
+    would = "would trade places with an unknown height offset, which would itself"
+    assert models.grouped([own, *levels, *free, blind], parameters) == [
+        own["text"],
+        "a (r = −0.984) and p (r = +0.960) trade places with L_inf at 25%, 50%, 92% throttle",
+        f"a (r = +0.963, u from 0.033 to 0.12) and p (r = +0.987, u from 0.19 to 1.1) {would} be known to 43 mm",
+        blind["text"],
+    ]
+    assert models.grouped([{**free[0], "text": "alone"}], parameters) == ["alone"]
+
+
+@pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
+def test_the_tables_compile(evidence, tmp_path):
+    found = subprocess.run(["kpsewhich", "siunitx.sty", "booktabs.sty"], capture_output=True, text=True, check=False)
+    if len(found.stdout.split()) < 2:
+        pytest.skip("pdflatex has no siunitx or no booktabs")
+    parts = {"coefficients": latex.table(evidence), "budget": tables.budget_table(evidence), "comparison": tables.comparison_table(evidence)}
+    for name, text in parts.items():
+        (tmp_path / f"{name}.tex").write_text(text, encoding="utf-8")
+    whole = "\n".join(rf"\input{{{name}}}\newpage" for name in parts)
+    document = rf"\documentclass{{article}}\usepackage{{booktabs,siunitx}}\begin{{document}}{whole}\end{{document}}"
+    (tmp_path / "all.tex").write_text(document, encoding="utf-8")
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, errors="replace", check=False, timeout=120)
+    assert ran.returncode == 0, ran.stdout[-2000:]
+    assert "3 pages" in ran.stdout

@@ -16,12 +16,15 @@ DEGENERATE = 0.95
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Degeneracy:
-    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second were unknown."""
+    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second were unknown, `known_to` what the trials
+    would then say of the second, in words.
+    """
 
     pair: tuple[str, str]
     r: float
     text: str
     u_if_free: float | None = None
+    known_to: str = ""
 
 
 def degeneracies(
@@ -78,5 +81,5 @@ def degeneracies(
                     f"{a} and an unknown {name} would trade places: r = {r:+.3f}; with the {name} free, u({a}) would grow "
                     f"from {sd[i]:.2g} to {u:.2g}, and the {name} would be known to {own}"
                 )
-                found.append(Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u))
+                found.append(Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u, known_to=own))
     return tuple(found)

@@ -13,6 +13,8 @@ from nearlift.fitting.belief import Belief
 SAME, SHAPED = 0.8, 0.3
 #: Share of the bounded range that counts as lying at a bound, and how much of the posterior must lie there to be mentioned.
 EDGE, CROWD = 0.005, 0.02
+#: Outside these, a 90 % interval over that of least squares wants a reason; a prior less than this many times as wide as the latter is one.
+NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,4 +55,25 @@ def learnt(belief: Belief, draws: FloatArray) -> Learnt:
         at_low=at_low,
         at_high=at_high,
         words="; ".join(words),
+    )
+
+
+def beside_fit(belief: Belief, draws: FloatArray, lo90: float, hi90: float) -> tuple[float, str]:
+    """The posterior's 90 % width over that of least squares from `lo90` to `hi90`, and why where they are far apart; nan where that has none."""
+    wide = hi90 - lo90
+    if not (np.isfinite(wide) and wide > 0):
+        return float("nan"), ""
+    ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95])) / wide)
+    if NARROW <= ratio <= WIDE:
+        return ratio, ""
+    low, high = belief.parameter.bounds
+    edge = EDGE * (high - low)
+    reasons = [f"the bound {b:g} cuts it off" for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge)) if out and ratio < NARROW]
+    if ratio < NARROW and float(np.ptp(belief.quantile([0.05, 0.95]))) < CLOSE * wide:
+        reasons.append("the prior narrows it")
+    reasons = reasons or ["the curve is not straight over the interval, as least squares takes it for"]
+    name = belief.parameter.name
+    return ratio, (
+        f"the 90 % interval of {name} is {ratio:.2g} times as wide as that of least squares, probably because {' and '.join(reasons)}; "
+        "see its profile"
     )

@@ -11,7 +11,10 @@ from nearlift.pages.number import Number, cite, pointer, quote
 from nearlift.pages.verdict import reduced
 from nearlift.products import FIT
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import fixed, plain
+from nearlift.summaries.rounding import fixed, letter, plain
+
+#: How a degeneracy names L_inf, before the throttle.
+LEVEL = "L_inf at "
 
 
 def comparison(evidence: Evidence) -> dict[str, Any]:
@@ -44,10 +47,44 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
                 "dbic": _over_least(evidence, path, "bic", min(fits[n]["bic"] for n in comparable)) if name in comparable else None,
                 "n": cite(evidence, FIT, *path, "n_trials", digits=6),
                 "fewer": name not in comparable,
-                "degeneracies": [d["text"] for d in fits[name]["degeneracies"]],
+                "degeneracies": grouped(fits[name]["degeneracies"], fits[name]["parameters"]),
             }
         )
     return {"boundary": boundary, "rows": rows, "near": near, "failed": sorted(content.get("failed", {}).get(boundary, {}).items())}
+
+
+def grouped(found: list[dict[str, Any]], parameters: dict[str, Any]) -> list[str]:
+    """Degeneracies in words, one sentence for all coefficients that trade places with the same thing."""
+    together: dict[str, list[dict[str, Any]]] = {}
+    for d in found:
+        first, second = d["pair"]
+        # pairs of the model's own coefficients, and what cannot be told apart at all, stand alone
+        alone = second in parameters or (d.get("u_if_free") is None and not second.startswith(LEVEL))
+        together.setdefault(f"{first} {second}" if alone else LEVEL if second.startswith(LEVEL) else second, []).append(d)
+    return [_sentence(second, group, parameters) for second, group in together.items()]
+
+
+def _sentence(second: str, group: list[dict[str, Any]], parameters: dict[str, Any]) -> str:
+    if len(group) == 1:
+        return str(group[0]["text"])
+    each: dict[str, list[dict[str, Any]]] = {}
+    for d in group:
+        each.setdefault(d["pair"][0], []).append(d)
+    if second == LEVEL:
+        throttles = list(dict.fromkeys(d["pair"][1].removeprefix(LEVEL) for d in group))
+        told = " and ".join(f"{letter(name)} ({_range([d['r'] for d in own])})" for name, own in each.items())
+        return f"{told} {'trade' if len(each) > 1 else 'trades'} places with L_inf at {', '.join(throttles)} throttle"
+    told = " and ".join(
+        f"{letter(name)} ({_range([own[0]['r']])}, u from {plain(parameters[name]['u'], 2)} to {plain(own[0]['u_if_free'], 2)})"
+        for name, own in each.items()
+    )
+    return f"{told} would trade places with an unknown {second}, which would itself be known to {group[0]['known_to']}"
+
+
+def _range(r: list[float]) -> str:
+    """``r = −0.984``, or from one to the other."""
+    low, high = (f"{x:+.3f}".replace("-", "−") for x in (min(r), max(r)))
+    return f"r = {low}" if low == high else f"r = {low} to {high}"
 
 
 def _over_least(evidence: Evidence, path: tuple[str, ...], key: str, least: float) -> Number:

@@ -84,6 +84,8 @@ def run(job: Job) -> Outcome:
                     raise
                 notes.append(f"{boundary}: {model.name} has no posterior: {fault.what}; {fault.remedy}")
                 continue
+            if model is base:
+                notes += [f"{boundary}: {p['unlike_fit']}" for p in found["parameters"].values() if p["unlike_fit"]]
             fits[model.name] |= {"log_evidence": found.pop("log_evidence"), "posterior": found}
         content["base"][boundary] = base.name
         content["boundaries"][boundary] = fits
@@ -131,7 +133,9 @@ def record(result: Fit, data: Observations) -> dict[str, Any]:
         "aic": result.aic,
         "bic": result.bic,
         "L_inf_N": {f"{t:g}": _estimate(e) for t, e in result.levels.items()},
-        "degeneracies": [{"pair": list(d.pair), "r": d.r, "text": d.text, "u_if_free": d.u_if_free} for d in result.degeneracies],
+        "degeneracies": [
+            {"pair": list(d.pair), "r": d.r, "text": d.text, "u_if_free": d.u_if_free, "known_to": d.known_to} for d in result.degeneracies
+        ],
         "excluded": [{"trial": t, "reason": why} for t, why in result.excluded],
     }
 

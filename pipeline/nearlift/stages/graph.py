@@ -15,7 +15,7 @@ import json
 import platform
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -233,6 +233,12 @@ class Ledger:
             return "nearlift itself has changed"
         for name, meaning in (("versions", "version of {}"), ("manifest", "[{}] of the manifest"), ("inputs", "{}"), ("products", "{}")):
             changed = sorted(k for k in before[name].keys() | now[name].keys() if before[name].get(k) != now[name].get(k))
+            if changed and name == "manifest" and record.get("overrides", {}) != self.job.overrides:
+                return (
+                    f"was last run with {_options(record['overrides'])}"
+                    if record.get("overrides")
+                    else f"{_options(self.job.overrides)} is asked for"
+                )
             if changed:
                 more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
                 return f"{meaning.format(changed[0])} has changed{more}"
@@ -258,6 +264,7 @@ class Ledger:
             "rejected": [list(r) for r in outcome.rejected],
             "notes": list(outcome.notes),
             "wall_s": wall_s,
+            **({"overrides": dict(self.job.overrides)} if self.job.overrides else {}),
         }
         self.content = {
             "schema": PROVENANCE.schema,
@@ -272,6 +279,10 @@ class Ledger:
         }
         change.write(f"processed/{PROVENANCE.file}", store.json_bytes(self.content))
         change.commit()
+
+
+def _options(overrides: Mapping[str, Any]) -> str:
+    return " ".join(f"--{name} {value}" for name, value in overrides.items())
 
 
 #: Bytes that figures and page take, and a trial in tables and page, both measured and rounded up.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import concurrent.futures
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,8 @@ class Job:
     executor : Executor
     say : callable
         Takes a short progress text, such as ``"ingest 120 of 3600 trials"``.
+    overrides : mapping of str to value
+        What the command line put in place of the manifest, by option.
     change : Transaction or None
         What the present stage writes, which nobody else sees until the stage is committed; None outside stages, where each file is
         written for itself.
@@ -54,6 +56,7 @@ class Job:
     stamps: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     say: Callable[[str], None] = silent
+    overrides: Mapping[str, Any] = field(default_factory=dict)
     change: Transaction | None = None
 
     @property
@@ -80,6 +83,14 @@ class Job:
     def _at(self, product: Product) -> Path:
         name = f"processed/{product.file}"
         return self.homes.place(name) if self.change is None else self.change.at(name)
+
+    def overriding(self, section: str, given: Mapping[str, Any]) -> Job:
+        """The same job with keys of one section of the manifest put in place; None leaves a key as it is."""
+        known = {k: v for k, v in given.items() if v is not None}
+        if not known:
+            return self
+        wanted = getattr(self.campaign, section).model_copy(update=known)
+        return replace(self, campaign=self.campaign.model_copy(update={section: wanted}), overrides=known)
 
     def unfinished(self, stage: str) -> Path:
         """Where a stage may keep what an interrupted run can go on from; removed once the stage is committed."""

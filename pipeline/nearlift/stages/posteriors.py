@@ -15,7 +15,7 @@ from nearlift import store
 from nearlift.declare import FloatArray
 from nearlift.fitting import gum, posterior
 from nearlift.fitting.density import Density
-from nearlift.fitting.learnt import learnt
+from nearlift.fitting.learnt import beside_fit, learnt
 from nearlift.fitting.least_squares import Fit
 from nearlift.fitting.posterior import Posterior, Settings
 from nearlift.products import POSTERIOR, TRIALS
@@ -56,7 +56,7 @@ class Posteriors:
         if base:
             columns |= {level_name(t): found.levels_N[:, :, i] for i, t in enumerate(throttles)}
         self.parts += [_rows(boundary, name, n, values, found.log_prob) for n, values in columns.items()]
-        entry = _record(density, found, throttles)
+        entry = _record(density, found, fitted)
         for i, parameter in enumerate(fitted.names):
             if fitted.effective[i] == 0:
                 # the draws know only what trials of one visit do not share
@@ -108,11 +108,14 @@ def _spread(draws: FloatArray, unit: str) -> dict[str, Any]:
     return {"value": draws.mean(), "u": draws.std(), "median": median, "lo90": low, "hi90": high, "unit": unit}
 
 
-def _record(density: Density, found: Posterior, throttles: FloatArray) -> dict[str, Any]:
+def _record(density: Density, found: Posterior, fitted: Fit) -> dict[str, Any]:
+    throttles = fitted.problem.data.levels
     parameters = {}
     for i, belief in enumerate(density.beliefs.each):
         draws = found.theta[:, :, i].ravel()
         said = learnt(belief, draws)
+        estimate = fitted.estimates[belief.parameter.name]
+        over_fit, why = beside_fit(belief, draws, estimate.lo90, estimate.hi90)
         parameters[belief.parameter.name] = {
             **_spread(draws, belief.parameter.unit),
             "ess": found.ess[i],
@@ -123,7 +126,9 @@ def _record(density: Density, found: Posterior, throttles: FloatArray) -> dict[s
             "width_ratio": said.ratio,
             "at_low": said.at_low,
             "at_high": said.at_high,
-            "words": said.words,
+            "width_over_fit": over_fit,
+            "words": "; ".join(filter(None, (said.words, why))),
+            "unlike_fit": why,
         }
     return {
         "sampler": found.sampler,
