@@ -13,6 +13,8 @@ from nearlift.summaries.rounding import plain
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
 REJECTED = 1e-3
+#: What the noise's source begins with where repeats told it.
+REPEATS = "scatter of repeats"
 WORDS = {
     "adequate": "adequate: nothing is left beyond the noise floor",
     "effect": "an effect explains what the base model leaves",
@@ -32,6 +34,7 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     path = ("boundaries", boundary, model.name)
     rejected, words = goodness(evidence, boundary)
     tone = "bad" if rejected else "fair"
+    source = str(evidence.document(FIT)["noise"][boundary]["source"])
     verdict = ""
     found = evidence.document(DIAGNOSIS)["boundaries"].get(boundary) if evidence.has(DIAGNOSIS) else None
     if found:
@@ -46,6 +49,7 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "words": words,
         "verdict": verdict,
         "effects": [_effect(e) for e in found["effects"]] if found else [],
+        "noise": "what repeats scatter" if source.startswith(REPEATS) else f"the {source}",
         "superseded": bool(found and found["verdict"] == "effect"),
         "after": _after(evidence, boundary, found),
         "constrained": _constrained(evidence, boundary, names, found),
@@ -86,7 +90,7 @@ def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
 
     _, entry = evidence.base(boundary)
     source = str(evidence.document(FIT)["noise"][boundary]["source"])
-    if not source.startswith("scatter of repeats"):
+    if not source.startswith(REPEATS):
         return False, f"chi² says nothing here: the noise is the {source}"
     p = float(chi2.sf(entry["chi2"], entry["dof"]))
     if p < REJECTED:
