@@ -121,6 +121,7 @@ def build(
     throttles: tuple[float, ...] = THROTTLES,
     reverse: float = 0.2,
     every: int = 1,
+    distances: int | None = None,
 ) -> Bench:
     """A bench with its whole campaign planned and logged.
 
@@ -130,9 +131,12 @@ def build(
         Share of visits that overshoot and come back, so that approach is not a function of distance at the ends.
     every : int
         Takes every so-manieth station, the farthest among them.
+    distances : int or None
+        Takes that many instead, from the nearest to the farthest.
     """
     rng = stream(seed, "bench", boundary)
-    z_stations = stations(boundary, design)[::-every][::-1]
+    planned = stations(boundary, design)
+    z_stations = planned[::-every][::-1] if distances is None else planned[np.linspace(0, len(planned) - 1, distances).round().astype(int)]
     path = shuffled(rng, len(z_stations), visits)
     n_visits, k = len(path), len(throttles)
     n = n_visits * k

@@ -45,6 +45,8 @@ class Shared:
     ----------
     session_gain, throttle_gain : float
         Standard deviation of a gain error per session and per throttle.
+    visit_gain : float
+        The same per visit.
     datum_m : float
         Standard deviation of one offset of every distance.
     cell_N : float
@@ -53,6 +55,7 @@ class Shared:
 
     session_gain: float = 0.0
     throttle_gain: float = 0.0
+    visit_gain: float = 0.0
     datum_m: float = 0.0
     cell_N: float = 0.0
     range_N: float = 9.8
@@ -81,6 +84,8 @@ class Spec:
         Running samples per record; 260 to 500 if None.
     every : int
         Takes every so-manieth station of the design.
+    distances : int or None
+        Takes that many stations instead.
     shared : Shared
         Errors that many trials share, on top of `Scatter`.
     """
@@ -97,6 +102,7 @@ class Spec:
     sink: float = 0.0
     samples: int | None = None
     every: int = 1
+    distances: int | None = None
     shared: Shared = Shared()
 
 
@@ -286,7 +292,16 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
         An effect cannot be as strong as asked on this bench.
     """
     rng = stream(seed, "truth", spec.boundary)
-    bench = build(spec.boundary, spec.design, seed, visits=spec.visits, sessions=spec.sessions, throttles=spec.throttles, every=spec.every)
+    bench = build(
+        spec.boundary,
+        spec.design,
+        seed,
+        visits=spec.visits,
+        sessions=spec.sessions,
+        throttles=spec.throttles,
+        every=spec.every,
+        distances=spec.distances,
+    )
     nominal = forms.COEFFICIENTS[spec.boundary]
     theta = {name: value * (1 + spec.spread * rng.uniform(-1, 1)) for name, value in nominal.items()}
     setting = forms.Setting(bench=bench, theta=theta, levels_N=levels_N(rng, spec.throttles))
@@ -384,6 +399,7 @@ def _records(spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, se
     lift = lift * (1 + gain) + rng.normal(0, scatter.force_N, n)
     lift = lift * (1 + spec.shared.session_gain * draw("session", bench.session.max() + 1)[bench.session])
     lift = lift * (1 + spec.shared.throttle_gain * draw("throttle", len(spec.throttles))[bench.level])
+    lift = lift * (1 + spec.shared.visit_gain * draw("visit", bench.visit[-1] + 1)[bench.visit])
 
     length = sensor.tare + sensor.samples
     force = rng.standard_normal((n, length))

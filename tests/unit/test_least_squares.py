@@ -12,8 +12,10 @@ import scipy.stats
 from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import NotConverged
+from nearlift.fitting import noise
 from nearlift.fitting.budget import Component
 from nearlift.fitting.least_squares import Fit, assemble, fit, minimise, parameter_covariance
+from nearlift.fitting.problem import Problem
 from nearlift.results import Noise, Observations
 
 from .simulated import GEOMETRY, L_INF, THROTTLES, campaign, hsiao, sanchez_cuevas
@@ -227,9 +229,28 @@ def steep(value: float) -> LiftModel:
     )
 
 
-def test_a_start_beyond_a_pole_is_refused_with_the_start():
-    with pytest.raises(NotConverged, match=r"fit of steep: the model has no value at its start, k = 1\.45, for some of the 160 trials\n  leave out"):
-        fit(steep(1.45), campaign(3), (), SCATTER)
+def test_a_start_beyond_a_pole_is_left_for_one_where_the_model_has_a_value():
+    data = campaign(3, ratio=lambda z: 1 / (1 - 0.5 / z), height=0.0)
+    problem = assemble(steep(1.45), data, (), SCATTER, np.array([0.5]))
+    assert minimise(problem)[0] == pytest.approx(0.5, abs=0.01)
+    assert minimise(problem, np.array([1.3]))[0] == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("blind", "remedy"),
+    [
+        (lambda z: z < 1.2, r"leave out the 16 trials nearest to the boundary \(z_hat up to 1.14\), or"),
+        (lambda z: z > 10, "choose another model: the trials to blame are not those nearest"),
+        (lambda z: z > 0, "choose another model: the trials to blame are not those nearest"),
+    ],
+)
+def test_a_model_without_a_value_wherever_it_starts_is_refused_with_the_trials_to_blame(blind, remedy):
+    model = dataclasses.replace(steep(0.5), evaluate=lambda z, /, *, k: np.where(blind(np.asarray(z)) & (np.asarray(z) != 2.0), np.nan, 1 + k))
+    data = campaign(3)
+    problem = Problem(model=model, data=data, covariance=noise.trial_covariance(data, SCATTER, np.zeros(data.n)))
+    text = r"fit of steep: the model has no value at its start, k = 0\.5, for some of the 160 trials, nor elsewhere\n  "
+    with pytest.raises(NotConverged, match=text + remedy):
+        minimise(problem)
 
 
 def test_the_optimiser_does_not_settle_beyond_a_pole():

@@ -72,21 +72,14 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     Raises
     ------
     NotConverged
-        lmfit stopped for another reason than convergence, or the model has no value at its own starting point.
+        lmfit stopped for another reason than convergence, or the model has no value for some trial wherever it may start.
     """
     import lmfit
 
     declared = problem.model.parameters
     if not declared:
         return np.zeros(0)
-    first = np.array([p.value for p in declared]) if start is None else np.asarray(start, dtype=float)
-    if not np.isfinite(problem.chi2(first)):
-        at = ", ".join(f"{n} = {v:g}" for n, v in zip(problem.names, first, strict=True))
-        raise NotConverged(
-            f"fit of {problem.model.name}",
-            f"the model has no value at its start, {at}, for some of the {problem.data.n} trials",
-            "leave out the trials nearest to the boundary, or choose another model",
-        )
+    first = _first(problem, None if start is None else np.asarray(start, dtype=float))
     parameters = lmfit.Parameters()
     for p, value in zip(declared, first, strict=True):
         inset = 1e-9 * (p.bounds[1] - p.bounds[0])
@@ -104,6 +97,32 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
             f"fit of {problem.model.name}", f"lmfit stopped: {found.message}", "look at the residuals, or tighten the parameters' bounds"
         )
     return np.array([found.params[n].value for n in problem.names])
+
+
+def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
+    """Where to start: as given if the model has a value there for all trials, else at its declared values, else at what the bounds hold.
+
+    Raises
+    ------
+    NotConverged
+        It has none at any of these; the remedy depends on which trials are to blame.
+    """
+    declared = problem.model.parameters
+    low, high = (np.array([p.bounds[end] for p in declared]) for end in (0, 1))
+    usual = np.array([p.value for p in declared])
+    inner = [usual + share * (end - usual) for end in (low, high) for share in (0.05, 0.2, 0.5) if np.isfinite(end).all()]
+    for first in ([] if start is None else [start]) + [usual, *inner]:
+        if np.isfinite(problem.chi2(first)):
+            return first
+    at = ", ".join(f"{n} = {v:g}" for n, v in zip(problem.names, usual if start is None else start, strict=True))
+    bad, z_hat = ~np.isfinite(problem.log_ratio(usual)), problem.data.z_hat
+    if bad.all() or z_hat[bad].max() > z_hat[~bad].min():
+        remedy = "choose another model: the trials to blame are not those nearest to the boundary"
+    else:
+        remedy = f"leave out the {bad.sum()} trials nearest to the boundary (z_hat up to {z_hat[bad].max():.3g}), or choose another model"
+    raise NotConverged(
+        f"fit of {problem.model.name}", f"the model has no value at its start, {at}, for some of the {problem.data.n} trials, nor elsewhere", remedy
+    )
 
 
 def assemble(
