@@ -11,15 +11,17 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from tests.calibration import forms
-from tests.calibration.coverage import BASE, LEVELS, Interval, Row, band, clopper_pearson, covered, intervals
+from tests.calibration.coverage import BASE, LEVELS, Row, band, clopper_pearson, covered, intervals
 from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
-from nearlift.fitting.least_squares import fit
+from nearlift.fitting import noise
+from nearlift.fitting.least_squares import Fit, fit
 
 #: Distances and visits of each.
 DESIGNS = {"4x2": (4, 2), "5x2": (5, 2), "9x1": (9, 1), "6x3": (6, 3)}
@@ -39,23 +41,16 @@ def campaign(boundary: str, design: str, seed: int) -> list[Row]:
     made = simulate(spec(boundary, design), seed)
     model = catalogue.model(BASE[boundary])
     right = fit(model, made.data)
-    found: dict[str, dict[str, Interval]] = {"declared": intervals(right), "ignored": intervals(forgetful(right, made.data))}
+    # the same trials, each taken for a visit of its own
+    apart = noise.estimate(
+        replace(made.data, visit=np.arange(made.data.n)), model, dict(zip(right.names, right.theta, strict=True)), _jacobian(right)
+    )
+    found = {"declared": intervals(right), "ignored": intervals(fit(model, made.data, (), apart))}
     return [Row(boundary, 0.0, seed, name, truth, {way: i[name] for way, i in found.items()}) for name, truth in made.truth.theta.items()]
 
 
-def forgetful(right, data):
-    """The fit without what visits share, as if every trial were a visit of its own."""
-    return fit(right.model, data, (), noise_of_trials(right, data))
-
-
-def noise_of_trials(right, data):
-    """Variance components of the trials taken as independent."""
-    from dataclasses import replace
-
-    from nearlift.fitting import noise
-
-    alone = replace(data, visit=np.arange(data.n))
-    return noise.estimate(alone, right.model, dict(zip(right.names, right.theta, strict=True)), right.problem.jacobian(right.theta))
+def _jacobian(found: Fit) -> np.ndarray:
+    return found.problem.jacobian(found.theta)
 
 
 def run(n: int, first: int, designs: tuple[str, ...] = tuple(DESIGNS), boundaries: tuple[str, ...] = forms.BOUNDARIES) -> dict[str, list[Row]]:
@@ -106,7 +101,9 @@ SECTION = """<!-- few visits -->
 trials share a gain error of 0.5 % that no manifest declares. By chance (99 %) a share of 90 % over {n} lies above {low:.0%}.
 
 {table}
-What is left is on the wide side, most near a sidewall: a handful of visits cannot rule out a scatter of heights there, and the interval says so.
+Most designs are covered as they say or a little more (a handful of visits cannot rule out a scatter of heights, and the interval says so). Six
+distances visited three times are the first with the 12 revisits that suffice to do without the curve, and are covered least at ground and
+ceiling; whether by chance more campaigns must tell.
 <!-- end of few visits -->
 """
 

@@ -109,8 +109,8 @@ def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
     """
     declared = problem.model.parameters
     low, high = (np.array([p.bounds[end] for p in declared]) for end in (0, 1))
-    usual = np.array([p.value for p in declared])
-    inner = [usual + share * (end - usual) for end in (low, high) for share in (0.05, 0.2, 0.5) if np.isfinite(end).all()]
+    usual: FloatArray = np.array([p.value for p in declared], dtype=np.float64)
+    inner: list[FloatArray] = [usual + share * (end - usual) for end in (low, high) for share in (0.05, 0.2, 0.5) if np.isfinite(end).all()]
     for first in ([] if start is None else [start]) + [usual, *inner]:
         if np.isfinite(problem.chi2(first)):
             return first
