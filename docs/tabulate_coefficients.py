@@ -16,8 +16,9 @@ with unknown effects inside, or none. Nothing was tuned on them. These are the c
 are, before any effect that the diagnosis may name ([what it names](campaigns.md)): where the residuals hold an effect,
 neither column is the truth, since the interval knows the budget and the scatter of repeats, and no more.
 
-`pitt-ras-2017` has nine visits of one distance each: what a visit's trials have in common cannot be told from nine, is not in its
-noise, and its interval here is far too narrow. Leaving one visit out at a time gives k = -2.8 (90 %: -11.5 to 5.9).
+`pitt-ras-2017` has nine visits of one distance each: what a visit's trials have in common is told by how the nine scatter about
+the curve, and k by next to nothing. Leaving one visit out at a time gives k = -2.8 (90 %: -11.5 to 5.9), wider still,
+since the one visit near the ground bears most of k.
 
 Every interval is 90 %. *Chi2/dof* far above one says that the base model, not the noise, is at fault. *Over the
 exponents* is the range of the least-squares value over the quantities that a trial may hold constant (the ratio raised to

@@ -322,6 +322,8 @@ def tables(rows: list[Row]) -> tuple[str, str]:
     return first, second
 
 
+#: Where the section of `tests.calibration.few` begins.
+FEW_VISITS = "<!-- few visits -->"
 REMARKS = """
 ## What was found on the way
 
@@ -353,7 +355,11 @@ def main() -> None:
         for i, end in enumerate(("low", "high"))
         for mark, size in (("", given.n), ("b", given.n * len(DATUMS_MM)))
     }
-    given.out.write_text(PAGE.format(n=given.n, first=given.first, table=shares, errors=errors, remarks=REMARKS, **bands), encoding="utf-8")
+    page = PAGE.format(n=given.n, first=given.first, table=shares, errors=errors, remarks=REMARKS, **bands)
+    # the section on few visits is measured by another run
+    before = given.out.read_text(encoding="utf-8") if given.out.exists() else ""
+    kept = before[before.index(FEW_VISITS) :] if FEW_VISITS in before else ""
+    given.out.write_text(f"{page}\n{kept}" if kept else page, encoding="utf-8")
     sys.stdout.write(shares + "\n" + errors)
 
 
