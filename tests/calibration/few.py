@@ -102,8 +102,8 @@ trials share a gain error of 0.5 % that no manifest declares. By chance (99 %) a
 
 {table}
 Most designs are covered as they say or a little more (a handful of visits cannot rule out a scatter of heights, and the interval says so). Six
-distances visited three times are the first with the 12 revisits that suffice to do without the curve, and are covered least at ground and
-ceiling; whether by chance more campaigns must tell.
+distances visited three times are the first with the 12 revisits that suffice to do without the curve, and are covered least; an idealised study
+without records (150 linear campaigns, errors normal) gave 91 % at the ground and 89 % at the ceiling.
 <!-- end of few visits -->
 """
 
