@@ -439,6 +439,25 @@ def compare(names: tuple[str, ...], shared: tuple[str, ...], out: Path, as_json:
         click.echo(str(out / "reports" / comparison.FOLDER / "forest.pdf"))
 
 
+@main.command("compare-runs")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@common
+def compare_runs(a: Path, b: Path, as_json: bool, quiet: bool, **_: Any) -> None:
+    """What changed between two finished runs of a campaign: inputs, options, versions, numbers.
+
+    A and B are folders with provenance.json (processed/CAMPAIGN), or workspaces with one finished campaign each.
+    """
+    from nearlift.stages import compare_runs as comparison
+    from nearlift.store import plain
+
+    content = comparison.run(a, b)
+    if as_json:
+        click.echo(json.dumps(plain(content)))
+    elif not quiet:
+        click.echo("\n".join(comparison.table(content)))
+
+
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))

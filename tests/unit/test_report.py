@@ -83,7 +83,8 @@ def test_files_of_the_contract(made):
     job, outcome, _ = made
     names = set(digests(job.reports))
     tables = {f"tables/{n}.{k}" for n in ("coefficients", "budget", "comparison") for k in ("tex", "csv")}
-    assert names == {"index.html"} | tables | {f"{n}.{k}" for n in DRAWN for k in ("pdf", "png", "csv")}
+    paper = {"methods.md", "methods.tex", "references.bib"}
+    assert names == {"index.html"} | paper | tables | {f"{n}.{k}" for n in DRAWN for k in ("pdf", "png", "csv")}
     assert outcome.notes == not_drawn(DRAWN)
 
 
@@ -104,7 +105,7 @@ def test_the_page_fetches_nothing(made):
     elements = Elements(text)
     assert len(elements.every("script")) == 3
     assert all(a["src"].startswith("data:image/png;base64,") for a in elements.every("img"))
-    assert all(re.fullmatch(r"#[a-z0-9]+|[a-z0-9_]+\.(pdf|png|csv)", a["href"]) for a in elements.every("a"))
+    assert all(re.fullmatch(r"#[a-z0-9]+|[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib)", a["href"]) for a in elements.every("a"))
     assert "default-src 'none'" in text
     for script in scripts():
         assert base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() in text

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import assumptions, diagnosis, flow, ledger, models, posterior, proximity, records, safety, uncertainty, verdict
+from nearlift.pages import assumptions, diagnosis, flow, ledger, methods, models, posterior, proximity, records, safety, uncertainty, verdict
 from nearlift.products import DETECTION, DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, PROXIMITY, QUALITY, SAFETY, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
 
@@ -83,5 +83,6 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),
     Chapter(name="quality", title="Quality ledger", facts=records.ledger, needs=(TRIALS, FIT)),
     Chapter(name="ledger", title="From raw byte to figure", facts=ledger.facts, needs=(QUALITY,)),
+    Chapter(name="methods", title="Methods, for a paper", facts=methods.facts, needs=(TRIALS, FIT)),
     Chapter(name="provenance", title="Provenance", facts=records.provenance),
 )

@@ -22,7 +22,7 @@ def run(job: Job) -> Outcome:
     """Make the whole report anew. A figure whose products are missing is not made, and what an earlier run left of it is removed."""
     from nearlift.figures.render import render
     from nearlift.figures.style import style
-    from nearlift.pages import tables
+    from nearlift.pages import methods, tables
     from nearlift.pages.charts.gallery import charts
     from nearlift.pages.latex import coefficients, table
     from nearlift.pages.render import Picture, page
@@ -50,6 +50,8 @@ def run(job: Job) -> Outcome:
     for name in ("budget", "comparison"):
         job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
         job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
+    for name, made in (("methods.md", methods.markdown), ("methods.tex", methods.tex), ("references.bib", methods.references)):
+        job.publish(name, made(evidence))
     job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out))
 

@@ -1,0 +1,206 @@
+"""The methods paragraph of a paper, from what was done: Markdown as pandoc reads it, LaTeX, and the BibTeX of what both cite."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import nearlift
+from nearlift import catalogue
+from nearlift.fitting import budget
+from nearlift.pages.latex import SYMBOLS, escape
+from nearlift.pages.references import bibtex, keys
+from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
+from nearlift.reduction.quality import code, rejected
+from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.rounding import plain, plus_minus
+
+VERDICTS = {
+    "adequate": "nothing was left beyond the noise floor",
+    "unexplained": "structure was left that no candidate could honestly take the credit for",
+}
+CITED = re.compile(r"\[@([a-z0-9_]+(?:; @[a-z0-9_]+)*)\]")
+APART = re.compile(r"(\$[^$]+\$|\[@[a-z0-9_; @]+\])")
+
+
+def paragraphs(evidence: Evidence) -> list[str]:
+    """Design, reduction, fits, loop and programs, a paragraph each, in pandoc's Markdown: ``$K_b$``, ``[@key]``."""
+    return [p for p in (_design(evidence), _reduction(evidence), _fits(evidence), _loop(evidence), _programs(evidence)) if p]
+
+
+def facts(evidence: Evidence) -> dict[str, Any]:
+    """The paragraphs as plain text, for the page."""
+    return {"paragraphs": [_read(p) for p in paragraphs(evidence)]}
+
+
+def markdown(evidence: Evidence) -> bytes:
+    """methods.md."""
+    return ("\n\n".join(paragraphs(evidence)) + "\n").encode()
+
+
+def tex(evidence: Evidence) -> bytes:
+    r"""methods.tex: paragraphs to ``\input``; cites with ``\cite``, needs nothing but ``inputenc``."""
+    return ("\n\n".join(_tex(p) for p in paragraphs(evidence)) + "\n").encode()
+
+
+def references(evidence: Evidence) -> bytes:
+    """references.bib: what the paragraphs cite, and nothing else."""
+    cited = [key for p in paragraphs(evidence) for group in CITED.findall(p) for key in group.split("; @")]
+    return bibtex(cited, (*catalogue.models(), *catalogue.effects())).encode()
+
+
+def _cite(*names: str) -> str:
+    return f"[@{'; @'.join(dict.fromkeys(names))}]"
+
+
+def _safe(text: str) -> str:
+    """A name from a file, with nothing in it that Markdown or this module would act upon."""
+    return " ".join(re.sub(r"[$\[\]@`*\\<>]", " ", text).split())
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _plural(n: int, word: str) -> str:
+    return f"{n} {word}{'s' if n != 1 else ''}"
+
+
+def _design(evidence: Evidence) -> str:
+    vehicle, rig, trials = evidence.campaign.vehicle, evidence.campaign.rig, evidence.table(TRIALS)
+    parts = []
+    for boundary in evidence.boundaries:
+        mine = (trials["boundary"] == boundary) & np.isfinite(trials["z_hat"])
+        z, levels = trials["z_hat"][mine], np.unique(trials["throttle"][mine])
+        visits = f" in {_plural(len(np.unique(trials['visit'][mine])), 'visit')}" if "visit" in trials else ""
+        parts.append(
+            f"near the {boundary}, {_plural(int(mine.sum()), 'trial')}{visits} at {_plural(len(np.unique(z)), 'distance')} "
+            rf"($\hat z$ from {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}) and {_plural(len(levels), 'throttle')}"
+        )
+    radius = plain(1e3 * vehicle.rotor_radius)
+    simulated = "The records were simulated, not measured. " if evidence.campaign.simulated else ""
+    return (
+        f"{simulated}Lift of a tethered rotorcraft ({_safe(vehicle.name)}: {_plural(vehicle.rotors, 'rotor')} of radius {radius} mm) was "
+        rf"measured as follows: {'; '.join(parts)}. A trial held the {rig.held}; $\hat z$ is the distance over the rotor radius."
+    )
+
+
+def _reduction(evidence: Evidence) -> str:
+    trials, cell = evidence.table(TRIALS), evidence.campaign.load_cell
+    out = rejected(trials["quality"])
+    if evidence.campaign.records.reader == "means":
+        text = "Mean lifts of trials were taken as they were recorded. "
+    else:
+        rate = f" at {plain(cell.sample_rate)} Hz" if cell is not None and cell.sample_rate else ""
+        text = f"Each trial is the mean of a load-cell record{rate}, tare removed. "
+    names = Counter(n for q in trials["quality"][out].tolist() for n in q.split() if code(n).rejects)
+    if out.any():
+        why = _listed([f"{code(n).meaning} ({k})" for n, k in names.most_common()])
+        text += f"Of {_plural(len(out), 'trial')}, {int(out.sum())} {'was' if out.sum() == 1 else 'were'} rejected: {why}. "
+    else:
+        text += f"None of the {_plural(len(out), 'trial')} was rejected. "
+    excluded = sum(len(evidence.base(b)[1]["excluded"]) for b in evidence.boundaries)
+    if excluded:
+        text += f"{_plural(excluded, 'accepted trial')} outside the range of a base model took no part in its fit. "
+    return text + r"The relative change of lift is $\Delta L = (L - L_\infty)/L_\infty$."
+
+
+def _fits(evidence: Evidence) -> str:
+    content = evidence.document(FIT)
+    parts = []
+    for boundary in evidence.boundaries:
+        model, entry = evidence.base(boundary)
+        told = _listed(
+            [f"${SYMBOLS.get(n, n)}$ = {plus_minus(e['value'], e['u'] or 0.0)}" for n, e in entry["parameters"].items()] or ["no free coefficient"]
+        )
+        rivals = [catalogue.model(n) for n in content["boundaries"][boundary] if n != model.name]
+        beside = f", beside {_plural(len(rivals), 'rival')} {_cite(*(k for r in rivals for k in keys(r)))}" if rivals else ""
+        noise = plain(100 * float(content["noise"][boundary]["relative"]), 2)
+        parts.append(
+            f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to {_plural(int(entry['n_trials']), 'trial')} "
+            f"that scatter by {noise} % of lift ({told}, one standard uncertainty)"
+        )
+    declared = [f"{_safe(c.name)} (shared by {c.scope})" for c in budget.components(evidence.campaign)]
+    shared = f", and of declared components that no repeat shows: {_listed(declared)}" if declared else ""
+    sources = dict.fromkeys(str(content["noise"][b]["source"]).partition(" (")[0] for b in evidence.boundaries)
+    text = (
+        r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with $L_\infty$ free for every throttle: "
+        f"{'; '.join(parts)}. Least squares (trust region {_cite('lmfit')}) used the full covariance of the {_listed(list(sources))}{shared}. "
+        f"Uncertainties follow the GUM {_cite('gum2008')}."
+    )
+    if evidence.has(POSTERIOR):
+        fits = (content["boundaries"][b][content["base"][b]].get("posterior") for b in evidence.boundaries)
+        samplers = dict.fromkeys(str(p["sampler"]) for p in fits if p)
+        how = {"importance": "importance sampling", "emcee": f"ensemble sampling {_cite('emcee')}"}
+        if samplers:
+            drawn = _listed([how.get(s, s) for s in samplers])
+            text += f" Posteriors were drawn by {drawn}, and judged by effective draws and R-hat {_cite('vehtari2021')}."
+    return text
+
+
+def _loop(evidence: Evidence) -> str:
+    if not evidence.has(DIAGNOSIS):
+        return ""
+    content = evidence.document(DIAGNOSIS)
+    known = {e.name: e for e in catalogue.effects()}
+    parts = []
+    for boundary in evidence.boundaries:
+        found = content["boundaries"].get(boundary)
+        if not found:
+            continue
+        said = VERDICTS.get(found["verdict"], "")
+        if found["verdict"] == "effect":
+            said = _listed([f"{e['name'].replace('_', ' ')} {_cite(*keys(known[e['name']]))}" for e in found["effects"] if e["name"] in known])
+            rivals = [r for e in found["effects"] for r in e.get("rivals", [])]
+            said = f"what was left is accounted for by {said}" + (
+                f", which the design cannot tell from {_listed(rivals).replace('_', ' ')}" if rivals else ""
+            )
+            said += "".join(
+                f", with which ${SYMBOLS.get(n, n)}$ = {plain(e['value'], 3)} (90 %: {plain(e['lo90'], 3)} to {plain(e['hi90'], 3)})"
+                for n, e in found.get("coefficients", {}).get("after", {}).items()
+            )
+        error = found.get("error")
+        if error:
+            after = f" to {plain(100 * error['after']['held_out_rmse'], 3)} %" if found["verdict"] == "effect" else ""
+            said += (
+                f" (error on trials that took no part in choosing: {plain(100 * error['before']['held_out_rmse'], 3)} %{after} of lift; "
+                f"noise floor {plain(100 * error['noise_floor'], 3)} %)"
+            )
+        parts.append(f"near the {boundary}, {said}")
+    rate = plain(100 * content.get("false_alarm_rate", evidence.campaign.diagnose.false_alarm_rate), 2)
+    return (
+        f"Residuals of the base models were tested against the recorded covariates and {len(known)} declared effects, at a chance of {rate} % "
+        f"for any claim at a boundary where nothing is missing: {'; '.join(parts)}."
+    )
+
+
+def _programs(evidence: Evidence) -> str:
+    versions = evidence.versions
+    named = [
+        f"{name} {versions[key]} {_cite(key)}"
+        for name, key in (("NumPy", "numpy"), ("SciPy", "scipy"), ("Matplotlib", "matplotlib"))
+        if key in versions
+    ]
+    with_what = f"Python {versions.get('python', '')}, {_listed(named)}" if named else "Python"
+    return f"All numbers are those of nearlift {nearlift.__version__} with {with_what}, seed {evidence.seed}."
+
+
+def _tex(text: str) -> str:
+    parts = APART.split(text)
+    return "".join(_apart(p) if i % 2 else escape(p).replace("±", r"$\pm$").replace("−", "$-$") for i, p in enumerate(parts))
+
+
+def _apart(part: str) -> str:
+    return part if part.startswith("$") else r"\cite{" + part[2:-1].replace("; @", ",") + "}"
+
+
+def _read(text: str) -> str:
+    """For the eye: no cites, and symbols as letters."""
+    text = CITED.sub("", text)
+    for latex, letter in ((r"\hat z", "ẑ"), (r"\Delta", "Δ"), (r"_\infty", "∞"), (r"\alpha", "α"), (r"\lambda", "λ"), ("$", "")):
+        text = text.replace(latex, letter)
+    return re.sub(r"\s+([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))

@@ -1,0 +1,59 @@
+"""The methods paragraph: its numbers are the products', its cites are in the bibliography, and LaTeX and Markdown say the same."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import pytest
+
+from nearlift.pages import methods
+from nearlift.products import DIAGNOSIS, FIT
+from nearlift.stages import report
+
+from .test_report import DIAGNOSED
+
+
+@pytest.fixture(scope="module")
+def evidence(small_job):
+    return report.gather(small_job)
+
+
+def test_numbers_are_those_of_the_products(evidence):
+    text = methods.markdown(evidence).decode()
+    content = evidence.document(FIT)
+    entry = content["boundaries"]["ground"]["sanchez_cuevas"]
+    assert f"to {entry['n_trials']} trials" in text
+    assert f"$K_b$ = {entry['parameters']['K_b']['value']:.2f}"[:-1] in text
+    assert "near the ground, 168 trials in 42 visits at 7 distances" in text
+    assert "1 was rejected: the load cell was at the end of its range (1)" in text
+    assert "distance datum (shared by boundary)" in text
+    assert "simulated, not measured" in text
+    assert "Residuals" not in text  # the loop has not run
+
+
+def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
+    cited = {key for group in methods.CITED.findall(methods.markdown(evidence).decode()) for key in group.split("; @")}
+    tex = {key for group in re.findall(r"\\cite\{([^}]+)\}", methods.tex(evidence).decode()) for key in group.split(",")}
+    bib = methods.references(evidence).decode()
+    assert cited == tex == set(re.findall(r"^@\w+\{(\w+),$", bib, re.M))
+    assert {"sanchezcuevas2017", "hsiao2019", "gum2008", "numpy"} <= cited
+    assert bib.count("{") == bib.count("}")
+
+
+def test_the_loop_is_told_with_its_error_and_what_it_moved(evidence):
+    diagnosed = dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: DIAGNOSED})
+    text = methods.markdown(diagnosed).decode()
+    assert "accounted for by supply sag [@supply_sag], which the design cannot tell from session gain" in text
+    assert "with which $K_b$ = 2 (90 %: 1.8 to 2.2)" in text
+    assert "1.22 % to 0.43 % of lift; noise floor 0.41 %" in text
+    assert "@misc{supply_sag," in methods.references(diagnosed).decode()
+
+
+def test_names_from_files_do_nothing_in_latex_or_markdown(evidence):
+    vehicle = evidence.campaign.vehicle.model_copy(update={"name": r"$x$ \input{y} [@z] 50 % `a`"})
+    hostile = dataclasses.replace(evidence, campaign=evidence.campaign.model_copy(update={"vehicle": vehicle}))
+    assert r"\input" not in methods.tex(hostile).decode()
+    assert r"50 \%" in methods.tex(hostile).decode()
+    assert "[@z]" not in methods.markdown(hostile).decode()
+    assert "input{y}" in methods.facts(hostile)["paragraphs"][0]
