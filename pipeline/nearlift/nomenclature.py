@@ -126,6 +126,7 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("beta_group", r"\beta", "1", "derivative gain without unit, k_D sqrt(4 C_L rho r^5 / m)", r"\beta"),
     _s("gamma_group", r"\gamma", "1", "integral gain without unit, k_I sqrt(4 C_L rho r^7 / (m g^2))", r"\gamma"),
     _s("noise_group", r"\sigma_{L'} / m g", "1", "standard deviation of the disturbance over weight", r"L'/mg"),
+    _s("correlation_group", r"\tau_{L'} / \sqrt{r/g}", "1", "correlation time of the disturbance over the time that scales Eq. 6"),
     _s("downwash", r"v / v_\infty", "1", "induced velocity over its value far from the boundary"),
     _s("speed_m_s", r"\lvert \mathbf{u} \rvert", "m/s", "in-plane flow speed", r"\mathbf{u}"),
 )

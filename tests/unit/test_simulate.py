@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from nearlift import catalogue, store
 from nearlift.errors import ManifestError, UsageError
+from nearlift.executors import open_executor
+from nearlift.figures.crash_map import draw as draw_map
 from nearlift.figures.render import render
 from nearlift.figures.style import style
 from nearlift.pages import safety as chapter
 from nearlift.products import CRASH_MAP, CRASH_RATES, DIAGNOSIS, FLIGHTS, POSTERIOR, ROUTES, SAFETY
+from nearlift.simulation import groups, maps, presets
+from nearlift.simulation.curve import tabulate
+from nearlift.simulation.flight import Plan, Setting, fly
 from nearlift.simulation.route import BASES
 from nearlift.stages import simulate
 from nearlift.stages.belief import believe
 from nearlift.stages.gallery import FIGURES
 from nearlift.stages.graph import stage
+from nearlift.stages.job import Job
 from nearlift.stages.report import gather
 
 QUICK = {
@@ -131,6 +138,72 @@ def test_a_route_through_the_manifest_s_corridor(make_job):
     assert "no trajectory" in spec.caption(evidence, drawn)
 
 
+def test_maps_over_pairs_of_groups(monkeypatch):
+    """Every map by its own axes: more gain and wider memory act as they must, spacing only where the model has one."""
+    monkeypatch.setattr(maps, "SIDE", 3)
+    preset = presets.preset("converged")
+    own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
+    how = {"groups": own, "scheme": "rk4", "steps_per_hold": 2, "step_s": 0.05, "flights": 30, "key": 5}
+    asked = []
+
+    def ratio(factor):
+        asked.append(factor)
+        return lambda z: 1 + 0.01 / (factor * z) ** 2
+
+    rows = maps.scan("ground", ratio, "some", 0.5, 2.8, **how)
+    assert [r["map"] for r in rows[::9]] == [p.name for p in maps.PAIRS]
+    assert sorted(set(asked)) == pytest.approx([0.75, 1.0, np.sqrt(0.75 * 2), 2.0], abs=1e-5)
+    rate = {(r["map"], r["x"], r["y"]): r["rate"] for r in rows}
+    for name, x_group in (("noise and gains", "beta"), ("noise and its memory", "correlation"), ("noise and spacing", "spacing_hat")):
+        cells = {k: v for k, v in rate.items() if k[0] == name}
+        xs, ys = (sorted({k[i] for k in cells}) for i in (1, 2))
+        assert ys[1] == pytest.approx(own.noise)
+        assert {r["x_group"] for r in rows if r["map"] == name} == {x_group}
+        # more noise crashes more
+        assert all(cells[name, x, ys[0]] <= cells[name, x, ys[2]] for x in xs)
+    assert xs == pytest.approx([0.75 * 2.8, np.sqrt(1.5) * 2.8, 5.6], rel=1e-4)
+    low, middle, high = sorted({k[1] for k in rate if k[0] == "noise and its memory"})
+    assert (low, middle, high) == pytest.approx((0.3 * own.hold, 3 * own.hold, 30 * own.hold))
+    assert rate["noise and its memory", low, own.noise] < rate["noise and its memory", high, own.noise]
+    gains = sorted({k[1] for k in rate if k[0] == "noise and gains"})
+    assert rate["noise and gains", gains[0], own.noise] > rate["noise and gains", gains[2], own.noise]
+    assert "noise and spacing" not in {r["map"] for r in maps.scan("ceiling", ratio, "some", 0.5, None, **how)}
+
+
+def test_the_maps_figure():
+    sides = [(b, p) for b in ("ground", "ceiling") for p in maps.PAIRS if b == "ground" or p.x.name != "spacing_hat"]
+    rows = [
+        {"boundary": b, "model": "m", "map": p.name, "x_group": p.x.name, "y_group": p.y.name, "x": x, "y": y, "target_z_hat": 1.0, "flights": 60}
+        | {"rate": 0.5 * x / (x + y), "lo90": 0.0, "hi90": 1.0, "x_flown": 0.0 if p.x.name == "correlation" else 1.0, "y_flown": 1.0}
+        for b, p in sides
+        for x in (0.3, 1.0, 3.0)
+        for y in (0.3, 1.0, 3.0)
+    ]
+    table = {k: np.array([r[k] for r in rows], dtype=object if isinstance(rows[0][k], str) else None) for k in rows[0]}
+    assert render(draw_map, table, style("screen"))["png"].startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("text", ["threads:2", "processes:2"])
+def test_no_executor_changes_what_is_flown(text):
+    """Blocks of flights go to the executor's workers as plain values and come back in order."""
+    preset = presets.preset("paper")
+    own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
+    settings = [Setting(target_z_hat=z, groups=own) for z in (1.0, 1.2)]
+    plan = Plan(boundary="ground", settings=settings, curves=tabulate([np.ones_like], 0.5), scheme="euler", steps_per_hold=1)
+    alone = fly(plan, 120, 9)
+    with open_executor(text) as pool:
+        job = Job(root=Path(), campaign=None, processed=Path(), reports=Path(), executor=pool)
+        workers = []
+
+        def spread(task, firsts):
+            workers.append(pool)
+            return simulate.spread(job)(task, firsts)
+
+        assert np.array_equal(fly(plan, 120, 9, spread), alone)
+    assert workers
+    assert simulate.spread(job).__self__ is job.executor
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "words"),
     [
@@ -167,11 +240,15 @@ def span(value, half=0.0):
 def test_what_the_loop_found_flies_or_stays_on_the_bench(make_job):
     job = make_job(("ground", "ceiling"))
     sagging = {"name": "supply_sag", "parameters": {"sag_exponent": span(2.0, 0.1)}}
-    diagnosed(job, "ground", verdict="effect", effects=[sagging], coefficients={"after": {"K_b": span(1.8, 0.2)}})
+    joint = {"parameters": ["K_b", "sag_exponent"], "correlation": [[1.0, -0.8], [-0.8, 1.0]]}
+    diagnosed(job, "ground", verdict="effect", effects=[sagging], coefficients={"after": {"K_b": span(1.8, 0.2)}}, joint=joint)
     belief = believe(job, "ground", 500)
     assert (belief.effects, belief.left, belief.source) == (("supply_sag",), (), "diagnosis.json")
     assert belief.best == {"K_b": 1.8, "sag_exponent": 2.0}
     assert belief.draws["K_b"].std() == pytest.approx(0.2 / 1.645, rel=0.15)
+    # as wide as the intervals say, and together as the refit has them
+    assert belief.draws["sag_exponent"].std() == pytest.approx(0.1 / 1.645, rel=0.15)
+    assert np.corrcoef(belief.draws["K_b"], belief.draws["sag_exponent"])[0, 1] == pytest.approx(-0.8, abs=0.08)
     assert belief.droop(0.9 * belief.supply_V[0]) == pytest.approx(0.81 - 1)
     # the sag is in time: at the start of a flight the ratio is the bare model's
     bare = catalogue.model("sanchez_cuevas")(1.5, K_b=1.8, spacing_hat=65 / 23, diagonal_hat=np.sqrt(2) * 65 / 23)

@@ -40,6 +40,19 @@ def spread(stage: Stage, fitted: Fitted, nuisance: FloatArray | None = None) -> 
     return value, np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
 
 
+def joint(stage: Stage, fitted: Fitted, tube: FloatArray | None = None) -> FloatArray:
+    """Covariance of everything fitted, coefficients first and the effects' parameters after them as the candidate's slots say: (P, P).
+
+    `tube` (n, t) are unit-variance columns of form uncertainty.
+    """
+    _, sd = fitted.candidate.prior
+    j = fitted.jacobian
+    if tube is not None and tube.shape[1]:
+        u, s, _ = np.linalg.svd(stage.space.project(tube.T).T, full_matrices=False)
+        j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
+    return _inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
+
+
 def _inverse(information: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     result: FloatArray = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-13) / np.outer(scale, scale)

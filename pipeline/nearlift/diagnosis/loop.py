@@ -125,6 +125,8 @@ def diagnose(
         if few
         else f"loop: {floor.source}; the intervals of fit.json have the noise of repeats, which holds what moves visits"
     )
+    if answer.accepted:
+        findings["joint"] = _joint(stage, answer.accepted[0])
     findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
     findings["limits"] = absorption.limits(stage, answer)
     findings["within_trial"] = heating(stage.data, library, options.false_alarm_rate)
@@ -232,19 +234,32 @@ def _effects(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     return listed
 
 
+def _joint(stage: Stage, explanation: Explanation) -> dict[str, Any]:
+    """How the best explanation's coefficients and effects go together: the correlation of all its scalar parameters."""
+    fitted = explanation.fitted
+    if stage.independent:
+        vectors = few_visits.jackknife(stage, fitted)
+        centred = vectors - vectors.mean(axis=0) if len(vectors) else np.zeros((1, fitted.candidate.size))
+        covariance = centred.T @ centred
+    else:
+        covariance = coefficients.joint(stage, fitted, explanation.tube)
+    places = {p.name: i for i, p in enumerate(stage.base.parameters)}
+    places |= {s.parameter.name: s.start for s in fitted.candidate.slots if s.stop - s.start == 1}
+    own = covariance[np.ix_(list(places.values()), list(places.values()))]
+    u = np.sqrt(np.diag(own))
+    scale = np.where(u > 0, u, 1.0)
+    correlation = np.clip(0.5 * (own + own.T) / np.outer(scale, scale), -1.0, 1.0)
+    np.fill_diagonal(correlation, 1.0)
+    return {"parameters": list(places), "correlation": correlation.tolist()}
+
+
 def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str, Any]:
     """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session where it has one each."""
     fitted = explanation.fitted
     if stage.independent:
         errors = few_visits.standard_error(few_visits.jackknife(stage, fitted))
         return _intervals(fitted, effect, errors, few_visits.quantile(stage))
-    _, sd = fitted.candidate.prior
-    weight2 = np.where(np.isfinite(sd), 1 / sd**2, 0.0)
-    white = stage.space.project(explanation.tube.T).T if explanation.tube.shape[1] else np.zeros((stage.data.n, 0))
-    u, s, _ = np.linalg.svd(white, full_matrices=False)
-    j = fitted.jacobian
-    j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
-    spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(j.T @ j + np.diag(weight2))), 0))
+    spread = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
     return _intervals(fitted, effect, spread, 1.645)
 
 

@@ -1,4 +1,4 @@
-"""Maps of crash rate over two dimensionless groups, with the contours of 1, 10 and 50 %."""
+"""Maps of crash rate over pairs of dimensionless groups, with the contours of 10, 50 and 90 %; a row for each boundary."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -13,31 +14,56 @@ from nearlift import nomenclature
 from nearlift.figures.style import SEQUENTIAL, Style
 
 Rows = Mapping[str, Any]
-LEVELS = (1.0, 10.0, 50.0)
+LEVELS = (10.0, 50.0, 90.0)
+WORDS = {
+    "alpha": ("proportional gain", "alpha_group"),
+    "beta": ("derivative gain", "beta_group"),
+    "noise": ("noise", "noise_group"),
+    "correlation": ("memory", "correlation_group"),
+    "spacing_hat": ("spacing", "spacing_hat"),
+}
 
 
 def draw(table: Rows, look: Style) -> Figure:
-    """A panel for each boundary."""
+    """A row for each boundary, a column for each pair of groups."""
     sides = list(dict.fromkeys(table["boundary"].tolist()))
-    figure = Figure(figsize=(look.double_in if len(sides) > 1 else look.single_in * 1.25, 0.42 * look.double_in), layout="constrained")
-    axes = figure.subplots(1, len(sides), squeeze=False)[0]
-    for letter, side, ax in zip("ab", sides, axes, strict=False):
-        mine = table["boundary"] == side
-        x, y = np.unique(table["beta"][mine]), np.unique(table["noise"][mine])
-        rate = np.full((len(y), len(x)), np.nan)
-        rate[np.searchsorted(y, table["noise"][mine]), np.searchsorted(x, table["beta"][mine])] = 100 * table["rate"][mine]
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        mesh = ax.pcolormesh(x, y, rate, cmap=SEQUENTIAL, vmin=0, vmax=100, shading="nearest", rasterized=True)
-        lines = ax.contour(x, y, rate, levels=LEVELS, colors="white", linewidths=0.8)
-        ax.clabel(lines, fmt=lambda v: f"{v:g} %", fontsize=look.text_pt - 1.5)
-        ax.plot([np.sqrt(x[0] * x[-1])], [np.sqrt(y[0] * y[-1])], "o", color="white", markerfacecolor="none", markersize=6, markeredgewidth=1.0)
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
-        ax.set_xlabel(f"derivative gain {nomenclature.label('beta_group')}")
-        ax.set_ylabel(f"noise {nomenclature.label('noise_group')}")
-        ax.set_title(f"{letter}) {side}", loc="left", fontsize=look.text_pt)
-    figure.colorbar(mesh, ax=list(axes), label="crash rate (%)", pad=0.02, aspect=25)
+    names = list(dict.fromkeys(table["map"].tolist()))
+    figure = Figure(figsize=(look.double_in, (0.08 + 0.27 * len(sides)) * look.double_in), layout="constrained")
+    axes = figure.subplots(len(sides), len(names), squeeze=False)
+    letters = iter("abcdefgh")
+    mesh: Any = None
+    for row, side in zip(axes, sides, strict=True):
+        for ax, name in zip(row, names, strict=True):
+            mine = (table["boundary"] == side) & (table["map"] == name)
+            if not mine.any():
+                ax.set_axis_off()
+                continue
+            mesh = _map(ax, {k: v[mine] for k, v in table.items()}, look)
+            ax.set_title(f"{next(letters)}) {side}", loc="left", fontsize=look.text_pt)
+    figure.colorbar(mesh, ax=list(axes.ravel()), label="crash rate (%)", pad=0.01, aspect=30)
     return figure
+
+
+def _map(ax: Axes, own: Rows, look: Style) -> Any:
+    x, y = np.unique(own["x"]), np.unique(own["y"])
+    rate = np.full((len(y), len(x)), np.nan)
+    rate[np.searchsorted(y, own["y"]), np.searchsorted(x, own["x"])] = 100 * own["rate"]
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    mesh = ax.pcolormesh(x, y, rate, cmap=SEQUENTIAL, vmin=0, vmax=100, shading="nearest", rasterized=True)
+    if rate.min() < LEVELS[-1] and rate.max() > LEVELS[0]:
+        lines = ax.contour(x, y, rate, levels=LEVELS, colors="white", linewidths=0.8)
+        ax.clabel(lines, fmt=lambda v: f"{v:g}", fontsize=look.text_pt - 1.5)
+    at, height = float(own["x_flown"][0]), float(own["y_flown"][0])
+    if at > 0:
+        ax.plot([at], [height], "o", color="white", markerfacecolor="none", markersize=6, markeredgewidth=1.0)
+    else:
+        ax.plot([0.06], [height], "<", color="white", markersize=5, transform=ax.get_yaxis_transform())
+    for axis, (low, high) in ((ax.xaxis, (x[0], x[-1])), (ax.yaxis, (y[0], y[-1]))):
+        axis.set_major_locator(LogLocator(subs=(1.0,) if high > 20 * low else (1.0, 2.0, 3.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    for put, group in ((ax.set_xlabel, own["x_group"][0]), (ax.set_ylabel, own["y_group"][0])):
+        word, symbol = WORDS[group]
+        put(f"{word} {nomenclature.label(symbol)}")
+    return mesh

@@ -47,9 +47,12 @@ def _range(ax: Any, own: Rows) -> None:
         known = np.isfinite(y)
         ax.fill_between(x[known], own["lo90"][mine][known], own["hi90"][mine][known], color=shade, alpha=0.2, linewidth=0)
     ax.set_ylim(bottom=0)
+    nowhere = [c for c in dict.fromkeys(own["case"].tolist()) if not np.isfinite(own["y"][own["case"] == c]).any()]
     if not np.isfinite(own["y"]).any():
         ax.set_ylim(0, 1)
         ax.text(0.5, 0.5, "nowhere", transform=ax.transAxes, ha="center", va="center")
+    elif nowhere:
+        ax.text(0.96, 0.04, "\n".join([*nowhere, "nowhere"]), transform=ax.transAxes, ha="right", va="bottom", fontsize="small", color="0.35")
     ax.set_xlim(own["x"].min() / 1.5, own["x"].max() * 1.5)
     ax.set_xlabel("averaging time (s)")
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

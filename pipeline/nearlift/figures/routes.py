@@ -25,7 +25,9 @@ def draw(table: Rows, look: Style) -> Figure:
     front = {name: column[table["kind"] == "front"] for name, column in table.items()}
     risk = {int(w): float(y) for w, y in zip(front["way"], front["y"], strict=True)}
     least = max(min(risk.values()), 1e-12)
-    norm = LogNorm(least, max(max(risk.values()), 1.01 * least))
+    # at least a decade of colours, so that small differences look small
+    middle = np.sqrt(least * max(max(risk.values()), least))
+    norm = LogNorm(min(least, middle / np.sqrt(10)), max(*risk.values(), middle * np.sqrt(10)))
     colours = matplotlib.colormaps[SEQUENTIAL]
     for i in np.flatnonzero(table["kind"] == "box"):
         x, y, x2, y2 = (float(table[k][i]) for k in ("x", "y", "x2", "y2"))
@@ -57,7 +59,7 @@ def draw(table: Rows, look: Style) -> Figure:
     best = front["chosen"] == 1
     right.plot(front["x"][best], front["y"][best], SERIES[1][1], color=SERIES[1][0], markerfacecolor="white", markersize=5, zorder=4, label="chosen")
     right.axhline(float(table["y"][table["kind"] == "bound"][0]), color="0.45", linestyle=(0, (4, 2)), linewidth=0.8, label="bound")
-    right.set_xlabel("energy over straight way far away")
+    right.set_xlabel("relative energy")
     right.set_ylabel("risk of a crash")
     right.set_title("b) energy against risk", loc="left", fontsize=look.text_pt)
     right.legend()

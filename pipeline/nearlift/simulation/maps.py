@@ -1,8 +1,9 @@
-"""Crash rate over two dimensionless groups, derivative gain and noise, all others as flown."""
+"""Crash rate over pairs of dimensionless groups, all others as flown."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,52 +14,120 @@ from nearlift.simulation.curve import tabulate
 from nearlift.simulation.flight import Map, Plan, Scheme, Setting, fly
 from nearlift.simulation.groups import Groups
 
-#: Times the flown groups; equally spaced on logarithmic axes.
-FACTORS = np.round(np.geomspace(1 / 3, 3, 11), 6)
+#: Cells along either axis; the flown value is the middle one.
+SIDE = 9
+#: Most flights a cell.
 FLIGHTS = 150
 TARGETS: dict[Boundary, float] = {"ground": 1.0, "ceiling": 2.0}
-#: The largest gain makes a loop three times as fast, so the step is halved.
-FINER = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """One group of a map: its name among the groups, and the range of its values over the flown one (correlation: over the hold)."""
+
+    name: str
+    low: float
+    high: float
+
+    @property
+    def factors(self) -> FloatArray:
+        """Equally spaced on a logarithmic axis."""
+        return np.round(np.geomspace(self.low, self.high, SIDE), 6)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """One map: two groups, what changes in proportion to the first, and into how many the step is divided (a larger gain is a faster loop)."""
+
+    name: str
+    x: Axis
+    y: Axis
+    along: tuple[str, ...] = ()
+    finer: int = 1
+
+
+BETA, NOISE = Axis(name="beta", low=1 / 3, high=3.0), Axis(name="noise", low=1 / 3, high=3.0)
+SPACING = "spacing_hat"
+PAIRS = (
+    Pair(name="gains", x=BETA, y=Axis(name="alpha", low=0.1, high=10.0), finer=2),
+    Pair(name="noise and gains", x=BETA, y=NOISE, along=("alpha", "gamma"), finer=2),
+    # gusts that forget at once, as flown elsewhere, are to the left of it
+    Pair(name="noise and its memory", x=Axis(name="correlation", low=0.3, high=30.0), y=NOISE),
+    Pair(name="noise and spacing", x=Axis(name=SPACING, low=0.75, high=2.0), y=NOISE),
+)
 
 
 def scan(
     boundary: Boundary,
-    ratio: Callable[[FloatArray], FloatArray],
+    ratio: Callable[[float], Callable[[FloatArray], FloatArray]],
     model: str,
     bound: float,
+    spacing_hat: float | None,
     *,
     groups: Groups,
     scheme: Scheme,
     steps_per_hold: int,
     step_s: float,
+    flights: int,
     key: int,
     spread: Map = map,
 ) -> list[dict[str, Any]]:
-    """Rows of crash_map.parquet: beta (with alpha and gamma in proportion, so that the loop keeps its shape) against noise."""
+    """Rows of crash_map.parquet: every pair of groups whose groups this boundary's model has.
+
+    Parameters
+    ----------
+    ratio : callable
+        L / L_inf with the rotors' spacing so many times the vehicle's.
+    spacing_hat : float or None
+        The vehicle's; None where the model does not depend on it.
+    """
     target = max(TARGETS[boundary], bound)
-    pairs = [(g, n) for g in FACTORS for n in FACTORS]
-    settings = [
-        Setting(
-            target_z_hat=target,
-            groups=groups.with_groups(alpha=groups.alpha * g, beta=groups.beta * g, gamma=groups.gamma * g, noise=groups.noise * n),
-        )
-        for g, n in pairs
-    ]
-    plan = Plan(boundary=boundary, settings=settings, curves=tabulate([ratio], bound), scheme=scheme, steps_per_hold=FINER * steps_per_hold)
-    crashes = (fly(plan, FLIGHTS, key, spread) >= 0).sum(axis=1)
-    low, high = safety.binomial90(crashes, FLIGHTS)
-    return [
-        {
-            "boundary": boundary,
-            "model": model,
-            "target_z_hat": target,
-            "beta": abs(s.groups.beta),
-            "noise": s.groups.noise,
-            "flights": FLIGHTS,
-            "crashes": int(crashes[i]),
-            "rate": float(crashes[i] / FLIGHTS),
-            "lo90": float(low[i]),
-            "hi90": float(high[i]),
-        }
-        for i, s in enumerate(settings)
-    ]
+    few = min(flights, FLIGHTS)
+    rows = []
+    for pair in PAIRS:
+        if pair.x.name == SPACING and spacing_hat is None:
+            continue
+        ratios = [ratio(float(f)) for f in pair.x.factors] if pair.x.name == SPACING else [ratio(1.0)]
+        curves = tabulate(ratios, bound)
+        cells = list(_cells(pair, groups, spacing_hat))
+        # gusts of one plan share their memory
+        for memory in dict.fromkeys(g.correlation for _, _, g, _ in cells):
+            mine = [c for c in cells if c[2].correlation == memory]
+            settings = [Setting(target_z_hat=target, groups=g, curve=curve if len(ratios) > 1 else 0) for _, _, g, curve in mine]
+            plan = Plan(boundary=boundary, settings=settings, curves=curves, scheme=scheme, steps_per_hold=pair.finer * steps_per_hold)
+            crashes = (fly(plan, few, key, spread) >= 0).sum(axis=1)
+            low, high = safety.binomial90(crashes, few)
+            rows += [
+                {
+                    "boundary": boundary,
+                    "model": model,
+                    "map": pair.name,
+                    "x_group": pair.x.name,
+                    "y_group": pair.y.name,
+                    "x": x,
+                    "y": y,
+                    "target_z_hat": target,
+                    "flights": few,
+                    "crashes": int(crashes[i]),
+                    "rate": float(crashes[i] / few),
+                    "lo90": float(low[i]),
+                    "hi90": float(high[i]),
+                }
+                for i, (x, y, _, _) in enumerate(mine)
+            ]
+    return rows
+
+
+def _cells(pair: Pair, groups: Groups, spacing_hat: float | None) -> Iterator[tuple[float, float, Groups, int]]:
+    """Values on both axes (sizes, without the gains' sign), the groups there, and which of the x axis' places it is."""
+    for i, fx in enumerate(pair.x.factors.tolist()):
+        for fy in pair.y.factors.tolist():
+            changes = {name: fx * getattr(groups, name) for name in pair.along} | {pair.y.name: fy * getattr(groups, pair.y.name)}
+            if pair.x.name == SPACING:
+                x = fx * (spacing_hat or 0.0)
+            elif pair.x.name == "correlation":
+                x = changes["correlation"] = fx * groups.hold
+            else:
+                changes[pair.x.name] = fx * getattr(groups, pair.x.name)
+                x = abs(changes[pair.x.name])
+            yield x, abs(changes[pair.y.name]), groups.with_groups(**changes), i

@@ -31,6 +31,8 @@ from nearlift.results import IntArray
 FINENESS = 2
 #: A boundary of which no model was fitted is left alone by so many radii.
 BERTH = 4.0
+#: A risk below this is none: no flight shows it.
+NONE = 1e-12
 #: Prices tried for the front, in energies of the whole way flown far from boundaries.
 PRICES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 36)])
 #: Moves: along, up and down; (columns, rows).
@@ -249,7 +251,7 @@ def ways(grid: Field, pilot: Pilot, start: tuple[float, float], goal: tuple[floa
             basis=grid.basis(nodes),
             energy=own_energy / straight,
             risk=float(-np.expm1(-own_hazard)),
-            lo90=lo90,
+            lo90=lo90 if lo90 > NONE else 0.0,
             hi90=hi90,
         )
         if not found or (new.risk < found[-1].risk * (1 - 1e-9) and new.energy > found[-1].energy * (1 + 1e-9)):

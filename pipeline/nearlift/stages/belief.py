@@ -2,8 +2,8 @@
 
 Simulation, detection and export all take it from here. Where the loop named an effect that belongs to the vehicle (a saturated
 ceiling, a sagging supply), the model is composed with it; one that belongs to the bench (a datum, a drift) stays there, and only the
-coefficient that it corrected is taken along. Without an effect, draws come from the posterior where there is one, else from the fit's
-estimate and covariance.
+coefficient that it corrected is taken along; draws then have the widths of the loop's intervals and the correlation of its refit.
+Without an effect, draws come from the posterior where there is one, else from the fit's estimate and covariance.
 """
 
 from __future__ import annotations
@@ -72,10 +72,14 @@ class Belief:
         """Parameters of one draw; -1 is the best estimate."""
         return dict(self.best) if member < 0 else {name: float(values[member]) for name, values in self.draws.items()}
 
-    def ratio(self, member: int = -1) -> Callable[[FloatArray], FloatArray]:
-        """L / L_inf as a function of z_hat for one draw; -1 is the best estimate."""
-        values = {**self.arguments, **self.parameters(member)}
+    def ratio(self, member: int = -1, **changes: float) -> Callable[[FloatArray], FloatArray]:
+        """L / L_inf as a function of z_hat for one draw; -1 is the best estimate. `changes` replace arguments of the model."""
+        values = {**self.arguments, **self.parameters(member), **changes}
         return lambda z_hat: np.asarray(self.model(z_hat, **values), dtype=float)
+
+    def spaced(self, factor: float) -> Callable[[FloatArray], FloatArray]:
+        """The best estimate of L / L_inf for a vehicle whose rotors are so many times as far apart."""
+        return self.ratio(-1, **{n: factor * float(v) for n, v in self.arguments.items() if n in ("spacing_hat", "diagonal_hat")})
 
     def droop(self, supply_end_V: float | None, member: int = -1) -> float:
         """Change of lift, as a fraction, that the supply has brought at the end of a flight: 0 unless the loop found that it matters."""
@@ -99,7 +103,7 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
         for e in named:
             if e["name"] in {f.name for f in flying}:
                 values |= e["parameters"]
-        best, draws = _independent(model, flying, values, number, rng)
+        best, draws = _together(model, flying, values, found.get("joint"), number, rng)
         source = DIAGNOSIS.file
     elif (table := _posterior(job, boundary, name)) is not None:
         best = {p: float(e["value"]) for p, e in entry["parameters"].items()}
@@ -160,15 +164,33 @@ def _normal(model: LiftModel, entry: Mapping[str, Any], number: int, rng: np.ran
     return best, {n: np.clip(values[:, names.index(n)], *model.parameter(n).bounds) if n in names else np.full(number, best[n]) for n in best}
 
 
-def _independent(
-    model: LiftModel, effects: tuple[Effect, ...], values: Mapping[str, Any], number: int, rng: np.random.Generator
+def _together(
+    model: LiftModel,
+    effects: tuple[Effect, ...],
+    values: Mapping[str, Any],
+    joint: Mapping[str, Any] | None,
+    number: int,
+    rng: np.random.Generator,
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimate and draws from the loop's intervals, which already hold what rivals would say; their correlation is not on record."""
+    """Best estimate and draws: each parameter with the width of its interval, which holds what rivals would say, all together with the
+    correlation of the loop's refit (independent where none is on record).
+    """
+    parameters = [*model.parameters, *(p for e in effects for p in e.parameters)]
+    names = [p.name for p in parameters]
+    correlation = np.eye(len(names))
+    if joint is not None:
+        at = {n: i for i, n in enumerate(joint["parameters"])}
+        known = np.asarray(joint["correlation"], dtype=float)
+        for i, a in enumerate(names):
+            for j, b in enumerate(names):
+                if i != j and a in at and b in at:
+                    correlation[i, j] = known[at[a], at[b]]
+    normal = rng.multivariate_normal(np.zeros(len(names)), correlation, size=number, method="eigh")
     best, draws = {}, {}
-    for p in (*model.parameters, *(p for e in effects for p in e.parameters)):
+    for i, p in enumerate(parameters):
         e = values.get(p.name)
         best[p.name] = p.value if e is None else float(e["value"])
-        known = e is not None and e.get("lo90") is not None and e.get("hi90") is not None
-        u = (float(e["hi90"]) - float(e["lo90"])) / WIDTH_90 if known and e is not None else 0.0
-        draws[p.name] = np.clip(best[p.name] + u * rng.standard_normal(number), *p.bounds)
+        wide = e is not None and e.get("lo90") is not None and e.get("hi90") is not None
+        u = (float(e["hi90"]) - float(e["lo90"])) / WIDTH_90 if wide and e is not None else 0.0
+        draws[p.name] = np.clip(best[p.name] + u * normal[:, i], *p.bounds)
     return best, draws

@@ -62,7 +62,10 @@ def run(job: Job) -> Outcome:
         if chosen.maps:
             job.say(f"simulate map {boundary}")
             how = _how(chosen, boundary, craft)
-            mapped += maps.scan(boundary, belief.ratio(), belief.model.name, bound(belief, chosen), **how, key=key, spread=spread(job))
+            spacing = belief.arguments.get("spacing_hat")
+            mapped += maps.scan(
+                boundary, belief.spaced, belief.model.name, bound(belief, chosen), spacing, **how, flights=chosen.flights, key=key, spread=spread(job)
+            )
     content["route"], routes = plan(job, chosen, craft, content["fitted"], flights) if chosen.route else (None, [])
     content["claims"] = claims.table(levels)
     content["roll"] = _roll(job, chosen)
@@ -201,6 +204,7 @@ def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, 
         "held": job.campaign.rig.held,
         "flights": flown.flights,
         "groups": asdict(how["groups"]),
+        "spacing_hat": belief.arguments.get("spacing_hat"),
         "convergence": asdict(flown.convergence),
         "levels": [_levels_of_draws(flown, risk, rng) for risk in chosen.risks],
         "front_z_hat": flown.target_z_hat[energy.front(costs[1][1], flown.rate[1])].tolist(),

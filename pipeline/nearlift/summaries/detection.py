@@ -29,7 +29,7 @@ def summarise(evidence: Evidence) -> Columns:
     for side in (b for b in BOUNDARIES if b in content):
         mine = table["boundary"] == side
         least = (float(table["payload"][mine].min()), float(table["voltage"][mine].min()))
-        for payload, voltage in sorted(set(zip(table["payload"][mine].tolist(), table["voltage"][mine].tolist(), strict=True))):
+        for voltage, payload in sorted(set(zip(table["voltage"][mine].tolist(), table["payload"][mine].tolist(), strict=True))):
             if payload != least[0] and voltage != least[1]:
                 # each alone shows what it costs; both together are in the product
                 continue
