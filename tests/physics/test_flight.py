@@ -289,6 +289,8 @@ def test_levels():
     z_hat, rate = np.array([1.0, 1.1, 1.2, 1.3]), np.array([0.9, 0.5, 0.05, 0.0])
     assert safety.level(z_hat, rate, 0.5, 1e-3) == pytest.approx(1.0 + 0.1 * 1.0)
     assert 1.1 < safety.level(z_hat, rate, 0.1, 1e-3) < 1.2
+    # between a set-point where all crash and one where none does, half do in the middle
+    assert safety.level(z_hat, np.array([1.0, 1.0, 0.0, 0.0]), 0.5, 1e-3) == pytest.approx(1.15)
     assert math.isnan(safety.level(z_hat, rate + 0.3, 0.1, 1e-3))
     assert safety.level(z_hat, np.zeros(4), 0.1, 1e-3) == 1.0
     with pytest.raises(UsageError, match=r"0.01 cannot be seen in 100 flights\n.*300"):

@@ -39,13 +39,13 @@ def draw(table: Rows, look: Style) -> Figure:
         mine = (table["kind"] == "way") & (table["way"] == way)
         bold = bool(table["chosen"][mine][0])
         if bold:
-            left.plot(table["x"][mine], table["y"][mine], color="0.75", linewidth=3.4, zorder=3)
+            left.plot(table["x"][mine], table["y"][mine], color="0.85", linewidth=3.4, zorder=3)
         x, y, seen = (table[k][mine] for k in ("x", "y", "seen"))
         # stretches of one kind, each with the first point of the next
         turns = [0, *(np.flatnonzero(np.diff(seen)) + 1).tolist(), len(x)]
         for a, b in itertools.pairwise(turns):
             style = "-" if seen[a] else (0, (3, 1.5))
-            left.plot(x[a : b + 1], y[a : b + 1], color=colours(norm(max(risk[way], least))), linewidth=1.3, linestyle=style, zorder=4)
+            left.plot(x[a : b + 1], y[a : b + 1], color=colours(norm(max(risk[way], least))), linewidth=1.3, linestyle=style, zorder=4 if bold else 2)
     ends = table["kind"] == "end"
     left.plot(table["x"][ends], table["y"][ends], "o", color=FIT, markerfacecolor="white", zorder=5)
     left.set_xlim(0, float(table["x2"][room]))
@@ -62,5 +62,5 @@ def draw(table: Rows, look: Style) -> Figure:
     right.set_xlabel("relative energy")
     right.set_ylabel("risk of a crash")
     right.set_title("b) energy against risk", loc="left", fontsize=look.text_pt)
-    right.legend()
+    right.legend(loc="center right")
     return figure

@@ -72,7 +72,7 @@ def rate_draws(crashed: NDArray[np.bool_], number: int, rng: np.random.Generator
 
 
 def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> float:
-    """The lowest set-point from which upwards the crash rate stays at or below `risk`; log-linear between set-points.
+    """The lowest set-point from which upwards the crash rate stays at or below `risk`; between set-points the logit of the rate is linear.
 
     Parameters
     ----------
@@ -80,22 +80,22 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
         Set-points, ascending, and crash rates.
     risk : float
     least : float
-        What a rate of zero is taken for, half a crash among the flights.
+        What a rate of zero is taken for, half a crash among the flights (and a rate of one for all but half a flight).
 
     Returns
     -------
     float
         nan where even the highest set-point is riskier; the lowest set-point itself (an upper bound) where all are safer.
     """
-    safe = np.maximum(np.asarray(rate, dtype=float), least)
+    safe = np.clip(np.asarray(rate, dtype=float), least, 1 - least)
     above = np.flatnonzero(safe > risk)
     if not len(above):
         return float(target_z_hat[0])
     last = int(above[-1])
     if last == len(safe) - 1:
         return float("nan")
-    a, b = np.log(safe[last]), np.log(safe[last + 1])
-    return float(target_z_hat[last] + (target_z_hat[last + 1] - target_z_hat[last]) * (a - np.log(risk)) / (a - b))
+    a, b, asked = (np.log(p / (1 - p)) for p in (safe[last], safe[last + 1], risk))
+    return float(target_z_hat[last] + (target_z_hat[last + 1] - target_z_hat[last]) * (a - asked) / (a - b))
 
 
 def refuse_few(risk: float, flights: int) -> None:

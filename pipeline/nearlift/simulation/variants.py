@@ -16,9 +16,9 @@ from nearlift.simulation.groups import Groups
 VARIANTS = (("gains x 0.5", 0.5, 1.0), ("gains x 0.8", 0.8, 1.0), ("noise x 0.7", 1.0, 0.7), ("noise x 1.4", 1.0, 1.4))
 #: The powers that the claims speak of.
 EXPONENTS = (0.0, 0.6, 1.0, 1.4)
-#: Set-points wide enough for levels of half of the flights in all of them.
+#: Set-points wide enough for levels of half of the flights in all of them, and close where the converged ground's curves are steep.
 TARGETS: dict[Boundary, FloatArray] = {
-    "ground": np.round(np.arange(2, 15) * 0.2, 10),
+    "ground": np.round(np.concatenate([np.arange(6, 15) * 0.05, np.arange(4, 12) * 0.2]), 10),
     "ceiling": np.round(np.arange(3, 20) * 0.2, 10),
 }
 SHARE, LEAST = 0.25, 50
