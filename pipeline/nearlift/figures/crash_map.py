@@ -14,7 +14,8 @@ from nearlift import nomenclature
 from nearlift.figures.style import SEQUENTIAL, Style
 
 Rows = Mapping[str, Any]
-LEVELS = (10.0, 50.0, 90.0)
+#: Contours and their lines; numbers beside them would hide what is flown.
+LEVELS = {10.0: "dotted", 50.0: "solid", 90.0: "dashed"}
 WORDS = {
     "alpha": ("proportional gain", "alpha_group"),
     "beta": ("derivative gain", "beta_group"),
@@ -38,22 +39,21 @@ def draw(table: Rows, look: Style) -> Figure:
             if not mine.any():
                 ax.set_axis_off()
                 continue
-            mesh = _map(ax, {k: v[mine] for k, v in table.items()}, look)
+            mesh = _map(ax, {k: v[mine] for k, v in table.items()})
             ax.set_title(f"{next(letters)}) {side}", loc="left", fontsize=look.text_pt)
     figure.colorbar(mesh, ax=list(axes.ravel()), label="crash rate (%)", pad=0.01, aspect=30)
     return figure
 
 
-def _map(ax: Axes, own: Rows, look: Style) -> Any:
+def _map(ax: Axes, own: Rows) -> Any:
     x, y = np.unique(own["x"]), np.unique(own["y"])
     rate = np.full((len(y), len(x)), np.nan)
     rate[np.searchsorted(y, own["y"]), np.searchsorted(x, own["x"])] = 100 * own["rate"]
     ax.set_xscale("log")
     ax.set_yscale("log")
     mesh = ax.pcolormesh(x, y, rate, cmap=SEQUENTIAL, vmin=0, vmax=100, shading="nearest", rasterized=True)
-    if rate.min() < LEVELS[-1] and rate.max() > LEVELS[0]:
-        lines = ax.contour(x, y, rate, levels=LEVELS, colors="white", linewidths=0.8)
-        ax.clabel(lines, fmt=lambda v: f"{v:g}", fontsize=look.text_pt - 1.5)
+    if rate.min() < max(LEVELS) and rate.max() > min(LEVELS):
+        ax.contour(x, y, rate, levels=list(LEVELS), linestyles=list(LEVELS.values()), colors="white", linewidths=0.9)
     at, height = float(own["x_flown"][0]), float(own["y_flown"][0])
     if at > 0:
         ax.plot([at], [height], "o", color="white", markerfacecolor="none", markersize=6, markeredgewidth=1.0)

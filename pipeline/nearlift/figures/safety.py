@@ -37,7 +37,7 @@ def draw(table: Rows, look: Style) -> Figure:
     legend += [(Patch(color=COST, alpha=0.2, linewidth=0), Line2D([], [], color=COST)), Line2D([], [], color=PAPER_COLOUR, linestyle=PAPER)]
     held = plain_text(str(table["label"][table["kind"] == "cost"][0]))
     names = ["no boundary effect", "fitted model", f"power, {held} held", "power, $(L/L_\\infty)^{-3/2}$"]
-    figure.legend(legend, names, loc="outside lower center", ncols=4)
+    figure.legend(legend, names, loc="outside lower center", ncols=4 if len(sides) > 1 else 2)
     return figure
 
 

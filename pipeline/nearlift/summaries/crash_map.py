@@ -37,7 +37,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
     parts = [
         (
             "Crash rate of the fitted model over pairs of groups of Eq. 6 and of those that it leaves out, all others as flown elsewhere (circle; an "
-            "arrow where that is off the map: gusts without memory). White lines: 10, 50 and 90 %, shares that so many flights resolve."
+            "arrow where that is off the map: gusts without memory). White lines: 10 % (dotted), 50 % (solid) and 90 % (dashed), which so many "
+            "flights resolve."
         ),
     ]
     along = [p for p in PAIRS if p.along]

@@ -78,7 +78,6 @@ def caption(evidence: Evidence, table: Columns) -> str:
         ),
     ]
     for side, own in evidence.document(SAFETY)["fitted"].items():
-        effects = f" with {', '.join(own['effects'])}" if own["effects"] else ""
         c = own["convergence"]
         refused = [
             f"{e['price']:g} (about {e['flights_needed']} flights would do)" if e["flights_needed"] else f"{e['price']:g}"
@@ -87,8 +86,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         ]
         left = f" Not resolved by {own['flights']} flights: prices of {', '.join(refused)}." if refused else ""
         parts.append(
-            f"{side.capitalize()}: {own['model']}{effects}, {own['draws']} draws from {own['draws_from']}, {own['flights']} flights a point; "
-            f"L/L∞ is held below ẑ = {own['bound_z_hat']:.2g}, where nothing was measured; halving the step changes a rate by up to "
+            f"{side.capitalize()}: {own['model'].replace('_', ' ')}, {own['draws']} draws from {own['draws_from']}, {own['flights']} flights a "
+            f"point; L/L∞ is held below ẑ = {own['bound_z_hat']:.2g}, where nothing was measured; halving the step changes a rate by up to "
             f"{c['worst']:.2g}.{left}"
         )
     return " ".join(parts)
