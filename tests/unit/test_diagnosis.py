@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis import confirmation, families, few_visits, noise_floor, separation, structure
+from nearlift.diagnosis import confirmation, families, few_visits, loop, noise_floor, separation, structure
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.diagnosis.loop import close_loop, set_up
 from nearlift.diagnosis.search import EFFECT, Options, pair_gains, run
@@ -247,6 +247,16 @@ def test_a_proposed_session_adds_power(null_stage):
     for proposal in separation.menu(answer.stage.data):
         more = separation.parting(answer.stage, separation.join(answer.stage.data, proposal.added), one, other)
         assert more > now - 1e-6 * max(now, 1.0)
+
+
+def test_partial_explanations_are_ranked_though_the_excess_is_small():
+    stage = set_up(campaign(3, visits=8, gain=sag(0.5)), GROUND, (), Options())[0]
+    answer = run(stage)
+    stage.__dict__["excess"] = 1e-12
+    rows = loop._partial(stage, answer)
+    assert rows[0] == {"name": "supply_sag", "share": 1.0}
+    assert [r["share"] for r in rows] == sorted((r["share"] for r in rows), reverse=True)
+    assert all(0.05 < r["share"] < 1 for r in rows[1:])
 
 
 def test_what_the_bench_cannot_do_is_not_proposed():

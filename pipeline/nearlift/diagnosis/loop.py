@@ -277,9 +277,10 @@ def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> d
 
 def _partial(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     """What the best single effects would explain of the structure, as shares of the chi2 that exceeds the noise."""
-    shares = {s.name: float(np.clip(s.gain / stage.excess, 0, 1)) for s in answer.singles}
-    ranked = sorted((name for name, share in shares.items() if share > 0.05), key=lambda name: -shares[name])
-    return [{"name": name, "share": shares[name]} for name in ranked[:3]]
+    ranked = sorted(answer.singles, key=lambda s: -s.gain)[:3]
+    # noise that happens to be small elsewhere can leave less in sum than one effect takes
+    whole = max(stage.excess, *(s.gain for s in ranked), 0.0)
+    return [{"name": s.name, "share": s.gain / whole} for s in ranked if s.gain > 0.05 * whole]
 
 
 def _rounds(answer: Answer) -> list[dict[str, Any]]:
