@@ -24,8 +24,9 @@ bench: $(READY)           ## every benchmark beside its peer
 calibrate: $(READY)       ## the statistical promises, at record level; hours on a laptop
 	$(BIN)/pytest -m calibration -n auto --durations=0
 
-docs: $(READY)            ## the reference pages from the declarations
+docs: $(READY)            ## the reference pages from the declarations, and the site, into site/; a warning is an error
 	$(BIN)/python docs/build_reference.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 $(READY): requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nearlift needs Python 3.11 or newer; say make PYTHON=python3.11")'

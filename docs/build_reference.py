@@ -1,22 +1,77 @@
-"""Write docs/reference from the declarations. Run after any change to a model, effect, product or symbol."""
+"""Write docs/reference from the declarations, the command line and the claims. Run after any change to one of them."""
 
+import tomllib
 from pathlib import Path
 
+import click
+
+from nearlift.cli import main as command_line
 from nearlift.describe import reference_pages
 
-ROOT = Path(__file__).parent / "reference"
+HERE = Path(__file__).parent
+ROOT, DECISIONS = HERE / "reference", HERE / "decisions"
+CLAIMS = HERE.parent / "tests" / "reference" / "claims.toml"
+
+
+def command_page() -> str:
+    """Every command with its help text, as ``--help`` prints it."""
+    parts = ["# Command line", _help(command_line, "nearlift")]
+    for name, command in sorted(command_line.commands.items()):
+        parts += [f"## {name}", _help(command, f"nearlift {name}")]
+        for inner, own in command.commands.items() if isinstance(command, click.Group) else ():
+            parts += [f"### {name} {inner}", _help(own, f"nearlift {name} {inner}")]
+    return "\n\n".join(parts) + "\n"
+
+
+def _help(command: click.Command, name: str) -> str:
+    context = click.Context(command, info_name=name, terminal_width=110, max_content_width=110)
+    return f"```text\n{command.get_help(context)}\n```"
+
+
+def claims_page() -> str:
+    """What Carter, Bouchard and Quinn 2021 state, and what comes out when it is worked out again."""
+    claims = tomllib.loads(CLAIMS.read_text(encoding="utf-8"))["claim"]
+    verdicts = [claim["verdict"] for claim in claims]
+    counted = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in dict.fromkeys(sorted(verdicts, reverse=True)))
+    lines = [
+        "# What the paper states",
+        "",
+        "Carter, Bouchard and Quinn, *Influence of the Ground, Ceiling, and Sidewall on Micro-Quadrotors*, AIAA Journal 2021: every number that",
+        f"it states, in its order, worked out again by `tests/reference/test_claims.py`. Of {len(claims)} claims: {counted}.",
+        "",
+        "| claim | computed | verdict | why |",
+        "| --- | --- | --- | --- |",
+    ]
+    for claim in claims:
+        computed = f"{claim['gives']:.6g} {claim.get('unit', '').removeprefix('1')}".strip() if isinstance(claim.get("gives"), int | float) else ""
+        cells = (claim["text"], computed, claim["verdict"], claim.get("why", ""))
+        lines.append("| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def decisions_page() -> str:
+    """The decisions by their headings."""
+    files = sorted(path for path in DECISIONS.glob("*.md") if path.name != "index.md")
+    listed = [f"- [{path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ')}]({path.name})" for path in files]
+    return "\n".join(["# Decisions", "", "What was chosen, what it costs, and what would make us change it.", "", *listed]) + "\n"
+
+
+def pages() -> dict[str, str]:
+    """Every page by its path under docs/reference."""
+    return reference_pages() | {"cli.md": command_page(), "claims.md": claims_page()}
 
 
 def main() -> None:
     """Write every page, and remove pages of what is no longer declared."""
-    pages = reference_pages()
+    found = pages()
     for path in ROOT.rglob("*.md"):
-        if path.relative_to(ROOT).as_posix() not in pages:
+        if path.relative_to(ROOT).as_posix() not in found:
             path.unlink()
-    for name, text in pages.items():
+    for name, text in found.items():
         path = ROOT / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
+    (DECISIONS / "index.md").write_text(decisions_page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

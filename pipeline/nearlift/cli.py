@@ -562,6 +562,61 @@ def describe(name: str | None, as_json: bool, **_: Any) -> None:
     click.echo(json.dumps({"name": name, "text": found}) if as_json else found)
 
 
+REGISTRY = click.option(
+    "--registry", type=click.Path(path_type=Path), metavar="FILE", help="Another list of data sets, in the form of nearlift's own."
+)
+
+
+@main.group()
+def data() -> None:
+    """Public measured data: what there is, and how to get it as a campaign."""
+
+
+@data.command("list")
+@REGISTRY
+@common
+def data_list(registry: Path | None, as_json: bool, **_: Any) -> None:
+    """What there is: name, what was measured, licence, size."""
+    from nearlift.datasets.registry import OWN, datasets
+    from nearlift.lock import size
+
+    found = datasets(registry or OWN)
+    if as_json:
+        click.echo(json.dumps([item.model_dump() for item in found]))
+        return
+    for item in found:
+        held = "size unknown" if any(f.bytes is None for f in item.file) else size(sum(f.bytes or 0 for f in item.file))
+        files = f"{len(item.file)} file{'s' if len(item.file) > 1 else ''}, {held}"
+        unchecked = "its digest is not known: wants --trust" if item.unknown else ""
+        lines = (item.title, f"{files}; licence: {item.licence}", item.citation, item.note, unchecked)
+        click.echo("\n".join([item.name, *(f"  {line}" for line in lines if line)]))
+
+
+@data.command("get")
+@click.argument("name")
+@click.argument("folder", type=click.Path(path_type=Path), required=False, metavar="[DIR]")
+@click.option("--trust", is_flag=True, help="Take files whose digest nobody has worked out.")
+@click.option(
+    "--cache", type=click.Path(path_type=Path, file_okay=False), help="Where fetched files are kept [default: NEARLIFT_CACHE, or the system's]."
+)
+@REGISTRY
+@common
+def data_get(
+    name: str, folder: Path | None, trust: bool, cache: Path | None, registry: Path | None, quiet: bool, verbose: bool, as_json: bool, **_: Any
+) -> None:
+    """Fetch NAME and make it a campaign in DIR (default: raw/NAME). What the cache holds is not fetched again."""
+    from nearlift.datasets.fetch import get
+    from nearlift.datasets.registry import OWN, dataset
+
+    voice = Voice(quiet, verbose, as_json)
+    wanted = dataset(name, registry or OWN)
+    made = get(wanted, folder or Path("raw") / name, trust=trust, cache=cache, say=voice.line)
+    if as_json:
+        click.echo(json.dumps({"campaign": str(made), "licence": wanted.licence, "citation": wanted.citation, "next": f"{wanted.next} {made}"}))
+    elif not quiet:
+        click.echo(f"{made}\nlicence: {wanted.licence}; cite: {wanted.citation}\nnext: {wanted.next} {made}")
+
+
 @main.command()
 @common
 def doctor(out: Path, as_json: bool, quiet: bool, **_: Any) -> None:

@@ -109,6 +109,13 @@ def reference_pages() -> dict[str, str]:
     pages = {f"models/{m.name}.md": declaration(m) for m in MODELS}
     pages |= {f"effects/{e.name}.md": declaration(e) for e in EFFECTS}
     pages |= {f"products/{p.name}.md": product_page(p) for p in PRODUCTS}
+    for folder, title, meaning, items in (
+        ("models", "Lift models", "boundary", [(m.name, m.title, m.boundary) for m in MODELS]),
+        ("effects", "Effects", "acts on", [(e.name, e.title, e.acts_on) for e in EFFECTS]),
+        ("products", "Products", "one row or entry", [(p.name, p.title, p.row) for p in PRODUCTS]),
+    ):
+        rows = [[f"[`{name}`]({name}.md)", described, third] for name, described, third in items]
+        pages[f"{folder}/index.md"] = _page([f"# {title}", _table(["name", "", meaning], rows)])
     return pages | {"nomenclature.md": nomenclature_page()}
 
 

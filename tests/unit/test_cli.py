@@ -331,15 +331,6 @@ def test_every_command_of_the_contract_has_a_help_text():
 # ---- the demo
 
 
-@pytest.fixture(scope="session")
-def demo(tmp_path_factory) -> Path:
-    """The demo, run once; ten seconds or so."""
-    out = tmp_path_factory.mktemp("demo")
-    found = nearlift("demo", "--out", out, "-q")
-    assert (found.exit_code, found.output) == (0, "")
-    return out
-
-
 def test_the_demo_obeys_the_contract(demo):
     processed, reports = demo / "processed" / "demo", demo / "reports" / "demo"
     trials = store.read_table(processed / "trials.parquet", TRIALS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.reduction import cells, plausibility
 from nearlift.stages.job import Job, Outcome
@@ -16,12 +17,20 @@ def run(job: Job) -> Outcome:
 
     A throttle without a lift far from the boundary has no Delta L (nan), unless ``[quality] near_reference`` asks for it: its L_inf would be
     a lift that the boundary changes.
+
+    Raises
+    ------
+    InputRefused
+        All accepted trials are in free air.
     """
     trials = job.read(TRIALS)
     found = {}
     for boundary in boundaries(trials):
         data = observe(trials, job.campaign, boundary)
         found[boundary] = cells.reduce(data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit)
+    if not found:
+        remedy = "trials.parquet stands; a change of lift wants trials at some distance to a ground, ceiling or sidewall"
+        raise InputRefused(job.campaign.trials.file, "has no good trial near a boundary, only in free air", remedy)
     columns = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L")
     table = {name: np.concatenate([getattr(c, name) for c in found.values()]) for name in columns}
     table["boundary"] = np.concatenate([np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()])

@@ -1,0 +1,131 @@
+"""Code blocks of the documentation: found, told apart, run.
+
+``sh`` blocks are run line by line, ``python`` blocks in one namespace per page, ``toml`` blocks are parsed, and where they are part of a
+manifest, checked as one. A ``text`` block is what the block before it printed: its lines must come in this order, blanks and numbers apart, with
+``...`` for what is left out. A comment before a block, ``<!-- not run: reason -->``, exempts it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import io
+import re
+import shlex
+import subprocess
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from click.testing import CliRunner
+
+from nearlift import campaign
+from nearlift.cli import main
+
+ROOT = Path(__file__).parents[2]
+FENCE = re.compile(r"(?:<!-- not run: (?P<why>.+?) -->\n)?^(?P<indent> *)```(?P<kind>\w*)[^\n]*\n(?P<body>.*?)^(?P=indent)```$", re.M | re.S)
+#: Stand-ins in commands, and what they stand for here.
+STANDS_FOR = {".venv/bin/": "", "CAMPAIGN": "demo-campaign"}
+#: Of a campaign's manifest, to which a fragment is added.
+MANIFEST: dict[str, Any] = {
+    "schema": "nearlift.campaign/1",
+    "name": "fragment",
+    "vehicle": {"name": "v", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
+    "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2"},
+    "records": {"reader": "means"},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    page: Path
+    line: int
+    kind: str
+    body: str
+    why_not: str
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+def pages() -> list[Path]:
+    """Every page that people write; those of docs/reference are generated."""
+    docs = (p for p in sorted((ROOT / "docs").rglob("*.md")) if "reference" not in p.relative_to(ROOT).parts)
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *docs]
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    return [Block(page, text[: found.start("body")].count("\n"), found["kind"], found["body"], found["why"] or "") for found in FENCE.finditer(text)]
+
+
+@dataclass
+class Runner:
+    """Runs the blocks of one page, in the present folder."""
+
+    names: dict[str, Any] = field(default_factory=dict)
+    printed: str = ""
+
+    def run(self, block: Block) -> None:
+        """Run one block; an assertion fails with the block's place."""
+        if block.why_not or "--8<--" in block.body:
+            return
+        match block.kind:
+            case "sh":
+                self.printed = "".join(self._command(line, block) for line in _lines(block.body))
+            case "python":
+                told = io.StringIO()
+                with contextlib.redirect_stdout(told):
+                    exec(compile(block.body, str(block), "exec"), self.names)
+                self.printed = told.getvalue()
+            case "toml":
+                content = tomllib.loads(block.body)
+                if "project" not in content:
+                    campaign.parse(_merged(MANIFEST, content), str(block))
+            case "text":
+                _said(block, self.printed)
+            case _:
+                raise AssertionError(f"{block}: {block.kind or 'no language'}: nobody knows how to run it")
+
+    def _command(self, line: str, block: Block) -> str:
+        for stand_in, real in STANDS_FOR.items():
+            line = line.replace(stand_in, real)
+        words = [w for word in shlex.split(line, comments=True) for w in (sorted(glob.glob(word)) if "*" in word else [word])]  # noqa: PTH207
+        if words[0] == "make":
+            done = subprocess.run(["make", "--dry-run", *words[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, f"{block}: {line}: {done.stderr}"
+            return ""
+        assert words[0] == "nearlift", f"{block}: {line}: only nearlift and make are run here"
+        answer = CliRunner().invoke(main, words[1:])
+        assert answer.exit_code == 0, f"{block}: {line}: {answer.exit_code}\n{answer.output}"
+        return answer.stdout
+
+
+def _lines(body: str) -> list[str]:
+    joined = body.replace("\\\n", " ")
+    return [line.strip() for line in joined.splitlines() if line.strip() and not line.strip().startswith("#")]
+
+
+def _said(block: Block, printed: str) -> None:
+    """Whether the lines of the block were printed, in this order."""
+    rest = [_plain(line) for line in printed.splitlines()]
+    loose = False
+    for line in block.body.splitlines():
+        if line.strip() == "...":
+            loose = True
+            continue
+        wanted = _plain(line)
+        assert wanted in rest, f"{block}: {line!r} was not printed:\n{printed}"
+        at = rest.index(wanted)
+        assert loose or at == 0, f"{block}: before {line!r} stands more:\n{printed}"
+        rest, loose = rest[at + 1 :], False
+    assert loose or not rest, f"{block}: more was printed: {rest}"
+
+
+def _plain(line: str) -> str:
+    return " ".join(re.sub(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", "#", line).split())
+
+
+def _merged(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+    return base | {k: _merged(base[k], v) if isinstance(v, dict) and isinstance(base.get(k), dict) else v for k, v in more.items()}
