@@ -20,7 +20,8 @@ from nearlift.declare import Check, LiftModel, Parameter, Source, normal
 
 def evaluate(z_hat: Any, /, *, k: Any) -> Any:
     """L / L_inf; nan at and below the pole. Shapes broadcast."""
-    inflow = 1.0 - k / np.square(4.0 * np.asarray(z_hat))
+    above = np.where(np.asarray(z_hat) > 0, z_hat, np.nan)
+    inflow = 1.0 - k / np.square(4.0 * above)
     return 1.0 / np.where(inflow > 0, inflow, np.nan)
 
 
