@@ -2,7 +2,7 @@
 
 ``sh`` blocks are run line by line, ``python`` blocks in one namespace per page, ``toml`` blocks are parsed, and where they are part of a
 manifest, checked as one. A ``text`` block is what the block before it printed: its lines must come in this order, blanks and numbers apart, with
-``...`` for what is left out. A comment before a block, ``<!-- not run: reason -->``, exempts it.
+``...`` for what is left out. ``folders`` must be there. A comment before a block, ``<!-- not run: reason -->``, exempts it.
 """
 
 from __future__ import annotations
@@ -85,6 +85,12 @@ class Runner:
                     campaign.parse(_merged(MANIFEST, content), str(block))
             case "text":
                 _said(block, self.printed)
+            case "folders":
+                for line in block.body.splitlines():
+                    base, *inner = re.findall(r"[\w./]+/(?= |$)", line)
+                    assert (ROOT / base).is_dir(), f"{block}: {base} is no folder"
+                    for name in inner:
+                        assert (ROOT / base / name).is_dir() or (ROOT / name).is_dir(), f"{block}: {name} is no folder"
             case _:
                 raise AssertionError(f"{block}: {block.kind or 'no language'}: nobody knows how to run it")
 
