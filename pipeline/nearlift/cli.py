@@ -137,6 +137,12 @@ def open_plan(campaign: Path, out: Path, seed: int, voice: Voice) -> Iterator[Jo
         yield Job(root=campaign, campaign=loaded, processed=processed, reports=reports, executor=pool, seed=seed, say=voice.progress)
 
 
+def _end_politely() -> None:
+    """A batch system's polite end is an interrupt as well."""
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
 def execute(
     campaign: Path,
     stages: tuple[Stage, ...] | None,
@@ -153,9 +159,7 @@ def execute(
     from nearlift.lock import size
     from nearlift.stages import graph
 
-    # a batch system's polite end is an interrupt as well
-    with contextlib.suppress(ValueError):
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _end_politely()
     voice = Voice(quiet, verbose, as_json)
     told: list[dict[str, Any]] = []
     rejected: list[tuple[str, str]] = []
@@ -218,8 +222,7 @@ def follow(campaign: Path, period_s: float, out: Path, executor: str, seed: int,
 
     from nearlift.stages.watch import watch
 
-    with contextlib.suppress(ValueError):
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _end_politely()
     voice = Voice(quiet, verbose, as_json)
     voice.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
     for found in watch(campaign, out, executor, seed, period_s, voice.progress):

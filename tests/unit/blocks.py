@@ -23,18 +23,12 @@ from click.testing import CliRunner
 from nearlift import campaign
 from nearlift.cli import main
 
+from .conftest import raw_manifest
+
 ROOT = Path(__file__).parents[2]
 FENCE = re.compile(r"(?:<!-- not run: (?P<why>.+?) -->\n)?^(?P<indent> *)```(?P<kind>\w*)[^\n]*\n(?P<body>.*?)^(?P=indent)```$", re.M | re.S)
 #: Stand-ins in commands, and what they stand for here.
 STANDS_FOR = {".venv/bin/": "", "CAMPAIGN": "demo-campaign"}
-#: Of a campaign's manifest, to which a fragment is added.
-MANIFEST: dict[str, Any] = {
-    "schema": "nearlift.campaign/1",
-    "name": "fragment",
-    "vehicle": {"name": "v", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
-    "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2"},
-    "records": {"reader": "means"},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +76,7 @@ class Runner:
             case "toml":
                 content = tomllib.loads(block.body)
                 if "project" not in content:
-                    campaign.parse(_merged(MANIFEST, content), str(block))
+                    campaign.parse(_merged(raw_manifest(), content), str(block))
             case "text":
                 _said(block, self.printed)
             case "folders":
