@@ -35,7 +35,7 @@ MODEL = LiftModel(
     parameters=(Parameter(name="k", unit="1", value=1.0, bounds=(-2.0, 12.0), prior=normal(1.0, 4.0), meaning="strength of the image; 1 alone"),),
     valid_z_hat=(0.25, np.inf),
     source=Source(
-        citation="Cheeseman, I. C., and Bennett, W. E., The Effect of the Ground on a Helicopter Rotor in Forward Flight, ARC R&M 3021, 1955",
+        citation="Cheeseman, I. C., and Bennett, W. E., The Effect of the Ground on a Helicopter Rotor in Forward Flight, ARC R&M 3021, 1957",
         doubts=("Derived for one rotor; for several, k is a number to be fitted and nothing more.",),
     ),
     checks=(Check(x=1.0, expected=16 / 15, quoted_by="Cheeseman and Bennett's formula at one radius, k = 1"),),
