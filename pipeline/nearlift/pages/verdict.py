@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 from nearlift.declare import Boundary
+from nearlift.fitting.budget import components
 from nearlift.pages.number import LEAST_CHANCE, Number, Quoted, cite, interval, pointer, quote
-from nearlift.products import DIAGNOSIS, FIT
+from nearlift.products import DIAGNOSIS, FIT, TRIALS
+from nearlift.reduction.quality import rejected
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import plain
+from nearlift.summaries.rounding import letter, plain
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
 REJECTED = 1e-3
@@ -24,7 +27,61 @@ WORDS = {
 
 def facts(evidence: Evidence) -> dict[str, Any]:
     """A card for each boundary."""
-    return {"cards": [card(evidence, b) for b in evidence.boundaries]}
+    return {"cards": [card(evidence, b) for b in evidence.boundaries], "doubts": doubts(evidence)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubt:
+    """One reason to doubt a headline: the boundary (empty where it concerns all), what is doubtful, and the numbers that end the sentence."""
+
+    boundary: str
+    text: str
+    ends: tuple[Number, Number] | None = None
+
+
+def doubts(evidence: Evidence) -> list[Doubt]:
+    """What a reader should hold against the numbers above, the gravest first; nothing that is not in a product."""
+    listed = [doubt for b in evidence.boundaries for doubt in _doubts(evidence, b)]
+    out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
+    if out:
+        every = len(evidence.table(TRIALS)["quality"])
+        listed.append(Doubt(boundary="", text=f"{out} of {every} trials were rejected; the quality ledger says why, and what they are worth"))
+    if not components(evidence.campaign):
+        listed.append(Doubt(boundary="", text="the manifest declares no error that repeats share, so none is in these intervals"))
+    return listed
+
+
+def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
+    model, entry = evidence.base(boundary)
+    names = list(entry["parameters"])
+    found = (evidence.document(DIAGNOSIS)["boundaries"].get(boundary) if evidence.has(DIAGNOSIS) else None) or {}
+    said = []
+    if goodness(evidence, boundary)[0]:
+        said.append(f"cells stray from {model.title} by more than chance allows, so its interval is that of a curve which is not the data's")
+    if found.get("verdict") == "unexplained":
+        along = [str(line["covariate"]) for line in found["structure"][:1]]
+        said.append(f"what the base model leaves{f' along {along[0]}' if along else ''} has no name, and may be in the coefficient too")
+    for effect in found.get("effects", []):
+        if effect.get("rivals"):
+            said.append(
+                f"{effect['name']} and {' and '.join(effect['rivals'])} look alike in this design; which of them it is rests on prior plausibility"
+            )
+    said += [f"{name} ends at a bound of its range" for name in names if entry["parameters"][name]["at_bound"]]
+    said += [str(d["text"]) for d in entry["degeneracies"][:1]]
+    listed = [Doubt(boundary=boundary, text=text) for text in said]
+    wide = _constrained(evidence, boundary, names, found or None)
+    if wide and _wider(wide, found["coefficients"]["after"][names[0]]):
+        text = f"effects too small to be seen here could, together at their plausible sizes, put {letter(names[0])} anywhere from"
+        listed.append(Doubt(boundary=boundary, text=text, ends=wide))
+    unseen = [str(u["effect"]) for u in found.get("untestable", [])]
+    if unseen:
+        listed.append(Doubt(boundary=boundary, text=f"nothing was logged that could tell of {', '.join(unseen)}"))
+    return listed
+
+
+def _wider(constrained: tuple[Number, Number], after: dict[str, Any]) -> bool:
+    """Whether allowing for unseen effects at least doubles the interval."""
+    return constrained[1].value - constrained[0].value > 2 * (float(after["hi90"]) - float(after["lo90"]))
 
 
 def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
@@ -32,8 +89,8 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     model, entry = evidence.base(boundary)
     names = list(entry["parameters"])
     path = ("boundaries", boundary, model.name)
-    rejected, words = goodness(evidence, boundary)
-    tone = "bad" if rejected else "fair"
+    strays, words = goodness(evidence, boundary)
+    tone = "bad" if strays else "fair"
     source = str(evidence.document(FIT)["noise"][boundary]["source"])
     verdict = ""
     found = evidence.document(DIAGNOSIS)["boundaries"].get(boundary) if evidence.has(DIAGNOSIS) else None

@@ -1,0 +1,63 @@
+"""What the verdict says against itself comes from the products, and is silent where they are."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nearlift.pages import verdict
+from nearlift.products import DIAGNOSIS, TRIALS
+from nearlift.stages import report
+
+from .test_report import DIAGNOSED
+
+
+@pytest.fixture(scope="module")
+def evidence(small_job):
+    return report.gather(small_job)
+
+
+def said(evidence, change=None):
+    content = copy.deepcopy(DIAGNOSED)
+    if change is not None:
+        change(content["boundaries"]["ground"])
+    own = dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: content})
+    return verdict.doubts(own)
+
+
+def test_rivals_unseen_effects_and_what_was_not_logged_are_held_against_the_headline(evidence):
+    told = said(evidence)
+    texts = [d.text for d in told if d.boundary == "ground"]
+    assert any("supply_sag and session_gain look alike" in t for t in texts)
+    assert any(t.endswith("tell of air_density") for t in texts)
+    wide = next(d for d in told if d.ends)
+    assert (wide.ends[0].value, wide.ends[1].value) == (1.5, 2.5)
+    assert wide.boundary == "ground"
+
+
+def test_a_constrained_interval_hardly_wider_is_no_doubt(evidence):
+    def narrow(found):
+        found["coefficients"]["after"]["K_b"]["constrained"] = [1.75, 2.3]
+
+    assert not any(d.ends for d in said(evidence, narrow))
+
+
+def test_structure_without_a_name_is_said(evidence):
+    told = said(evidence, lambda f: f.update(verdict="unexplained", effects=[]))
+    assert any(d.text.startswith("what the base model leaves along supply has no name") for d in told)
+
+
+def test_rejected_trials_are_counted_and_silent_where_there_are_none(evidence):
+    trials = evidence.table(TRIALS)
+    assert any(d.text.startswith(f"1 of {len(trials['trial'])} trials were rejected") for d in verdict.doubts(evidence))
+    clean = {**trials, "quality": np.full(len(trials["trial"]), "", dtype=object)}
+    assert not any("rejected" in d.text for d in verdict.doubts(dataclasses.replace(evidence, tables={**evidence.tables, TRIALS.file: clean})))
+
+
+def test_a_manifest_without_shared_errors_is_a_doubt(evidence):
+    bare = dataclasses.replace(evidence, campaign=evidence.campaign.model_copy(update={"uncertainty": ()}))
+    assert any("declares no error that repeats share" in d.text for d in verdict.doubts(bare))
+    assert not any("declares no error" in d.text for d in verdict.doubts(evidence))
