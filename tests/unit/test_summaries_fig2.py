@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import io
 
@@ -50,6 +51,19 @@ def test_theory_curves_take_the_published_values(table):
     line = rows(table, panel="ground", label="S-C (PQuad)")
     model = catalogue.model("sanchez_cuevas")
     np.testing.assert_allclose(line["delta_L_percent"], 100 * (model(line["z_hat"], K_b=2.0, spacing_hat=3.0, diagonal_hat=3 * np.sqrt(2)) - 1))
+
+
+def test_the_line_is_drawn_for_where_the_rotor_stood(evidence, table):
+    moved = copy.deepcopy(evidence)
+    moved.base("ceiling")[1]["height_error"] = {"value": 2e-4, "u": 1e-4, "unit": "m"}
+    again = fig2.summarise(moved)
+    plain, shifted = (rows(t, panel="ceiling", kind="band") for t in (table, again))
+    np.testing.assert_array_equal(shifted["z_hat"], plain["z_hat"])
+    stood = shifted["z_hat"] + 2e-4 / moved.observations["ceiling"].radius_m
+    np.testing.assert_allclose(shifted["delta_L_percent"][:-9], np.interp(stood, plain["z_hat"], plain["delta_L_percent"])[:-9], rtol=5e-3)
+    assert shifted["delta_L_percent"][0] < 0.95 * plain["delta_L_percent"][0]
+    assert "0.2 mm farther than recorded" in fig2.caption(moved, again)
+    assert "than recorded" not in fig2.caption(evidence, table)
 
 
 def test_band_holds_90_percent_of_draws_from_the_parameters(evidence, table):

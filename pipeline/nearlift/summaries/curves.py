@@ -59,8 +59,12 @@ def posterior_band(
 
 
 def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """L / L_inf - 1 of the base model as fitted, and its 90 % band: the posterior's where there is one, else the covariance's."""
+    """L / L_inf - 1 of the base model as fitted, and its 90 % band: the posterior's where there is one, else the covariance's.
+
+    `z_hat` is as recorded; the model is taken where the rotor stood, by the height error that the fit found.
+    """
     entry = evidence.base(boundary)[1]
+    z_hat = z_hat + height_found_m(entry) / evidence.observations[boundary].radius_m
     known = evidence.known(boundary, model)
     delta = ratio(model, z_hat, {**known, **values(entry)}) - 1
     drawn = posterior_band(evidence, boundary, model, z_hat, known)
@@ -68,6 +72,11 @@ def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatA
         reach = quantile90(entry) * uncertainty(model, z_hat, known, entry)
         drawn = delta - reach, delta + reach
     return delta, *drawn
+
+
+def height_found_m(entry: Mapping[str, Any]) -> float:
+    """What a fit adds to every recorded distance, m; 0 where it found no height error that all trials share."""
+    return float(entry.get("height_error", {"value": 0.0})["value"])
 
 
 def quantile90(entry: Mapping[str, Any]) -> float:

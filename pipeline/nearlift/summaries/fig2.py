@@ -144,8 +144,11 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
     mine = (table["panel"] == boundary) & (table["kind"] == "data")
     if not mine.any():
         return ""
+    found = curves.height_found_m(entry)
+    stood = f"{abs(1e3 * found):.2g} mm {'farther' if found > 0 else 'nearer'}"
+    moved = f" The fit finds the rotor {stood} than recorded; its line is drawn for there." if found else ""
     if np.isinf(evidence.observations[boundary].z_hat).any():
-        return f"{boundary.capitalize()}: {model.title}{of}; L∞ of the data from trials in free air."
+        return f"{boundary.capitalize()}: {model.title}{of}; L∞ of the data from trials in free air.{moved}"
     far = float(table["z_hat"][mine].max())
     cells = evidence.table(LIFT)
     lacking = cells["throttle"][(cells["boundary"] == boundary) & np.isnan(np.asarray(cells["delta_L"], dtype=float))]
@@ -154,7 +157,7 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
     apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
     return (
         f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, "
-        f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}.{without}"
+        f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}.{without}{moved}"
     )
 
 

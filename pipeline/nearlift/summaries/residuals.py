@@ -17,6 +17,7 @@ from nearlift.fitting.problem import height_slope, need, usable
 from nearlift.products import FIT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results import Noise, Observations
+from nearlift.summaries import curves
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column, values
 from nearlift.summaries.rounding import plain
 
@@ -56,7 +57,7 @@ def residuals(evidence: Evidence, boundary: Boundary) -> tuple[Observations, Flo
     data = data.take(usable(model, data))
     known = {n: need(data, n, model.name) for n in model.needs}
     # where the trials told a shared height error, that is where they stand
-    z_hat = data.z_hat + entry.get("height_error", {"value": 0.0})["value"] / data.radius_m
+    z_hat = data.z_hat + curves.height_found_m(entry) / data.radius_m
     log_ratio = np.log(np.broadcast_to(np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape))
     log_level = np.log([entry["L_inf_N"][f"{t:g}"]["value"] for t in data.levels])[data.level]
     scatter = evidence.document(FIT)["noise"][boundary]

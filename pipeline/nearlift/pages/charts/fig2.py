@@ -140,7 +140,8 @@ def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> tuple[C
     for name, fit in fits.items():
         model: LiftModel = catalogue.model(name)
         if name != base.name:
-            ratio = curves.ratio(model, grid, {**evidence.known(boundary, model), **values(fit)})
+            stood = grid + curves.height_found_m(fit) / evidence.observations[boundary].radius_m
+            ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **values(fit)})
             add(name, f"{fit['title']}, fitted{_coefficients(fit)}", ratio, fit, False)
     names = ("z_hat", "ratio", "lo", "hi", "model", "label", "colour", "dash")
     return {n: column([x for row in rows for x in (row[n].tolist() if isinstance(row[n], np.ndarray) else row[n])]) for n in names}, choices, levels
