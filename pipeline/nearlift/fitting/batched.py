@@ -17,7 +17,10 @@ from nearlift.declare import FloatArray
 ROUNDS = 60
 #: A step smaller than this part of a parameter's scale ends the search.
 STILL = 1e-7
-DAMPING_MAX = 1e10
+#: Below this the derivatives are not taken anew.
+NEAR = 1e-2
+#: Damping relative to the diagonal: at first hardly any, this much after a step that failed, and what ends the search.
+DAMPING_MIN, DAMPING, DAMPING_MAX = 1e-8, 1e-3, 1e10
 #: A problem counts as converged where an undamped step would be smaller than this part of every parameter's scale.
 CONVERGED = 1e-4
 
@@ -75,11 +78,12 @@ def minimise(
 
     def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         r, slopes = _differences(residuals, theta, rows, bounds, scale, which) if linearised is None else _chosen(linearised(theta, rows), which)
-        return r, np.nan_to_num(slopes) * scale[which][:, None]
+        slopes = slopes * scale[which][:, None]
+        return r, slopes if np.isfinite(slopes.sum()) else np.nan_to_num(slopes)
 
     r, slopes = at(theta, np.arange(len(theta)))
     chi2 = _chi2(r)
-    damping = np.full(len(theta), 1e-3)
+    damping = np.full(len(theta), DAMPING_MIN)
     active = np.isfinite(chi2)
     for _ in range(ROUNDS):
         rows = np.flatnonzero(active)
@@ -88,14 +92,21 @@ def minimise(
         step = np.zeros((len(rows), theta.shape[1]))
         step[:, which] = _step(theta[rows][:, which], r[rows], slopes[rows], [b[which] for b in bounds], damping[rows]) * scale[which]
         trial = np.clip(theta[rows] + step, *bounds)
-        still = np.abs((trial - theta[rows]) / scale).max(axis=1) <= STILL
-        new_r, new_slopes = at(trial, rows)
-        new = _chi2(new_r)
-        better = new <= chi2[rows]
-        ahead = rows[better]
-        theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = trial[better], new[better], new_r[better], new_slopes[better]
-        damping[rows] = np.where(better, damping[rows] / 10, damping[rows] * 10)
-        active[rows] = ~still & (damping[rows] < DAMPING_MAX)
+        moved = np.abs((trial - theta[rows]) / scale).max(axis=1)
+        # so near the end the derivatives stay what they are
+        near = moved <= NEAR
+        better = np.zeros(len(rows), dtype=bool)
+        for some, anew in ((near, False), (~near, True)):
+            own = rows[some]
+            if not len(own):
+                continue
+            new_r, new_slopes = at(trial[some], own) if anew else (residuals(trial[some], own), slopes[own])
+            new = _chi2(new_r)
+            good = new <= chi2[own]
+            ahead, better[some] = own[good], good
+            theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = trial[some][good], new[good], new_r[good], new_slopes[good]
+        damping[rows] = np.where(better, damping[rows] / 10, np.maximum(damping[rows] * 10, DAMPING))
+        active[rows] = (moved > STILL) & (damping[rows] < DAMPING_MAX)
     whole = np.isfinite(chi2)
     left = np.full((len(theta), len(which)), np.inf)
     left[whole] = _step(theta[whole][:, which], r[whole], slopes[whole], [b[which] for b in bounds], np.zeros(int(whole.sum())))

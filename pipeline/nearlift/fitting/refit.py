@@ -22,7 +22,7 @@ from nearlift.results import IntArray
 
 Found = TypeVar("Found")
 #: Numbers that one batch of residuals and derivatives may hold: what stays in a processor's own cache.
-BATCH = 100_000
+BATCH = 200_000
 #: More stations than this part of the trials are not worth a triangle.
 WORTH = 0.5
 

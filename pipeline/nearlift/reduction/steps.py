@@ -30,7 +30,8 @@ def stepped(means: FloatArray, allowed_N: float) -> bool:
     the scatter about the levels: a drift, however strong, is no step (two levels leave a quarter of a ramp's squares, a line none).
     """
     n = len(means)
-    if n < FEWEST_BATCHES:
+    # no two levels lie farther apart than the means do
+    if n < FEWEST_BATCHES or float(means.max() - means.min()) <= allowed_N:
         return False
     away = means - means.mean()
     total = float(away @ away)
