@@ -12,6 +12,7 @@ import csv
 import difflib
 import functools
 import hashlib
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -28,6 +29,8 @@ from nearlift.readers.words import NUMBER
 PER_PIECE = 32
 #: Below this many bytes in all, importing the compiled scanner costs more than it saves.
 WORTH_COMPILING = 16 << 20
+#: Rows of which a thread keeps the memory.
+MOST_KEPT = 1 << 20
 
 
 def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
@@ -137,10 +140,28 @@ def _scanned(content: bytes, body: int, columns: int, wanted: list[int]) -> list
 
     # a row has at least a digit and a separator per column
     rows = (len(content) - body) // (2 * columns) + 1
-    out = [np.empty(rows) for _ in wanted]
-    clock = out[1] if len(wanted) > 1 else np.empty(0)
-    found = native.scan(content, body, columns, wanted[0], wanted[1] if len(wanted) > 1 else None, out[0], clock)
-    return None if found is None else [values[:found] for values in out]
+    force, time = _room.of(rows)
+    found = native.scan(content, body, columns, wanted[0], wanted[1] if len(wanted) > 1 else None, force, time)
+    return None if found is None else [values[:found].copy() for values in (force, time)[: len(wanted)]]
+
+
+class _Room(threading.local):
+    """Where a thread scans to, kept from file to file: the system takes longer to give fresh memory than the scanner to fill it."""
+
+    columns: tuple[FloatArray, FloatArray] = (np.empty(0), np.empty(0))
+
+    def of(self, rows: int) -> tuple[FloatArray, FloatArray]:
+        """Two columns of at least so many rows."""
+        if rows <= len(self.columns[0]):
+            return self.columns
+        fresh = np.empty(rows), np.empty(rows)
+        # a file that is far larger than a record shall not hold its memory for ever
+        if rows <= MOST_KEPT:
+            self.columns = fresh
+        return fresh
+
+
+_room = _Room()
 
 
 CSV = Reader(name="csv", title="one CSV file per trial, columns by header name", files=_files, plan=_plan, read_piece=_read_piece)
