@@ -17,8 +17,8 @@ from nearlift.declare import FloatArray
 ROUNDS = 60
 #: A step smaller than this part of a parameter's scale ends the search.
 STILL = 1e-7
-#: Below this the derivatives are not taken anew.
-NEAR = 1e-2
+#: Below this the derivatives are not taken anew: residuals do not vanish at the minimum, so older ones would put it elsewhere by as much.
+NEAR = 1e-6
 #: Damping relative to the diagonal: at first hardly any, this much after a step that failed, and what ends the search.
 DAMPING_MIN, DAMPING, DAMPING_MAX = 1e-8, 1e-3, 1e10
 #: A problem counts as converged where an undamped step would be smaller than this part of every parameter's scale.
