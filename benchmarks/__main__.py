@@ -1,6 +1,6 @@
 """Every benchmark beside its peers: ``make bench``.
 
-    python -m benchmarks [NAME ...] [--quick] [--rounds N] [--data DIR] [--save] [--fail] [--json FILE]
+    python -m benchmarks [NAME ...] [--quick] [--rounds N] [--data DIR] [--without WHO ...] [--save] [--fail] [--json FILE]
 
 Prints Markdown; `--save` keeps it in docs/benchmarks.md and benchmarks/last.json, against which later results are compared. A regression
 beyond noise is told on stderr; only with `--fail` does it set the exit code.
@@ -15,6 +15,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,19 +43,20 @@ def prepared(name: str, folder: Path, quick: bool) -> str:
     return done.stdout.decode().strip().splitlines()[-1]
 
 
-def run(names: list[str], quick: bool, rounds: int | None, data: Path | None) -> dict[str, Any]:
-    before = os.getloadavg()[0]
+def run(names: list[str], quick: bool, rounds: int | None, data: Path | None, out: set[str]) -> dict[str, Any]:
     benches = {}
     with tempfile.TemporaryDirectory() as temporary:
         for name in names:
             bench = bench_of(name)
+            bench = replace(bench, contestants=tuple(c for c in bench.contestants if c.name not in out or c.name == bench.one))
             folder = data or Path(temporary) / name
             folder.mkdir(parents=True, exist_ok=True)
             setting = prepared(name, folder, quick)
             say(f"== {bench.title}: {setting}")
             turns = rounds or (2 if quick else bench.rounds)
-            benches[name] = told(bench, setting, contest(name, bench, folder, turns, say))
-    return {"schema": "nearlift.benchmarks/1", "machine": machine(), "load": [before, os.getloadavg()[0]], "benches": benches}
+            begun = os.getloadavg()[0]
+            benches[name] = {**told(bench, setting, contest(name, bench, folder, turns, say)), "load": [begun, os.getloadavg()[0]]}
+    return {"schema": "nearlift.benchmarks/1", "machine": machine(), "benches": benches}
 
 
 def main() -> int:
@@ -63,6 +65,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="small data, two rounds: a look, no result")
     parser.add_argument("--rounds", type=int)
     parser.add_argument("--data", type=Path, help="keep the data here, and use what is there already")
+    parser.add_argument("--without", nargs="+", default=[], metavar="WHO", help="contestants that stay out")
     parser.add_argument("--save", action="store_true", help="keep the result in docs/benchmarks.md and benchmarks/last.json")
     parser.add_argument("--fail", action="store_true", help="exit with 1 after a regression or a missed target")
     parser.add_argument("--json", type=Path)
@@ -79,7 +82,7 @@ def main() -> int:
         return 0
     if unknown := sorted(set(given.names) - set(NAMES)):
         parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(NAMES)}")
-    result = run(given.names or NAMES, given.quick, given.rounds, given.data.resolve() if given.data else None)
+    result = run(given.names or NAMES, given.quick, given.rounds, given.data.resolve() if given.data else None, set(given.without))
     last = json.loads(LAST.read_text()) if LAST.exists() else {}
     worse = regressions(result, last)
     missed = [

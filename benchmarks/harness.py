@@ -255,11 +255,10 @@ def _range(s: Mapping[str, float]) -> str:
 def markdown(result: Mapping[str, Any]) -> str:
     """The whole result as Markdown: targets first, then a table for each benchmark."""
     m = result["machine"]
-    load = result["load"]
     lines = [
         f"{m['processor']}, {m['cores']} cores, {m['memory_GiB']} GiB, {m['system']}, Python {m['python']}, "
         + ", ".join(f"{k} {v}" for k, v in m["packages"].items())
-        + f"; load {load[0]:.1f} at the start, {load[1]:.1f} at the end. Medians of paired runs, lowest to highest in brackets.",
+        + ". Medians of paired runs, lowest to highest in brackets.",
         "",
         "| Work | must | aim | found | |",
         "|---|---|---|---|---|",
@@ -271,7 +270,9 @@ def markdown(result: Mapping[str, Any]) -> str:
             aim = "" if t["aim"] is None else f"{number(t['aim'])}{unit}"
             lines.append(f"| {t['work']}{against} | {number(t['must'])}{unit} | {aim} | {_range(t)}{unit} | {t['verdict']} |")
     for bench in result["benches"].values():
-        lines += ["", f"### {bench['title']}", "", bench["setting"] + (f" {bench['note']}" if bench["note"] else ""), ""]
+        low, high = bench["load"]
+        said = " ".join(filter(None, [bench["setting"], bench["note"], f"Load {low:.1f} at the start, {high:.1f} at the end."]))
+        lines += ["", f"### {bench['title']}", "", said, ""]
         extras = list(dict.fromkeys(k for c in bench["contestants"] for r in c["runs"] for k in r if k not in QUANTITIES))
         lines.append("| | wall over 1 | processor over 1 | wall, s | processor, s | peak, MiB |" + "".join(f" {e} |" for e in extras))
         lines.append("|---|---|---|---|---|---|" + "---|" * len(extras))

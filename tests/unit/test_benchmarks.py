@@ -97,7 +97,7 @@ def test_contestants_take_turns_and_are_measured(harness, tmp_path: Path):
     (target,) = told["targets"]
     assert target["verdict"] == "met"
     assert target["median"] == pytest.approx(harness.median([0.15 / r["wall_s"] for r in runs["peer"]]))
-    page = harness.markdown({"machine": harness.machine(), "load": [1.0, 2.0], "benches": {"waiting": told}})
+    page = harness.markdown({"machine": harness.machine(), "benches": {"waiting": {**told, "load": [1.0, 2.0]}}})
     assert "| waiting | 0.9 | 0.01 |" in page
     assert "| nearlift |" in page
     assert " ESS |" in page
