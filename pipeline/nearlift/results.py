@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -91,6 +92,12 @@ class Estimate:
     hi90: float
     unit: str = "1"
     at_bound: bool = False
+
+    @classmethod
+    def of(cls, entry: Mapping[str, Any]) -> Estimate:
+        """From an entry of a JSON product, whatever else it says; null, which JSON has for what is not finite, is nan."""
+        numbers = {name: math.nan if entry[name] is None else float(entry[name]) for name in ("value", "u", "lo90", "hi90")}
+        return cls(**numbers, unit=entry.get("unit", "1"), at_bound=bool(entry.get("at_bound")))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ SHARED = "load cell linearity"
 def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=None, after=None):
     """What a finished run leaves of its headline coefficient."""
     low, high = value - 1.645 * u, value + 1.645 * u
-    estimate = {"value": value, "u": u, "lo90": low, "hi90": high, "unit": "1", "at_bound": False}
+    estimate = {"value": value, "u": u, "lo90": low, "hi90": high, "unit": "1", "at_bound": False, "dof": 40.0}
     model = {"parameters": {"K_b": estimate}}
     if linearity is not None:
         model["budget"] = {"K_b": {"lines": [{"component": SHARED, "scope": "campaign", "u": abs(linearity), "sensitivity": linearity}]}}

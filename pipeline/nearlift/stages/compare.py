@@ -90,7 +90,7 @@ def entries(folder: Path) -> list[Entry]:
         if not model["parameters"]:
             continue
         name = next(iter(model["parameters"]))
-        before = Estimate(**model["parameters"][name])
+        before = Estimate.of(model["parameters"][name])
         loop = found.get(boundary, {})
         after = loop.get("coefficients", {}).get("after", {}).get(name)
         listed.append(

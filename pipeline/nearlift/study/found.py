@@ -146,8 +146,8 @@ class ModelFit:
         return cls(
             model=name,
             title=entry["title"],
-            coefficients={n: _estimate(p) for n, p in entry["parameters"].items()},
-            L_inf_N={float(level): _estimate(p) for level, p in entry["L_inf_N"].items()},
+            coefficients={n: Estimate.of(p) for n, p in entry["parameters"].items()},
+            L_inf_N={float(level): Estimate.of(p) for level, p in entry["L_inf_N"].items()},
             **{key: _real(entry[key]) for key in ("chi2", "rmse", "r2", "aic", "bic")},
             dof=int(entry["dof"]),
             degeneracies=tuple(d["text"] for d in entry["degeneracies"]),
@@ -356,11 +356,6 @@ def _of(found: Mapping[Any, Found], key: str, what: str) -> Found:
 def _real(value: float | None) -> float:
     """JSON has no infinity and no nan: both are written as null."""
     return math.nan if value is None else float(value)
-
-
-def _estimate(entry: Mapping[str, Any]) -> Estimate:
-    numbers = {key: _real(entry[key]) for key in ("value", "u", "lo90", "hi90")}
-    return Estimate(**numbers, unit=entry.get("unit", "1"), at_bound=bool(entry.get("at_bound")))
 
 
 def _coefficient(entry: Mapping[str, Any]) -> Coefficient:
