@@ -30,12 +30,12 @@ def said(evidence, change=None):
 
 def test_rivals_unseen_effects_and_what_was_not_logged_are_held_against_the_headline(evidence):
     told = said(evidence)
-    texts = [d.text for d in told if d.boundary == "ground"]
+    texts = [d.text for d in told if "ground" in d.boundaries]
     assert any("supply_sag and session_gain look alike" in t for t in texts)
     assert any(t.endswith("tell of air_density") for t in texts)
     wide = next(d for d in told if d.ends)
     assert (wide.ends[0].value, wide.ends[1].value) == (1.5, 2.5)
-    assert wide.boundary == "ground"
+    assert wide.boundaries == ("ground",)
 
 
 def test_a_constrained_interval_hardly_wider_is_no_doubt(evidence):

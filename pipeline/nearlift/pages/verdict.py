@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from nearlift.declare import Boundary
@@ -32,22 +32,27 @@ def facts(evidence: Evidence) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Doubt:
-    """One reason to doubt a headline: the boundary (empty where it concerns all), what is doubtful, and the numbers that end the sentence."""
+    """One reason to doubt headlines: their boundaries (none where it concerns the campaign), the text, and the numbers that end it."""
 
-    boundary: str
+    boundaries: tuple[str, ...]
     text: str
     ends: tuple[Number, Number] | None = None
 
 
 def doubts(evidence: Evidence) -> list[Doubt]:
     """What a reader should hold against the numbers above, the gravest first; nothing that is not in a product."""
-    listed = [doubt for b in evidence.boundaries for doubt in _doubts(evidence, b)]
+    merged: dict[tuple[str, object], Doubt] = {}
+    for own in (doubt for b in evidence.boundaries for doubt in _doubts(evidence, b)):
+        # what is said of several boundaries is said once
+        before = merged.get((own.text, own.ends))
+        merged[own.text, own.ends] = replace(own, boundaries=before.boundaries + own.boundaries) if before else own
+    listed = list(merged.values())
     out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
     if out:
         every = len(evidence.table(TRIALS)["quality"])
-        listed.append(Doubt(boundary="", text=f"{out} of {every} trials were rejected; the quality ledger says why, and what they are worth"))
+        listed.append(Doubt(boundaries=(), text=f"{out} of {every} trials were rejected; the quality ledger says why, and what they are worth"))
     if not components(evidence.campaign):
-        listed.append(Doubt(boundary="", text="the manifest declares no error that repeats share, so none is in these intervals"))
+        listed.append(Doubt(boundaries=(), text="the manifest declares no error that repeats share, so none is in these intervals"))
     return listed
 
 
@@ -68,14 +73,14 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
             )
     said += [f"{name} ends at a bound of its range" for name in names if entry["parameters"][name]["at_bound"]]
     said += [str(d["text"]) for d in entry["degeneracies"][:1]]
-    listed = [Doubt(boundary=boundary, text=text) for text in said]
+    listed = [Doubt(boundaries=(boundary,), text=text) for text in said]
     wide = _constrained(evidence, boundary, names, found or None)
     if wide and _wider(wide, found["coefficients"]["after"][names[0]]):
         text = f"effects too small to be seen here could, together at their plausible sizes, put {letter(names[0])} anywhere from"
-        listed.append(Doubt(boundary=boundary, text=text, ends=wide))
+        listed.append(Doubt(boundaries=(boundary,), text=text, ends=wide))
     unseen = [str(u["effect"]) for u in found.get("untestable", [])]
     if unseen:
-        listed.append(Doubt(boundary=boundary, text=f"nothing was logged that could tell of {', '.join(unseen)}"))
+        listed.append(Doubt(boundaries=(boundary,), text=f"nothing was logged that could tell of {', '.join(unseen)}"))
     return listed
 
 
