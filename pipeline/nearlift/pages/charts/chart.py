@@ -87,17 +87,6 @@ class Chart:
     further: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """Names of the columns and signals that decide the ordinate: its range is that of the points shown, with their uncertainties."""
-
-    data: str
-    value: str
-    series: str = ""
-    chosen: str = ""
-    zero: bool = False
-
-
 def embedded(charts: Sequence[Chart]) -> str:
     """All specifications and data as JSON that can stand in a page: nothing in it ends a script or begins a comment."""
     content = {c.name: {v.name: {"spec": v.spec, "data": {n: _columns(d) for n, d in v.data.items()}} for v in c.views} for c in charts}
