@@ -201,7 +201,8 @@ def book(version: str) -> dict[str, dict[str, bytes]]:
     figures = [f"{spec.name}.{kind}" for spec in FIGURES for kind in ("pdf", "png", "csv")]
     tables = [f"tables/{name}.{kind}" for name in ("coefficients", "budget", "comparison") for kind in ("tex", "csv")]
     names = {stage.name: [f"processed/{p.file}" for p in stage.writes] for stage in graph.STAGES}
-    names["report"] = [f"reports/{name}" for name in (*figures, *tables, "index.html")]
+    paper = ("methods.md", "methods.tex", "references.bib")
+    names["report"] = [f"reports/{name}" for name in (*figures, *tables, *paper, "index.html")]
     if version == "old":
         names["fit"].append("processed/posterior.nc")
     else:

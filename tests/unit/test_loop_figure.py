@@ -426,7 +426,7 @@ def test_the_report_makes_it_and_shows_it_before_the_words(job):
     for kind in ("pdf", "png", "csv"):
         assert (job.reports / f"diagnosis.{kind}").stat().st_size > 1000
     text = (job.reports / "index.html").read_text()
-    chapter = text[text.index('<section id="diagnosis">') :]
+    chapter = text[text.index('<section id="diagnosis"') :]
     assert chapter.index("diagnosis.pdf") < chapter.index("<h3>")
 
 
