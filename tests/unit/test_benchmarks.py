@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import resource
 import sys
 from pathlib import Path
 
@@ -91,8 +92,10 @@ def test_contestants_take_turns_and_are_measured(harness, tmp_path: Path):
     assert [len(own) for own in runs.values()] == [2, 2, 1]
     assert all(r["wall_s"] >= 0.3 > r["cpu_s"] for r in runs["peer"])
     assert runs["nearlift"][0]["wall_s"] == 0.15
-    # a child's peak begins with its parent's, which is why the harness itself stays small
-    assert runs["slow"][0]["peak_MiB"] > 380 > runs["peer"][0]["peak_MiB"]
+    # a child's peak begins with its parent's, which is why the harness itself stays small; here it is pytest's
+    begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    assert runs["slow"][0]["peak_MiB"] > 380
+    assert runs["peer"][0]["peak_MiB"] < max(380, 1.1 * begun)
     told = harness.told(given, "nothing", runs)
     (target,) = told["targets"]
     assert target["verdict"] == "met"

@@ -89,7 +89,7 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
         ('"0.1 mm"', '"0.3 mm"', "fit", ["fit", "diagnose", "ledger", "report"]),
         ('[vehicle]', '[fit.ground]\nrivals = []\n\n[vehicle]', "fit", ["fit", "diagnose", "ledger", "report"]),
         ('[vehicle]', '[diagnose]\nfalse_alarm_rate = 0.01\n\n[vehicle]', "diagnose", ["diagnose", "report"]),
-        ('[vehicle]', '[quality]\ndrift = 0.04\n\n[vehicle]', "ingest", ["ingest", "report"]),
+        ('[vehicle]', '[quality]\ndrift = 0.04\n\n[vehicle]', "ingest", ["ingest", "reduce", "report"]),
         ('"65 mm"', '"66 mm"', "ingest", ["ingest", "reduce", "fit", "diagnose", "ledger", "report"]),
     ],
     ids=["style", "comment", "budget", "rivals", "false alarms", "quality", "spacing"],

@@ -11,7 +11,7 @@ from PIL import Image
 
 from nearlift.figures import loop as draw_loop
 from nearlift.figures import style
-from nearlift.figures.render import render
+from nearlift.figures.render import PAGE_WIDTH, render
 from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.stages import diagnose, report
@@ -409,7 +409,7 @@ def test_axes_do_not_overlap(table):
 def test_the_same_table_gives_the_same_bytes(table):
     first, second = (render(SPEC.draw, table, style.style("aiaa")) for _ in range(2))
     assert first == second
-    assert Image.open(io.BytesIO(first["page"])).width == pytest.approx(6.75 * 200, abs=1)
+    assert Image.open(io.BytesIO(first["page"])).width == PAGE_WIDTH
 
 
 def test_caption_and_alternative_text_agree_with_the_picture(evidence, table):

@@ -90,6 +90,9 @@ def _fetched(file: PublicFile, store: Path, say: Callable[[str], None]) -> Path:
         downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S)
         return Path(pooch.retrieve(file.url, known_hash=known, fname=file.name, path=store, downloader=downloader))
     except RequestException as fault:
+        if fault.response is not None:
+            # pooch leaves it open
+            fault.response.close()
         raise InputRefused(file.url, f"cannot be fetched ({_reason(fault)})", f"are you online? or put the file there by hand: {path}") from None
     except ValueError as fault:
         if "hash" not in str(fault):
