@@ -315,7 +315,8 @@ def test_the_story_of_an_effect_in_words(make_job):
     assert "The base model leaves structure, most of it along supply (p < 10⁻¹²)." in words
     assert "supply_sag; p = 2.10 (90 %: 1.90 to 2.30). This design cannot tell it from session_gain" in words
     assert "the error falls from 1.22 % of lift (90 %: 1.17 to 1.28) to 0.43 % (0.41 to 0.45); noise floor 0.41 %. What remains is noise." in words
-    assert "The base fit alone, with the loop’s noise, gives Kb = 1.20 (90 %: 1.10 to 1.30); with the effect it is 2.00: 1.80 to 2.20 over all rivals" in words
+    assert "The base fit alone, with the loop’s noise, gives Kb = 1.20 (90 %: 1.10 to 1.30)" in words
+    assert "; with the effect it is 2.00: 1.80 to 2.20 over all rivals" in words
     assert "1.90 to 2.10 if this answer is the truth" in words
     assert "1.5 to 2.5 when every effect too small to be seen is allowed its plausible size. It has moved farther" in words
     assert "Not testable here: air_density. Log next time: temperature." in words
