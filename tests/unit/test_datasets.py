@@ -23,6 +23,8 @@ from nearlift.store import Table, read_table
 from .small_run import nearlift
 
 SHARED = Path(__file__).parents[3] / "shared"
+# requests leaves a socket to the collector where an answer is refused in the middle; when that runs is chance
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 HEX = re.compile(r"/[0-9a-f]{40}/")
 
 
