@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis import confirmation, families, few_visits, loop, noise_floor, separation, structure
+from nearlift.diagnosis import confirmation, families, few_visits, loop, noise_floor, search, separation, structure
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.diagnosis.loop import close_loop, set_up
 from nearlift.diagnosis.search import EFFECT, Options, pair_gains, run
@@ -334,13 +334,47 @@ def test_few_visits_that_only_repeat_badly_are_given_no_name():
 
 
 def test_what_held_out_visits_do_not_confirm_is_not_named(monkeypatch):
-    monkeypatch.setattr(confirmation, "improves", lambda scored: False)
+    monkeypatch.setattr(confirmation, "improves", lambda stage, scored: False)
     found = close_loop(campaign(3, gain=lambda c: (c["supply_V"] / 3.7) ** 2), GROUND)
     assert found["verdict"] == "unexplained"
     assert ["supply_sag"] in found["not_confirmed"]
     assert found["effects"] == []
     assert found["error"]["after"] == found["error"]["before"]
     assert "nothing is gained on visits" in found["rounds"][-1]["reason"]
+
+
+def test_held_out_visits_are_weighed_by_how_well_they_are_known(null_stage):
+    # an effect seen well everywhere but at the visits whose height was off: unweighted, those would drown it
+    data, rng = null_stage.data, np.random.default_rng(4)
+    stage = dataclasses.replace(null_stage, noise=dataclasses.replace(null_stage.noise, relative=1e-3, force_N=0.0, height_m=2e-3))
+    visits, label = np.unique(data.visit, return_inverse=True)
+    off = stage.noise.height_m * stage.slope * rng.standard_normal(len(visits))[label]
+    effect = 5e-4 * np.sign(np.sin(np.arange(data.n)))
+    noise = 1e-3 * rng.standard_normal(data.n) + off
+    scored = confirmation.HeldOut(before=noise + effect, after=noise, visit=data.visit, chosen=())
+    assert confirmation.improves(stage, scored)
+    assert not confirmation.improves(stage, dataclasses.replace(scored, before=noise, after=noise + effect))
+    # chance alone, as large: no credit
+    idle = dataclasses.replace(scored, before=noise, after=noise + 5e-4 * rng.standard_normal(data.n))
+    assert not confirmation.improves(stage, idle)
+    # one wild trial on either side decides nothing
+    wild = np.zeros(data.n)
+    wild[7] = 0.5
+    assert confirmation.improves(stage, dataclasses.replace(scored, before=scored.before + wild, after=scored.after + 1.1 * wild))
+
+
+def test_what_is_left_elsewhere_proves_a_second_effect(null_stage):
+    effects = {e.name: e for e, _ in null_stage.library}
+    sag = null_stage.explain((effects["supply_sag"],), 1)
+
+    def leaving(covariate):
+        left = dataclasses.replace(sag.left, names=(covariate,), covariates=(covariate,), log10_p=np.array([-9.0]))
+        return dataclasses.replace(sag, left=left)
+
+    # along time the supply's own form may err, along throttle any effect's; tilt it knows nothing of
+    assert search.earn(leaving("start"), clean=False) == search.earn(leaving("throttle"), clean=False) == search.RIVAL
+    assert search.earn(leaving("tilt"), clean=False) == 0.0
+    assert 0.0 < search.earn(leaving("tilt"), clean=True) < search.RIVAL
 
 
 def test_a_strange_form_that_accounts_for_nearly_all_is_taken_at_a_second_look():

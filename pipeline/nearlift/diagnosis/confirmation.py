@@ -12,11 +12,15 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.search import Answer, Stage, run
+from nearlift.fitting import budget
+from nearlift.fitting.noise import trial_covariance
 from nearlift.results import IntArray, Observations
 
 FOLDS = 3
 #: With no more visits than this, each is left out in turn.
 FEW_VISITS = 15
+#: Whitened residuals beyond this count no more.
+OUTLIER = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,11 +88,22 @@ def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
     return result
 
 
-def improves(scored: HeldOut) -> bool:
-    """Whether what each fold chose predicts its held-out visits better than the base model does, by more than one standard error over visits."""
+def improves(stage: Stage, scored: HeldOut) -> bool:
+    """Whether what each fold chose predicts its held-out visits better than the base model does, by more than one standard error over visits.
+
+    Residuals are weighed by the noise floor, visit by visit: beside a ceiling a few visits whose height was off would decide alone,
+    and an effect that shows everywhere else would be lost with them. No trial counts for more than `OUTLIER` standard deviations.
+    """
     keep = scored.predicted
-    _, visit = np.unique(scored.visit[keep], return_inverse=True)
-    gained = np.bincount(visit, scored.before[keep] ** 2 - scored.after[keep] ** 2)
+    noise = dataclasses.replace(stage.noise, height_m=0.0, serial=0.0) if stage.independent else stage.noise
+    data, slope = stage.data.take(keep), stage.slope[keep]
+    covariance = trial_covariance(data, noise, slope, extra=budget.own_variance(data, stage.parts, slope))
+
+    def misfit(residual: FloatArray) -> FloatArray:
+        return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
+
+    _, visit = np.unique(data.visit, return_inverse=True)
+    gained = np.bincount(visit, misfit(scored.before) - misfit(scored.after))
     return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
 
 

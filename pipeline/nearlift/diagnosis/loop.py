@@ -96,7 +96,7 @@ def diagnose(
     scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run) if confirm else None
     stage = answer.stage
     refuted: tuple[Explanation, ...] = ()
-    if scored is not None and answer.accepted and not confirmation.improves(scored):
+    if scored is not None and answer.accepted and not confirmation.improves(stage, scored):
         # what does not help where it was not fitted gets no credit, however well it fits
         refuted, answer = answer.accepted, dataclasses.replace(answer, accepted=())
     findings = _findings(stage, answer, refuted)

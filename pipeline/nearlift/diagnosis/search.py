@@ -379,13 +379,29 @@ def run(stage: Stage) -> Answer:
     if not together and not clean:
         pairs = second_look(stage, pairs)
         together = [p for p in pairs if p.accepted]
-    # one effect of uncertain form can imitate two, and two one of strange form: the second must earn its place, more so where it only tidies up
-    need = -np.inf if best is None else best.log_evidence + (RIVAL / 2 if clean else RIVAL)
-    accepted = together if any(p.log_evidence > need for p in together) else alone
+    accepted = together if best is None or any(p.log_evidence > best.log_evidence + earn(best, clean) for p in together) else alone
     # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
     most = max((e.log_evidence for e in accepted), default=0.0)
     rivals = tuple(sorted((e for e in accepted if 2 * (most - e.log_evidence) <= RIVAL), key=lambda e: -e.plausibility))
     return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=rivals)
+
+
+def earn(best: Explanation, clean: bool) -> float:
+    """Log evidence that a second effect must bring beside one that would do alone.
+
+    One effect of uncertain form can imitate two, and two one of strange form: the second must earn its place, more so where it only
+    tidies up. What is left along a covariate in which no error of the first one's form could lie proves that there is another.
+    """
+    if clean:
+        return RIVAL / 2
+    own = {_kin(SCHEDULE_WORDS.get(e.varies_with, e.varies_with)) for e in best.fitted.candidate.effects} | {"throttle"}
+    elsewhere = _kin(next(iter(best.left.by_covariate()))) not in own
+    return 0.0 if elsewhere else RIVAL
+
+
+def _kin(covariate: str) -> str:
+    """What runs with time runs together."""
+    return "time" if covariate in ("start", "session", "supply", "temperature") else covariate
 
 
 def promising(stage: Stage, visible: list[Effect], alone: Explanation | None) -> list[tuple[Effect, Effect]]:

@@ -36,7 +36,9 @@ MODELS: Mapping[str, str] = {
 EFFECTS: Mapping[str, str] = {
     "near_wall_saturation": "r + (r - 1)*(pow(1 + gap_hat2/(z*z), -saturation_power) - 1)",
     "held_quantity": "pow(r, held_exponent)",
-    "airframe_stagnation": "r + stagnation*exp(-z/stagnation_reach_hat)",
+    # the power law is held below 0.2 radii: the larger of z and 0.2, in functions that C has in `float` too
+    "airframe_stagnation": "r + stagnation*pow(0.5*(z + 0.2 + sqrt((z - 0.2)*(z - 0.2))), -stagnation_power)",
+    "plate_edge": "r - (r - 1)*edge_share*exp(-edge_width_hat*edge_width_hat/(z*z))",
     "image_strength": "r/(1 - (strength - 1)*(r - 1))",
     # in time, not in height: at its reference the supply changes nothing
     "supply_sag": "r",
