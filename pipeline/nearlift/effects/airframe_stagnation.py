@@ -24,7 +24,6 @@ import numpy as np
 
 from nearlift.declare import Check, Effect, Parameter, Source, normal, uniform
 
-
 #: Height, in rotor radii, below which the power law is held: the damming must end somewhere.
 HELD_BELOW = 0.2
 

@@ -69,8 +69,18 @@ EFFECT = Effect(
     ),
     checks=(
         Check(x=1.1, expected=1.1, arguments={"z_hat": 2.0}, quoted_by="null"),
-        Check(x=1.1, expected=1.0632121, arguments={"z_hat": 5.0, "edge_share": 1.0, "edge_width_hat": 5.0}, quoted_by="by hand: 1/e of the gain lost at z = W / c"),
-        Check(x=1.05, expected=1.0495421, arguments={"z_hat": 2.5, "edge_share": 0.5, "edge_width_hat": 5.0}, quoted_by="by hand: half of e^-4 of the gain lost at half of it"),
+        Check(
+            x=1.1,
+            expected=1.0632121,
+            arguments={"z_hat": 5.0, "edge_share": 1.0, "edge_width_hat": 5.0},
+            quoted_by="by hand: 1/e of the gain lost at W",
+        ),
+        Check(
+            x=1.05,
+            expected=1.0495421,
+            arguments={"z_hat": 2.5, "edge_share": 0.5, "edge_width_hat": 5.0},
+            quoted_by="by hand: half of e^-4 of it at W / 2",
+        ),
     ),
     notes=__doc__ or "",
 )
