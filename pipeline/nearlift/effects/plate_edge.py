@@ -8,7 +8,8 @@ a plane without end.
 
 Convention: edge_width_hat = W / (c r) is the distance, in rotor radii, at which 1/e of the loss is reached; edge_share is the share
 of the gain (a sidewall's loss) that is lost far beyond it: 1 where nothing lies behind the plate, less where a floor goes on
-below its edge; 0 is a plane without end. The range goes beyond 1 because the form is approximate.
+below its edge; 0 is a plane without end. The range goes beyond 1 because the form is approximate. A plate narrower than the
+vehicle is no ground: edge_width_hat is at least 2.
 
 Size on a Crazyflie: a plate beyond four diagonals (W = 8 r, c = 2) loses 0.4 % of the gain at z_hat = 1.7, 17 % at 3, where 6 % of
 gain are left.
@@ -54,7 +55,7 @@ EFFECT = Effect(
             name="edge_width_hat",
             unit="1",
             value=4.5,
-            bounds=(1.0, 30.0),
+            bounds=(2.0, 30.0),
             prior=Prior(distribution="lognorm", shape=(0.7,), scale=5.0),
             meaning="distance, in rotor radii, at which the wake has outgrown the plate: its half-width over the wake's spread",
             grid=(2.5, 4.5, 8.0),
