@@ -69,7 +69,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         name="safety", title="Safety", facts=safety.facts, needs=(SAFETY,), figures=("fig6", "safety", "crash_map", "routes"), pictures_lead=True
     ),
     Chapter(name="proximity", title="Proximity", facts=proximity.facts, needs=(DETECTION, PROXIMITY), figures=("detection",), pictures_lead=True),
-    Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), template=False),
+    Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), charts=("residuals",), template=False),
     Chapter(
         name="flow",
         title="Flow",

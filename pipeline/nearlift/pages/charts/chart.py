@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -51,13 +51,26 @@ class Control:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class View:
-    """One drawing. In `spec`, a text that begins with ``$`` stands for the value of the control of that signal."""
+    """One drawing.
+
+    Attributes
+    ----------
+    name, title : str
+    spec : dict
+        A text in it that begins with ``$`` stands for the value of the control of that signal, or for what `follows` from one.
+    data : dict of str to Columns
+    controls : tuple of Control
+        Those that concern this view alone.
+    follows : dict
+        By signal and its value: what further names then stand for, such as an axis' title.
+    """
 
     name: str
     title: str
     spec: Spec
     data: dict[str, Columns]
     controls: tuple[Control, ...] = ()
+    follows: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +85,8 @@ class Chart:
     views : tuple of View
     controls : tuple of Control
         Those that concern all views.
+    across, among : str
+        Marks that the left and right, and the up and down arrow keys go along, by what the marks are called.
     heads, rows : tuple
         The points as a table.
     further : int
@@ -82,6 +97,8 @@ class Chart:
     label: str
     views: tuple[View, ...]
     controls: tuple[Control, ...] = ()
+    across: str = "cell"
+    among: str = "cell"
     heads: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
     further: int = 0
@@ -89,7 +106,9 @@ class Chart:
 
 def embedded(charts: Sequence[Chart]) -> str:
     """All specifications and data as JSON that can stand in a page: nothing in it ends a script or begins a comment."""
-    content = {c.name: {v.name: {"spec": v.spec, "data": {n: _columns(d) for n, d in v.data.items()}} for v in c.views} for c in charts}
+    content = {
+        c.name: {v.name: {"spec": v.spec, "follows": v.follows, "data": {n: _columns(d) for n, d in v.data.items()}} for v in c.views} for c in charts
+    }
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
@@ -111,6 +130,11 @@ def column(values: Sequence[Any]) -> Any:
     kept = np.empty(len(values), dtype=object)
     kept[:] = list(values)
     return kept
+
+
+def shade(i: int, n: int) -> str:
+    """The colour of one of `n` values on a ramp."""
+    return f"color-mix(in oklab, var(--ramp0), var(--ramp1) {100 * i / max(n - 1, 1):.0f}%)"
 
 
 def params(**values: Any) -> list[Spec]:

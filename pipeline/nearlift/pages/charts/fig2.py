@@ -8,7 +8,7 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
-from nearlift.pages.charts.chart import AREAS, DASHES, SERIES, SHAPES, Chart, Choice, Control, Spec, View, axis, column, frame, params
+from nearlift.pages.charts.chart import AREAS, DASHES, SERIES, SHAPES, Chart, Choice, Control, Spec, View, axis, column, frame, params, shade
 from nearlift.products import FIT
 from nearlift.summaries import curves, fig2
 from nearlift.summaries.evidence import Columns, Evidence, values
@@ -79,7 +79,7 @@ def chart(evidence: Evidence) -> Chart:
 def _look(i: int, n: int) -> tuple[str, str, int]:
     if n <= APART:
         return SERIES[i], SHAPES[i], AREAS[i]
-    return f"color-mix(in oklab, var(--ramp0), var(--ramp1) {100 * i / (n - 1):.0f}%)", "circle", 34
+    return shade(i, n), "circle", 34
 
 
 def _view(evidence: Evidence, boundary: Boundary, cells: Columns, looks: dict[str, tuple[str, str, int]], unit: str) -> View:

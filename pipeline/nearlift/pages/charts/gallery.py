@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from nearlift.pages.charts import fig2
+from nearlift.pages.charts import fig2, residuals
 from nearlift.pages.charts.chart import Chart
 from nearlift.products import FIT, LIFT, TRIALS, Product
 from nearlift.summaries.evidence import Evidence
@@ -20,7 +20,10 @@ class ChartSpec:
     needs: tuple[Product, ...]
 
 
-CHARTS: tuple[ChartSpec, ...] = (ChartSpec(name="fig2", make=fig2.chart, needs=(TRIALS, LIFT, FIT)),)
+CHARTS: tuple[ChartSpec, ...] = (
+    ChartSpec(name="fig2", make=fig2.chart, needs=(TRIALS, LIFT, FIT)),
+    ChartSpec(name="residuals", make=residuals.chart, needs=(TRIALS, LIFT, FIT)),
+)
 
 
 def charts(evidence: Evidence) -> tuple[Chart, ...]:

@@ -34,11 +34,15 @@
 
   const state = (figure, view, data) => {
     const now = chosen(figure, view);
+    for (const [signal, by] of Object.entries(held[figure.dataset.chart][view].follows)) Object.assign(now, by[now[signal]]);
     return now.quantity ? { ...now, ...limits(data.cells, now) } : now;
   };
 
-  const specification = (kept, now, data) => {
-    const spec = JSON.parse(JSON.stringify(kept), (_, v) => (typeof v === "string" && v.startsWith("$") ? now[v.slice(1)] : v));
+  // What no signal can change, such as the kind of an axis, is written into the text; where that changes, the chart is drawn anew.
+  const written = (kept, now) => JSON.stringify(kept, (_, v) => (typeof v === "string" && v.startsWith("$") ? now[v.slice(1)] : v));
+
+  const specification = (text, now, data) => {
+    const spec = JSON.parse(text);
     for (const parameter of spec.params) if (parameter.name in now) parameter.value = now[parameter.name];
     return { ...spec, datasets: data };
   };
@@ -48,36 +52,39 @@
   const draw = async place => {
     const figure = place.closest("[data-chart]"), kept = held[figure.dataset.chart][place.dataset.view];
     const data = Object.fromEntries(Object.entries(kept.data).map(([name, columns]) => [name, rows(columns)]));
-    const now = state(figure, place.dataset.view, data);
+    const now = state(figure, place.dataset.view, data), text = written(kept.spec, now);
     live.get(place)?.result.finalize();
-    const result = await vegaEmbed(place.querySelector(".drawing"), specification(kept.spec, now, data), options);
-    live.set(place, { result, data, scale: now.x_scale, names: kept.spec.params.map(p => p.name) });
+    const result = await vegaEmbed(place.querySelector(".drawing"), specification(text, now, data), options);
+    live.set(place, { result, data, text, kept: kept.spec, names: kept.spec.params.map(p => p.name) });
   };
 
   const refresh = async place => {
-    const { result, data, scale, names } = live.get(place);
+    const { result, data, text, kept, names } = live.get(place);
     const now = state(place.closest("[data-chart]"), place.dataset.view, data);
-    if (now.x_scale !== scale) return draw(place);
+    if (written(kept, now) !== text) return draw(place);
     for (const name of names) if (name in now) result.view.signal(name, now[name]);
     await result.view.runAsync();
   };
 
-  // Arrow keys go from point to point and say each one; Escape leaves.
+  // Arrow keys go from point to point and say each one, left and right along one kind of mark, up and down along the other; Escape leaves.
   const walk = place => {
-    let at = -1;
+    let at = -1, kind = place.dataset.across;
     const said = place.querySelector("[aria-live]");
-    const pointed = (mark, kind) => {
+    const pointed = (mark, what) => {
       const box = mark.getBoundingClientRect();
       const where = { bubbles: true, clientX: box.x + box.width / 2, clientY: box.y + box.height / 2 };
-      mark.dispatchEvent(new PointerEvent(kind, where));
+      mark.dispatchEvent(new PointerEvent(what, where));
     };
     place.querySelector(".drawing").addEventListener("keydown", event => {
       const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1, Home: -Infinity, End: Infinity, Escape: 0 }[event.key];
       if (step === undefined) return;
       event.preventDefault();
-      const marks = [...place.querySelectorAll('[aria-roledescription="cell"]')].sort((a, b) => a.getBoundingClientRect().x - b.getBoundingClientRect().x);
+      for (const mark of place.querySelectorAll(".pointed")) mark.classList.remove("pointed");
+      const along = { ArrowRight: "across", ArrowLeft: "across", ArrowDown: "among", ArrowUp: "among" }[event.key];
+      if (along && place.dataset[along] !== kind) { kind = place.dataset[along]; at = -1; }
+      const centre = mark => { const box = mark.getBoundingClientRect(); return box.x + box.width / 2; };
+      const marks = [...place.querySelectorAll(`[aria-roledescription="${kind}"]`)].sort((a, b) => centre(a) - centre(b));
       if (!marks.length) return;
-      for (const mark of marks) mark.classList.remove("pointed");
       if (step === 0) { if (at >= 0 && marks[at]) pointed(marks[at], "pointerout"); at = -1; said.textContent = ""; return; }
       at = Math.min(Math.max(at + step, 0), marks.length - 1);
       marks[at].classList.add("pointed");
