@@ -2,6 +2,8 @@
 
 import fcntl
 import os
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,18 +13,36 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 
+Once = Callable[[str, Callable[[Path], None]], Path]
+
+
 @pytest.fixture(scope="session")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder in which the demo has run: once, whichever process asks first; the others wait for it. Not to be written."""
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """A folder of that name which a function has filled: once, whichever process asks first; the others wait for it. Not to be written."""
+    own = tmp_path_factory.getbasetemp()
+    home = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+    def made(name: str, make: Callable[[Path], None]) -> Path:
+        out, done = home / name, home / f"{name}.done"
+        with (home / f"{name}.lock").open("w") as turn:
+            fcntl.flock(turn, fcntl.LOCK_EX)
+            if not done.exists():
+                shutil.rmtree(out, ignore_errors=True)
+                out.mkdir()
+                make(out)
+                done.touch()
+        return out
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def demo(once: Once) -> Path:
+    """The folder in which the demo has run."""
     from nearlift.cli import main
 
-    own = tmp_path_factory.getbasetemp()
-    out = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "the-demo"
-    out.mkdir(exist_ok=True)
-    with (out / ".waiting").open("w") as turn:
-        fcntl.flock(turn, fcntl.LOCK_EX)
-        if not (out / ".done").exists():
-            found = CliRunner().invoke(main, ["demo", "--out", str(out), "-q"])
-            assert (found.exit_code, found.output) == (0, "")
-            (out / ".done").touch()
-    return out
+    def run(out: Path) -> None:
+        found = CliRunner().invoke(main, ["demo", "--out", str(out), "-q"])
+        assert (found.exit_code, found.output) == (0, "")
+
+    return once("the-demo", run)

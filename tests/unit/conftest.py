@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import hashlib
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +17,8 @@ from nearlift.executors import SerialExecutor
 from nearlift.products import TRIALS
 from nearlift.stages import fit, reduce
 from nearlift.stages.job import Job
+
+from . import small_run
 
 STATIONS = {
     "ground": [1.14, 1.3, 1.6, 2.0, 2.6, 3.5, 11.5],
@@ -86,8 +92,8 @@ MakeJob = Callable[..., Job]
 
 
 @pytest.fixture(scope="session")
-def make_job(tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
-    """Make a job whose trials are written, reduced and fitted."""
+def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
+    """Make a job whose trials are written, reduced and fitted; the same trials and manifest are fitted once, and copied."""
 
     def make(
         boundaries: tuple[str, ...] = ("ground", "ceiling", "sidewall"),
@@ -96,24 +102,39 @@ def make_job(tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
         edit: Any = None,
         **changes: Any,
     ) -> Job:
-        root = tmp_path_factory.mktemp("campaign")
-        job = Job(
-            root=root,
-            campaign=manifest.parse(raw_manifest(**changes)),
-            processed=root / "processed",
-            reports=root / "reports",
-            executor=SerialExecutor(),
-            inputs={"campaign.toml": "a" * 64, "trials.csv": "b" * 64},
-        )
+        raw = raw_manifest(**changes)
         table = trial_table(list(boundaries), list(throttles), repeats)
         if edit is not None:
             edit(table)
-        job.write(TRIALS, table)
-        reduce.run(job)
-        fit.run(job)
-        return job
+
+        def job(root: Path) -> Job:
+            return Job(
+                root=root,
+                campaign=manifest.parse(copy.deepcopy(raw)),
+                processed=root / "processed",
+                reports=root / "reports",
+                executor=SerialExecutor(),
+                inputs={"campaign.toml": "a" * 64, "trials.csv": "b" * 64},
+            )
+
+        def fitted(root: Path) -> None:
+            first = job(root)
+            first.write(TRIALS, table)
+            reduce.run(first)
+            fit.run(first)
+
+        root = tmp_path_factory.mktemp("campaign")
+        told = repr([raw, [(name, str(column.dtype), column.tolist()) for name, column in table.items()]])
+        shutil.copytree(once(f"job-{hashlib.sha256(told.encode()).hexdigest()[:16]}", fitted), root, dirs_exist_ok=True)
+        return job(root)
 
     return make
+
+
+@pytest.fixture
+def plain_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figure is drawn: in its files stands a digest of its table. For tests of what is written when, not of how it looks."""
+    monkeypatch.setattr("nearlift.figures.render.render", small_run.undrawn)
 
 
 @pytest.fixture(scope="session")

@@ -20,13 +20,20 @@ from .small_run import job, ran, state
 EVERY = ["ingest", "reduce", "fit", "diagnose", "ledger", "report"]
 
 
+pytestmark = pytest.mark.usefixtures("plain_pictures")
+
+
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory) -> Path:
+def finished(once) -> Path:
     """A folder with raw/ and an out/ that is up to date."""
-    place = tmp_path_factory.mktemp("finished")
-    small_run.write(place / "raw")
-    assert ran(job(place / "raw", place)) == EVERY
-    return place
+
+    def run(place: Path) -> None:
+        small_run.write(place / "raw")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("nearlift.figures.render.render", small_run.undrawn)
+            assert ran(job(place / "raw", place)) == EVERY
+
+    return once("finished-undrawn", run)
 
 
 @pytest.fixture

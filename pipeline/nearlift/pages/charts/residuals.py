@@ -115,10 +115,13 @@ def _view(evidence: Evidence, boundary: Boundary, found: tuple[Columns, Columns,
 
 
 def _axis(name: str, x: Any) -> dict[str, Any]:
-    values = np.unique(x[np.isfinite(x)]) if x is not None else np.zeros(0)
-    ticks = {"x_ticks": values.tolist()} if 0 < len(values) <= DISCRETE else {}
+    """What the abscissa looks like; one that does not vary here has a place for the words that say so."""
+    if x is None:
+        return {"x_scale": "linear", "x_zero": False, "x_title": word(name), "x_domain": [0, 1]}
+    values = np.unique(x[np.isfinite(x)])
+    ticks = {"x_ticks": values.tolist()} if len(values) <= DISCRETE else {}
     scale = {"x_scale": "log"} if name == "z_hat" else {"x_scale": "linear", "x_zero": False}
-    return {**scale, "x_title": word(name), **ticks}
+    return {**scale, "x_title": word(name), "x_domain": [float(values[0]), float(values[-1])], **ticks}
 
 
 def _layers(boundary: str, domain: list[float]) -> list[Spec]:
@@ -126,7 +129,7 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
     x: Spec = {
         "field": "x",
         "type": "quantitative",
-        "scale": {"type": "$x_scale", "zero": "$x_zero", "nice": False, "padding": 10},
+        "scale": {"type": "$x_scale", "domain": "$x_domain", "zero": "$x_zero", "nice": False, "padding": 10},
         "axis": {"title": "$x_title", "values": "$x_ticks", "format": "~g", "labelOverlap": True},
     }
     y: Spec = {"field": "mean", "type": "quantitative", "scale": {"domain": domain, "nice": False, "zero": False}, "axis": {"title": "residual (%)"}}
