@@ -420,6 +420,8 @@ def validated(kind: type[Kind], raw: dict[str, Any], where: str) -> Kind:
         return kind.model_validate(raw)
     except ValidationError as fault:
         lines = [_explain(error, raw) for error in fault.errors()]
+        if any(error["type"] == "missing" for error in fault.errors()):
+            lines.append("`nearlift new DIR` writes a manifest that says what each key is")
         raise ManifestError(where, "\n  ".join(dict.fromkeys(lines))) from None
 
 
@@ -434,6 +436,8 @@ def _explain(error: Any, raw: dict[str, Any]) -> str:
         return f"{key}: unknown key; {hint}"
     if error["type"] == "missing":
         return f"{key}: is missing"
+    if error["type"] == "literal_error" and key == "schema":
+        return f"schema: is {error['input']!r}, and this nearlift reads {error['ctx']['expected']}: mend it, or take the version that wrote it"
     message = error["msg"].removeprefix("Value error, ").replace("\n", "; ")
     shown = "" if isinstance(error["input"], dict | list) or str(error["input"]) in message else f" (found {error['input']!r})"
     return f"{key}: {message}{shown}"

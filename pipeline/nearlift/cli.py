@@ -187,7 +187,7 @@ def execute(
         report = job.reports / "index.html"
     code = SOME_TRIALS_REJECTED if rejected else 0
     if rejected:
-        voice.line(f"{len(rejected)} trials rejected:")
+        voice.line(f"{len(rejected)} trial{'s' * (len(rejected) > 1)} rejected:")
         for trial, reason in rejected if verbose else rejected[:10]:
             voice.line(f"  {trial}: {reason}")
         if len(rejected) > 10 and not verbose:
@@ -461,22 +461,32 @@ def compare_runs(a: Path, b: Path, as_json: bool, quiet: bool, **_: Any) -> None
         click.echo("\n".join(comparison.table(content)))
 
 
+DIALECT = click.option(
+    "--dialect",
+    default="",
+    metavar="KEYS",
+    help='How to read the text, as [records] dialect in a manifest: \'separator = "semicolon", decimal = ",", encoding = "latin-1"\'.',
+)
+
+
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--from", "given", is_flag=True, help="FILES follow: records that are there already. The manifest says what they say.")
+@DIALECT
 @common
-def new(folder: Path, files: tuple[Path, ...], given: bool, quiet: bool, as_json: bool, **_: Any) -> None:
+def new(folder: Path, files: tuple[Path, ...], given: bool, dialect: str, quiet: bool, as_json: bool, **_: Any) -> None:
     """A campaign folder to fill in, with a commented manifest.
 
     With --from FILES, the folder of a campaign whose records are FILES: those in the folder stay, others are copied into it.
     """
+    from nearlift.stages.inspection import dialect_of
     from nearlift.stages.template import write_from, write_template
 
     if given != bool(files):
         raise UsageError("--from", "names no files" if given else "is missing before the files", "nearlift new DIR --from FILES")
     if given:
-        made, left = write_from(folder, files)
+        made, left = write_from(folder, files, dialect_of(dialect))
         if as_json:
             click.echo(json.dumps({"written": [str(path) for path in made], "fill_in": left}))
         elif not quiet:
@@ -528,12 +538,13 @@ def export(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, q
 
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path))
+@DIALECT
 @common
-def inspect(file: Path, as_json: bool, **_: Any) -> None:
+def inspect(file: Path, dialect: str, as_json: bool, **_: Any) -> None:
     """What FILE holds, channel by channel, and the [records] block for a manifest."""
     from nearlift.stages import inspection
 
-    found = inspection.inspect(file)
+    found = inspection.inspect(file, inspection.dialect_of(dialect))
     click.echo(json.dumps(inspection.as_json(found)) if as_json else inspection.described(found).rstrip("\n"))
 
 

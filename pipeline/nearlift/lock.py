@@ -15,7 +15,7 @@ from typing import Any
 
 from nearlift import store
 from nearlift.errors import NearliftError
-from nearlift.transaction import Homes
+from nearlift.transaction import STAGED, Homes
 
 LOCK = ".lock"
 
@@ -62,6 +62,13 @@ def locked(homes: Homes) -> Iterator[str]:
         for folder in made:
             with contextlib.suppress(OSError):
                 folder.rmdir()
+
+
+def swept(homes: Homes) -> None:
+    """Take away what a run left that was killed after its last commit; a living run's is let be."""
+    if any(path.exists() for path in (homes.processed / LOCK, homes.processed / STAGED, homes.reports / STAGED)):
+        with contextlib.suppress(Busy), locked(homes):
+            pass
 
 
 #: How long a reader waits for the renames of another run, s.

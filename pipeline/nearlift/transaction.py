@@ -23,6 +23,8 @@ from nearlift.errors import ProductError
 JOURNAL = ".commit.json"
 STAGED = ".staged"
 SCHEMA = "nearlift.commit/1"
+#: Folder of what an interrupted stage can go on from.
+UNFINISHED = "unfinished"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +43,11 @@ class Homes:
     def journal(self) -> Path:
         """Where the journal of a commit stands."""
         return self.processed / JOURNAL
+
+    @property
+    def unfinished(self) -> Path:
+        """Where stages keep what an interrupted run can go on from; the next commit takes it away."""
+        return self.processed / UNFINISHED
 
     def home(self, name: str) -> tuple[Path, PurePosixPath]:
         """The folder to which a name belongs, and its path there.
@@ -72,9 +79,10 @@ class Homes:
             self._carry_out()
         for home in (self.processed, self.reports):
             shutil.rmtree(home / STAGED, ignore_errors=True)
-            # made for what was staged, if nothing else is in it
+        # folders made for what did not come, if nothing else is in them
+        for folder in (*self.unfinished.glob("*"), self.unfinished, self.processed, self.reports):
             with contextlib.suppress(OSError):
-                home.rmdir()
+                folder.rmdir()
 
     def _carry_out(self) -> None:
         journal = store.read_json(self.journal)
@@ -91,6 +99,8 @@ class Homes:
             places.append(self.place(name))
             store.disk.unlink(places[-1])
         self.sync(places)
+        # while the journal stands, so that whoever completes a commit does this too
+        shutil.rmtree(self.unfinished, ignore_errors=True)
         store.disk.unlink(self.journal)
         # a journal that came back after a power cut would be carried out on what the next stage has staged
         store.sync_folder(self.processed)

@@ -15,12 +15,10 @@ from typing import IO, Literal
 from nearlift import store
 from nearlift.lock import settled
 from nearlift.stages import graph
-from nearlift.transaction import JOURNAL, STAGED, Homes
+from nearlift.transaction import JOURNAL, STAGED, UNFINISHED, Homes
 
 from . import small_run
 
-#: Everything but figures, whose drawing takes long and whose writing is the same.
-QUICK = ("ingest", "reduce", "fit", "ledger")
 #: Once: as of a passing fault. Lasting: as on a full disk. Kill: as by a power cut.
 Fault = Literal["once", "lasting", "kill"]
 #: Stage -> its files and their digests.
@@ -32,8 +30,10 @@ class Faulty(store.Disk):
 
     def __init__(self, at: int, fault: Fault = "once") -> None:
         self.at, self.fault, self.calls = at, fault, 0
+        self.kinds: list[str] = []
 
-    def _due(self) -> bool:
+    def _due(self, kind: str) -> bool:
+        self.kinds.append(kind)
         self.calls += 1
         return self.calls == self.at or (self.fault == "lasting" and self.calls > self.at > 0)
 
@@ -43,37 +43,37 @@ class Faulty(store.Disk):
         raise OSError(28, "No space left on device")
 
     def write(self, file: IO[bytes], content: bytes) -> None:
-        if self._due():
+        if self._due("write"):
             file.write(content[: len(content) // 2])
             file.flush()
             self._end()
         super().write(file, content)
 
     def sync(self, descriptor: int) -> None:
-        if self._due():
+        if self._due("sync"):
             self._end()
         super().sync(descriptor)
 
     def rename(self, old: Path, new: Path) -> None:
-        if self._due():
+        if self._due("rename"):
             self._end()
         super().rename(old, new)
 
     def unlink(self, path: Path) -> None:
-        if self._due():
+        if self._due("unlink"):
             self._end()
         super().unlink(path)
 
 
-def calls(action: Callable[[], object]) -> int:
-    """How often something reaches the disk."""
+def calls(action: Callable[[], object]) -> list[str]:
+    """What reaches the disk, call by call: ``write``, ``sync``, ``rename`` or ``unlink``."""
     counting, real = Faulty(0), store.disk
     store.disk = counting
     try:
         action()
     finally:
         store.disk = real
-    return counting.calls
+    return counting.kinds
 
 
 def failing(action: Callable[[], object], at: int, fault: Fault) -> None:
@@ -112,7 +112,7 @@ def products(place: Path) -> dict[str, str]:
 
 def litter(place: Path) -> list[Path]:
     """What a run that has ended should have taken away."""
-    return [p for p in place.rglob("*") if p.name in (".lock", JOURNAL, STAGED) or p.name.endswith(".tmp")]
+    return [p for p in place.rglob("*") if p.name in (".lock", JOURNAL, STAGED, UNFINISHED) or p.name.endswith(".tmp")]
 
 
 def homes(place: Path) -> Homes:
@@ -144,7 +144,7 @@ def stands(place: Path, old: Outputs, new: Outputs) -> dict[str, bool]:
     return found
 
 
-def run(raw: Path, place: Path, stages: Sequence[str] = QUICK) -> list[str]:
+def run(raw: Path, place: Path, stages: Sequence[str]) -> list[str]:
     """Bring the stages up to date; the names of those that ran."""
     return [s.stage.name for s in graph.run(small_run.job(raw, place), [graph.stage(name) for name in stages]) if s.why]
 
@@ -160,14 +160,17 @@ def copied(folder: Path) -> Path:
 class Scene:
     """Old products, new input, and what the new products must be."""
 
-    def __init__(self, folder: Path, stages: Sequence[str] = QUICK) -> None:
+    def __init__(self, folder: Path, stages: Sequence[str], manifest: str = "") -> None:
         self.folder, self.stages = folder, stages
         self.raw = small_run.write_means(folder / "raw", 24)
+        with (self.raw / "campaign.toml").open("a") as file:
+            file.write(manifest)
         run(self.raw, folder / "old", stages)
         self.old = outputs(folder / "old")
         text = (self.raw / "trials.csv").read_text()
         (self.raw / "trials.csv").write_text(text.replace("m3,ground,30,92,", "m3,ground,30,92,1"))
-        self.calls = calls(lambda: run(self.raw, self.fresh(), stages))
+        self.kinds = calls(lambda: run(self.raw, self.fresh(), stages))
+        self.calls = len(self.kinds)
         self.whole, self.new = products(folder / "place"), outputs(folder / "place")
         assert self.old != self.new
 

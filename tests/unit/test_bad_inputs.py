@@ -165,7 +165,9 @@ CODED: list[tuple[str, Callable[[Path], None], set[str], str]] = [
     ("19 clock backwards", clock(lambda t: np.where(np.arange(len(t)) == 1, t - 0.02, t)), {"clock"}, "complete"),
     ("19 duplicate stamps", clock(lambda t: np.where(np.arange(len(t)) == 9, t[8], t)), {"clock"}, "complete"),
     ("19 a gap", clock(lambda t: t + 0.06 * (np.arange(len(t)) > 200)), {"gaps"}, "truncated"),
-    ("19 a great gap", clock(lambda t: t + 3600.0 * (np.arange(len(t)) > 200)), {"GAPS"}, "truncated"),
+    ("19 summer time begins", clock(lambda t: t + 3600.0 * (np.arange(len(t)) > 200)), {"clock"}, "complete"),
+    ("19 summer time ends", clock(lambda t: t - 3600.0 * (np.arange(len(t)) > 200)), {"clock"}, "complete"),
+    ("19 a great gap", clock(lambda t: t + 1000.0 * (np.arange(len(t)) > 200)), {"GAPS"}, "truncated"),
     ("21 two throttles in a trial", series(lambda f: f + 60.0 * (np.arange(len(f)) > HEAD + LIVE // 2)), {"MIXED"}, "complete"),
     ("22 the traverse did not arrive", reached, {"HEIGHT"}, "complete"),
     ("23 aborted", lambda raw: write_record(raw, TRIAL, force_mN(275.0)[: HEAD + 3]), {"TOO_SHORT", "SHORT"}, "truncated"),
@@ -209,6 +211,11 @@ def read(raw: Path) -> Any:
     return store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
 
 
+def test_18_whose_record_it_is_is_told(raw: Path) -> None:
+    doubled(raw)
+    assert "note: the record of t01 is that of t00, byte for byte" in ingest(raw)[1]
+
+
 def test_21_a_drift_is_no_step(raw: Path) -> None:
     series(lambda f: f + 60.0 * np.clip((np.arange(len(f)) - HEAD) / LIVE, 0, 1))(raw)
     assert "MIXED" not in ingest(raw)[2][TRIAL].split()
@@ -244,7 +251,7 @@ def test_5_a_file_that_is_still_being_written_is_left_for_later(raw: Path) -> No
     assert f"{TRIAL}: PENDING (the file was still being written; the next run reads it again)" in said
     # nothing has changed, but it is looked at again
     planned = nearlift("plan", raw, "--out", raw.parent)
-    assert "ingest   run: 1 records were still being written" in planned.stdout
+    assert "ingest   run: 1 record was still being written" in planned.stdout
     put(content)(raw)
     assert ingest(raw)[::2] == (0, dict.fromkeys(quality, ""))
 
@@ -344,8 +351,11 @@ STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
     ("15 no tare", manifest('tare = "0.5 s", ', ""), 2, "[load_cell] needs tare"),
     ("18 one id, two trials", schedule("t02,", "t01,"), 2, "trial 't01' stands already in trials.csv, line 3"),
     ("20 a wrong rate", clock(lambda t: 2 * t), 4, "the clock column runs at 100 Hz, the manifest says 200 Hz"),
+    ("20 a wrong rate, by the planned length", manifest('"200 Hz"', '"250 Hz"'), 4, "where 2.5 s at 250 Hz are 625\n  is the rate 200 Hz?"),
+    ("20 too low a rate", manifest('"200 Hz"', '"160 Hz"'), 4, "the records hold 500 samples"),
+    ("24 on the boundary", schedule("t01,ground,30", "t01,ground,0"), 4, "0 mm with an offset of 0 mm puts the rotor on the ground itself"),
     ("24 inside the boundary", schedule(",30,", ",-3,"), 4, "-3 mm"),
-    ("26 no gravity", manifest(', gravity = "9.8 m/s^2"', ""), 2, "rig.gravity: is missing"),
+    ("26 no gravity", manifest(', gravity = "9.8 m/s^2"', ""), 2, "rig.gravity: is missing\n  `nearlift new DIR` writes"),
     ("26 no radius", manifest('rotor_radius = "23 mm", ', ""), 2, "vehicle.rotor_radius: is missing"),
     ("32 a link out of the folder", outside, 4, "leads outside the campaign's folder"),
     ("32 a link to itself", loop, 4, "is a loop of symbolic links"),
@@ -353,7 +363,8 @@ STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
     ("32 a device", device, 4, "leads outside the campaign's folder"),
     ("32 a path upwards", manifest("trials/{trial}.csv", "../raw/trials/{trial}.csv"), 4, "leads outside the campaign's folder"),
     ("32 an absolute path", manifest("trials/{trial}.csv", "/dev/{trial}"), 4, "leads outside the campaign's folder, to /dev/t00"),
-    ("33 a later manifest", manifest("nearlift.campaign/1", "nearlift.campaign/2"), 2, "nearlift.campaign/2"),
+    ("33 a later manifest", manifest("nearlift.campaign/1", "nearlift.campaign/2"), 2,
+     "schema: is 'nearlift.campaign/2', and this nearlift reads 'nearlift.campaign/1'"),
 ]  # fmt: skip
 
 
@@ -389,6 +400,8 @@ def latin_1(content: bytes) -> bytes:
         ("13 byte order mark", lambda c: b"\xef\xbb\xbf" + c),
         ("13 Latin-1", latin_1),
         ("14 trailing comma", lambda c: c.replace(b"force\n", b"force,n\n", 1).replace(b"\n", b",7,\n").replace(b"n,7,\n", b"n,\n", 1)),
+        ("14 trailing comma behind one column", lambda c: c.replace(b"\n", b",\n")),
+        ("14 trailing comma in rows only", lambda c: c.replace(b"\n", b",\n").replace(b"force,", b"force")),
         ("14 units row", lambda c: c.replace(b"force\n", b"force\nmN\n", 1)),
         ("33 an unknown column", lambda c: c.replace(b"force\n", b"force,new\n", 1).replace(b"\n", b",1\n").replace(b"new,1\n", b"new\n", 1)),
     ],

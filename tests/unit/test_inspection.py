@@ -50,6 +50,45 @@ def test_numbers_without_names_are_shown_with_the_recipe_to_read_them(tmp_path):
     assert found["load_cell"]["sample_rate"] == "FILL IN Hz"
 
 
+RAMP = b"START\r\n" + b"".join(b"%d,%.2f,%d\r\n" % (20 * i, -0.1 * i, 7) for i in range(60)) + b"STOP\r\n"
+
+
+def test_what_a_refusal_proposes_can_be_said_and_is_in_the_block(tmp_path):
+    path = written.put(tmp_path, "ramp.txt", RAMP)
+    refused = nearlift("inspect", path)
+    assert refused.exit_code == 4
+    assert 'dialect = { ignore = ["STOP"] }' in refused.stderr
+    said = '{ ignore = ["START", "STOP"], columns = ["t", "thrust", "n"], units = ["ms", "N", ""] }'
+    answer = nearlift("inspect", path, "--dialect", said)
+    found = tomllib.loads(answer.stdout.split("\n\n", 1)[1])
+    assert found["records"]["dialect"] == tomllib.loads("x = " + said)["x"]
+    assert found["records"]["time"] == {"column": "t", "unit": "ms"}
+    assert found["load_cell"]["sample_rate"] == "50 Hz"
+    assert "sign = 1 }   # sign = -1 if lift makes these numbers negative" in answer.stdout
+    made = nearlift("new", tmp_path / "c", "--from", path, "--dialect", said.strip("{}"))
+    assert made.exit_code == 0, made.stderr
+    manifest = tomllib.loads((tmp_path / "c" / "campaign.toml").read_text())
+    assert manifest["records"]["dialect"] == found["records"]["dialect"]
+    for wrong, code, text in (("columns = [", 2, "is not as a manifest has it"), ("colums = 1", 2, "did you mean 'columns'?")):
+        answer = nearlift("inspect", path, "--dialect", wrong)
+        assert (answer.exit_code, text in answer.stderr) == (code, True)
+
+
+def test_two_readings_are_parted_by_what_the_refusal_asks_for(tmp_path):
+    path = written.put(tmp_path, "a.csv", b"force\n" + b"1,234\n" * 60)
+    refused = nearlift("inspect", path)
+    assert (refused.exit_code, 'dialect = { decimal = "," }' in refused.stderr) == (4, True)
+    answer = nearlift("inspect", path, "--dialect", 'decimal = ","')
+    assert (answer.exit_code, "1.234" in answer.stdout) == (0, True)
+
+
+def test_what_a_file_does_not_say_of_clock_rate_and_numbers_is_said(tmp_path):
+    path = written.put(tmp_path, "a.csv", b"t,force\n" + b"".join(b"%d,%s\n" % (i, b"OVER" if i % 10 == 3 else b"2.5") for i in range(60)))
+    answer = nearlift("inspect", path).stdout
+    assert "note: 6 of 60 samples of 'force' hold no number" in answer
+    assert 'time   = { column = "t", unit = "FILL IN" }' in answer
+
+
 def test_json_for_machines(tmp_path):
     path = written.put(tmp_path, "a.lvm", written.lvm(FORCE))
     found = json.loads(nearlift("inspect", path, "--json").stdout)

@@ -67,6 +67,19 @@ def test_a_lock_of_a_killed_run_is_taken_over_and_its_litter_swept(tmp_path, hol
     assert [p.name for p in (tmp_path / "p").iterdir()] == ["fit.json"]
 
 
+def test_what_a_finished_run_left_is_swept_and_a_living_runs_is_not(tmp_path, holder):
+    """A run killed after its last commit: nothing is stale, so nobody needs the lock, and yet nothing shall lie about."""
+    lock.swept(homes(tmp_path))
+    assert (tmp_path / "p" / lock.LOCK).exists()
+    (tmp_path / "p" / ".staged").mkdir()
+    (tmp_path / "p" / "unfinished" / "fit").mkdir(parents=True)
+    (tmp_path / "p" / "fit.json").write_text("whole")
+    holder.kill()
+    holder.wait()
+    lock.swept(homes(tmp_path))
+    assert [p.name for p in (tmp_path / "p").iterdir()] == ["fit.json"]
+
+
 def test_a_damaged_lock_file_is_no_obstacle(tmp_path):
     (tmp_path / lock.LOCK).write_text("{half")
     with locked(Homes(processed=tmp_path, reports=tmp_path / "r")) as told:

@@ -100,3 +100,20 @@ def test_lengths_are_judged_by_the_median(samples: int, before: list[str], after
 
 def test_no_records_no_lengths() -> None:
     plausibility.lengths(np.array([0]), [[]], 0.05)
+
+
+def repeated(far: dict[float, float], repeats: int, noise: float) -> dict[str, Any]:
+    rng = np.random.default_rng(5)
+    rows = [("ground", 2.0, t, lift * (1 + noise * rng.standard_normal()), "") for t, lift in far.items() for _ in range(repeats)]
+    names = ("boundary", "z_hat", "throttle", "lift_N", "quality")
+    return {n: np.array(v, dtype=object if isinstance(v[0], str) else float) for n, v in zip(names, zip(*rows, strict=True), strict=True)}
+
+
+def test_a_lift_of_another_throttle_is_marked_where_repeats_show_it() -> None:
+    trials = repeated(FAR, 5, 0.01)
+    assert not plausibility.other_throttle(trials).any()
+    trials["throttle"][1] = 0.92
+    assert np.flatnonzero(plausibility.other_throttle(trials)).tolist() == [1]
+    # one trial each says nothing, nor does a label where two throttles lift alike within the scatter
+    assert not plausibility.other_throttle(repeated(FAR, 1, 0.01)).any()
+    assert not plausibility.other_throttle(repeated({0.50: 0.239, 0.51: 0.241}, 20, 0.01)).any()

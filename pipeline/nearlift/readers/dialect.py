@@ -217,7 +217,7 @@ def _fit(lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict
                 "a decimal comma makes two cells of one where commas part cells; save it with decimal points, or parted by semicolons",
             ),
         )
-    if cells.separator != NONE and len(names) < 2:
+    if cells.separator != NONE and len(names) < 2 and not cells.trailing:
         raise _Unfit(-2, InputRefused(where, "is one column", ""))
     if not given.columns and cells.separator == NONE and re.search(r"[,;\t|]", re.sub(r"\(.*?\)|\[.*?\]|\".*?\"", "", names[0])):
         raise _Unfit(-2, InputRefused(where, "is not one column", ""))

@@ -83,7 +83,8 @@ def _inside_the_arena(
     if z_m[worst] <= 0:
         raise InputRefused(
             cells.at(worst),
-            f"{cells.texts[worst].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the rotor {-1e3 * z_m[worst]:.3g} mm into the {side}",
+            f"{cells.texts[worst].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the rotor "
+            + (f"{-1e3 * z_m[worst]:.3g} mm into the {side}" if z_m[worst] < 0 else f"on the {side} itself"),
             "mend [rig] distance_datum and distance_offset, or the schedule",
         )
 

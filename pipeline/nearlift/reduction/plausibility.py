@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 TOO_HEAVY = 100.0
 #: Times the weight between which the largest far lift of a flying vehicle usually lies.
 ODD = (0.2, 6.0)
+#: As many trials at one place and throttle have a usual lift.
+FEWEST_ALIKE = 3
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
 
@@ -46,6 +48,35 @@ def lengths(
     for i, samples in enumerate(n):
         if 0 < samples < (1 - missing) * usual:
             codes[i].append("SHORT" if samples < 0.5 * usual or "truncated" in codes[i] else "short")
+
+
+def planned_length(samples: NDArray[np.int64], record_s: float, rate_Hz: float, missing: float) -> None:
+    """Hold the usual length of the records against the planned one: where they differ, either the rate is wrong or the plan.
+
+    Parameters
+    ----------
+    samples : (n,) int array
+        Samples of each record, tare included; 0 where there is none.
+    record_s, rate_Hz : float
+        What `[load_cell]` says of `record` and `sample_rate`.
+    missing : float
+        The fraction by which they may differ.
+
+    Raises
+    ------
+    InputRefused
+        They differ by more; the rate that the records would have is proposed.
+    """
+    whole = samples[samples > 0]
+    if len(whole) == 0:
+        return
+    usual, planned = float(np.median(whole)), record_s * rate_Hz
+    if abs(usual - planned) > missing * planned:
+        raise InputRefused(
+            "load_cell.sample_rate",
+            f"the records hold {usual:.0f} samples (the median of {len(whole)}), where {record_s:g} s at {rate_Hz:g} Hz are {planned:.0f}",
+            f"is the rate {usual / record_s:.4g} Hz? or mend `record`, which counts the tare, under [load_cell]",
+        )
 
 
 def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -162,6 +193,32 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
             usual[here] = np.median(lift[good & here])
     with np.errstate(invalid="ignore"):
         found: NDArray[np.bool_] = good & ((lift <= 0) | (lift < STOPPED * usual))
+    return found
+
+
+def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """Trials that lift as those of another throttle do at their place: their label may be wrong.
+
+    Such a trial stands nearer to another throttle's median at its boundary and distance than to its own, of three trials or more
+    each, and six times their usual scatter off.
+    """
+    lift = np.asarray(table["lift_N"], dtype=float)
+    good = np.flatnonzero(~rejected(table["quality"]) & np.isfinite(lift))
+    found = np.zeros(len(lift), dtype=bool)
+    side = np.unique(table["boundary"][good].astype(str), return_inverse=True)[1]
+    place = np.unique(np.column_stack([side, table["z_hat"][good]]), axis=0, return_inverse=True)[1].ravel()
+    ends = np.cumsum(np.bincount(place, minlength=1))[:-1]
+    for here in np.split(good[np.argsort(place, kind="stable")], ends):
+        if len(here) < 2 * FEWEST_ALIKE:
+            continue
+        throttle = table["throttle"][here]
+        levels = [t for t in np.unique(throttle) if np.count_nonzero(throttle == t) >= FEWEST_ALIKE]
+        medians = np.array([np.median(lift[here][throttle == t]) for t in levels])
+        for k, level in enumerate(levels):
+            own = here[throttle == level]
+            off = np.abs(lift[own] - medians[k])
+            nearest = np.abs(lift[own, None] - medians).argmin(axis=1)
+            found[own] = (nearest != k) & (off > 6 * 1.4826 * np.median(off))
     return found
 
 

@@ -66,6 +66,7 @@ CODES = (
         meaning="single samples stand far from their neighbours; they were kept, and what they are worth is in the uncertainty",
     ),
     Code(name="unsettled", rejects=False, meaning="the first samples averaged differ from the rest: `settle` may be too short"),
+    Code(name="other_throttle", rejects=False, meaning="the lift is that of another throttle at this distance: is the label wrong?"),
     Code(name="not_rising", rejects=False, meaning="far from the boundary, this throttle lifts no more than the next lower one"),
 )
 _BY_NAME = {c.name: c for c in CODES}

@@ -33,6 +33,7 @@ SHORTEST_BATCH = 8
 FEWEST_BATCHES = 4
 #: Aborted runs leave two to four rows behind.
 FEWEST_SAMPLES = 5
+HOUR_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -304,6 +305,13 @@ def _clock(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> li
     shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
     if shortest > 0.99 and longest < 1.01:
         return []
+    found: list[str] = []
+    # summer time begins or ends: the clock was set by whole hours, and no sample lacks
+    hours = np.round(steps / HOUR_S)
+    was_set = (hours != 0) & (np.abs(steps - HOUR_S * hours) < 1.5 / rate_Hz)
+    if was_set.any():
+        found, steps = ["clock"], np.where(was_set, steps - HOUR_S * hours, steps)
+        shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
     usual = float(np.median(steps)) * rate_Hz
     if not abs(usual - 1.0) <= 0.01:
         rate = f"{rate_Hz / usual:.6g} Hz" if usual > 0 else "no steady rate"
@@ -312,10 +320,9 @@ def _clock(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> li
             f"the clock column runs at {rate}, the manifest says {rate_Hz:g} Hz",
             "mend [load_cell] sample_rate, or the unit under [records] time",
         )
-    found = []
-    if shortest <= 0.0:
+    if shortest <= 0.0 and not found:
         found.append("clock")
-    lost = round(float(time_s[-1] - time_s[0]) * rate_Hz / usual) + 1 - len(time_s)
+    lost = round(float(steps.sum()) * rate_Hz / usual) + 1 - len(time_s)
     if lost > 0 and longest > 1.5:
         found.append("GAPS" if lost > limits.missing * (len(time_s) + lost) else "gaps")
     return found

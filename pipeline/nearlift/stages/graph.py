@@ -13,7 +13,6 @@ import hashlib
 import importlib
 import json
 import platform
-import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +23,7 @@ from typing import Any
 import nearlift
 from nearlift import store
 from nearlift.errors import ProductError, UsageError
-from nearlift.lock import locked, room
+from nearlift.lock import locked, room, swept
 from nearlift.products import (
     DIAGNOSIS,
     DOWNWASH,
@@ -227,7 +226,7 @@ class Ledger:
                 return f"{file} was changed after it was written"
         waiting = sum(reason.startswith("PENDING") for _, reason in record["rejected"])
         if waiting:
-            return f"{waiting} records were still being written"
+            return f"{waiting} record{'s were' if waiting > 1 else ' was'} still being written"
         before, now = record["material"], self.material(stage)
         if before["code"] != now["code"]:
             return "nearlift itself has changed"
@@ -357,5 +356,6 @@ def _run(job: Job, wanted: Sequence[Stage], begin: Callable[[Stage, str], None],
             outcome = item.run(replace(job, change=change))
             ledger.commit(item, outcome, material, time.perf_counter() - start, change)
         wall_s = time.perf_counter() - start
-        shutil.rmtree(job.unfinished(item.name).parent, ignore_errors=True)
         yield Step(stage=item, why=why, outcome=outcome, wall_s=wall_s)
+    if not alone:
+        swept(job.homes)

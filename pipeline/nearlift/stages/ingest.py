@@ -228,7 +228,10 @@ def _table(schedule: Schedule, rows: Mapping[str, Row], campaign: Campaign) -> s
     samples = np.array([row.samples for row in found], dtype=np.int64)
     if campaign.records.reader != "means":
         cell = campaign.load_cell
-        planned = round(cell.record * cell.sample_rate) if cell.record and cell.sample_rate else None
+        planned = None
+        if cell.record and cell.sample_rate:
+            planned = round(cell.record * cell.sample_rate)
+            plausibility.planned_length(samples, cell.record, cell.sample_rate, campaign.quality.missing)
         plausibility.lengths(n, codes, campaign.quality.missing, samples, planned)
         _duplicates(found, codes)
     if schedule.reached_m is not None:
@@ -267,6 +270,15 @@ def _duplicates(rows: Sequence[Row], codes: Sequence[list[str]]) -> None:
         seen.add(key)
 
 
+def _same(table: store.Table) -> list[str]:
+    """Whose record each duplicate is."""
+    notes = []
+    for i in np.flatnonzero(["DUPLICATE" in text.split() for text in table["quality"]]):
+        first = np.flatnonzero((table["source_sha256"] == table["source_sha256"][i]) & (table["lift_N"] == table["lift_N"][i]))[0]
+        notes.append(f"the record of {table['trial'][i]} is that of {table['trial'][first]}, byte for byte")
+    return notes
+
+
 def _mark(table: store.Table, name: str, found: NDArray[np.bool_]) -> None:
     """Add a quality code to the trials found."""
     table["quality"] = np.array(
@@ -287,7 +299,8 @@ def _judge(table: store.Table, campaign: Campaign) -> list[str]:
     plausibility.against_weight(table, weight, unit, key)
     _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
     _mark(table, "NO_LIFT", plausibility.without_lift(table))
-    notes = [*plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
+    _mark(table, "other_throttle", plausibility.other_throttle(table))
+    notes = [*_same(table), *plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
     for side, lower, upper, below, above in plausibility.not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         far = here & (table["z_hat"] == table["z_hat"][here].max())

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from nearlift import readers
-from nearlift.errors import InputRefused
+from nearlift.errors import InputRefused, UsageError
 from nearlift.lock import size
 from nearlift.readers import child
 from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, Contents, Malformed, fold, split_unit
@@ -39,16 +41,20 @@ class Found:
     clock: Channel | None
     bytes: int
     columns: int = 0
+    dialect: Mapping[str, Any] = field(default_factory=dict)
 
 
-def inspect(path: Path, dialect: dict[str, Any] | None = None) -> Found:
-    """What a file holds.
+def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
+    """What a file holds; `dialect` as ``[records] dialect`` takes it.
 
     Raises
     ------
     InputRefused
         It is no regular file, is empty, damaged, or of no format known.
+    ManifestError
+        The dialect has a key that the file's format does not know.
     """
+    said = dict(dialect or {})
     if not path.exists():
         raise InputRefused(str(path), "is missing", "name a file that an instrument wrote")
     if not path.is_file():
@@ -64,13 +70,31 @@ def inspect(path: Path, dialect: dict[str, Any] | None = None) -> Found:
     else:
         form = recognised(head, path.name)
         try:
-            name, contents = form.name, _contents(form, path, dialect or {})
+            name, contents = form.name, _contents(form, path, said)
         except NoNames as refusal:
             # numbers without names: shown under names that say so
             columns = refusal.columns
-            name, contents = form.name, _contents(form, path, {**(dialect or {}), "columns": [f"column {i + 1}" for i in range(columns)]})
+            name, contents = form.name, _contents(form, path, {**said, "columns": [f"column {i + 1}" for i in range(columns)]})
     force = likely_force(contents)
-    return Found(path=path, reader=name, contents=contents, force=force, clock=likely_clock(contents, force), bytes=length, columns=columns)
+    clock = likely_clock(contents, force)
+    return Found(path=path, reader=name, contents=contents, force=force, clock=clock, bytes=length, columns=columns, dialect=said)
+
+
+def dialect_of(text: str) -> dict[str, Any]:
+    """What a manifest would read of ``dialect = { text }``; the braces may stand there.
+
+    Raises
+    ------
+    UsageError
+        It is no TOML.
+    """
+    plain = text.strip()
+    try:
+        found: dict[str, Any] = tomllib.loads("dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}"))["dialect"]
+    except tomllib.TOMLDecodeError as fault:
+        remedy = """such as --dialect 'separator = "semicolon", decimal = ","'"""
+        raise UsageError("--dialect", f"{text!r} is not as a manifest has it: {fault}", remedy) from None
+    return found
 
 
 def recognised(head: bytes, name: str) -> Format:
@@ -81,7 +105,7 @@ def recognised(head: bytes, name: str) -> Format:
     return TEXT
 
 
-def _contents(form: Format, path: Path, dialect: dict[str, Any]) -> Contents:
+def _contents(form: Format, path: Path, dialect: Mapping[str, Any]) -> Contents:
     try:
         with child.source(form) as read:
             found = read(path, form.checked_dialect(dialect), None)
@@ -130,7 +154,9 @@ def likely_clock(contents: Contents, force: Channel | None) -> Channel | None:
     """The channel that may be the clock of the force."""
     group = force.name.rpartition(".")[0] if force is not None and "." in force.name else ""
     clocks = [
-        c for c in contents.channels if c.unit in CLOCK_UNITS and fold(split_unit(c.name)[0].rsplit(".", 1)[-1]) in ("t", "time", "x_value", "zeit")
+        c
+        for c in contents.channels
+        if c.unit in ("", *CLOCK_UNITS) and fold(split_unit(c.name)[0].rsplit(".", 1)[-1]) in ("t", "time", "x_value", "zeit")
     ]
     own = [c for c in clocks if c.name.rpartition(".")[0] == group]
     return next(iter(own or clocks), None)
@@ -160,6 +186,10 @@ def described(found: Found) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(6)]
     lines += ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=False)) + "  " + row[6] for row in rows]
     lines += [f"note: {note}" for note in found.contents.notes]
+    for c in found.contents.channels:
+        lost = int(np.count_nonzero(~np.isfinite(c.values)))
+        if 0 < lost < len(c.values):
+            lines.append(f"note: {lost} of {len(c.values)} samples of {c.name!r} hold no number (blank, NaN, OVER, #NV or the like)")
     if "truncated" in found.contents.codes:
         lines.append("note: the file ends within a line or a segment: it is cut off, or still being written")
     if "dead_speed" in found.contents.codes:
@@ -172,7 +202,8 @@ def records_block(found: Found, files: str | None = None) -> str:
     pattern = files if files is not None else (found.path.name if found.reader == "parquet" else f"{{trial}}{found.path.suffix}")
     rates = {c.rate_Hz for c in ([found.force] if found.force is not None else found.contents.channels)}
     rate = rates.pop() if len(rates) == 1 else None
-    lines = ["[load_cell]", f'sample_rate = "{rate:.6g} Hz"' if rate else 'sample_rate = "FILL IN Hz"           # the file does not say']
+    why = "the file does not say" if rates <= {None} else "that of the force: the channels differ"
+    lines = ["[load_cell]", f'sample_rate = "{rate:.6g} Hz"' if rate else f'sample_rate = "FILL IN Hz"           # {why}']
     lines += ['tare        = "FILL IN s"            # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows', ""]
     lines += ["[records]", f'reader = "{found.reader}"', f"files  = {json.dumps(pattern, ensure_ascii=False)}"]
     if found.force is None:
@@ -186,14 +217,25 @@ def records_block(found: Found, files: str | None = None) -> str:
                 f'force  = {{ column = {column}, unit = "count", sign = 1, calibration = {{ gain = "FILL IN mN/count", offset = "FILL IN count" }} }}'
             )
         else:
-            told = "" if unit in FORCE_UNITS else "   # the file does not say the unit"
-            lines.append(f'force  = {{ column = {column}, unit = "{unit if unit in FORCE_UNITS else "FILL IN"}", sign = 1 }}{told}')
-    if found.columns:
-        names = ", ".join(f'"{c.name}"' for c in found.contents.channels)
-        lines.append(f"dialect = {{ columns = [{names}] }}   # the file names none: FILL IN what they are")
+            told = [] if unit in FORCE_UNITS else ["the file does not say the unit"]
+            if _pulls_down(found.force):
+                told.append("sign = -1 if lift makes these numbers negative")
+            remark = "   # " + "; ".join(told) if told else ""
+            lines.append(f'force  = {{ column = {column}, unit = "{unit if unit in FORCE_UNITS else "FILL IN"}", sign = 1 }}{remark}')
+    named = {"columns": [c.name for c in found.contents.channels]} if found.columns else {}
+    if dialect := {**found.dialect, **named}:
+        # texts, whole numbers, booleans and lists of texts are the same in JSON
+        items = ", ".join(f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in dialect.items())
+        lines.append(f"dialect = {{ {items} }}" + ("   # the file names none: FILL IN what they are" if named else ""))
     if found.clock is not None and found.clock is not found.force:
-        lines.append(f'time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit = "{found.clock.unit}" }}')
+        lines.append(f'time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit = "{found.clock.unit or "FILL IN"}" }}')
     return "\n".join(lines) + "\n"
+
+
+def _pulls_down(force: Channel) -> bool:
+    """Whether the force's largest numbers are negative."""
+    known = force.values[np.isfinite(force.values)]
+    return len(known) > 0 and -float(known.min()) > 3 * abs(float(known.max()))
 
 
 def as_json(found: Found) -> dict[str, Any]:

@@ -94,7 +94,7 @@ class Job:
 
     def unfinished(self, stage: str) -> Path:
         """Where a stage may keep what an interrupted run can go on from; removed once the stage is committed."""
-        return self.processed / "unfinished" / stage
+        return self.homes.unfinished / stage
 
     def read(self, product: Product) -> store.Table:
         """A table product of this campaign."""

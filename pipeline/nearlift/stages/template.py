@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shutil
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from nearlift.errors import InputRefused, UsageError
 from nearlift.stages.inspection import inspect, records_block
@@ -88,10 +89,11 @@ def slug(folder: Path) -> str:
     return "".join(c if c.isalnum() else "-" for c in plain).strip("-") or "campaign"
 
 
-def write_from(folder: Path, files: Sequence[Path]) -> tuple[list[Path], list[str]]:
+def write_from(folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] | None = None) -> tuple[list[Path], list[str]]:
     """Write a campaign for records that are there: the manifest with what the files say, a schedule with a line for each.
 
-    Files inside the folder stay where they are; others are copied into ``trials/``. Returns what was written, and what is left to fill in.
+    `dialect` is how to read them, as ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied into
+    ``trials/``. Returns what was written, and what is left to fill in.
 
     Raises
     ------
@@ -103,7 +105,7 @@ def write_from(folder: Path, files: Sequence[Path]) -> tuple[list[Path], list[st
     for name in ("campaign.toml", "trials.csv"):
         if (folder / name).exists():
             raise UsageError(str(folder / name), "is there already", "name a new folder; nothing is ever overwritten")
-    found = [inspect(path) for path in files]
+    found = [inspect(path, dialect) for path in files]
     for other in found[1:]:
         if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {c.name for c in found[0].contents.channels}:
             raise InputRefused(
