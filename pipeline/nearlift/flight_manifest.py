@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import itertools
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -32,7 +33,30 @@ def _positive(value: float) -> float:
     return value
 
 
+def _unlike(values: list[Any]) -> list[Any]:
+    if len(set(values)) != len(values):
+        raise ValueError("names one of its values twice")
+    return values
+
+
+def _ascending(values: list[float]) -> list[float]:
+    if any(b <= a for a, b in itertools.pairwise(values)):
+        raise ValueError("must ascend")
+    return values
+
+
+def _interval(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise ValueError("gives its ends in the wrong order: the lower comes first")
+    return ends
+
+
 PositiveDuration = Annotated[Duration, AfterValidator(_positive)]
+#: Boundaries near which the vehicle is flown: a sidewall turns it, and vertical flights say nothing of that.
+Flown = Literal["ground", "ceiling"]
+Positive = Annotated[float, Field(gt=0)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+Interval = Annotated[Position, AfterValidator(_interval)]
 
 
 class GainSet(Section):
@@ -54,8 +78,8 @@ class Gusts(Section):
 class Obstacle(Section):
     """A box that a route goes around, in m: along the corridor and above its floor."""
 
-    x: Position
-    z: Position
+    x: Interval
+    z: Interval
 
 
 class Route(Section):
@@ -67,31 +91,48 @@ class Route(Section):
     goal: Position
     obstacles: list[Obstacle] = Field(default=[])
     speed: Velocity
-    risk: float = Field(default=0.01, gt=0, lt=1)
+    risk: Probability = 0.01
+
+    @model_validator(mode="after")
+    def _inside(self) -> Self:
+        for name, (x, z) in (("start", self.start), ("goal", self.goal)):
+            if not (0 <= x <= self.length and 0 <= z <= self.height):
+                raise ValueError(f"{name} ({x:g}, {z:g}) m is outside the corridor of {self.length:g} by {self.height:g} m")
+        if self.start == self.goal:
+            raise ValueError("start and goal are the same place")
+        return self
 
 
 class Simulate(Section):
     """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's, carried over so that the groups stay."""
 
     flights: int = Field(default=1000, ge=20)
-    presets: list[str] = Field(default=["paper", "converged"])
-    gains: dict[Boundary, GainSet] = Field(default={})
+    presets: Annotated[list[str], AfterValidator(_unlike)] = Field(default=["paper", "converged"])
+    gains: dict[Flown, GainSet] = Field(default={})
     gusts: Gusts | None = None
     lift_coefficient: float = Field(default=1.6, gt=0)
     scheme: Literal["euler", "semi-implicit", "rk4"] = "rk4"
     step: PositiveDuration | None = None
     duration: PositiveDuration | None = None
-    set_points: dict[Boundary, list[float]] = Field(default={})
-    bound_z_hat: dict[Boundary, float] = Field(default={})
-    contact_z_hat: dict[Boundary, float] = Field(default={})
+    set_points: dict[Flown, Annotated[list[Positive], Field(min_length=2), AfterValidator(_ascending)]] = Field(default={})
+    bound_z_hat: dict[Flown, Positive] = Field(default={})
+    contact_z_hat: dict[Flown, Annotated[float, Field(ge=0)]] = Field(default={})
     draws: int = Field(default=16, ge=2)
-    risks: list[float] = Field(default=[0.5, 0.01])
-    crash_prices: list[float] = Field(default=[0.1, 1.0, 10.0])
+    risks: Annotated[list[Probability], Field(min_length=1), AfterValidator(_unlike)] = Field(default=[0.5, 0.01])
+    crash_prices: Annotated[list[Positive], AfterValidator(_unlike)] = Field(default=[0.1, 1.0, 10.0])
     supply_end: Voltage | None = None
     roll_inertia: Inertia | None = None
     roll_inertia_uncertainty: Fraction | None = None
     maps: bool = True
     route: Route | None = None
+
+    @model_validator(mode="after")
+    def _above_contact(self) -> Self:
+        for side, targets in self.set_points.items():
+            touch = self.contact_z_hat.get(side, 0.0)
+            if targets[0] <= touch:
+                raise ValueError(f"set_points.{side} begins at {targets[0]:g}, where the vehicle touches (contact_z_hat.{side} = {touch:g})")
+        return self
 
 
 class Reading(Section):

@@ -110,6 +110,13 @@ def test_every_run_tests_its_own_step():
     assert (bad.halved_s, bad.flights) == (0.05, 50)
 
 
+def test_several_tests_of_the_step_are_as_good_as_the_worst():
+    good, bad = one_sweep(CONVERGED, flights=50).convergence, one_sweep(PAPER, flights=50).convergence
+    both = safety.together([good, bad])
+    assert (both.converged, both.worst, both.step_s, both.settings) == (False, bad.worst, 0.1, 6)
+    assert safety.together([good, good]).converged
+
+
 def test_threads_blocks_and_order_change_nothing():
     with ThreadPoolExecutor(3) as pool:
         many = one_sweep(PAPER, flights=170, spread=pool.map)
@@ -413,10 +420,12 @@ def test_variants_change_gains_and_noise_and_nothing_else():
     preset = PAPER
     own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
     curves = tabulate([np.ones_like] * len(variants.EXPONENTS), 0.5)
-    how = {"scheme": "euler", "steps_per_hold": 1, "flights": 60, "key": KEY, "rng": np.random.default_rng(0)}
-    found = variants.levels("ground", curves, variants.EXPONENTS, own, **how)
+    how = {"scheme": "euler", "steps_per_hold": 1, "step_s": 0.1, "flights": 60, "key": KEY, "rng": np.random.default_rng(0)}
+    found, tested = variants.levels("ground", curves, variants.EXPONENTS, own, **how)
     one = {name: found["ground", 0.0, name][0] for name, _, _ in variants.VARIANTS}
     assert one["noise x 0.7"] < level(PAPER, "ground", 0.0, 0.5, 1.15, 60) < one["noise x 1.4"]
+    # their step is tested too, and the printed one is too long for them as well
+    assert (tested.converged, tested.settings) == (False, 2 * len(variants.VARIANTS) * ((len(variants.TARGETS["ground"]) + 1) // 2))
     # no curve differs from another here, so no level does
     assert all(np.array_equal(found["ground", 0.0, n], found["ground", 1.4, n]) for n in one)
 

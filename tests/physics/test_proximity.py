@@ -56,6 +56,13 @@ def test_a_reading_of_one_says_that_there_may_be_nothing():
     assert far.lo90 > 5
 
 
+def test_a_reading_far_from_every_height_in_reach_says_that_there_is_nothing():
+    """Lift is L_inf to 0.1 % and the nearest that a ground within one radius gives is 7 % more: likelihoods below the smallest float."""
+    found = inverse.locate(1.0, 0.001, [lambda z: 1 / (1 - 1 / (16 * z**2))], 0.5, 1.0)
+    assert found.beyond == pytest.approx(1.0)
+    assert 0.99 < found.lo90 <= found.median <= found.hi90 <= 1.0
+
+
 def test_the_model_s_uncertainty_widens_the_answer():
     measured = float(ground()(1.5))
     sure = inverse.locate(measured, 0.002, [ground()], 0.8, 12.0)

@@ -110,6 +110,11 @@ def test_refusals():
         route.ways(grid, PILOT, start=(0.0, 0.2), goal=(0.5, 0.2))
     with pytest.raises(InputRefused, match=r"simulate.route.start: .*\n.*between 0.03"):
         route.ways(grid, PILOT, start=(0.0, 0.0), goal=(1.0, 0.2))
+    low = route.field(route.Corridor(length_m=1.0, height_m=0.04), PILOT, {"ground": GROUND, "ceiling": CEILING})
+    with pytest.raises(InputRefused, match="boxes, floor and ceiling leave no room there"):
+        route.ways(low, PILOT, start=(0.0, 0.02), goal=(1.0, 0.02))
+    with pytest.raises(InputRefused, match=r"1000 by 100 m has 7.6e\+08 nodes of half a rotor radius\n  at this height plan 0.66 m at a time"):
+        route.field(route.Corridor(length_m=1000.0, height_m=100.0), PILOT, {"ground": GROUND})
 
 
 def test_a_boundary_without_a_model_is_given_a_berth():

@@ -6,6 +6,7 @@ import copy
 import hashlib
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 
 from nearlift import campaign as manifest
 from nearlift.executors import SerialExecutor
-from nearlift.products import TRIALS
+from nearlift.products import FIT, TRIALS
 from nearlift.stages import fit, reduce
 from nearlift.stages.job import Job
 
@@ -140,3 +141,20 @@ def plain_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def small_job(make_job: MakeJob) -> Job:
     return make_job(simulated=True)
+
+
+@pytest.fixture(scope="session")
+def remake(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
+    """The small campaign, fitted once, with another manifest: for what comes after the fit. With names of boundaries, only those are fitted."""
+
+    def again(*boundaries: str, **changes: Any) -> Job:
+        root = tmp_path_factory.mktemp("again")
+        shutil.copytree(small_job.processed, root / "processed")
+        campaign = manifest.parse(raw_manifest(**changes))
+        job = replace(small_job, root=root, campaign=campaign, processed=root / "processed", reports=root / "reports")
+        if boundaries:
+            content = job.read_json(FIT)
+            job.write_json(FIT, content | {"boundaries": {b: content["boundaries"][b] for b in boundaries}})
+        return job
+
+    return again

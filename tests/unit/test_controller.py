@@ -33,9 +33,9 @@ FLOAT = 1e-6
 
 
 @pytest.fixture(scope="module")
-def job(make_job):
+def job(remake):
     """A fitted campaign whose ceiling saturates, as the loop would say."""
-    job = make_job()
+    job = remake()
     (job.root / "campaign.toml").write_text("")
     os.utime(job.root / "campaign.toml", (1.6e9, 1.6e9))
     span = {"value": 0.02, "lo90": 0.01, "hi90": 0.03}

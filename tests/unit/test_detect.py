@@ -27,8 +27,8 @@ SENSOR = {"force_noise": "3 mN", "force_bandwidth": "50 Hz"}
 
 
 @pytest.fixture(scope="module")
-def done(make_job):
-    job = make_job(detect=SENSOR)
+def done(remake):
+    job = remake(detect=SENSOR)
     return job, detect.run(job)
 
 
@@ -58,9 +58,9 @@ def test_located(done):
     assert outcome.notes == ()
 
 
-def test_supply_costs_range(make_job, done):
+def test_supply_costs_range(remake, done):
     job, _ = done
-    both = make_job(detect=SENSOR | {"supply": ["0 percent", "2 percent"]})
+    both = remake(detect=SENSOR | {"supply": ["0 percent", "2 percent"]})
     detect.run(both)
     before, after = job.read(DETECTION), both.read(DETECTION)
     worse = after["voltage"] == 0.02
@@ -80,7 +80,7 @@ def test_supply_costs_range(make_job, done):
     ]
     assert "e+0" not in spec.caption(evidence, table)
     # one number stands for a list of one
-    assert make_job(("ground",), detect={"supply": "2 percent"}).campaign.detect.supply == [0.02]
+    assert remake("ground", detect={"supply": "2 percent"}).campaign.detect.supply == [0.02]
 
 
 def test_a_reading_becomes_a_distance(done):
@@ -106,13 +106,13 @@ def test_a_reading_becomes_a_distance(done):
     assert heavier["ratio"] == pytest.approx(told["ratio"] * 28 / 27)
 
 
-def test_readings_in_the_manifest(make_job):
+def test_readings_in_the_manifest(remake):
     readings = [
         {"boundary": "ground", "ratio": 1.1, "u": "1 percent"},
         {"boundary": "ground", "throttle": "99 percent", "u": "1 percent"},
         {"boundary": "ceiling", "ratio": 1.1, "u": "1 percent"},
     ]
-    job = make_job(("ground",), detect=SENSOR | {"reading": readings})
+    job = remake("ground", detect=SENSOR | {"reading": readings})
     outcome = detect.run(job)
     good, outside, elsewhere = job.read_json(PROXIMITY)["readings"]
     assert 1.2 < good["z_hat"]["median"] < 2.2
@@ -128,7 +128,7 @@ def test_readings_in_the_manifest(make_job):
     assert (table["row"] == "reading").sum() == 1
     assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
     with pytest.raises(ManifestError, match="one of both"):
-        make_job(("ground",), detect={"reading": [{"boundary": "ground", "u": "1 percent"}]})
+        remake("ground", detect={"reading": [{"boundary": "ground", "u": "1 percent"}]})
 
 
 def test_the_command_line_takes_a_reading(tmp_path):
@@ -156,15 +156,15 @@ def test_the_command_line_takes_a_reading(tmp_path):
         assert said in found.stderr
 
 
-def test_without_a_sensor_the_bench_s_own_noise_counts(make_job):
-    job = make_job(("ground",), detect={})
+def test_without_a_sensor_the_bench_s_own_noise_counts(remake):
+    job = remake("ground", detect={})
     detect.run(job)
     own = job.read_json(PROXIMITY)["boundaries"]["ground"]
     assert own["floor"] == pytest.approx(job.read_json(FIT)["noise"]["ground"]["relative"])
 
 
-def test_a_model_that_folds_is_not_inverted_and_said_so(make_job):
-    job = make_job(("ground",), detect=SENSOR)
+def test_a_model_that_folds_is_not_inverted_and_said_so(remake):
+    job = remake("ground", detect=SENSOR)
     content = job.read_json(FIT)
     entry = content["boundaries"]["ground"]["sanchez_cuevas"]
     entry["parameters"]["K_b"] |= {"value": -3.0}

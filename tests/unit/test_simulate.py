@@ -7,25 +7,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from nearlift import campaign as manifest
 from nearlift import catalogue, store
-from nearlift.errors import ManifestError, UsageError
+from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.executors import open_executor
 from nearlift.figures.crash_map import draw as draw_map
 from nearlift.figures.render import render
 from nearlift.figures.style import style
 from nearlift.pages import safety as chapter
-from nearlift.products import CRASH_MAP, CRASH_RATES, DIAGNOSIS, FLIGHTS, POSTERIOR, ROUTES, SAFETY
+from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, POSTERIOR, ROUTES, SAFETY
 from nearlift.simulation import groups, maps, presets
 from nearlift.simulation.curve import tabulate
 from nearlift.simulation.flight import Plan, Setting, fly
 from nearlift.simulation.route import BASES
-from nearlift.stages import simulate
+from nearlift.stages import detect, simulate
 from nearlift.stages.belief import believe
+from nearlift.stages.export import export
 from nearlift.stages.gallery import FIGURES
 from nearlift.stages.graph import stage
 from nearlift.stages.job import Job
 from nearlift.stages.report import gather
+from nearlift.summaries.fig6 import touching
+
+from .conftest import raw_manifest
 
 QUICK = {
     "flights": 40, "draws": 3, "risks": [0.5], "maps": False, "presets": ["paper"], "roll_inertia": "1.6e-5 kg*m^2",
@@ -34,9 +40,9 @@ QUICK = {
 
 
 @pytest.fixture(scope="module")
-def flown(make_job):
+def flown(remake):
     """A job that has flown."""
-    job = make_job(simulate=QUICK)
+    job = remake(simulate=QUICK)
     outcome = simulate.run(job)
     return job, outcome
 
@@ -84,7 +90,7 @@ def test_findings(flown):
     assert roll["lo90_deg_s2"] < roll["acceleration_deg_s2"] < roll["hi90_deg_s2"]
 
 
-def test_twice_gives_the_same_bytes(flown, make_job):
+def test_twice_gives_the_same_bytes(flown, remake):
     job, _ = flown
     files = [job.processed / p.file for p in (CRASH_RATES, FLIGHTS, SAFETY)]
     before = [f.read_bytes() for f in files]
@@ -117,8 +123,16 @@ ROUTE = {
 }  # fmt: skip
 
 
-def test_a_route_through_the_manifest_s_corridor(make_job):
-    job = make_job(("ground", "ceiling"), simulate=QUICK | {"presets": [], "route": ROUTE})
+def test_a_crash_is_drawn_where_the_flight_touches():
+    t, z = touching(np.array([0.0, 0.1, 0.2]), np.array([1.0, 0.3, -0.1]))
+    assert (t[-1], z[-1]) == (pytest.approx(0.175), 0.0)
+    assert np.array_equal(t[:2], [0.0, 0.1])
+    for alive in ([1.0, 0.3, 0.1], [1.0]):
+        assert np.array_equal(touching(np.arange(len(alive)), np.array(alive))[1], alive)
+
+
+def test_a_route_through_the_manifest_s_corridor(remake):
+    job = remake("ground", "ceiling", simulate=QUICK | {"presets": [], "route": ROUTE})
     simulate.run(job)
     table, entry = job.read(ROUTES), job.read_json(SAFETY)["route"]
     assert entry["lo90"] < entry["risk"] < entry["hi90"] <= 0.2
@@ -150,7 +164,7 @@ def test_maps_over_pairs_of_groups(monkeypatch):
         asked.append(factor)
         return lambda z: 1 + 0.01 / (factor * z) ** 2
 
-    rows = maps.scan("ground", ratio, "some", 0.5, 2.8, **how)
+    rows, tested = maps.scan("ground", ratio, "some", 0.5, 2.8, **how)
     assert [r["map"] for r in rows[::9]] == [p.name for p in maps.PAIRS]
     assert sorted(set(asked)) == pytest.approx([0.75, 1.0, np.sqrt(0.75 * 2), 2.0], abs=1e-5)
     rate = {(r["map"], r["x"], r["y"]): r["rate"] for r in rows}
@@ -167,7 +181,10 @@ def test_maps_over_pairs_of_groups(monkeypatch):
     assert rate["noise and its memory", low, own.noise] < rate["noise and its memory", high, own.noise]
     gains = sorted({k[1] for k in rate if k[0] == "noise and gains"})
     assert rate["noise and gains", gains[0], own.noise] > rate["noise and gains", gains[2], own.noise]
-    assert "noise and spacing" not in {r["map"] for r in maps.scan("ceiling", ratio, "some", 0.5, None, **how)}
+    # their step is tested in corners, middles and centre of all four
+    assert (tested.converged, tested.settings) == (True, 36)
+    others, _ = maps.scan("ceiling", ratio, "some", 0.5, None, **(how | {"flights": 2}))
+    assert "noise and spacing" not in {r["map"] for r in others}
 
 
 def test_the_maps_figure():
@@ -211,22 +228,58 @@ def test_no_executor_changes_what_is_flown(text):
         ({"risks": [0.001]}, UsageError, "cannot be seen in 40 flights\n.*3000"),
         ({"presets": ["printed"]}, ManifestError, "'printed' is not a preset"),
         ({"step": "0.03 s"}, ManifestError, "no whole part"),
+        ({"duration": "0.05 s"}, ManifestError, "0.05 s is shorter than one gust of 0.1 s"),
+        ({"bound_z_hat": {"ground": 20.0}}, InputRefused, "20 leaves no range"),
+        ({"gains": {"ground": {"proportional": "0 1/m/s", "derivative": "-316 1/m", "integral": "0 1/m/s^2"}}}, ManifestError, "without both"),
     ],
 )
-def test_refusals(make_job, changes, error, words):
+def test_refusals(remake, changes, error, words):
     with pytest.raises(error, match=words):
-        simulate.run(make_job(("ground",), simulate=QUICK | {"presets": []} | changes))
+        simulate.run(remake("ground", simulate=QUICK | {"presets": []} | changes))
 
 
-def test_a_gain_without_a_unit_is_refused(make_job):
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"set_points": {"ground": [-1.0, 1.0]}}, r"simulate.set_points.ground.0: Input should be greater than 0"),
+        ({"set_points": {"ground": [1.4, 1.0]}}, r"simulate.set_points.ground: must ascend"),
+        ({"set_points": {"ground": [1.0]}}, r"simulate.set_points.ground: List should have at least 2 items"),
+        ({"set_points": {"sidewall": [1.0, 2.0]}}, r"Input should be 'ground' or 'ceiling'"),
+        ({"set_points": {"ground": [0.8, 1.2]}, "contact_z_hat": {"ground": 1.04}}, r"begins at 0.8, where the vehicle touches"),
+        ({"bound_z_hat": {"ground": -0.5}}, r"simulate.bound_z_hat.ground: Input should be greater than 0"),
+        ({"risks": [0.0]}, r"simulate.risks.0: Input should be greater than 0"),
+        ({"risks": [1.5]}, r"simulate.risks.0: Input should be less than 1"),
+        ({"crash_prices": [-1.0]}, r"simulate.crash_prices.0: Input should be greater than 0"),
+        ({"presets": ["paper", "paper"]}, r"simulate.presets: names one of its values twice"),
+        ({"route": {"goal": ["9 m", "0.2 m"]}}, r"simulate.route: goal \(9, 0.2\) m is outside the corridor of 1 by 0.4 m"),
+        ({"route": {"goal": ["0 m", "0.2 m"]}}, r"simulate.route: start and goal are the same place"),
+        ({"route": {"obstacles": [{"x": ["0.6 m", "0.5 m"], "z": ["0 m", "0.1 m"]}]}}, r"obstacles.0.x: gives its ends in the wrong order"),
+    ],
+)
+def test_what_cannot_be_flown_is_refused_as_the_manifest_is_read(changes, words):
+    route = {"route": ROUTE | changes["route"]} if "route" in changes else {}
+    with pytest.raises(ManifestError, match=words):
+        manifest.parse(raw_manifest(simulate=QUICK | changes | route))
+
+
+def test_the_usual_set_points_begin_above_what_the_vehicle_touches(remake):
+    """A Crazyflie's feet are 24 mm below its rotors, so it touches at 1.04 radii."""
+    touching = QUICK | {"flights": 20, "presets": [], "set_points": {}, "contact_z_hat": {"ground": 1.04}}
+    job = remake("ground", simulate=touching)
+    simulate.run(job)
+    rates = job.read(CRASH_RATES)
+    assert rates["target_z_hat"].min() == pytest.approx(1.1)
+
+
+def test_a_gain_without_a_unit_is_refused(remake):
     with pytest.raises(ManifestError, match="has no unit"):
-        make_job(simulate={"gains": {"ground": {"proportional": 316, "derivative": "316 1/m", "integral": "31.6 1/m/s^2"}}})
+        remake(simulate={"gains": {"ground": {"proportional": 316, "derivative": "316 1/m", "integral": "31.6 1/m/s^2"}}})
 
 
-def test_the_manifest_decides_what_run_includes(make_job):
-    job = make_job(("ground",))
+def test_the_manifest_decides_what_run_includes(remake):
+    job = remake("ground")
     assert not stage("simulate").configured(job)
-    assert stage("simulate").configured(make_job(("ground",), simulate={}))
+    assert stage("simulate").configured(remake("ground", simulate={}))
 
 
 def diagnosed(job, boundary, **found):
@@ -237,8 +290,8 @@ def span(value, half=0.0):
     return {"value": value, "lo90": value - half, "hi90": value + half}
 
 
-def test_what_the_loop_found_flies_or_stays_on_the_bench(make_job):
-    job = make_job(("ground", "ceiling"))
+def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
+    job = remake("ground", "ceiling")
     sagging = {"name": "supply_sag", "parameters": {"sag_exponent": span(2.0, 0.1)}}
     joint = {"parameters": ["K_b", "sag_exponent"], "correlation": [[1.0, -0.8], [-0.8, 1.0]]}
     diagnosed(job, "ground", verdict="effect", effects=[sagging], coefficients={"after": {"K_b": span(1.8, 0.2)}}, joint=joint)
@@ -266,8 +319,37 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(make_job):
     assert 1 < near[0] < plain
 
 
-def test_draws_come_from_the_posterior_where_there_is_one(make_job):
-    job = make_job(("ground",))
+def test_draws_have_the_ends_of_their_intervals_and_what_no_interval_bounds_is_not_taken_as_known(remake):
+    job = remake("ceiling")
+    bounded = {"value": 0.0, "lo90": 0.0, "hi90": 0.2}
+    saturated = {"name": "near_wall_saturation", "parameters": {"gap_hat2": bounded, "saturation_power": span(0.68)}}
+    alpha = {"value": 0.1, "lo90": 0.09, "hi90": 0.16}
+    diagnosed(job, "ceiling", verdict="effect", effects=[saturated], coefficients={"after": {"alpha": alpha}})
+    draws = believe(job, "ceiling", 4000).draws
+    assert np.percentile(draws["alpha"], [5, 50, 95]) == pytest.approx([0.09, 0.1, 0.16], abs=0.004)
+    # an estimate at its bound keeps the width on the side that is free
+    assert np.percentile(draws["gap_hat2"], [5, 95]) == pytest.approx([0.0, 0.2], abs=0.01)
+    endless = {"value": 0.1, "lo90": None, "hi90": None}
+    diagnosed(job, "ceiling", verdict="effect", effects=[saturated], coefficients={"after": {"alpha": endless}})
+    # its prior, mean 0.125 and sd 0.25, without what lies below 0
+    prior = stats.truncnorm(-0.5, np.inf, loc=0.125, scale=0.25)
+    assert np.percentile(believe(job, "ceiling", 4000).draws["alpha"], [25, 75]) == pytest.approx(prior.ppf([0.25, 0.75]), rel=0.07)
+
+
+def test_a_model_that_leaves_nothing_free_flies_is_found_and_is_exported(make_job):
+    job = make_job(("ground",), fit={"ground": {"base": "sanchez_cuevas_published"}}, simulate=QUICK | {"presets": [], "flights": 20})
+    simulate.run(job)
+    own = job.read_json(SAFETY)["fitted"]["ground"]
+    assert (own["draws"], own["levels"][0]["model_only"][0]) == (1, own["levels"][0]["value"])
+    detect.run(job)
+    ranges = job.read(DETECTION)
+    assert ranges["lo90"] == pytest.approx(ranges["hi90"])
+    (path,) = export(job, ("c",))
+    assert "K_b = 2" in Path(path).read_text()
+
+
+def test_draws_come_from_the_posterior_where_there_is_one(remake):
+    job = remake("ground")
     (job.processed / POSTERIOR.file).unlink()
     assert believe(job, "ground", 4).source == "fit.json"
     n = 200

@@ -33,7 +33,7 @@ def draw(table: Rows, look: Style) -> Figure:
     axes[0, 0].set_ylabel("detection range " + nomenclature.label("z_hat"))
     axes[1, 0].set_ylabel("located " + nomenclature.label("z_hat"))
     handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 4))
+    figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 4 if len(sides) > 1 else 2))
     return figure
 
 

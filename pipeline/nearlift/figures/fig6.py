@@ -62,19 +62,19 @@ def _histories(ax: Axes, own: Rows, side: str) -> None:
         shade = NONE if label == "none" else SERIES[0][0]
         ax.plot(x, y, color=shade, linewidth=0.8)
         if len(y) and y[-1] <= 0:
-            ax.plot(x[-1:], y[-1:], marker="x", color=shade, markersize=5, markeredgewidth=1.2, clip_on=False, zorder=5)
+            ax.plot(x[-1:], y[-1:], marker="x", color=shade, markersize=5, markeredgewidth=1.2, zorder=5)
     ax.set_xlim(own["x"].min(), own["x"].max())
     ax.axhline(0, color="0.45", linewidth=1.6, zorder=0)
-    # room for the legend beyond the flights, and for the crash on this side of the axis
+    # room for the legend beyond the flights, and for the boundary with its crosses on this side of the frame
     top = 1.22 * float(own["y"].max())
-    ax.set_ylim(-0.07 * top, top)
+    ax.set_ylim(-0.09 * top, top)
     ax.set_xlabel("time (s)")
     ax.set_ylabel(nomenclature.label("z_hat"))
     if side == "ceiling":
         # as one sees it: the ceiling above
         ax.invert_yaxis()
     handles = [Line2D([], [], color=NONE), Line2D([], [], color=SERIES[0][0])]
-    names = ["no model", "with " + plain_text(next((m for m in own["label"].tolist() if m != "none"), "model").replace("_", " "))]
+    names = ["no model", "with " + plain_text(next((m for m in own["label"].tolist() if m != "none"), "model"))]
     ax.legend(handles, names, loc="lower right" if side == "ceiling" else "upper right", ncols=2)
 
 

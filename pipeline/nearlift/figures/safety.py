@@ -31,7 +31,7 @@ def draw(table: Rows, look: Style) -> Figure:
             ax = axes[i, j]
             own = {name: column[(table["row"] == row) & (table["panel"] == side)] for name, column in table.items()}
             (_crash if row == "crash" else _front)(ax, own)
-            label = plain_text(str(own["label"][own["kind"] == "model"][0]).replace("_", " "))
+            label = plain_text(str(own["label"][own["kind"] == "model"][0]))
             ax.set_title(f"{next(letters)}) {side}, {label}", loc="left", fontsize=look.text_pt)
     legend: Any = [Line2D([], [], color=REFERENCES[0][0], linestyle=REFERENCES[0][1]), (Patch(color=BAND), Line2D([], [], color=FIT))]
     legend += [(Patch(color=COST, alpha=0.2, linewidth=0), Line2D([], [], color=COST)), Line2D([], [], color=PAPER_COLOUR, linestyle=PAPER)]

@@ -7,7 +7,10 @@ from typing import Any
 from nearlift.declare import BOUNDARIES
 from nearlift.pages.number import Number, cite
 from nearlift.products import SAFETY
+from nearlift.simulation import presets
+from nearlift.simulation.route import BERTH
 from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.rounding import plain
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:
@@ -23,12 +26,12 @@ def facts(evidence: Evidence) -> dict[str, Any]:
 
 
 def _preset(evidence: Evidence, name: str, own: dict[str, Any]) -> dict[str, Any]:
-    worst = max(own["boundaries"], key=lambda b: own["boundaries"][b]["convergence"]["worst"])
-    path = ("presets", name, "boundaries", worst, "convergence")
+    tests = {(b, kind): found[kind] for b, found in own["boundaries"].items() for kind in ("convergence", "variants")}
+    path = ("presets", name, "boundaries", *max(tests, key=lambda k: tests[k]["worst"]))
     return {
         "name": name,
         "meaning": own["meaning"],
-        "converged": all(b["convergence"]["converged"] for b in own["boundaries"].values()),
+        "converged": all(c["converged"] for c in tests.values()),
         "worst": cite(evidence, SAFETY, *path, "worst", digits=2),
         "flights": cite(evidence, SAFETY, *path, "flights", digits=6),
     }
@@ -57,7 +60,7 @@ def _fitted(evidence: Evidence, boundary: str, own: dict[str, Any]) -> dict[str,
 
     return {
         "boundary": boundary,
-        "model": own["model"].replace("_", " "),
+        "model": own["title"],
         "effects": own["effects"],
         "left": own["left_on_the_bench"],
         "draws": own["draws"],
@@ -97,7 +100,7 @@ def _fitted(evidence: Evidence, boundary: str, own: dict[str, Any]) -> dict[str,
 
 def unresolved(found: dict[str, Any], flights: int) -> str:
     """Why no set-point is named for a price, and what would do."""
-    enough = f"about {found['flights_needed']} would" if found["flights_needed"] else "no number of flights would"
+    enough = f"about {plain(found['flights_needed'], 2)} would" if found["flights_needed"] else "no number of flights would"
     return f"not resolved by {flights} flights; {enough}"
 
 
@@ -110,6 +113,8 @@ def _route(evidence: Evidence, entry: dict[str, Any] | None) -> dict[str, Any] |
         "flights": entry["flights"],
         "energy": cite(evidence, SAFETY, "route", "energy", places=3),
         **{name: cite(evidence, SAFETY, "route", name, digits=2) for name in ("risk", "lo90", "hi90")},
+        "berth": [b for b in presets.TARGETS if b not in entry["lowest_z_hat"]],
+        "berth_z_hat": f"{BERTH:g}",
         "lowest": {side: cite(evidence, SAFETY, "route", "lowest_z_hat", side, digits=3) for side in entry["lowest_z_hat"]},
         "shares": [{"basis": b, "share": f"{100 * s:.0f} %"} for b, s in seen.items() if s > 0],
     }

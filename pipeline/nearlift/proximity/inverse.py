@@ -111,11 +111,14 @@ def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high:
             "lift has another cause, or its uncertainty is larger than said",
         )
     # per log z, in which the prior is flat; the evidence of a boundary is the likelihood's mean over it
-    likelihood = np.exp(-0.5 * deviation**2).mean(axis=0)
+    # relative to the likeliest height, and to no boundary, which may be far likelier than any
+    nearest, alone = float((deviation**2).min()), ((measured - 1.0) / u) ** 2
+    likelihood = np.exp(-0.5 * (deviation**2 - nearest)).mean(axis=0)
     log_z = np.log(z_hat)
     width = np.gradient(log_z)
-    evidence = float(np.sum(likelihood * width) / (log_z[-1] - log_z[0]))
-    none = float(np.exp(-0.5 * ((measured - 1.0) / u) ** 2))
+    least = min(nearest, alone)
+    evidence = float(np.sum(likelihood * width) / (log_z[-1] - log_z[0]) * np.exp(-0.5 * (nearest - least)))
+    none = float(np.exp(-0.5 * (alone - least)))
     total = (1 - beyond) * evidence + beyond * none
     mass = likelihood * width
     cumulative = np.cumsum(mass) / mass.sum()
@@ -123,7 +126,7 @@ def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high:
     return Located(
         z_hat=z_hat,
         density=likelihood / z_hat / mass.sum(),
-        beyond=beyond * none / total if total > 0 else beyond,
+        beyond=beyond * none / total,
         median=median,
         lo90=lo90,
         hi90=hi90,

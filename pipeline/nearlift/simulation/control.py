@@ -50,12 +50,16 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary, where: str = "simulat
     Raises
     ------
     ManifestError
-        A pole has no negative real part; says which sign would do.
+        A pole has no negative real part; says which sign would do. Or kP or kD is zero.
     """
     # a pole of exactly zero is an integrator that is not used, no instability
     worst = float(poles(gains, craft, boundary).real.max())
-    if worst <= 1e-9 and gains.kP != 0.0 and gains.kD != 0.0:
+    if worst <= 1e-9 and gains.kP and gains.kD:
         return gains
+    if gains.kP == 0.0 or gains.kD == 0.0:
+        raise ManifestError(
+            f"{where}.{boundary}", f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back and calms it", "give both"
+        )
     right = "negative" if boundary == "ground" else "positive"
     reason = (
         "above a ground a vehicle that is too low must turn its rotors faster"

@@ -57,8 +57,12 @@ def tabulate(ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float, h
     Raises
     ------
     InputRefused
-        A ratio has no positive value somewhere in the range (a singularity, or a bound below the model's validity).
+        A ratio has no positive value somewhere in the range (a singularity, or a bound below the model's validity), or the range is empty.
     """
+    if not low < high:
+        raise InputRefused(
+            "simulate.bound_z_hat", f"{low:g} leaves no range: above z_hat = {high:g} lift is constant", f"bound the ratio below {high:g}"
+        )
     z_hat = np.linspace(low, high, NODES)
     with np.errstate(invalid="ignore", divide="ignore"):
         values = np.stack([np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios])

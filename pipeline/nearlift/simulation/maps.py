@@ -13,11 +13,13 @@ from nearlift.simulation import safety
 from nearlift.simulation.curve import tabulate
 from nearlift.simulation.flight import Map, Plan, Scheme, Setting, fly
 from nearlift.simulation.groups import Groups
+from nearlift.simulation.sweep import halved
 
 #: Cells along either axis; the flown value is the middle one.
 SIDE = 9
 #: Most flights a cell.
 FLIGHTS = 150
+#: Set-points, above what the vehicle touches.
 TARGETS: dict[Boundary, float] = {"ground": 1.0, "ceiling": 2.0}
 
 
@@ -71,8 +73,8 @@ def scan(
     flights: int,
     key: int,
     spread: Map = map,
-) -> list[dict[str, Any]]:
-    """Rows of crash_map.parquet: every pair of groups whose groups this boundary's model has.
+) -> tuple[list[dict[str, Any]], safety.Convergence]:
+    """Rows of crash_map.parquet, every pair of groups whose groups this boundary's model has; and what half the step changes.
 
     Parameters
     ----------
@@ -81,9 +83,9 @@ def scan(
     spacing_hat : float or None
         The vehicle's; None where the model does not depend on it.
     """
-    target = max(TARGETS[boundary], bound)
+    target = max(groups.contact + TARGETS[boundary], bound)
     few = min(flights, FLIGHTS)
-    rows = []
+    rows, tested = [], []
     for pair in PAIRS:
         if pair.x.name == SPACING and spacing_hat is None:
             continue
@@ -91,11 +93,16 @@ def scan(
         curves = tabulate(ratios, bound)
         cells = list(_cells(pair, groups, spacing_hat))
         # gusts of one plan share their memory
-        for memory in dict.fromkeys(g.correlation for _, _, g, _ in cells):
+        for memory in dict.fromkeys(g.correlation for _, _, g, _, _ in cells):
             mine = [c for c in cells if c[2].correlation == memory]
-            settings = [Setting(target_z_hat=target, groups=g, curve=curve if len(ratios) > 1 else 0) for _, _, g, curve in mine]
+            settings = [Setting(target_z_hat=target, groups=g, curve=i if len(ratios) > 1 else 0) for _, _, g, i, _ in mine]
             plan = Plan(boundary=boundary, settings=settings, curves=curves, scheme=scheme, steps_per_hold=pair.finer * steps_per_hold)
-            crashes = (fly(plan, few, key, spread) >= 0).sum(axis=1)
+            crashed = fly(plan, few, key, spread) >= 0
+            # the step is tested in corners, middles of the edges and the centre
+            half = (SIDE - 1) // 2
+            again = [n for n, (_, _, _, i, j) in enumerate(mine) if i % half == 0 and j % half == 0]
+            tested += [halved(plan, crashed, again, key, step_s / pair.finer, spread)] if again else []
+            crashes = crashed.sum(axis=1)
             low, high = safety.binomial90(crashes, few)
             rows += [
                 {
@@ -113,15 +120,15 @@ def scan(
                     "lo90": float(low[i]),
                     "hi90": float(high[i]),
                 }
-                for i, (x, y, _, _) in enumerate(mine)
+                for i, (x, y, _, _, _) in enumerate(mine)
             ]
-    return rows
+    return rows, safety.together(tested)
 
 
-def _cells(pair: Pair, groups: Groups, spacing_hat: float | None) -> Iterator[tuple[float, float, Groups, int]]:
-    """Values on both axes (sizes, without the gains' sign), the groups there, and which of the x axis' places it is."""
+def _cells(pair: Pair, groups: Groups, spacing_hat: float | None) -> Iterator[tuple[float, float, Groups, int, int]]:
+    """Values on both axes (sizes, without the gains' sign), the groups there, and which place on either axis it is."""
     for i, fx in enumerate(pair.x.factors.tolist()):
-        for fy in pair.y.factors.tolist():
+        for j, fy in enumerate(pair.y.factors.tolist()):
             changes = {name: fx * getattr(groups, name) for name in pair.along} | {pair.y.name: fy * getattr(groups, pair.y.name)}
             if pair.x.name == SPACING:
                 x = fx * (spacing_hat or 0.0)
@@ -130,4 +137,4 @@ def _cells(pair: Pair, groups: Groups, spacing_hat: float | None) -> Iterator[tu
             else:
                 changes[pair.x.name] = fx * getattr(groups, pair.x.name)
                 x = abs(changes[pair.x.name])
-            yield x, abs(changes[pair.y.name]), groups.with_groups(**changes), i
+            yield x, abs(changes[pair.y.name]), groups.with_groups(**changes), i, j

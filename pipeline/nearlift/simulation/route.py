@@ -29,6 +29,8 @@ from nearlift.results import IntArray
 
 #: Nodes per rotor radius.
 FINENESS = 2
+#: Most nodes: every price of a crash is a search over all of them.
+MOST_NODES = 500_000
 #: A boundary of which no model was fitted is left alone by so many radii.
 BERTH = 4.0
 #: A risk below this is none: no flight shows it.
@@ -95,7 +97,7 @@ class Nearness:
 
 
 #: What the risk at a point rests on, by how far it reaches beyond what was flown.
-BASES = ("flights that crashed", "flights of which none crashed", "extrapolated beyond the set-points flown")
+BASES = ("flights that crashed", "flights of which none crashed", "the bound of the farthest set-point flown, kept beyond it")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,10 +179,22 @@ class Field:
 
 
 def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -> Field:
-    """Power and hazard everywhere. The effects of floor and ceiling multiply, and their hazards add."""
+    """Power and hazard everywhere. The effects of floor and ceiling multiply, and their hazards add.
+
+    Raises
+    ------
+    InputRefused
+        The corridor has more nodes than can be searched; says how long it may be.
+    """
     step = pilot.radius_m / FINENESS
-    x = np.linspace(0, corridor.length_m, max(round(corridor.length_m / step), 2) + 1)
-    z = np.linspace(0, corridor.height_m, max(round(corridor.height_m / step), 2) + 1)
+    columns, rows = (max(round(size / step), 2) + 1 for size in (corridor.length_m, corridor.height_m))
+    if columns * rows > MOST_NODES:
+        raise InputRefused(
+            "simulate.route",
+            f"a corridor of {corridor.length_m:g} by {corridor.height_m:g} m has {columns * rows:.2g} nodes of half a rotor radius",
+            f"at this height plan {MOST_NODES / rows * step:.2g} m at a time",
+        )
+    x, z = np.linspace(0, corridor.length_m, columns), np.linspace(0, corridor.height_m, rows)
     below, above = np.zeros((len(x), len(z))), np.full((len(x), len(z)), corridor.height_m)
     free = np.ones((len(x), len(z)), dtype=bool)
     for x_low, x_high, z_low, z_high in corridor.boxes:
@@ -221,7 +235,11 @@ def ways(grid: Field, pilot: Pilot, start: tuple[float, float], goal: tuple[floa
         i, k = int(np.abs(grid.x_m - x).argmin()), int(np.abs(grid.z_m - z).argmin())
         if not grid.free[i, k]:
             column = grid.z_m[grid.free[i]]
-            remedy = f"between {column.min():.3g} and {column.max():.3g} m there is room" if len(column) else "a box fills that part of the corridor"
+            remedy = (
+                f"between {column.min():.3g} and {column.max():.3g} m there is room"
+                if len(column)
+                else "boxes, floor and ceiling leave no room there"
+            )
             raise InputRefused(f"simulate.route.{name}", f"({x:g}, {z:g}) m is in or too near an obstacle", remedy)
         ends.append(i * len(grid.z_m) + k)
     rows, columns, energy, hazard = _legs(grid, pilot)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,6 +163,12 @@ class Convergence:
     flights: int
     step_s: float
     halved_s: float
+
+
+def together(parts: Sequence[Convergence]) -> Convergence:
+    """Several comparisons as one: with the step of that which changed most."""
+    worst = max(parts, key=lambda c: c.worst)
+    return replace(worst, converged=all(c.converged for c in parts), beyond=sum(c.beyond for c in parts), settings=sum(c.settings for c in parts))
 
 
 def convergence(target_z_hat: FloatArray, coarse: NDArray[np.bool_], fine: NDArray[np.bool_], step_s: float) -> Convergence:

@@ -76,12 +76,18 @@ def sweep(
     ]  # fmt: skip
     plan = Plan(boundary=boundary, settings=settings, curves=curves, scheme=scheme, steps_per_hold=steps_per_hold)
     crashed = fly(plan, flights, key, spread) >= 0
-    few = min(flights, max(round(CHECKED * flights), LEAST_CHECKED))
     again = [c * t + i for c in (range(n) if checked is None else checked) for i in range(t)]
-    finer = fly(replace(plan.halved(), settings=[settings[i] for i in again]), few, key, spread) >= 0
     return Sweep(
         target_z_hat=np.asarray(target_z_hat, dtype=float),
         crashed=crashed.reshape(n, t, flights),
         ratio=curves.at(np.asarray(target_z_hat, dtype=float)),
-        convergence=safety.convergence(np.array([settings[i].target_z_hat for i in again]), crashed[again][:, :few], finer, step_s),
+        convergence=halved(plan, crashed, again, key, step_s, spread),
     )
+
+
+def halved(plan: Plan, crashed: NDArray[np.bool_], again: Sequence[int], key: int, step_s: float, spread: Map = map) -> safety.Convergence:
+    """What half the step changes: settings `again` of a plan that `crashed` (settings, flights), a share of their flights flown once more."""
+    flights = crashed.shape[1]
+    few = min(flights, max(round(CHECKED * flights), LEAST_CHECKED))
+    finer = fly(replace(plan.halved(), settings=[plan.settings[i] for i in again]), few, key, spread) >= 0
+    return safety.convergence(np.array([plan.settings[i].target_z_hat for i in again]), crashed[list(again)][:, :few], finer, step_s)

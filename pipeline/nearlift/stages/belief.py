@@ -2,29 +2,28 @@
 
 Simulation, detection and export all take it from here. Where the loop named an effect that belongs to the vehicle (a saturated
 ceiling, a sagging supply), the model is composed with it; one that belongs to the bench (a datum, a drift) stays there, and only the
-coefficient that it corrected is taken along; draws then have the widths of the loop's intervals and the correlation of its refit.
-Without an effect, draws come from the posterior where there is one, else from the fit's estimate and covariance.
+coefficient that it corrected is taken along; draws then have the ends of the loop's intervals and the correlation of its refit.
+Without an effect, draws come from the posterior where there is one, else from the fit's intervals and correlation. What no interval
+bounds is drawn from its declared prior: it is not known, and does not fly as if it were.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, compose
+from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, Parameter, compose
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected
 from nearlift.stages.job import Job
 
-#: Width of a 90 % interval over the standard uncertainty of a normal.
-WIDTH_90 = 3.2897072539029444
-#: Effects whose trace in flight is another than on the bench: the supply falls with time, not from trial to trial.
-IN_TIME = "supply_sag"
+#: The 95 % point of a standard normal: half of its 90 % interval.
+HALF_90 = 1.6448536269514722
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,8 +39,10 @@ class Belief:
         What the model needs besides its parameters.
     best : mapping of str to float
         Parameters at their best estimate.
-    draws : mapping of str to array (m,)
-        Draws of the same.
+    number : int
+        How many draws there are.
+    draws : mapping of str to array (number,)
+        Draws of the same; empty, and one draw, where the model leaves nothing free.
     source : str
         The product that the draws come from.
     effects, left : tuple of str
@@ -56,6 +57,7 @@ class Belief:
     model: LiftModel
     arguments: Mapping[str, Any]
     best: Mapping[str, float]
+    number: int
     draws: Mapping[str, FloatArray]
     source: str
     effects: tuple[str, ...] = ()
@@ -64,9 +66,9 @@ class Belief:
     supply_V: tuple[float, float] = (float("nan"), float("nan"))
 
     @property
-    def number(self) -> int:
-        """How many draws there are."""
-        return len(next(iter(self.draws.values()))) if self.draws else 0
+    def title(self) -> str:
+        """The model in words, with the effects that fly."""
+        return self.model.title.partition(" + ")[0] + "".join(f" with {e.replace('_', ' ')}" for e in self.effects)
 
     def parameters(self, member: int) -> dict[str, float]:
         """Parameters of one draw; -1 is the best estimate."""
@@ -110,7 +112,7 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
         pick = rng.permutation(len(next(iter(table.values()))))[:number]
         draws, source = {p: table[p][pick] for p in best}, POSTERIOR.file
     else:
-        best, draws = _normal(model, entry, number, rng)
+        best, draws = _fitted(model, entry, number, rng)
         source = FIT.file
     whole = compose(model, *flying) if flying else model
     geometry = job.campaign.vehicle.geometry()
@@ -126,6 +128,7 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
         # the supply's fall over a flight is told apart, as its droop: here it stands at its reference
         arguments={n: geometry.get(n, 1.0) for n in whole.needs},
         best=best,
+        number=len(next(iter(draws.values()))) if draws else 1,
         draws=draws,
         source=source,
         effects=tuple(f.name for f in flying),
@@ -153,15 +156,14 @@ def _posterior(job: Job, boundary: Boundary, model: str) -> dict[str, FloatArray
     return found if names and all(len(v) for v in found.values()) else None
 
 
-def _normal(model: LiftModel, entry: Mapping[str, Any], number: int, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimate and draws from a fit's covariance, within the parameters' bounds."""
+def _fitted(model: LiftModel, entry: Mapping[str, Any], number: int, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, FloatArray]]:
+    """Best estimate and draws from a fit's intervals and the correlation of its covariance."""
     names = list(entry["covariance"]["names"])
-    best = {n: float(e["value"]) for n, e in entry["parameters"].items()}
-    if not names:
-        return best, {n: np.full(number, v) for n, v in best.items()}
     covariance = np.asarray(entry["covariance"]["values"], dtype=float).reshape(len(names), len(names))
-    values = rng.multivariate_normal([best[n] for n in names], covariance, size=number, method="eigh")
-    return best, {n: np.clip(values[:, names.index(n)], *model.parameter(n).bounds) if n in names else np.full(number, best[n]) for n in best}
+    u = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore"):
+        known = covariance / np.outer(u, u)
+    return _drawn(model.parameters, entry["parameters"], names, known, number, rng)
 
 
 def _together(
@@ -172,25 +174,58 @@ def _together(
     number: int,
     rng: np.random.Generator,
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimate and draws: each parameter with the width of its interval, which holds what rivals would say, all together with the
-    correlation of the loop's refit (independent where none is on record).
+    """Best estimate and draws by the loop's intervals, which hold what rivals would say, with the correlation of its refit (independent
+    where none is on record).
     """
-    parameters = [*model.parameters, *(p for e in effects for p in e.parameters)]
-    names = [p.name for p in parameters]
-    correlation = np.eye(len(names))
-    if joint is not None:
-        at = {n: i for i, n in enumerate(joint["parameters"])}
-        known = np.asarray(joint["correlation"], dtype=float)
-        for i, a in enumerate(names):
-            for j, b in enumerate(names):
-                if i != j and a in at and b in at:
-                    correlation[i, j] = known[at[a], at[b]]
-    normal = rng.multivariate_normal(np.zeros(len(names)), correlation, size=number, method="eigh")
+    parameters = (*model.parameters, *(p for e in effects for p in e.parameters))
+    names, known = ([], np.eye(0)) if joint is None else (joint["parameters"], np.asarray(joint["correlation"], dtype=float))
+    return _drawn(parameters, values, names, known, number, rng)
+
+
+def _drawn(
+    parameters: Sequence[Parameter],
+    values: Mapping[str, Any],
+    names: Sequence[str],
+    known: FloatArray,
+    number: int,
+    rng: np.random.Generator,
+) -> tuple[dict[str, float], dict[str, FloatArray]]:
+    """Best estimate and draws of parameters by their intervals, normal on either side of the estimate, with the correlation that is known.
+
+    Draws have the interval's ends at 5 and 95 %, whatever its shape, and keep to the bounds. An interval without an end leaves the declared
+    prior. A parameter without an entry, or whose entry has no interval at all (it was held), stays where it is.
+    """
+    if not parameters:
+        return {}, {}
+    correlation = np.eye(len(parameters))
+    at = {n: i for i, n in enumerate(names)}
+    for i, a in enumerate(parameters):
+        for j, b in enumerate(parameters):
+            if i != j and a.name in at and b.name in at:
+                # a parameter at its bound may have no variance, and then no correlation
+                correlation[i, j] = np.nan_to_num(known[at[a.name], at[b.name]])
+    normal = rng.multivariate_normal(np.zeros(len(parameters)), correlation, size=number, method="eigh")
     best, draws = {}, {}
-    for i, p in enumerate(parameters):
+    for p, n in zip(parameters, normal.T, strict=True):
         e = values.get(p.name)
         best[p.name] = p.value if e is None else float(e["value"])
-        wide = e is not None and e.get("lo90") is not None and e.get("hi90") is not None
-        u = (float(e["hi90"]) - float(e["lo90"])) / WIDTH_90 if wide and e is not None else 0.0
-        draws[p.name] = np.clip(best[p.name] + u * normal[:, i], *p.bounds)
+        ends = None if e is None or "lo90" not in e else (e["lo90"], e["hi90"])
+        if ends is None:
+            drawn = np.full(number, best[p.name])
+        elif None in ends:
+            prior = p.prior.frozen()
+            first, last = prior.cdf(p.bounds)
+            drawn = prior.ppf(first + (last - first) * _share(n))
+        else:
+            below, above = (best[p.name] - float(ends[0])) / HALF_90, (float(ends[1]) - best[p.name]) / HALF_90
+            drawn = best[p.name] + np.where(n < 0, below, above) * n
+        draws[p.name] = np.clip(drawn, *p.bounds)
     return best, draws
+
+
+def _share(normal: FloatArray) -> FloatArray:
+    """Where each lies in the standard normal distribution, 0 to 1."""
+    from scipy.special import ndtr
+
+    shares: FloatArray = ndtr(normal)
+    return shares

@@ -106,6 +106,7 @@ def _entry(belief: Belief, device: Sensor) -> dict[str, Any]:
     near = np.array([belief.measured_z_hat[0]])
     return {
         "model": belief.model.name,
+        "title": belief.title,
         "draws_from": belief.source,
         "effects": list(belief.effects),
         "measured_z_hat": list(belief.measured_z_hat),

@@ -70,7 +70,8 @@ def _ratio(job: Job, reading: Reading, belief: Belief, entry: dict[str, Any]) ->
     weight = chosen.payload[0] if reading.weight is None else reading.weight
     supply = exponent * (chosen.supply[0] if reading.supply is None else reading.supply)
     assert reading.throttle is not None
-    known = sorted((float(t), float(e["value"]), float(e["u"] or 0.0)) for t, e in entry["L_inf_N"].items())
+    # null stands for what is not finite
+    known = sorted((float(t), float(e["value"]), np.inf if e["u"] is None else float(e["u"])) for t, e in entry["L_inf_N"].items())
     levels, lifts, spread = (list(column) for column in zip(*known, strict=True))
     own = float(np.interp(reading.throttle, levels, np.array(spread) / np.array(lifts)))
     mass = job.campaign.vehicle.mass if reading.mass is None else reading.mass

@@ -10,6 +10,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.campaign import boundaries_of
 from nearlift.declare import Boundary, FloatArray
+from nearlift.errors import ManifestError
 from nearlift.flight_manifest import Simulate
 from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
 from nearlift.randomness import generator
@@ -45,10 +46,12 @@ def run(job: Job) -> Outcome:
         content["presets"][name] = {"meaning": preset.meaning, "boundaries": {}}
         for boundary in presets.MODELS:
             job.say(f"simulate {name} {boundary}")
-            flown, entry = _preset(preset, boundary, chosen, key, spread(job), rows, levels[name])
+            flown, varied, entry = _preset(preset, boundary, chosen, key, spread(job), rows, levels[name])
             content["presets"][name]["boundaries"][boundary] = entry
             samples += histories.paper(preset, boundary, key) if name == "paper" else []
-            _note(notes, f"{name} {boundary}", entry, flown)
+            _note(notes, f"{name} {boundary}", flown.convergence)
+            if flown.convergence.converged:
+                _note(notes, f"{name} {boundary}, other gains and noise", varied)
     fitted = boundaries_of([b for b in job.read_json(FIT)["boundaries"] if b in presets.MODELS])
     craft = vehicle(job, chosen)
     mapped: Rows = []
@@ -58,14 +61,17 @@ def run(job: Job) -> Outcome:
         belief = believe(job, boundary, chosen.draws)
         flown, entry = _fitted(job, belief, chosen, craft, key, rows)
         content["fitted"][boundary], flights[boundary] = entry, flown
-        _note(notes, f"fitted {boundary}", entry, flown)
+        _note(notes, f"fitted {boundary}", flown.convergence)
         if chosen.maps:
             job.say(f"simulate map {boundary}")
             how = _how(chosen, boundary, craft)
             spacing = belief.arguments.get("spacing_hat")
-            mapped += maps.scan(
+            cells, tested = maps.scan(
                 boundary, belief.spaced, belief.model.name, bound(belief, chosen), spacing, **how, flights=chosen.flights, key=key, spread=spread(job)
             )
+            mapped += cells
+            entry["maps"] = asdict(tested)
+            _note(notes, f"map {boundary}", tested)
     content["route"], routes = plan(job, chosen, craft, content["fitted"], flights) if chosen.route else (None, [])
     content["claims"] = claims.table(levels)
     content["roll"] = _roll(job, chosen)
@@ -117,6 +123,8 @@ def _how(chosen: Simulate, boundary: Boundary, craft: Craft) -> dict[str, Any]:
     g = chosen.gusts
     gusts = Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation) if g else groups.disturbance_for(carried, craft)
     duration_s = chosen.duration or carried.duration * craft.time_s
+    if duration_s < gusts.hold_s:
+        raise ManifestError("simulate.duration", f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s", "fly at least so long")
     step_s = chosen.step or gusts.hold_s / steps_per_hold(like.disturbance.hold_s, like.step_s)
     own = groups.of(craft, gains, gusts, duration_s, chosen.contact_z_hat.get(boundary, 0.0))
     return {"groups": own, "scheme": chosen.scheme, "steps_per_hold": steps_per_hold(gusts.hold_s, step_s), "step_s": step_s}
@@ -129,8 +137,8 @@ def bound(belief: Belief, chosen: Simulate) -> float:
 
 def _preset(
     preset: presets.Preset, boundary: Boundary, chosen: Simulate, key: int, over: Map, rows: Rows, levels: claims.Levels
-) -> tuple[Sweep, dict[str, Any]]:
-    """The paper's models and powers under one preset; `levels` takes what its claims are judged by."""
+) -> tuple[Sweep, safety.Convergence, dict[str, Any]]:
+    """The paper's models and powers under one preset; `levels` takes what its claims are judged by. Second: the step of the variants."""
     model = catalogue.model(presets.MODELS[boundary])
     geometry = {n: presets.GEOMETRY[n] for n in model.needs}
     curves = tabulate([lambda z, k=k: model(z, **geometry) ** k for k in presets.EXPONENTS], presets.BOUND_Z_HAT)  # type: ignore[misc]
@@ -138,12 +146,13 @@ def _preset(
     own = groups.of(preset.craft, gains, preset.disturbance, preset.duration_s)
     how: dict[str, Any] = {
         "scheme": preset.scheme,
+        "step_s": preset.step_s,
         "steps_per_hold": steps_per_hold(preset.disturbance.hold_s, preset.step_s),
         "flights": chosen.flights,
         "key": key,
         "spread": over,
     }
-    flown = sweep(boundary, curves, presets.TARGETS[boundary], own, step_s=preset.step_s, **how)
+    flown = sweep(boundary, curves, presets.TARGETS[boundary], own, **how)
     entry: dict[str, Any] = {"convergence": asdict(flown.convergence), "groups": asdict(own), "flights": flown.flights, "levels": []}
     # one resampling for all curves: they met the same gusts
     weights = safety.resamples(flown.flights, generator(key % 2**32, "levels", preset.name, boundary))
@@ -154,8 +163,10 @@ def _preset(
             levels.flown[boundary, k, risk] = safety.held(flown.target_z_hat, values)
             entry["levels"].append({"exponent": k, **_level(flown, values, risk)})
     rng = generator(key % 2**32, "variants", preset.name, boundary)
-    levels.varied.update(variants.levels(boundary, curves, presets.EXPONENTS, own, **how, rng=rng))
-    return flown, entry
+    varied, tested = variants.levels(boundary, curves, presets.EXPONENTS, own, **how, rng=rng)
+    levels.varied.update(varied)
+    entry["variants"] = asdict(tested)
+    return flown, tested, entry
 
 
 def _level(flown: Sweep, values: FloatArray, risk: float) -> dict[str, Any]:
@@ -168,7 +179,8 @@ def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, 
     """The campaign's model, its best estimate and every draw of it, and no model at all for comparison."""
     boundary = belief.boundary
     how = _how(chosen, boundary, craft)
-    targets = np.array(chosen.set_points.get(boundary, presets.TARGETS[boundary].tolist()))
+    usual = presets.TARGETS[boundary]
+    targets = np.array(chosen.set_points.get(boundary, usual[usual > how["groups"].contact].tolist()))
     members = range(-1, belief.number)
     curves = tabulate([np.ones_like, *(belief.ratio(m) for m in members)], bound(belief, chosen))
     droops = [0.0, *(belief.droop(chosen.supply_end, m) for m in members)]
@@ -193,6 +205,7 @@ def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, 
     rng = generator(job.seed, "levels", "fitted", boundary)
     entry: dict[str, Any] = {
         "model": belief.model.name,
+        "title": belief.title,
         "parameters": dict(belief.best),
         "effects": list(belief.effects),
         "left_on_the_bench": list(belief.left),
@@ -300,8 +313,7 @@ def _roll(job: Job, chosen: Simulate) -> dict[str, Any]:
     return content
 
 
-def _note(notes: list[str], what: str, entry: dict[str, Any], flown: Sweep) -> None:
-    c = flown.convergence
+def _note(notes: list[str], what: str, c: safety.Convergence) -> None:
     if not c.converged:
         notes.append(
             f"{what}: a step of {c.step_s:g} s is too long: halving it changes the crash rate by {c.worst:.2f} at z_hat {c.worst_target_z_hat:g} "

@@ -80,8 +80,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         largest, noise, floor = (100 * own[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor"))
         plus = "+" if largest > 0 else ""
         parts.append(
-            f"{side.capitalize()}, {own['model'].replace('_', ' ')}: largest change of lift measured {plus}{plain(largest, 2)} %, "
-            f"noise {plain(noise, 2)} %/√Hz and {plain(floor, 2)} % that averaging leaves; lift goes as the voltage to the power "
+            f"{side.capitalize()}, {own['title']}: largest change of lift measured {plus}{plain(largest, 2)} %, "
+            f"noise {plain(noise, 2)} %/√Hz and {plain(floor, 2)} % that averaging leaves; lift is taken to go as the voltage to the power "
             f"{own['lift_per_voltage']:.2g}."
         )
         if "refused" in own:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from nearlift import catalogue
 from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
@@ -24,6 +25,7 @@ def summarise(evidence: Evidence) -> Columns:
     dict of arrays
         `row` (histories, paper, converged), `panel` (boundary), `kind` (flight, crash, cost_paper, cost), `label` (model), `exponent`
         of the ratio, `flight`, `x` (time in s or set-point), `y` (z_hat, crash rate or relative cost), `lo90` and `hi90` of a crash rate.
+        A flight that crashed ends at z_hat = 0, on the line through its last two heights.
     """
     rates, flights = evidence.table(CRASH_RATES), evidence.table(FLIGHTS)
     parts = []
@@ -35,7 +37,9 @@ def summarise(evidence: Evidence) -> Columns:
             near = (flights["t_s"] >= end - BEFORE_S) & (flights["t_s"] <= end + AFTER_S)
             for model in ("none", *dict.fromkeys(m for m in flights["model"][mine].tolist() if m != "none")):
                 own = mine & near & (flights["flight"] == flight) & (flights["model"] == model)
-                parts.append(curve_rows("histories", side, "flight", model, flights["t_s"][own], flights["z_hat"][own], flight=flight))
+                t_s, z_hat = touching(flights["t_s"][own], flights["z_hat"][own])
+                label = "none" if model == "none" else catalogue.model(model).title
+                parts.append(curve_rows("histories", side, "flight", label, t_s, z_hat, flight=flight))
         for preset in ROWS[1:]:
             for exponent in dict.fromkeys(rates["exponent"][(rates["preset"] == preset) & (rates["boundary"] == side)].tolist()):
                 own = (rates["preset"] == preset) & (rates["boundary"] == side) & (rates["exponent"] == exponent)
@@ -45,6 +49,14 @@ def summarise(evidence: Evidence) -> Columns:
                 if exponent == 1.0:
                     parts += [curve_rows(preset, side, kind, label, x, rates[kind][own], exponent=exponent) for kind in ("cost_paper", "cost")]
     return stack(parts) if parts else {}
+
+
+def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
+    """A flight up to where it touched: a last height below zero, a step after the touch, becomes the touch."""
+    if len(z_hat) < 2 or z_hat[-1] > 0:
+        return t_s, z_hat
+    share = z_hat[-2] / (z_hat[-2] - z_hat[-1])
+    return np.append(t_s[:-1], t_s[-2] + share * (t_s[-1] - t_s[-2])), np.append(z_hat[:-1], 0.0)
 
 
 def curve_rows(row: str, panel: str, kind: str, label: str, x: Any, y: Any, **further: Any) -> Columns:

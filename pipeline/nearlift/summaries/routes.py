@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.products import ROUTES, SAFETY
-from nearlift.simulation.route import BASES
+from nearlift.simulation.presets import TARGETS
+from nearlift.simulation.route import BASES, BERTH
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
 #: So many ways are drawn: the cheapest, the chosen, the safest, and some between.
@@ -52,14 +53,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and what the way is not."""
     e = evidence.document(SAFETY)["route"]
     shares = e["share_by_basis"]
+    rests = ", ".join(f"{100 * share:.0f} % on {basis}" for basis, share in shares.items() if share > 0)
+    berth = "".join(f" From the {side}, of which no model was fitted, they keep ẑ ≥ {BERTH:g}." for side in TARGETS if side not in e["boundaries"])
     lowest = " and ".join(f"ẑ ≥ {z:.3g} from the {side}" for side, z in e["lowest_z_hat"].items())
     return (
         f"Ways through a corridor of {e['length_m']:g} by {e['height_m']:g} m at {e['speed_m_s']:g} m/s, from the fitted models near "
         f"{' and '.join(e['boundaries'])}. Colours: risk of a crash, solid where flights crashed, dashed where it is only a bound set by "
-        f"{e['flights']} flights a set-point ({100 * (1 - shares[BASES[0]]):.0f} % of the chosen way, of it {100 * shares[BASES[2]]:.0f} % "
-        f"extrapolated beyond the set-points flown). Bold: the cheapest way whose risk is shown to be at most {e['risk_bound']:g}. It takes "
+        f"{e['flights']} flights a set-point. Bold, and square on the right: the cheapest way whose risk is shown to be at most {e['risk_bound']:g} "
+        f"(dashed line); of its points' risk rests {rests}. It takes "
         f"{e['energy']:.3f} of the straight way's energy far from boundaries, at a risk of {e['risk']:.2g} (90 %: {e['lo90']:.2g} to "
-        f"{e['hi90']:.2g}), and keeps {lowest}, below which nothing was both measured and flown. Right: energy against risk of all ways on the "
+        f"{e['hi90']:.2g}), and keeps {lowest}, below which nothing was both measured and flown.{berth} Right: energy against risk of all ways on the "
         "front, 90 % over model and flights. A plan on a grid for hover's aerodynamics, no trajectory: neither forward flight's weaker ground "
         "effect nor tracking error along the way is in it."
     )

@@ -9,6 +9,7 @@ import numpy as np
 from nearlift.products import CRASH_RATES, SAFETY
 from nearlift.summaries.evidence import Columns, Evidence, stack
 from nearlift.summaries.fig6 import SIDES, curve_rows
+from nearlift.summaries.rounding import plain
 
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
 FLOOR = 0.5
@@ -34,7 +35,7 @@ def summarise(evidence: Evidence) -> Columns:
         x = rates["target_z_hat"][best]
         draws = own & (rates["member"] >= 0)
         low, high = _band(rates, draws, len(x))
-        label = content[side]["model"]
+        label = content[side]["title"]
         ends = {"lo90": rates["lo90"][none], "hi90": rates["hi90"][none]}
         parts.append(curve_rows("crash", side, "none", "no boundary effect", rates["target_z_hat"][none], rates["rate"][none], **ends))
         lo90, hi90 = np.minimum(low, rates["lo90"][best]), np.maximum(high, rates["hi90"][best])
@@ -80,13 +81,13 @@ def caption(evidence: Evidence, table: Columns) -> str:
     for side, own in evidence.document(SAFETY)["fitted"].items():
         c = own["convergence"]
         refused = [
-            f"{e['price']:g} (about {e['flights_needed']} flights would do)" if e["flights_needed"] else f"{e['price']:g}"
+            f"{e['price']:g} (about {plain(e['flights_needed'], 2)} flights would do)" if e["flights_needed"] else f"{e['price']:g}"
             for e in own["best_set_points"]
             if not e["resolved"]
         ]
         left = f" Not resolved by {own['flights']} flights: prices of {', '.join(refused)}." if refused else ""
         parts.append(
-            f"{side.capitalize()}: {own['model'].replace('_', ' ')}, {own['draws']} draws from {own['draws_from']}, {own['flights']} flights a "
+            f"{side.capitalize()}: {own['title']}, {own['draws']} draws from {own['draws_from']}, {own['flights']} flights a "
             f"point; L/L∞ is held below ẑ = {own['bound_z_hat']:.2g}, where nothing was measured; halving the step changes a rate by up to "
             f"{c['worst']:.2g}.{left}"
         )
