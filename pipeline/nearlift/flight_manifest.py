@@ -51,9 +51,14 @@ def _interval(ends: tuple[float, float]) -> tuple[float, float]:
     return ends
 
 
+def _no_wall(boundary: Boundary) -> Boundary:
+    if boundary == "sidewall":
+        raise ValueError("a sidewall turns the vehicle, and flights go up and down: ground or ceiling")
+    return boundary
+
+
 PositiveDuration = Annotated[Duration, AfterValidator(_positive)]
-#: Boundaries near which the vehicle is flown: a sidewall turns it, and vertical flights say nothing of that.
-Flown = Literal["ground", "ceiling"]
+Flown = Annotated[Boundary, AfterValidator(_no_wall)]
 Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Interval = Annotated[Position, AfterValidator(_interval)]

@@ -244,7 +244,7 @@ def test_refusals(remake, changes, error, words):
         ({"set_points": {"ground": [-1.0, 1.0]}}, r"simulate.set_points.ground.0: Input should be greater than 0"),
         ({"set_points": {"ground": [1.4, 1.0]}}, r"simulate.set_points.ground: must ascend"),
         ({"set_points": {"ground": [1.0]}}, r"simulate.set_points.ground: List should have at least 2 items"),
-        ({"set_points": {"sidewall": [1.0, 2.0]}}, r"Input should be 'ground' or 'ceiling'"),
+        ({"set_points": {"sidewall": [1.0, 2.0]}}, r"a sidewall turns the vehicle"),
         ({"set_points": {"ground": [0.8, 1.2]}, "contact_z_hat": {"ground": 1.04}}, r"begins at 0.8, where the vehicle touches"),
         ({"bound_z_hat": {"ground": -0.5}}, r"simulate.bound_z_hat.ground: Input should be greater than 0"),
         ({"risks": [0.0]}, r"simulate.risks.0: Input should be greater than 0"),

@@ -59,5 +59,5 @@ def levels(
     again = [i * len(targets) + j for i, (_, k, _) in enumerate(keys) if k in CHECKED for j in range(0, len(targets), EVERY)]
     weights = safety.resamples(few, rng)
     each = zip(keys, crashed.reshape(len(keys), len(targets), few), strict=True)
-    found = {k: safety.held(targets, safety.levels(targets, c, 0.5, weights)) for k, c in each}
+    found: dict[tuple[str, float, str], FloatArray] = {k: safety.held(targets, safety.levels(targets, c, 0.5, weights)) for k, c in each}
     return found, halved(plan, crashed, again, key, step_s, spread)

@@ -62,8 +62,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         f"{e['flights']} flights a set-point. Bold, and square on the right: the cheapest way whose risk is shown to be at most {e['risk_bound']:g} "
         f"(dashed line); of its points' risk rests {rests}. It takes "
         f"{e['energy']:.3f} of the straight way's energy far from boundaries, at a risk of {e['risk']:.2g} (90 %: {e['lo90']:.2g} to "
-        f"{e['hi90']:.2g}), and keeps {lowest}, below which nothing was both measured and flown.{berth} Right: energy against risk of all ways on the "
-        "front, 90 % over model and flights. A plan on a grid for hover's aerodynamics, no trajectory: neither forward flight's weaker ground "
+        f"{e['hi90']:.2g}), and keeps {lowest}, below which nothing was both measured and flown.{berth} Right: energy against risk of all ways on "
+        "the front, 90 % over model and flights. A plan on a grid for hover's aerodynamics, no trajectory: neither forward flight's weaker ground "
         "effect nor tracking error along the way is in it."
     )
 
