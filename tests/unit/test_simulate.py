@@ -181,8 +181,9 @@ def test_maps_over_pairs_of_groups(monkeypatch):
     assert rate["noise and its memory", low, own.noise] < rate["noise and its memory", high, own.noise]
     gains = sorted({k[1] for k in rate if k[0] == "noise and gains"})
     assert rate["noise and gains", gains[0], own.noise] > rate["noise and gains", gains[2], own.noise]
-    # their step is tested in corners, middles and centre of all four
-    assert (tested.converged, tested.settings) == (True, 36)
+    # their step is tested in the corners of all four, and where crashing is undecided
+    assert tested.converged
+    assert 16 < tested.settings < 36
     others, _ = maps.scan("ceiling", ratio, "some", 0.5, None, **(how | {"flights": 2}))
     assert "noise and spacing" not in {r["map"] for r in others}
 

@@ -58,9 +58,9 @@ def draw(table: Rows, look: Style) -> Figure:
     right.errorbar(front["x"], y, yerr=(y - low, high - y), color=FIT, marker=".", markersize=3, elinewidth=0.6, capsize=1.2)
     best = front["chosen"] == 1
     right.plot(front["x"][best], front["y"][best], SERIES[1][1], color=SERIES[1][0], markerfacecolor="white", markersize=5, zorder=4)
+    right.axhline(float(table["y"][table["kind"] == "bound"][0]), color="0.45", linestyle=(0, (4, 2)), linewidth=0.8)
     # an interval that reaches far below all risks leaves the frame
     right.set_ylim(bottom=0.3 * least)
-    right.axhline(float(table["y"][table["kind"] == "bound"][0]), color="0.45", linestyle=(0, (4, 2)), linewidth=0.8)
     right.set_xlabel("relative energy")
     right.set_ylabel("risk of a crash")
     right.set_title("b) energy against risk", loc="left", fontsize=look.text_pt)

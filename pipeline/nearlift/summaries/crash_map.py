@@ -51,8 +51,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
             parts.append(
                 f"{side.capitalize()}: set-point ẑ = {table['target_z_hat'][mine][0]:g}, {table['flights'][mine][0]} flights a cell; α = "
                 f"{abs(g['alpha']):.3g}, β = {abs(g['beta']):.3g}, γ = {abs(g['gamma']):.2g}, δ = {g['delta']:.3g} (over hover far away), σ/mg = "
-                f"{g['noise']:.3g}, gusts held {g['hold']:.3g} √(r/g); halving the step changes a rate by up to {own['maps']['worst']:.2g} in "
-                "corners, middles and centre."
+                f"{g['noise']:.3g}, gusts held {g['hold']:.3g} √(r/g); halving the step changes a rate by up to {own['maps']['worst']:.2g} ("
+                f"{own['maps']['settings']} cells, corners and those between 10 and 90 %)."
             )
     return " ".join(parts)
 

@@ -46,6 +46,7 @@ scope = "boundary"
 flights      = 60
 draws        = 4
 risks        = [0.5, 0.05]
+maps         = false
 roll_inertia = "1.6e-5 kg*m^2"
 
 [simulate.route]
