@@ -123,6 +123,13 @@ ROUTE = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(("given", "asked"), [({}, ["crash_map"]), ({"maps": False}, []), ({"maps": False, "route": True}, ["routes"])])
+def test_maps_and_routes_that_nobody_asked_for_are_not_missed(given, asked):
+    chosen = given | ({"route": ROUTE} if "route" in given else {})
+    campaign = manifest.parse(raw_manifest(simulate=chosen))
+    assert [s.name for s in FIGURES if s.name in ("crash_map", "routes") and s.asked(campaign)] == asked
+
+
 def test_a_crash_is_drawn_where_the_flight_touches():
     t, z = touching(np.array([0.0, 0.1, 0.2]), np.array([1.0, 0.3, -0.1]))
     assert (t[-1], z[-1]) == (pytest.approx(0.175), 0.0)

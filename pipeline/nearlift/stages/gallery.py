@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from nearlift.campaign import Campaign
 from nearlift.figures import assumptions as draw_assumptions
 from nearlift.figures import budget as draw_budget
 from nearlift.figures import corner as draw_corner
@@ -83,6 +84,8 @@ class FigureSpec:
     needs : tuple of Product
     caption, alt : callable
         Evidence and table to text, its numbers computed from them.
+    asked : callable
+        Whether a manifest's choices ask for it, beyond the stages that make its products; one that is not asked for is not missed.
     """
 
     name: str
@@ -92,6 +95,7 @@ class FigureSpec:
     needs: tuple[Product, ...]
     caption: Callable[[Evidence, Columns], str]
     alt: Callable[[Evidence, Columns], str]
+    asked: Callable[[Campaign], bool] = lambda campaign: True
 
 
 FIGURES: tuple[FigureSpec, ...] = (
@@ -229,6 +233,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(CRASH_MAP, SAFETY),
         caption=crash_map.caption,
         alt=crash_map.alt,
+        asked=lambda campaign: campaign.simulate is None or campaign.simulate.maps,
     ),
     FigureSpec(
         name="detection",
@@ -247,5 +252,6 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(ROUTES, SAFETY),
         caption=routes.caption,
         alt=routes.alt,
+        asked=lambda campaign: campaign.simulate is not None and campaign.simulate.route is not None,
     ),
 )

@@ -92,10 +92,10 @@ def gather(job: Job) -> Evidence:
 
 
 def _expected(job: Job, spec: FigureSpec) -> bool:
-    """Whether the campaign asks for every stage that makes what the figure shows; one that it does not ask for is not missed."""
+    """Whether the campaign asks for the figure and for every stage that makes what it shows; one that it does not ask for is not missed."""
     from nearlift.stages.graph import STAGES
 
-    return all(stage.configured(job) for stage in STAGES if not set(stage.writes).isdisjoint(spec.needs))
+    return spec.asked(job.campaign) and all(stage.configured(job) for stage in STAGES if not set(stage.writes).isdisjoint(spec.needs))
 
 
 def _remove(job: Job, spec: FigureSpec) -> None:
