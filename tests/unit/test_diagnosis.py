@@ -42,6 +42,8 @@ def test_a_sagging_supply_is_found_named_and_removed(sagging):
     assert error["after"]["held_out_rmse"] < 0.7 * error["before"]["held_out_rmse"]
     assert error["after"]["hi90"] > error["noise_floor"]
     assert error["chosen_in_folds"] == ["supply_sag"] * 3
+    assert error["change"]["value"] == pytest.approx(error["after"]["held_out_rmse"] / error["before"]["held_out_rmse"] - 1)
+    assert error["change"]["hi90"] < 0
 
 
 def test_the_coefficient_before_and_after_has_three_intervals(sagging):
@@ -199,6 +201,23 @@ def test_rmse_interval_covers():
         _, low, high = confirmation.rmse(rng.normal(0, 0.01, 240), visit)
         inside += low < 0.01 < high
     assert 165 <= inside <= 194
+
+
+def test_the_change_of_the_error_is_known_better_than_the_errors():
+    rng = np.random.default_rng(8)
+    visit = np.repeat(np.arange(60), 4)
+    inside = 0
+    for _ in range(200):
+        noise, effect = rng.normal(0, 0.01, 240), 0.004 * np.sign(rng.normal(size=240))
+        _, low, high = confirmation.change(noise + effect, noise, visit)
+        inside += low < 1 / np.sqrt(1 + 0.4**2) - 1 < high
+    assert 165 <= inside <= 194
+    _, before_low, _ = confirmation.rmse(noise + effect, visit)
+    _, _, after_high = confirmation.rmse(noise, visit)
+    # the errors' own intervals overlap where their change is plain
+    assert high < 0
+    assert after_high > before_low
+    assert np.isnan(confirmation.change(noise[:8], noise[:8], visit[:8])).all()
 
 
 def test_families_do_not_carry_the_trials_own_noise(null_stage):

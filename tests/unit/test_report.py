@@ -328,7 +328,7 @@ def test_the_story_of_an_effect_in_words(make_job):
     ("after", "words"),
     [
         ((0.0043, 0.0041, 0.0045), "falls from 1.22 %"),
-        ((0.0120, 0.0115, 0.0126), "to 1.2 % (1.15 to 1.26); noise floor 0.41 %. The two intervals overlap: what is gained is small"),
+        ((0.0120, 0.0115, 0.0126), "(1.15 to 1.26); noise floor 0.41 %. These visits cannot tell the change from none: what is gained is small"),
         ((0.0200, 0.0190, 0.0210), "The answer makes predictions worse"),
         ((0.0080, 0.0078, 0.0082), "It stays above the floor"),
     ],
@@ -338,6 +338,17 @@ def test_words_on_the_error_follow_the_numbers(make_job, after, words):
         found["error"]["after"] = dict(zip(("held_out_rmse", "lo90", "hi90"), after, strict=True))
 
     assert words in said(make_job, change)[0]
+
+
+def test_a_small_change_is_told_from_none_visit_by_visit(make_job):
+    def change(found):
+        found["error"]["after"] = {"held_out_rmse": 0.0120, "lo90": 0.0115, "hi90": 0.0126}
+        found["error"]["change"] = {"value": -0.0164, "lo90": -0.021, "hi90": -0.012}
+
+    words = said(make_job, change)[0]
+    assert "falls from 1.22 % of lift" in words
+    assert "Compared visit by visit, that is \u22121.6 % (90 %: \u22122.1 to \u22121.2)." in words
+    assert "cannot tell the change" not in words
 
 
 def test_the_chance_of_the_largest_test_is_said(make_job):

@@ -90,7 +90,12 @@ def _error(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str
         return cite(evidence, DIAGNOSIS, *path, *keys, scale=100, digits=3, how="in percent of lift")
 
     keys = [(when, key) for when in ("before", "after") for key in ("held_out_rmse", "lo90", "hi90")]
-    return {"floor": percent("noise_floor")} | {f"{when}_{key}": percent(when, key) for when, key in keys}
+    cited = {"floor": percent("noise_floor")} | {f"{when}_{key}": percent(when, key) for when, key in keys}
+    if found["error"].get("change", {}).get("lo90") is not None:
+        cited |= {
+            f"change_{k}": cite(evidence, DIAGNOSIS, *path, "change", k, scale=100, digits=2, how="in percent") for k in ("value", "lo90", "hi90")
+        }
+    return cited
 
 
 def _coefficient(evidence: Evidence, boundary: str, name: str, coefficients: dict[str, Any]) -> dict[str, Any]:

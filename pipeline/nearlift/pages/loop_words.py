@@ -60,17 +60,19 @@ def _marked(quoted: Quoted, effect: Any) -> Quoted:
 
 
 def outcome(found: dict[str, Any]) -> dict[str, Any]:
-    """How the held-out error moved, judged by the intervals: `falls`, `rises`, or `same` where they overlap; whether the floor is met."""
+    """How the held-out error moved: `falls`, `rises`, or `same` where the interval of its change, visits in pairs, holds none.
+
+    Without a change on record the two errors' own intervals decide, `same` where they overlap. Also whether the floor is met.
+    """
     error = found.get("error")
     if not error:
         return {}
     before, after = error["before"], error["after"]
     known = all(e[k] is not None for e in (before, after) for k in ("lo90", "hi90"))
-    word = "same"
-    if known and after["hi90"] < before["lo90"]:
-        word = "falls"
-    elif known and after["lo90"] > before["hi90"]:
-        word = "rises"
+    low, high = (error.get("change", {}).get(k) for k in ("lo90", "hi90"))
+    if low is None or high is None:
+        low, high = (after["lo90"] - before["hi90"], after["hi90"] - before["lo90"]) if known else (-1.0, 1.0)
+    word = "falls" if high < 0 else "rises" if low > 0 else "same"
     return {"word": word, "at_floor": known and after["lo90"] <= error["noise_floor"], "lower": after["held_out_rmse"] < before["held_out_rmse"]}
 
 
