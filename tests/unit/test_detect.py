@@ -93,6 +93,7 @@ def test_a_reading_becomes_a_distance(done):
     assert found["z_hat"]["median"] == pytest.approx(1.5, rel=0.05)
     assert found["z_m"]["median"] == pytest.approx(0.023 * found["z_hat"]["median"])
     assert found["beyond"] < 1e-3
+    assert "11.5: below 0.01 % (50 % before" in text(found)
     assert "z_hat = 1.5 (90 %: 1." in text(found).replace("1.49 ", "1.5 ").replace("1.51 ", "1.5 ").replace("1.52 ", "1.5 ")
     # lift goes as throttle^1.4 here: the throttle that lifts weight / ratio far away
     hover = (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)

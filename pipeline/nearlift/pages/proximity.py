@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from nearlift.declare import BOUNDARIES
 from nearlift.pages.number import Number, cite
 from nearlift.products import DETECTION, PROXIMITY
+from nearlift.proximity import inverse
 from nearlift.summaries.detection import case
 from nearlift.summaries.evidence import Evidence
 from nearlift.summaries.rounding import plain
@@ -59,11 +61,12 @@ def _reading(evidence: Evidence, i: int, found: dict[str, Any]) -> dict[str, Any
     def number(*path: str, digits: int = 3, **further: Any) -> Number:
         return cite(evidence, PROXIMITY, "readings", str(i), *path, digits=digits, **further)
 
+    beyond = number("beyond", scale=100, digits=2, how="in percent")
     return told | {
         "throttle": number("throttle", scale=100, how="in percent") if found["throttle"] is not None else None,
         "ratio": number("ratio", digits=4),
         "u": number("u", digits=2),
-        "beyond": number("beyond", scale=100, digits=2, how="in percent"),
+        "beyond": replace(beyond, text="< 0.01") if found["beyond"] < inverse.NONE else beyond,
         **{name: number("z_hat", name) for name in ("median", "lo90", "hi90")},
         "z_mm": number("z_m", "median", scale=1e3, how="in mm"),
     }

@@ -22,6 +22,8 @@ Ratio = Callable[[FloatArray], FloatArray]
 NODES = 1200
 #: A change of ratio against the trend that is smaller than this is rounding.
 FLAT = 1e-9
+#: A probability below this is told as being below it: likelihoods are not known so far into their tails.
+NONE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -94,10 +94,11 @@ def text(found: dict[str, Any]) -> str:
     """A reading's answer for the terminal."""
     low, high = found["within_z_hat"]
     z, mm = found["z_hat"], {k: 1e3 * v for k, v in found["z_m"].items()}
+    share = "below 0.01" if found["beyond"] < inverse.NONE else f"{100 * found['beyond']:.2g}"
     hover = "" if found["throttle"] is None else f" (hover at {100 * found['throttle']:.4g} % throttle)"
     return (
         f"{found['boundary']}, {found['model']}: L/L_inf = {found['ratio']:.4g} +- {found['u']:.2g}{hover}\n"
         f"z_hat = {z['median']:.3g} (90 %: {z['lo90']:.3g} to {z['hi90']:.3g}), {mm['median']:.3g} mm ({mm['lo90']:.3g} to {mm['hi90']:.3g}), "
         "if there is a boundary\n"
-        f"none between z_hat {low:.3g} and {high:.3g}: {100 * found['beyond']:.2g} % (50 % before the reading)"
+        f"none between z_hat {low:.3g} and {high:.3g}: {share} % (50 % before the reading)"
     )
