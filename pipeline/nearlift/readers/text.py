@@ -151,6 +151,12 @@ class Blocks:
                     held = whole.replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held[len(whole) :]
                 end = held.rfind(b"\n") + 1
                 body, held = held[:end], held[end:]
+                if len(held) > BLOCK:
+                    # gigabytes without the end of a line would be copied again with every block
+                    if held.strip(b"\0"):
+                        last = line + body.count(b"\n") - 1
+                        raise InputRefused(f"{self.path}, after line {last}", "has a line of more than 8 MB", "it is no table, or damaged")
+                    held = b"\0"
                 if not body:
                     continue
                 lines = body.count(b"\n")
