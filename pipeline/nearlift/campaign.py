@@ -11,7 +11,7 @@ import itertools
 import math
 import re
 import tomllib
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -407,10 +407,15 @@ def load(folder: Path) -> Campaign:
 
 
 Kind = TypeVar("Kind", bound=BaseModel)
+#: What `nearlift new` writes where somebody must know.
+BLANK = "FILL IN"
 
 
 def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
-    """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key."""
+    """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key, or what is still to be filled in."""
+    blank = [f"{key}: {value!r} is still to be filled in" for key, value in _texts(raw) if BLANK in value]
+    if blank:
+        raise ManifestError(where, "\n  ".join(blank))
     return validated(Campaign, raw, where)
 
 
@@ -423,6 +428,18 @@ def validated(kind: type[Kind], raw: dict[str, Any], where: str) -> Kind:
         if any(error["type"] == "missing" for error in fault.errors()):
             lines.append("`nearlift new DIR` writes a manifest that says what each key is")
         raise ManifestError(where, "\n  ".join(dict.fromkeys(lines))) from None
+
+
+def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
+    """Every text of parsed TOML with its key."""
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _texts(inner, f"{key}.{name}".lstrip("."))
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from _texts(inner, f"{key}.{i}")
+    elif isinstance(value, str):
+        yield key, value
 
 
 def _explain(error: Any, raw: dict[str, Any]) -> str:

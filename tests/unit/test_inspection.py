@@ -144,7 +144,10 @@ def test_new_from_files_writes_what_they_say_and_marks_the_rest(tmp_path):
     assert (tmp_path / "camp\u00e4gne" / "trials" / "run 2.lvm").read_bytes() == paths[2].read_bytes()
     assert "still to fill in:" in answer.stdout
     # what is not filled in is refused by key
-    assert nearlift("run", tmp_path / "camp\u00e4gne", "--out", tmp_path).exit_code == 2
+    blank = nearlift("run", tmp_path / "camp\u00e4gne", "--out", tmp_path)
+    assert blank.exit_code == 2
+    for key in ("vehicle.name: 'FILL IN'", "rig.distance_datum: 'FILL IN'", "rig.gravity: 'FILL IN m/s^2'", "load_cell.tare: 'FILL IN s'"):
+        assert f"{key} is still to be filled in" in blank.stderr
     again = nearlift("new", tmp_path / "camp\u00e4gne", "--from", *paths)
     assert (again.exit_code, "is there already" in again.stderr) == (2, True)
 
