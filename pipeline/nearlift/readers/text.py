@@ -154,8 +154,8 @@ class Blocks:
                 if len(held) > BLOCK:
                     # gigabytes without the end of a line would be copied again with every block
                     if held.strip(b"\0"):
-                        last = line + body.count(b"\n") - 1
-                        raise InputRefused(f"{self.path}, after line {last}", "has a line of more than 8 MB", "it is no table, or damaged")
+                        above = line + body.count(b"\n") - 1
+                        raise InputRefused(f"{self.path}, after line {above}", "has a line of more than 8 MB", "it is no table, or damaged")
                     held = b"\0"
                 if not body:
                     continue
