@@ -37,6 +37,10 @@ class Symbol:
     paper_symbol: str = ""
 
 
+#: What the loop says of a campaign, in words; empty where it has not run.
+VERDICTS = {"": "not diagnosed", "adequate": "adequate", "effect": "effect named and added", "unexplained": "unexplained structure"}
+
+
 def _s(name: str, latex: str, unit: str, meaning: str, paper_symbol: str = "") -> Symbol:
     return Symbol(name=name, latex=latex, unit=unit, meaning=meaning, paper_symbol=paper_symbol)
 

@@ -8,6 +8,7 @@ import json
 import pytest
 
 from . import small_run
+from .browser import CHROMIUM, browser
 
 SHARED = "load cell linearity"
 
@@ -122,3 +123,41 @@ def test_an_empty_folder_is_refused(tmp_path):
     told = small_run.nearlift("compare", "--out", tmp_path)
     assert told.exit_code == 2
     assert "holds no fitted campaign" in told.output
+
+
+# ---- its page
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
+def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
+    after = {"value": 2.4, "lo90": 2.0, "hi90": 2.6}
+    write(four, "b9", 1.7, 0.1, verdict="effect", after=after)
+    (four / "reports" / "c1").mkdir(parents=True)
+    (four / "reports" / "c1" / "index.html").write_text("")
+    compare(four, "c3", "b9", "c0", "c1")
+    file = four / "reports" / "comparison" / "index.html"
+    points = "[...document.querySelectorAll('.view [aria-roledescription=line]')]"
+    with browser(tmp_path_factory.mktemp("browser")) as page:
+        page.open(file.as_uri())
+        assert (page.errors, [r for r in page.requests if not r.startswith("data:")]) == ([], [file.as_uri()])
+        words = page.run(f"{points}.map(e => e.getAttribute('aria-label'))")
+        assert words[1] == "b9: K_b = 2.40 (2.00 to 2.60); effect named and added; before the loop 1.70 (1.54 to 1.86)"
+        assert [w.partition(":")[0] for w in words] == ["c3", "b9", "c0", "c1", "population mean", "next campaign"]
+        names = "[...document.querySelectorAll('.view .role-axis-label text')].map(t => t.textContent).filter(t => /^[bc]\\d/.test(t))"
+        assert page.run(names) == ["c3", "b9", "c0", "c1"]
+        page.run("document.querySelector('input[value=value]').click()")
+        page.wait(f'JSON.stringify({names}) === \'["c0","c3","c1","b9"]\'')
+        before = "document.querySelectorAll('.view .mark-rule.role-mark line').length"
+        lines = page.run(before)
+        page.run("document.querySelector('input[data-signal=before]').click()")
+        page.wait(f"{before} === {lines - 1}")
+        # from line to line, downwards
+        page.run("document.querySelector('.drawing').focus()")
+        page.press("ArrowDown")
+        assert page.wait("document.querySelector('[aria-live]').textContent").startswith("c0: ")
+        assert "c0" in page.wait("document.querySelector('#vg-tooltip-element.visible')?.innerText")
+        assert page.run("[...document.querySelectorAll('td a, th a')].map(a => a.getAttribute('href'))") == ["../c1/index.html"]
+        page.open(file.as_uri(), media="print")
+        assert page.run("getComputedStyle(document.querySelector('.instead')).display") == "block"
+        assert "population mean" in page.run("document.querySelector('.instead img').alt")
+        assert page.errors == []

@@ -18,7 +18,7 @@ from nearlift.figures.style import BAND, SERIES, Style, plain_text
 Rows = Mapping[str, Any]
 LINE_IN = 0.17
 #: What the loop said of the campaign decides the symbol: only an open one has structure that nobody could name.
-VERDICTS = {"": "o", "adequate": "o", "effect": "s", "unexplained": "o"}
+MARKERS = {"": "o", "adequate": "o", "effect": "s", "unexplained": "o"}
 
 
 def draw(table: Rows, look: Style) -> Figure:
@@ -54,7 +54,7 @@ def _panel(ax: Axes, rows: Rows) -> None:
                 ax.plot(rows["before"][i], y[i] + 0.28, "|", color="0.6", zorder=1)
             ax.plot(span, [y[i]] * 2, color=colour, zorder=2)
             filled = "white" if rows["verdict"][i] == "unexplained" else colour
-            ax.plot(rows["value"][i], y[i], VERDICTS.get(rows["verdict"][i], "o"), color=colour, markerfacecolor=filled, zorder=3)
+            ax.plot(rows["value"][i], y[i], MARKERS.get(rows["verdict"][i], "o"), color=colour, markerfacecolor=filled, zorder=3)
     ax.set_yticks(y, [plain_text(label) for label in rows["label"]])
     ax.tick_params(axis="y", length=0, right=False)
     ax.set_ylim(y[-1] - 0.7, 0.7)
@@ -78,11 +78,10 @@ def _label(coefficient: str, unit: str) -> str:
 def _legend(figure: Figure, table: Rows) -> None:
     """Only what occurs."""
     colour = SERIES[0][0]
-    words = {"": "not diagnosed", "adequate": "adequate", "effect": "effect named and added", "unexplained": "unexplained structure"}
     seen = set(table["verdict"][table["kind"] == "campaign"].tolist())
     handles = [
-        Line2D([], [], color=colour, marker=VERDICTS[v], markerfacecolor="white" if v == "unexplained" else colour, label=word)
-        for v, word in words.items()
+        Line2D([], [], color=colour, marker=MARKERS[v], markerfacecolor="white" if v == "unexplained" else colour, label=word)
+        for v, word in nomenclature.VERDICTS.items()
         if v in seen
     ]
     if (table["before"] != table["value"])[table["kind"] == "campaign"].any():

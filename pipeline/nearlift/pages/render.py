@@ -45,14 +45,8 @@ def scripts() -> tuple[str, str]:
     return f"/*! {licence}*/\n{library}", here.joinpath("templates", "report.js").read_text(encoding="utf-8")
 
 
-def policy(allowed: Sequence[str]) -> str:
-    """What a browser may do with the page: these very scripts, pictures and styles within it, and nothing from anywhere else."""
-    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in allowed)
-    return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests or chr(39) + 'none' + chr(39)}"
-
-
-def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Chapter] = CHAPTERS, charts: Sequence[Chart] = ()) -> bytes:
-    """index.html. Chapters whose products are missing are left out; figures that no chapter names come at the end."""
+def templates() -> jinja2.Environment:
+    """The templates of all pages: text from files stays text, and a name that is not given is an error."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("nearlift.pages", "templates"),
         autoescape=True,
@@ -61,6 +55,17 @@ def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Cha
         lstrip_blocks=True,
     )
     environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
+    return environment
+
+
+def policy(allowed: Sequence[str]) -> str:
+    """What a browser may do with the page: these very scripts, pictures and styles within it, and nothing from anywhere else."""
+    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in allowed)
+    return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests or chr(39) + 'none' + chr(39)}"
+
+
+def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Chapter] = CHAPTERS, charts: Sequence[Chart] = ()) -> bytes:
+    """index.html. Chapters whose products are missing are left out; figures that no chapter names come at the end."""
     made = {p.name: p for p in pictures}
     drawn = {c.name: c for c in charts}
     named = {n for c in chapters for n in c.figures}
@@ -81,12 +86,16 @@ def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Cha
         )
     # without charts there is nothing to run
     run = scripts() if any(c["charts"] for c in shown) else ()
-    text = environment.get_template("index.html.j2").render(
-        campaign=evidence.campaign,
-        chapters=shown,
-        names=NAMES,
-        policy=Markup(policy(run)),
-        scripts=[Markup(s) for s in run],
-        charts=Markup(embedded([c for s in shown for c in s["charts"]])),
+    text = (
+        templates()
+        .get_template("index.html.j2")
+        .render(
+            campaign=evidence.campaign,
+            chapters=shown,
+            names=NAMES,
+            policy=Markup(policy(run)),
+            scripts=[Markup(s) for s in run],
+            charts=Markup(embedded([c for s in shown for c in s["charts"]])),
+        )
     )
     return text.encode()

@@ -20,10 +20,9 @@ from nearlift.fitting.population import FEWEST, Population, population
 from nearlift.lock import settled
 from nearlift.products import DIAGNOSIS, FIT, PROVENANCE
 from nearlift.results import Estimate
+from nearlift.summaries.forest import WIDTH_90
 from nearlift.transaction import JOURNAL, Homes
 
-#: A 90 % interval of a normal is so many standard deviations wide.
-WIDTH_90 = 3.289707253902945
 FOLDER = "comparison"
 #: Below this a p-value means no more than that.
 LEAST_CHANCE = 1e-12
@@ -174,10 +173,11 @@ def covariance(own: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
 
 
 def run(out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: str = "aiaa") -> dict[str, Any]:
-    """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, and answer what stands in the first."""
+    """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and answer what stands in the first."""
     from nearlift.figures import forest as draw_forest
     from nearlift.figures.render import render
     from nearlift.figures.style import style
+    from nearlift.pages import comparison
     from nearlift.summaries import forest
     from nearlift.summaries.tidy import to_csv
 
@@ -190,6 +190,8 @@ def run(out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: 
     for kind in ("pdf", "png"):
         store.write_bytes(target / f"forest.{kind}", files[kind])
     store.write_bytes(target / "forest.csv", to_csv(rows))
+    own = {str(name) for name in rows["label"] if (out / "reports" / str(name) / "index.html").is_file()}
+    store.write_bytes(target / "index.html", comparison.page(rows, files["page"], own))
     store.write_json(target / "comparison.json", content)
     return content
 

@@ -9,7 +9,7 @@ from typing import Any
 from nearlift import store
 from nearlift.errors import UsageError
 from nearlift.products import DIAGNOSIS, FIT, PROVENANCE
-from nearlift.stages.compare import WIDTH_90
+from nearlift.summaries.forest import WIDTH_90
 from nearlift.summaries.rounding import fixed, like, plain
 
 #: What of a run decides its numbers, and how a line of the table calls it.

@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from nearlift.summaries.evidence import Columns
+from nearlift.summaries.rounding import letter, like
 
+#: A 90 % interval of a normal is so many standard deviations wide.
+WIDTH_90 = 3.289707253902945
 TEXT = ("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict")
 REAL = ("value", "lo90", "hi90", "before", "before_lo90", "before_hi90")
 
@@ -35,3 +38,41 @@ def summarise(content: Mapping[str, Any]) -> Columns:
 
 def _interval(estimate: Mapping[str, Any]) -> dict[str, float]:
     return {name: estimate[name] for name in ("value", "lo90", "hi90")}
+
+
+def select(table: Columns, boundary: str, coefficient: str) -> Columns:
+    """The rows of one panel."""
+    own = (table["panel"] == boundary) & (table["coefficient"] == coefficient)
+    return {name: values[own] for name, values in table.items()}
+
+
+def interval(rows: Columns, i: int, of: str = "") -> str:
+    """``2.00 (1.84 to 2.16)``: value and 90 % interval of one row, of `of` ("before") or of what it became."""
+    value, low, high = (float(rows[f"{of}_{end}" if of and end != "value" else of or end][i]) for end in ("value", "lo90", "hi90"))
+    u = (high - low) / WIDTH_90
+    return f"{like(value, u)} ({like(low, u)} to {like(high, u)})"
+
+
+def caption(table: Columns) -> str:
+    """What is drawn, with counts."""
+    campaigns = table["kind"] == "campaign"
+    n = len(set(table["label"][campaigns].tolist()))
+    parts = [f"Headline coefficients of {n} campaign{'s' if n != 1 else ''}, with 90 % intervals."]
+    moved = campaigns & (table["before"] != table["value"])
+    if moved.any():
+        parts.append(f"Grey: the fit before the loop, where the loop named an effect ({int(moved.sum())} of {int(campaigns.sum())} coefficients).")
+    if (table["verdict"][campaigns] == "unexplained").any():
+        parts.append("Open symbols: structure that no named effect explains.")
+    if (table["kind"] == "population").any():
+        parts.append("Diamond and band: the population's mean; dashed: what a further campaign would find.")
+    return " ".join(parts)
+
+
+def alt(table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = []
+    for boundary, coefficient in dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)):
+        rows = select(table, boundary, coefficient)
+        told = "; ".join(f"{name} {interval(rows, i)}" for i, name in enumerate(rows["label"]))
+        parts.append(f"{boundary.capitalize()}, {letter(coefficient)}: {told}.")
+    return " ".join(parts)

@@ -87,6 +87,8 @@ class Chart:
         Those that concern all views.
     across, among : str
         Marks that the left and right, and the up and down arrow keys go along, by what the marks are called.
+    down : bool
+        Whether the marks stand below one another, and the keys go along them so.
     heads, rows : tuple
         The points as a table.
     further : int
@@ -99,6 +101,7 @@ class Chart:
     controls: tuple[Control, ...] = ()
     across: str = "cell"
     among: str = "cell"
+    down: bool = False
     heads: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
     further: int = 0

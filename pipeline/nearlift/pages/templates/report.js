@@ -82,7 +82,7 @@
       for (const mark of place.querySelectorAll(".pointed")) mark.classList.remove("pointed");
       const along = { ArrowRight: "across", ArrowLeft: "across", ArrowDown: "among", ArrowUp: "among" }[event.key];
       if (along && place.dataset[along] !== kind) { kind = place.dataset[along]; at = -1; }
-      const centre = mark => { const box = mark.getBoundingClientRect(); return box.x + box.width / 2; };
+      const centre = mark => { const box = mark.getBoundingClientRect(); return place.dataset.down ? box.y + box.height / 2 : box.x + box.width / 2; };
       const marks = [...place.querySelectorAll(`[aria-roledescription="${kind}"]`)].sort((a, b) => centre(a) - centre(b));
       if (!marks.length) return;
       if (step === 0) { if (at >= 0 && marks[at]) pointed(marks[at], "pointerout"); at = -1; said.textContent = ""; return; }
@@ -116,6 +116,15 @@
       button.textContent = "Copied";
     });
   }
+
+  // On paper nothing can be unfolded: what is short stands there, what is long stays a line that says how much there is.
+  const unfolded = [];
+  addEventListener("beforeprint", () => {
+    for (const fold of document.querySelectorAll("main details:not([open])")) {
+      if (!fold.closest(".chart") && fold.querySelectorAll("tr, li").length <= 40) { fold.open = true; unfolded.push(fold); }
+    }
+  });
+  addEventListener("afterprint", () => { for (const fold of unfolded.splice(0)) fold.open = false; });
 
   // A chart takes the width of its place; on paper that is another one.
   const all = [...document.querySelectorAll("[data-view].view")];
