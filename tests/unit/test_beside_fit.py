@@ -296,3 +296,9 @@ def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_fir
     assert found.values == pytest.approx(0.125, abs=5 * found.u.max())
     assert min(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) > 1e-3
     assert np.sqrt(fitted.covariance[0, 0]) == pytest.approx(found.u.min(), rel=0.5)
+
+
+def test_one_distance_says_nothing_of_any_throttle_and_warns_of_nothing():
+    data = ground(3)
+    problem, fitted = problem_of(data.take(data.z_hat == data.z_hat.min()))
+    assert collapse.examine(problem, fitted.theta, known).coefficient is None

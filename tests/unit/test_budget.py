@@ -15,6 +15,7 @@ from nearlift.fitting.heights import Plan
 from nearlift.fitting.least_squares import assemble, fit
 from nearlift.fitting.problem import height_slope
 from nearlift.results import Noise, Observations
+from nearlift.stages.fit import overdeclared
 
 from .conftest import raw_manifest
 from .simulated import RADIUS, campaign, sanchez_cuevas
@@ -151,3 +152,13 @@ def test_the_manifest_declares_the_budget():
     assert (zero.on, zero.scope) == ("force", "session")
     assert line.standard == zero.standard == pytest.approx(half_width)
     assert [c.name for c in budget.components(manifest.parse(raw_manifest()))] == ["distance datum"]
+
+
+def test_what_is_declared_far_above_the_scatter_of_repeats_is_said_to_be():
+    """20 % of each trial's own would show as 20 % of scatter; the same shared by the campaign would not, and is believed."""
+    data = campaign(0)
+    told = overdeclared(fit(MODEL, data, (part("gain", 0.2, "trial"),)))
+    assert len(told) == 1
+    assert "trials scatter far less than the declared errors would have them" in told[0]
+    for small in ((), (part("gain", 0.2, "campaign"),), (part("gain", 1e-6, "trial"),)):
+        assert overdeclared(fit(MODEL, data, small)) == []

@@ -169,11 +169,11 @@ def test_degeneracies_are_named():
     """The three that the ground is known for: K_b with the exponent, with the height's datum, and k with both."""
     fixed, free = fit(MODEL, campaign(3)), fit(FREE, campaign(3))
     text = pairs(fixed)["K_b", "exponent n"]
-    assert text.startswith("K_b and an unknown exponent n would trade places: r = -0.9")
+    assert text.startswith("K_b and an unknown exponent n would trade places: r = −0.9")
     grown = next(d.u_if_free for d in fixed.degeneracies if d.pair == ("K_b", "exponent n"))
     # and what it costs is what a fit with the exponent free pays
     assert grown == pytest.approx(free.estimates["K_b"].u, rel=0.1)
-    assert pairs(free)["K_b", "n"].startswith("K_b and n trade places: r = -0.9")
+    assert pairs(free)["K_b", "n"].startswith("K_b and n trade places: r = −0.9")
     assert ("K_b", "exponent n") not in pairs(free)
     near = pairs(fit(MODEL, campaign(3, stations=(2.0, 2.5, 3.0, 4.0, 5.0, 7.0))))
     assert "with the height offset free, u(K_b) would grow from" in near["K_b", "height offset"]
@@ -189,7 +189,7 @@ def test_what_no_trial_determines_is_infinitely_uncertain_and_named():
     assert found.theta[0] == pytest.approx(0.0, abs=1e-9)
     assert found.estimates["lambda_"].u == np.inf
     assert np.isfinite(found.estimates["a"].u)
-    assert pairs(found)["lambda_", "anything"] == "lambda_ is not determined by these trials at all"
+    assert pairs(found)["lambda_", "anything"] == "λ is not determined by these trials at all"
 
 
 def test_parameter_covariance_parts_what_is_determined_from_what_is_not():

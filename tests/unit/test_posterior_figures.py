@@ -83,13 +83,14 @@ def test_a_band_holds_the_share_of_curves_that_it_says():
     model = catalogue.model("sanchez_cuevas")
     known = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
     z = np.array([0.2, 1.2, 3.0])
-    low, high = curves.posterior_band(found, "ground", model, z, known)
+    low, middle, high = curves.posterior_quantiles(found, "ground", model, z, known)
     assert np.isnan(low[0])
     assert np.isnan(high[0])
     each = model(z[1:], **known, K_b=spread()[:, None]) - 1
     share = np.mean((each >= low[1:]) & (each <= high[1:]), axis=0)
     np.testing.assert_allclose(share, 0.9, atol=2e-3)
-    assert curves.posterior_band(Evidence(campaign=None), "ground", model, z, known) is None
+    assert np.mean(each < middle[1:], axis=0) == pytest.approx(0.5, abs=2e-3)
+    assert curves.posterior_quantiles(Evidence(campaign=None), "ground", model, z, known) is None
 
 
 def test_how_it_was_sampled_is_said_in_words():

@@ -12,6 +12,7 @@ from nearlift.fitting import heights, remedies
 from nearlift.fitting.budget import Component
 from nearlift.fitting.least_squares import fit
 from nearlift.results import Noise
+from nearlift.rounding import plain, signed
 
 from .simulated import campaign, hsiao
 
@@ -32,8 +33,8 @@ def test_the_datum_that_would_halve_u_does():
     one = next(r for r in knowledge if r.quantity == "distance datum")
     assert one.r > remedies.TRADES
     assert one.unit == "mm"
-    assert f"K_b and the distance datum trade places: r = {one.r:+.2f}" in one.text
-    assert f"knowing it independently to {one.needed:.2g} mm would halve u(K_b)" in one.text
+    assert f"K_b and the distance datum trade places: r = {signed(one.r, 2)}" in one.text
+    assert f"knowing it independently to {plain(one.needed, 2)} mm would halve u(K_b)" in one.text
     # the same trials with that measurement added to the declared datum
     better = (1e-3**-2 + (one.needed / 1000) ** -2) ** -0.5
     again = fit(found.model, found.problem.data, (datum(better),), SCATTER, found.slope, heights.Plan())
@@ -74,7 +75,7 @@ def test_so_many_repeats_halve_it():
     many = dataclasses.replace(data.take(np.tile(np.arange(data.n), n)), visit=np.concatenate([data.visit + k * 1000 for k in range(n)]))
     again = fit(found.model, many, (datum(0.02e-3),), SCATTER, np.tile(found.slope, n), heights.Plan())
     assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.06)
-    assert repeats.text == f"{repeats.times:.3g} times the trials, in the same design, would halve u(K_b)"
+    assert repeats.text == f"{plain(repeats.times, 3)} times the trials, in the same design, would halve u(K_b)"
 
 
 def test_no_number_of_repeats_undoes_a_bent_line():

@@ -5,17 +5,18 @@ from __future__ import annotations
 import copy
 import csv
 import io
+import re
 
 import numpy as np
 import pytest
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.products import FIT, LIFT
+from nearlift.products import FIT, LIFT, POSTERIOR
+from nearlift.rounding import decimals, plus_minus, siunitx
 from nearlift.stages.report import gather
 from nearlift.summaries import curves, fig2, residuals
 from nearlift.summaries.evidence import values
-from nearlift.summaries.rounding import decimals, plus_minus, siunitx
 from nearlift.summaries.tidy import to_csv
 
 
@@ -65,7 +66,8 @@ def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
     model, entry = moved.base("ceiling")
     stood = shifted["z_hat"] + 2e-4 / moved.observations["ceiling"].radius_m
     arguments = {**moved.known("ceiling", model), **values(entry)}
-    np.testing.assert_allclose(shifted["delta_L_percent"], 100 * (model(stood, **arguments) - 1), rtol=1e-9)
+    # the posterior's median is within a thousandth of the fit here; the shift in height takes a twentieth
+    np.testing.assert_allclose(shifted["delta_L_percent"], 100 * (model(stood, **arguments) - 1), rtol=2e-3)
     assert shifted["delta_L_percent"][0] < 0.95 * plain["delta_L_percent"][0]
     assert "0.2 mm farther than recorded" in fig2.caption(moved, again)
     assert "than recorded" not in fig2.caption(still, again).split("Sidewall:")[0].split("Ceiling:")[1]
@@ -82,6 +84,42 @@ def test_band_holds_90_percent_of_draws_from_the_parameters(evidence, table):
     assert np.all(np.abs(inside[near] - 0.9) < 0.03)
 
 
+def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(evidence):
+    """A prior moves the posterior off the least squares: each is drawn under its own name, and the caption has both numbers."""
+    model, entry = evidence.base("ground")
+    draws = evidence.table(POSTERIOR)
+    mine = (draws["boundary"] == "ground") & (draws["model"] == model.name) & (draws["parameter"] == "K_b")
+    moved = copy.deepcopy(evidence)
+    value = moved.table(POSTERIOR)["value"]
+    value[mine] = 1.0 + 0.5 * (value[mine] - value[mine].mean())
+    told = moved.base("ground")[1]["posterior"]["parameters"]["K_b"]
+    told |= {"median": float(np.median(value[mine])), "lo90": 0.9, "hi90": 1.1, "u": 0.06}
+    table = fig2.summarise(moved)
+    line, fitted = (rows(table, panel="ground", kind=kind) for kind in ("band", fig2.LEAST_SQUARES))
+    known = moved.known("ground", model)
+    at_median = 100 * (model(line["z_hat"], **known, K_b=float(np.median(value[mine]))) - 1)
+    np.testing.assert_allclose(line["delta_L_percent"], at_median, rtol=1e-6)
+    np.testing.assert_allclose(fitted["delta_L_percent"], 100 * (model(fitted["z_hat"], **known, **values(entry)) - 1), rtol=1e-9)
+    assert ((line["lo90_percent"] < line["delta_L_percent"]) & (line["delta_L_percent"] < line["hi90_percent"])).all()
+    assert (set(line["label"]), set(fitted["label"])) == ({"S-C (posterior)"}, {"S-C (least squares)"})
+    text = fig2.caption(moved, table)
+    assert "thin line: least squares, which parts from it visibly (ground)" in text
+    assert re.search(r"K_b = 1\.00?, 90 %: 0\.90? to 1\.10?; least squares", text)
+    told["lo90"], moved.base("ground")[1]["parameters"]["K_b"]["lo90"] = None, None
+    endless = rows(fig2.summarise(moved), panel="ground", kind="band")
+    assert np.isnan(endless["lo90_percent"]).all()
+    assert "No band (ground)" in fig2.caption(moved, fig2.summarise(moved))
+
+
+def test_symbols_that_hang_on_a_few_visits_are_said_to(evidence, table, monkeypatch):
+    data = evidence.observations["ground"]
+    visits = len(np.unique(data.visit[data.z_hat == data.z_hat.max()]))
+    monkeypatch.setattr(fig2, "FEW_FAR", visits)
+    assert f"All throttles share the {visits} visits of that station" in fig2.caption(evidence, table)
+    monkeypatch.setattr(fig2, "FEW_FAR", visits - 1)
+    assert "All throttles share" not in fig2._shared_far(evidence, "ground")
+
+
 def test_no_curve_is_drawn_beyond_the_stations(table):
     for boundary in ("ground", "ceiling", "sidewall"):
         data, mine = rows(table, panel=boundary, kind="data"), rows(table, panel=boundary)
@@ -91,7 +129,7 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
 
 def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table):
     text = fig2.caption(evidence, table)
-    for words in ("± 1 standard uncertainty", "90 % band", "spacing is not published", "360 mm", "K_b = 2", "farthest station"):
+    for words in ("± 1 standard uncertainty", "central 90 %", "spacing is not published", "360 mm", "K_b = 2", "farthest station"):
         assert words in text
     model, entry = evidence.base("ground")
     far = float(rows(table, panel="ground", kind="data")["z_hat"].max())

@@ -89,13 +89,15 @@ def test_small_sources_are_drawn_together():
     def line(name, share, kind):
         return {"component": name, "share": share, "type": kind, "u": share**0.5}
 
-    one = [line("large", 0.997, "A"), line("one", 0.0015, "A"), line("two", 0.0015, "B")]
+    one = [line("large", 0.997, "A"), line("one", 0.0015, "A"), line("three", 0.0015 - 1e-9, "A"), line("two", 1e-9, "B")]
     rows = budget._rows([("ground", "K_b", one), ("ceiling", "alpha", [line("large", 1.0, "A")])])
-    assert [(r[0], r[2], r[3], round(r[4], 3)) for r in rows] == [
+    assert [(r[0], r[2], r[3], round(r[4], 9)) for r in rows] == [
         ("ground", "large", "A", 99.7),
-        ("ground", budget.REST, "A + B", 0.3),
+        ("ground", "two", "B", 1e-7),
+        ("ground", budget.REST, "A", pytest.approx(0.3, abs=1e-6)),
         ("ceiling", "large", "A", 100.0),
-        ("ceiling", budget.REST, "A + B", 0.0),
+        ("ceiling", "two", "B", 0.0),
+        ("ceiling", budget.REST, "A", 0.0),
     ]
 
 
@@ -133,7 +135,30 @@ def test_the_budget_as_csv_and_latex(evidence):
     text = tables.budget_table(evidence)
     assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 1
     assert rf"$U_{{95}} = \num{{{own['U95']:.2g}}}$" in text
-    assert all(line.count("&") - line.count(r"\&") == 7 for line in text.splitlines() if line.endswith(r"\\"))
+    assert all(line.count("&") - line.count(r"\&") == 9 for line in text.splitlines() if line.endswith(r"\\"))
+
+
+def test_what_was_declared_keeps_its_line_however_small(evidence):
+    """A declared component that does nothing is an answer too; and what half a degree of freedom says is called no finding."""
+    content = copy.deepcopy(evidence.document(FIT))
+    known = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: content})
+    lines = base(known, "ground")["budget"]["K_b"]["lines"]
+    declared = next(line for line in lines if line["type"] == "B")
+    declared |= {"share": 1e-9, "u": 1e-6}
+    lines[0] |= {"dof": 0.5}
+    text = tables.budget_table(known)
+    row = next(line for line in text.splitlines() if declared["component"] in line)
+    for part in (declared["distribution"], declared["scope"], r"$<\num{0.1}$", r"$\infty$"):
+        assert part in row
+    assert lines[0]["component"] + tables.FOOTMARK in text
+    assert text.rstrip().endswith("no finding.}")
+    assert tables.FOOTMARK not in tables.budget_table(evidence) or any(
+        uncertainty.untold(own["lines"]) for b in evidence.boundaries for own in base(evidence, b)["budget"].values()
+    )
+    ground = next(t for t in uncertainty.budget(known)["tables"] if t["boundary"] == "ground")
+    assert next(r["share"].text for r in ground["rows"] if r["component"] == declared["component"]) == "< 0.1"
+    assert ground["untold"] == [lines[0]["component"]]
+    assert declared["component"] in budget.summarise(known)["component"]
 
 
 def test_the_comparison_as_csv_and_latex(evidence):

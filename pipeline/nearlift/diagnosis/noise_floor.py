@@ -214,9 +214,13 @@ def _maximise(model: _Components, y: FloatArray, basis: FloatArray, sizes: Float
 
 
 def _not_quite_zero(model: _Components, y: FloatArray, basis: FloatArray, sizes: FloatArray) -> FloatArray:
-    """Variances of which those estimated as zero are set to half a standard error: that is all that is known of them.
+    """Variances of which those estimated as zero are set to half a standard error of theirs.
 
-    At zero the trials to which such a component matters most would be taken for more precise than they are.
+    A variance is not negative, so scoring puts it at zero in about half of all campaigns that have little of it, and zero is then the
+    lower end of what the data allow and no estimate. Which components there are changes from trial to trial (force noise grows as lift falls,
+    height noise as the curve steepens): at zero, the trials to which one matters most would be taken for more precise than they are, and tests
+    of structure would lean on just those. What a normal likelihood that peaks at zero leaves of a positive variance has its mode at 0 and its
+    median at 0.67 standard errors; half of one lies between. With much data the standard error, and so the stand-in, goes to zero.
     """
     _, information = model.score(basis, y, sizes)
     error = np.sqrt(2 * np.maximum(np.diag(np.linalg.pinv(information)), 0))

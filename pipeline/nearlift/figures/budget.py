@@ -12,8 +12,8 @@ from matplotlib.patches import Patch
 from nearlift.figures.style import SERIES, Style, coefficient, plain_text
 
 Rows = Mapping[str, Any]
-LOOKS = {"A": (SERIES[0][0], ""), "B": (SERIES[1][0], "////"), "A + B": ("#999999", "")}
-MEANINGS = {"A": "type A: from repeats", "B": "type B: declared", "A + B": "both, each small"}
+LOOKS = {"A": (SERIES[0][0], ""), "B": (SERIES[1][0], "////")}
+MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
 
 
 def draw(table: Rows, look: Style) -> Figure:
@@ -22,6 +22,8 @@ def draw(table: Rows, look: Style) -> Figure:
     components = list(dict.fromkeys(table["component"].tolist()))
     height = min((0.19 * len(components) + 0.75) * look.text_pt / 8, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    # names of sources reach to the figure's edge, and a printer's cut would take their first letter
+    figure.set_layout_engine("constrained", rect=(0.012, 0.0, 0.976, 1.0))
     axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for ax, (boundary, parameter) in zip(axes, panels, strict=True):
         mine = (table["panel"] == boundary) & (table["parameter"] == parameter)

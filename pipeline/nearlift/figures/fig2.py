@@ -61,9 +61,10 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     handles: list[Any] = []
     names: list[str] = []
     curve = _select(rows, rows["kind"] == "band")
+    banded = bool(np.isfinite(curve["lo90_percent"]).any())
     for label in dict.fromkeys(curve["label"].tolist()):
         handles += ax.plot(curve["z_hat"], curve["delta_L_percent"], color=FIT, zorder=3)
-        names.append(f"{plain_text(label)}, 90 % band")
+        names.append(f"{plain_text(label)}, 90 %" if banded else plain_text(label))
     data = _select(rows, rows["kind"] == "data")
     for i, throttle in enumerate(throttles):
         mine = _select(data, data["throttle_fraction"] == throttle)
@@ -83,7 +84,13 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     ax.set_ylim(ax.get_ylim())
     ax.set_xlim(ax.get_xlim())
     band = ax.fill_between(curve["z_hat"], curve["lo90_percent"], curve["hi90_percent"], color=BAND, linewidth=0, zorder=1)
-    handles[:1] = [(band, handles[0])]
+    if banded:
+        handles[:1] = [(band, handles[0])]
+    fitted = _select(rows, rows["kind"] == "least squares")
+    for label in dict.fromkeys(fitted["label"].tolist()):
+        # thin, and in front of the band: the posterior's line is the one to read
+        handles += ax.plot(fitted["z_hat"], fitted["delta_L_percent"], color=FIT, linewidth=0.5 * rcParams["lines.linewidth"], zorder=2.8)
+        names.append(plain_text(label))
     for (colour, dashes), label in zip(REFERENCES, dict.fromkeys(rows["label"][rows["kind"] == "model"].tolist()), strict=False):
         theory = _select(rows, (rows["kind"] == "model") & (rows["label"] == label))
         handles += ax.plot(theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5)

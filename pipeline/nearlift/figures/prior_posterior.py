@@ -29,7 +29,7 @@ def draw(table: Rows, look: Style) -> Figure:
     for letter, panel, ax in zip("abc", panels, axes, strict=False):
         _panel(ax, {k: v[table["panel"] == panel] for k, v in table.items()}, low, high)
         ax.set_title(f"{letter}) {panel}" if len(panels) > 1 else panel, loc="left", fontsize=look.text_pt)
-    axes[0].set_title("width ratio", loc="right", fontsize=look.text_pt - 1, x=1.08)
+    axes[0].annotate("width ratio", (1, 1), xycoords="axes fraction", xytext=(4, 5), textcoords="offset points", fontsize=look.text_pt - 1)
     axes[-1].set_xlabel("in units of the prior's central 90 %")
     return figure
 

@@ -22,7 +22,7 @@ def draw(table: Rows, look: Style) -> Figure:
     columns = min(len(panels), COLUMNS)
     rows = -(-len(panels) // columns)
     width = look.single_in if columns == 1 else look.double_in
-    figure = Figure(figsize=(width, min(1.9 * look.double_in / 6.75 * rows + 0.25, look.height_in)), layout="constrained")
+    figure = Figure(figsize=(width, min(1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4), look.height_in)), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for i, ax in enumerate(axes.flat):
         if i >= len(panels):
@@ -37,7 +37,7 @@ def draw(table: Rows, look: Style) -> Figure:
     for line in axes:
         line[0].set_ylabel(r"rise of $\chi^2$")
     handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels) if columns > 1 else 3)
     return figure
 
 

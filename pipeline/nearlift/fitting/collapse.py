@@ -111,6 +111,9 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
         return found
     values, covariance, chi2 = per_throttle(problem, theta)
     known = np.isfinite(np.diag(covariance))
+    if not known.any():
+        # trials at one distance say nothing of any throttle's coefficient
+        return found
     gain = float(problem.chi2(theta)) - chi2
     inner = np.ix_(known, known)
     centred = np.eye(known.sum()) - 1 / known.sum()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fitting.problem import Problem
+from nearlift.rounding import letter, plain, signed
 
 #: A pair is called degenerate above this correlation.
 DEGENERATE = 0.95
@@ -33,7 +34,7 @@ def degeneracies(
     """Pairs that the data cannot part: parameters with each other and with L_inf, and, were they unknown, with a height offset or the exponent."""
     data = problem.data
     found = [
-        Degeneracy(pair=(a, "anything"), r=1.0, text=f"{a} is not determined by these trials at all")
+        Degeneracy(pair=(a, "anything"), r=1.0, text=f"{letter(a)} is not determined by these trials at all")
         for a, known in zip(problem.names, determined, strict=True)
         if not known
     ]
@@ -46,7 +47,7 @@ def degeneracies(
         for j in range(i):
             r = covariance[i, j] / (sd[i] * sd[j])
             if abs(r) > DEGENERATE:
-                found.append(Degeneracy(pair=(names[j], a), r=float(r), text=f"{names[j]} and {a} trade places: r = {r:+.3f}"))
+                found.append(Degeneracy(pair=(names[j], a), r=float(r), text=f"{letter(names[j])} and {letter(a)} trade places: r = {signed(r, 3)}"))
     toll = problem.level_sensitivity(jacobian)
     _, given = problem.log_levels(theta)
     total = given + toll @ covariance @ toll.T
@@ -55,11 +56,8 @@ def degeneracies(
         for i, a in enumerate(names):
             r = cross[level, i] / (np.sqrt(total[level, level]) * sd[i])
             if abs(r) > DEGENERATE:
-                found.append(
-                    Degeneracy(
-                        pair=(a, f"L_inf at {throttle:.0%}"), r=float(r), text=f"{a} and L_inf at {throttle:.0%} throttle trade places: r = {r:+.3f}"
-                    )
-                )
+                text = f"{letter(a)} and L_inf at {throttle:.0%} throttle trade places: r = {signed(r, 3)}"
+                found.append(Degeneracy(pair=(a, f"L_inf at {throttle:.0%}"), r=float(r), text=text))
     slope = problem.height_slope(theta)
     for name, unit, column in (("height offset", "mm", slope / 1000), ("exponent n", "", problem.log_ratio(theta))):
         if "n" in names and name == "exponent n":
@@ -69,17 +67,18 @@ def degeneracies(
         information = wide @ wide.T
         if not alone @ alone > 0 or np.linalg.cond(information / np.sqrt(np.outer(np.diag(information), np.diag(information)))) > 1e12:
             if alone @ alone > 0:
-                found.append(Degeneracy(pair=(names[0], name), r=1.0, text=f"{names[0]} and the {name} cannot be told apart at all by these trials"))
+                text = f"{letter(names[0])} and the {name} cannot be told apart at all by these trials"
+                found.append(Degeneracy(pair=(names[0], name), r=1.0, text=text))
             continue
         joint = np.linalg.inv(information)
         for i, a in enumerate(names):
             r = joint[i, -1] / np.sqrt(joint[i, i] * joint[-1, -1])
             if abs(r) > DEGENERATE:
                 u = float(np.sqrt(joint[i, i]))
-                own = f"{np.sqrt(joint[-1, -1]):.2g} {unit}".strip()
+                own = f"{plain(float(np.sqrt(joint[-1, -1])), 2)} {unit}".strip()
                 text = (
-                    f"{a} and an unknown {name} would trade places: r = {r:+.3f}; with the {name} free, u({a}) would grow "
-                    f"from {sd[i]:.2g} to {u:.2g}, and the {name} would be known to {own}"
+                    f"{letter(a)} and an unknown {name} would trade places: r = {signed(r, 3)}; with the {name} free, u({letter(a)}) would grow "
+                    f"from {plain(sd[i], 2)} to {plain(u, 2)}, and the {name} would be known to {own}"
                 )
                 found.append(Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u, known_to=own))
     return tuple(found)

@@ -14,6 +14,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fitting import budget, gum
+from nearlift.rounding import letter, plain, signed
 
 if TYPE_CHECKING:
     from nearlift.fitting.least_squares import Fit
@@ -140,26 +141,25 @@ def _remedy(coefficient: str, i: int, coefficients: int, joint: FloatArray, grou
         needed = float(np.exp(low / 2)) * unit_scale
     single = len(rows) == 1
     r = float(cross[0] / np.sqrt(whole * own[0, 0])) if single else float(np.sqrt(max(1 - best / whole, 0.0)))
-    u, u_best = scale * np.sqrt(whole), scale * np.sqrt(best)
+    u, u_best = float(scale * np.sqrt(whole)), float(scale * np.sqrt(best))
     known_to = float(np.sqrt(np.diag(own).mean())) * unit_scale
-    what, each = (name if rows[0] < coefficients else f"the {name}", "it") if single else (f"every {name} together", "each")
+    who = letter(coefficient)
+    what, each = (letter(name) if rows[0] < coefficients else f"the {name}", "it") if single else (f"every {name} together", "each")
     if np.isfinite(needed):
-        size = f"{needed:.2g}" + ("" if unit == "1" else f" {unit}")
-        words = f"knowing {each} independently to {size} would halve u({coefficient})"
+        size = plain(needed, 2) + ("" if unit == "1" else f" {unit}")
+        words = f"knowing {each} independently to {size} would halve u({who})"
     else:
-        words = f"knowing {each} exactly would bring u({coefficient}) from {u:.2g} to {u_best:.2g}, no lower"
+        words = f"knowing {each} exactly would bring u({who}) from {plain(u, 2)} to {plain(u_best, 2)}, no lower"
     verb = "and {} trade places" if single and abs(r) > TRADES else "leans on {}"
-    text = (
-        f"{coefficient} {verb.format(what)}: r = {r:+.2f}; {words}" if single else f"{coefficient} {verb.format(what)}: multiple r = {r:.2f}; {words}"
-    )
+    text = f"{who} {verb.format(what)}: {f'r = {signed(r, 2)}' if single else f'multiple r = {r:.2f}'}; {words}"
     return Remedy(
         coefficient=coefficient,
         quantity=name,
         r=r,
         known_to=known_to,
         needed=needed,
-        u=float(u),
-        u_best=float(u_best),
+        u=u,
+        u_best=u_best,
         unit=unit,
         text=text,
     )
@@ -168,14 +168,17 @@ def _remedy(coefficient: str, i: int, coefficients: int, joint: FloatArray, grou
 def _repeats(coefficient: str, i: int, unknowns: _Unknowns, scale: float) -> Repeats:
     whole = unknowns.covariance()[i, i]
     limit = unknowns.covariance(1e8)[i, i]
-    u, u_limit = scale * np.sqrt(whole), scale * np.sqrt(limit)
+    u, u_limit = float(scale * np.sqrt(whole)), float(scale * np.sqrt(limit))
+    who = letter(coefficient)
     if limit >= whole / 4:
-        text = f"no number of repeats would halve u({coefficient}): it falls from {u:.2g} to {u_limit:.2g} at best, the rest is shared by all trials"
-        return Repeats(coefficient=coefficient, times=float("inf"), u_limit=float(u_limit), text=text)
+        text = (
+            f"no number of repeats would halve u({who}): it falls from {plain(u, 2)} to {plain(u_limit, 2)} at best, the rest is shared by all trials"
+        )
+        return Repeats(coefficient=coefficient, times=float("inf"), u_limit=u_limit, text=text)
     low, high = 0.0, float(np.log(1e8))
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (low, middle) if unknowns.covariance(np.exp(middle))[i, i] < whole / 4 else (middle, high)
     times = float(np.exp(high))
-    text = f"{times:.3g} times the trials, in the same design, would halve u({coefficient})"
-    return Repeats(coefficient=coefficient, times=times, u_limit=float(u_limit), text=text)
+    text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
+    return Repeats(coefficient=coefficient, times=times, u_limit=u_limit, text=text)

@@ -11,9 +11,9 @@ from nearlift.nomenclature import VERDICTS
 from nearlift.pages.charts import forest as chart
 from nearlift.pages.charts.chart import embedded
 from nearlift.pages.render import Picture, policy, scripts, templates
+from nearlift.rounding import letter
 from nearlift.summaries import forest
 from nearlift.summaries.evidence import Columns
-from nearlift.summaries.rounding import letter
 
 TITLE = "Campaigns compared"
 

@@ -12,10 +12,10 @@ from nearlift.declare import Boundary, LiftModel
 from nearlift.flow.downwash import WARNINGS
 from nearlift.pages.number import Number, chance, cite, pointer, quote
 from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY, JOINT
+from nearlift.rounding import fixed, like, plain
 from nearlift.summaries import fig5
 from nearlift.summaries.evidence import Evidence, values
 from nearlift.summaries.flow_panels import cut, manifest
-from nearlift.summaries.rounding import fixed, like, plain
 
 #: What the paper says, and what of it stands; tests recompute every number.
 CLAIMS = (

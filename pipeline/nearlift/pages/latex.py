@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from nearlift.products import FIT
+from nearlift.rounding import siunitx
 from nearlift.summaries.evidence import Columns, Evidence
-from nearlift.summaries.rounding import siunitx
 
 SYMBOLS = {"alpha": r"\alpha", "lambda_": r"\lambda", "inverse_K_b": "1/K_b"}
 SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", **{c: "\\" + c for c in "&%$#_{}"}}
@@ -27,7 +27,7 @@ FIELDS = (
     "chi2",
     "dof",
     "n_trials",
-    "rmse_percent",
+    "in_sample_rmse_percent",
     "aic",
     "bic",
 )
@@ -55,7 +55,7 @@ def table(evidence: Evidence) -> str:
         r"% \usepackage{booktabs, siunitx}",
         r"\begin{tabular}{llllrr}",
         r"\toprule",
-        r"Boundary & Model & Coefficient & 90\,\% interval & $\chi^2/\nu$ & RMSE (\%) \\",
+        r"Boundary & Model & Coefficient & 90\,\% interval & $\chi^2/\nu$ & {In-sample RMSE (\%)} \\",
         r"\midrule",
     ]
     for i, boundary in enumerate(evidence.boundaries):
@@ -84,7 +84,7 @@ def _model(boundary: str, fit: dict[str, Any], base: bool) -> list[str]:
 def _interval(e: dict[str, Any], u: float) -> str:
     if not (math.isfinite(u) and u > 0):
         return "--"
-    from nearlift.summaries.rounding import decimals
+    from nearlift.rounding import decimals
 
     places = max(decimals(u), 0)
     return rf"\numrange{{{e['lo90']:.{places}f}}}{{{e['hi90']:.{places}f}}}" + (" (at bound)" if e["at_bound"] else "")

@@ -8,8 +8,8 @@ from nearlift.lock import size
 from nearlift.pages.number import Number, cite, pointer
 from nearlift.products import QUALITY
 from nearlift.reduction.quality import code
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import plain
 
 #: Trials that the page lists; all of them stand in quality.json.
 MOST_ROWS = 5000

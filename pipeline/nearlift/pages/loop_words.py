@@ -9,9 +9,9 @@ from nearlift import catalogue
 from nearlift.diagnosis.structure import DRAWS
 from nearlift.pages.number import Number, Quoted, chance, cite, pointer, quote
 from nearlift.products import DIAGNOSIS
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Evidence
 from nearlift.summaries.loop import tried
-from nearlift.summaries.rounding import plain
 
 #: More parameters than this (a gain for every session) are told by their range.
 PARAMETERS = 3

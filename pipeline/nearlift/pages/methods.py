@@ -16,8 +16,8 @@ from nearlift.pages.latex import SYMBOLS, escape
 from nearlift.pages.references import bibtex, keys
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
+from nearlift.rounding import plain, plus_minus
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import plain, plus_minus
 
 VERDICTS = {
     "adequate": "nothing was left beyond the noise floor",

@@ -8,10 +8,11 @@ from typing import Any
 from nearlift.declare import Boundary
 from nearlift.fitting import budget
 from nearlift.pages.number import Number, cite, pointer, quote
+from nearlift.pages.uncertainty import untold
 from nearlift.pages.verdict import reduced
 from nearlift.products import FIT
+from nearlift.rounding import fixed, letter, plain, signed
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import fixed, letter, plain
 
 #: How a degeneracy names L_inf, before the throttle.
 LEVEL = "L_inf at "
@@ -83,7 +84,7 @@ def _sentence(second: str, group: list[dict[str, Any]], parameters: dict[str, An
 
 def _range(r: list[float]) -> str:
     """``r = −0.984``, or from one to the other."""
-    low, high = (f"{x:+.3f}".replace("-", "−") for x in (min(r), max(r)))
+    low, high = (signed(x, 3) for x in (min(r), max(r)))
     return f"r = {low}" if low == high else f"r = {low} to {high}"
 
 
@@ -114,6 +115,7 @@ def noise(evidence: Evidence) -> dict[str, Any]:
                 "force": cite(evidence, FIT, "noise", boundary, "force_N", digits=3, scale=1000, how="in mN"),
                 "height": cite(evidence, FIT, "noise", boundary, "height_m", digits=3, scale=1000, how="in mm"),
                 "source": evidence.document(FIT)["noise"][boundary]["source"],
+                "untold": sorted({c for own in evidence.base(boundary)[1].get("budget", {}).values() for c in untold(own["lines"])}),
                 "dof": cite(evidence, FIT, "noise", boundary, "dof", digits=6) if dof is not None and math.isfinite(dof) else None,
             }
         )

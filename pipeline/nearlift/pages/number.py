@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nearlift.products import DIAGNOSIS, Product
+from nearlift.rounding import fixed, like, plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import fixed, like, plain
 
 LEAST_CHANCE = 1e-12
 #: Fewer degrees of freedom than this are printed with a decimal.

@@ -7,8 +7,8 @@ from typing import Any
 from nearlift.declare import Boundary
 from nearlift.pages.number import cite, quote
 from nearlift.products import FIT
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import plain
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:

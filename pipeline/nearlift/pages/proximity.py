@@ -11,9 +11,9 @@ from nearlift.declare import BOUNDARIES
 from nearlift.pages.number import Number, cite
 from nearlift.products import DETECTION, PROXIMITY
 from nearlift.proximity import inverse
+from nearlift.rounding import plain
 from nearlift.summaries.detection import case
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import plain
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:

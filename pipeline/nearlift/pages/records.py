@@ -12,8 +12,8 @@ from nearlift.declare import BOUNDARIES
 from nearlift.pages.number import count
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import CODES, reason, rejected
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import plain
 
 NAMES = {"none": "free air"}
 

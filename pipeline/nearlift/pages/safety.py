@@ -7,10 +7,10 @@ from typing import Any
 from nearlift.declare import BOUNDARIES
 from nearlift.pages.number import Number, cite
 from nearlift.products import SAFETY
+from nearlift.rounding import plain
 from nearlift.simulation import presets
 from nearlift.simulation.route import BERTH
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import plain
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:

@@ -9,14 +9,15 @@ import numpy as np
 
 from nearlift.pages.latex import SYMBOLS, comment, escape
 from nearlift.pages.number import FEW
+from nearlift.pages.uncertainty import LEAST, untold
 from nearlift.products import FIT
 from nearlift.summaries.evidence import Columns, Evidence
 
 BUDGET = ("component", "type", "distribution", "scope", "u_input", "unit", "sensitivity", "u", "share", "dof")
 SCORES = ("visits", "skipped", "elpd", "d_elpd", "u_d_elpd", "rmse", "d_rmse", "u_d_rmse", "aic", "bic", "r2")
 UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
-#: Sources below this share are left to the CSV.
-LEAST = 0.0005
+#: What a figure or table calls a score: every RMSE here is of visits left out.
+HEADS = {"rmse": "held_out_rmse", "d_rmse": "d_held_out_rmse", "u_d_rmse": "u_d_held_out_rmse"}
 
 
 def budget(evidence: Evidence) -> Columns:
@@ -34,7 +35,7 @@ def budget(evidence: Evidence) -> Columns:
 
 
 def comparison(evidence: Evidence) -> Columns:
-    """Every model's scores, a row each; `rmse` in log lift."""
+    """Every model's scores, a row each; `held_out_rmse` in log lift, of visits foretold from all others."""
     content = evidence.document(FIT)
     rows = []
     for boundary, own in content.get("comparison", {}).items():
@@ -43,7 +44,7 @@ def comparison(evidence: Evidence) -> Columns:
             weight = (fit.get("log_evidence") or {}).get("value")
             head = (boundary, model, model == own["reference"], len(fit["parameters"]))
             rows.append((*head, *(_cell(scores[k]) for k in SCORES), _cell(weight)))
-    names = ("boundary", "model", "base", "free", *SCORES, "log_evidence")
+    names = ("boundary", "model", "base", "free", *(HEADS.get(k, k) for k in SCORES), "log_evidence")
     return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
 
 
@@ -56,32 +57,51 @@ def budget_table(evidence: Evidence) -> str:
     lines = _head(
         evidence,
         "uncertainty budget of each coefficient of the base models",
-        r"Coefficient & Source & Type & Shared by & {Standard uncertainty} & {Sensitivity} & {$u$} & {Share (\%)} \\",
-        "llllrrrr",
+        r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} & {Sensitivity} & {$u$} & {Share (\%)} & {$\nu$} \\",
+        "lllllrrrrr",
     )
-    first = True
+    first, marked = True, False
     for boundary in evidence.boundaries:
         for name, own in evidence.base(boundary)[1].get("budget", {}).items():
             lines += [] if first else [r"\addlinespace"]
             first = False
             label = f"${SYMBOLS.get(name, name)}$, {boundary}"
+            few = untold(own["lines"])
+            marked = marked or bool(few)
             for line in sorted(own["lines"], key=lambda one: -one["share"]):
-                if line["share"] < LEAST:
+                if line["share"] < LEAST and line["type"] == "A":
+                    # tables/budget.csv has it
                     continue
                 unit = UNITS[line["unit"]]
                 size = rf"\qty{{{line['u_input']:.3g}}}{{{unit}}}" if unit else rf"\num{{{line['u_input']:.3g}}}"
                 per = rf"\qty{{{line['sensitivity']:.3g}}}{{\per{unit}}}" if unit else rf"\num{{{line['sensitivity']:.3g}}}"
                 lines.append(
-                    f"{label} & {escape(line['component'])} & {line['type']} & {escape(line['scope'])} & {size} & {per} & "
-                    rf"\num{{{line['u']:.2g}}} & \num{{{100 * line['share']:.1f}}} \\"
+                    f"{label} & {escape(line['component'])}{FOOTMARK if line['component'] in few else ''} & {line['type']} & "
+                    f"{escape(line['distribution'])} & {escape(line['scope'])} & {size} & {per} & "
+                    rf"\num{{{line['u']:.2g}}} & {_share(line['share'])} & {_dof(line['dof'])} \\"
                 )
                 label = ""
-            dof = rf"\num{{{own['dof']:.{0 if own['dof'] >= FEW else 1}f}}}" if own["dof"] is not None and math.isfinite(own["dof"]) else r"\infty"
             lines.append(
-                rf"{label} & combined, $\nu_\mathrm{{eff}} = {dof}$, $k = \num{{{own['k']:.2f}}}$, "
-                rf"$U_{{95}} = \num{{{own['U95']:.2g}}}$ & & & & & \num{{{own['u']:.2g}}} & \num{{100}} \\"
+                rf"{label} & combined, $k = \num{{{own['k']:.2f}}}$, $U_{{95}} = \num{{{own['U95']:.2g}}}$ & & & & & & "
+                rf"\num{{{own['u']:.2g}}} & \num{{100}} & {_dof(own['dof'])} \\"
             )
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", *([FOOTNOTE] if marked else []), ""])
+
+
+FOOTMARK = r"$^{*}$"
+FOOTNOTE = (
+    rf"\par\smallskip{{\footnotesize {FOOTMARK}\,Fewer than two degrees of freedom: repeats tell nothing of this size, "
+    "which is what they cannot exclude and no finding.}"
+)
+
+
+def _share(share: float) -> str:
+    return r"$<\num{0.1}$" if 0 < share < LEAST else rf"\num{{{100 * share:.1f}}}"
+
+
+def _dof(dof: float | None) -> str:
+    """Degrees of freedom as text mode has them: one decimal below ten."""
+    return rf"\num{{{dof:.{0 if dof >= FEW else 1}f}}}" if dof is not None and math.isfinite(dof) else r"$\infty$"
 
 
 def comparison_table(evidence: Evidence) -> str:

@@ -7,12 +7,14 @@ from typing import Any
 from nearlift.declare import Boundary
 from nearlift.pages.number import Number, cite, degrees, follow, pointer, quote, share
 from nearlift.products import DIAGNOSIS, FIT
+from nearlift.rounding import fixed, plain
 from nearlift.summaries import superseded as loop
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import fixed, plain
 
-#: A source with less than this share of a coefficient's variance is told by number only.
+#: A source from repeats with less than this share of a coefficient's variance is told by number only; a declared one always has its line.
 LEAST = 0.0005
+#: A size estimated with fewer degrees of freedom than this is no finding.
+TELLING = 2.0
 #: A difference of predictive scores below so many units is none, whatever its interval: there the standard error is no guide.
 LEAST_SCORE = 4.0
 #: A difference of AIC beyond this is explained where prediction sees none.
@@ -41,7 +43,7 @@ def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name:
     here = (*path, "budget", name)
     rows, small = [], 0
     for i, line in sorted(enumerate(own["lines"]), key=lambda pair: -pair[1]["share"]):
-        if line["share"] < LEAST:
+        if line["share"] < LEAST and line["type"] == "A":
             small += 1
             continue
         at = (*here, "lines", str(i))
@@ -66,11 +68,17 @@ def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name:
         "quoted": quote(evidence, FIT, *path, "parameters", name),
         "rows": rows,
         "small": small,
+        "untold": untold(own["lines"]),
         "u": cite(evidence, FIT, *here, "u", digits=3),
         "dof": degrees(evidence, FIT, *here, "dof"),
         "k": cite(evidence, FIT, *here, "k", digits=3),
         "U95": cite(evidence, FIT, *here, "U95", digits=2),
     }
+
+
+def untold(lines: list[dict[str, Any]]) -> list[str]:
+    """The sources of which repeats tell next to nothing; `lines` as in a budget of fit.json."""
+    return [str(line["component"]) for line in lines if line["dof"] is not None and line["dof"] < TELLING]
 
 
 def superseded(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, Any] | None:

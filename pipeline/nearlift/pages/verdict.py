@@ -11,8 +11,8 @@ from nearlift.fitting.budget import components
 from nearlift.pages.number import LEAST_CHANCE, Number, Quoted, cite, interval, pointer, quote
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.rounding import letter, plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.rounding import letter, plain
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
 REJECTED = 1e-3

@@ -6,7 +6,7 @@ import numpy as np
 
 from nearlift.fitting import collapse, held_quantity
 from nearlift.fitting.rotor import PAPER, Rotor
-from nearlift.summaries.rounding import plus_minus
+from nearlift.rounding import plus_minus
 
 NO_SPEED = "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is estimated per throttle."
 NO_DENSITY = "The density of air is not known: give air_density in [rig], or log temperature (pressure, humidity)."

@@ -198,7 +198,7 @@ def run(out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: 
 
 def table(content: dict[str, Any]) -> list[str]:
     """comparison.json as lines of text."""
-    from nearlift.summaries.rounding import like, plain
+    from nearlift.rounding import like, plain
 
     lines = []
     for group in content["groups"]:
@@ -217,7 +217,7 @@ def table(content: dict[str, Any]) -> list[str]:
 
 
 def _chance(p: float) -> str:
-    from nearlift.summaries.rounding import plain
+    from nearlift.rounding import plain
 
     return f"p = {plain(p, 2)}" if p > LEAST_CHANCE else f"p < {LEAST_CHANCE:g}"
 

@@ -9,8 +9,8 @@ from typing import Any
 from nearlift import store
 from nearlift.errors import UsageError
 from nearlift.products import DIAGNOSIS, FIT, PROVENANCE
+from nearlift.rounding import fixed, like, plain
 from nearlift.summaries.forest import WIDTH_90
-from nearlift.summaries.rounding import fixed, like, plain
 
 #: What of a run decides its numbers, and how a line of the table calls it.
 PARTS = ("inputs", "manifest", "options", "versions", "code", "products", "report")

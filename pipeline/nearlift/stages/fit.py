@@ -39,6 +39,10 @@ def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[Lif
     return base, tuple(m for m in rivals if m.name != base.name)
 
 
+#: A chi² that would be exceeded in all but so small a share of campaigns says that the declared errors are not there.
+SURELY_LESS = 1e-6
+
+
 def run(job: Job) -> Outcome:
     """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends the run with exit code 5."""
     trials = job.read(TRIALS)
@@ -86,6 +90,7 @@ def run(job: Job) -> Outcome:
                 continue
             if model is base:
                 notes += [f"{boundary}: {p['unlike_fit']}" for p in found["parameters"].values() if p["unlike_fit"]]
+                notes += overdeclared(result)
             fits[model.name] |= {"log_evidence": found.pop("log_evidence"), "posterior": found}
         content["base"][boundary] = base.name
         content["boundaries"][boundary] = fits
@@ -113,6 +118,18 @@ def run(job: Job) -> Outcome:
         # draws of an earlier fit beside those of this one would be taken for its own
         job.remove("processed/posterior.nc")
     return Outcome(notes=tuple(notes))
+
+
+def overdeclared(result: Fit) -> list[str]:
+    """A note where trials scatter far less than the manifest declares of what repeats would show; empty where they do not."""
+    from scipy.stats import chi2
+
+    if not result.dof or chi2.cdf(result.chi2, result.dof) > SURELY_LESS:
+        return []
+    found = f"chi² = {result.chi2:.3g} for {result.dof} degrees of freedom"
+    where = result.problem.data.boundary
+    note = f"{where}: trials scatter far less than the declared errors would have them ({found}): an [[uncertainty]] is too large for its scope"
+    return [f"{note}, and intervals are too wide"]
 
 
 def record(result: Fit, data: Observations) -> dict[str, Any]:

@@ -19,10 +19,10 @@ from nearlift.errors import NearliftError
 from nearlift.lock import Busy
 from nearlift.products import FIT, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.rounding import letter, plus_minus
 from nearlift.stages import graph
 from nearlift.stages.job import silent
 from nearlift.stages.opening import open_job
-from nearlift.summaries.rounding import letter, plus_minus
 
 #: Seconds between looks, unless told otherwise.
 PERIOD_S = 5.0

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
-from nearlift.summaries.rounding import letter, like, plain, plus_minus
+from nearlift.rounding import letter, like, plain, plus_minus
 
 if TYPE_CHECKING:
     from nearlift.study.found import Coefficient, Diagnosis, Drawing, Finding, Finished, Fit, Reduction

@@ -20,8 +20,8 @@ from nearlift.declare import FloatArray
 from nearlift.diagnosis.families import cosines
 from nearlift.diagnosis.setting import SCHEDULE_WORDS
 from nearlift.results import Observations
+from nearlift.rounding import plain
 from nearlift.summaries.residuals import DISTINCT, bins
-from nearlift.summaries.rounding import plain
 
 #: Residuals are drawn against so many covariates at most.
 MOST = 2

@@ -8,8 +8,8 @@ import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.products import FIT
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence
-from nearlift.summaries.rounding import plain
 
 PARTS = ("throttle", "exponent", "rotor")
 NUMBERS = ("x", "value", "lo90", "hi90", "lo90_apart", "hi90_apart")

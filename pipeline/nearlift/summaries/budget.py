@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.rounding import letter
 from nearlift.summaries import superseded
 from nearlift.summaries.evidence import Columns, Evidence
-from nearlift.summaries.rounding import letter
 
-#: A source below this share of every coefficient is drawn with the others like it.
+#: A source from repeats below this share of every coefficient is drawn with the others like it; what was declared is always drawn.
 LEAST = 0.002
-REST = "all others"
+REST = "all other scatter"
 NOTHING = 5e-4
 
 
@@ -22,7 +22,7 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared, A + B where many small ones are added up),
+        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared),
         `share_percent` of the variance, `u` that it adds to the coefficient. Every panel has every component, the largest on the whole first.
     """
     bars = [(b, name, entry["lines"]) for b in evidence.boundaries for name, entry in evidence.base(b)[1].get("budget", {}).items()]
@@ -43,7 +43,7 @@ def _rows(bars: list[tuple[Any, str, list[dict[str, Any]]]]) -> list[tuple[Any, 
     for _, _, lines in bars:
         for line in lines:
             shares.setdefault(line["component"], []).append(line["share"])
-    shown = sorted((c for c in shares if max(shares[c]) >= LEAST), key=lambda c: -sum(shares[c]))
+    shown = sorted((c for c in shares if max(shares[c]) >= LEAST or _type(bars, c) == "B"), key=lambda c: -sum(shares[c]))
     small = any(c not in shown and max(shares[c]) >= NOTHING for c in shares)
     rows: list[tuple[Any, ...]] = []
     for boundary, name, lines in bars:
@@ -54,7 +54,7 @@ def _rows(bars: list[tuple[Any, str, list[dict[str, Any]]]]) -> list[tuple[Any, 
         if small:
             rest = [line for line in lines if line["component"] not in shown]
             u = float(np.sqrt(sum(line["u"] ** 2 for line in rest)))
-            rows.append((boundary, name, REST, "A + B", 100 * sum(line["share"] for line in rest), u))
+            rows.append((boundary, name, REST, "A", 100 * sum(line["share"] for line in rest), u))
     return rows
 
 
@@ -71,14 +71,12 @@ def caption(evidence: Evidence, table: Columns) -> str:
         words.append(f"{letter(name)} ({panel}): {table['component'][top]}, {table['share_percent'][top]:.0f} %")
     return (
         "Share of each source of error in the variance of each coefficient of the base models; type A from repeats, type B declared in the "
-        f"manifest. {superseded.warning(evidence)}The shares of a panel add to 100 %. Largest: {'; '.join(words)}. A source that an L_inf per "
-        "throttle absorbs has no share."
+        f"manifest, always shown. {superseded.warning(evidence)}The shares of a panel add to 100 %. Largest: {'; '.join(words)}. A source "
+        "that an L_inf per throttle absorbs has no share."
     )
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """The same for who cannot see it."""
-    return (
-        f"Horizontal bars in {len(set(zip(table['panel'], table['parameter'], strict=True)))} panels. "
-        + caption(evidence, table).split("Largest: ")[1]
-    )
+    n = len(set(zip(table["panel"], table["parameter"], strict=True)))
+    return f"Horizontal bars in {n} panel{'s' if n != 1 else ''}. " + caption(evidence, table).split("Largest: ")[1]

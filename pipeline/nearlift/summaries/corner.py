@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.products import POSTERIOR
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
-from nearlift.summaries.rounding import plain
 
 BINS, CELLS = 40, 26
 #: Shares of the draws between which an axis runs.

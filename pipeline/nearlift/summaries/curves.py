@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from nearlift.summaries.evidence import Evidence, values
 
 #: Normal quantile of a two-sided 90 % interval, for a fit that quotes none of its own.
 NORMAL_90 = 1.6448536269514722
+#: Two curves that part by less than this much of what the data span are one line in a figure.
+VISIBLE = 0.01
 
 
 def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, Any]) -> FloatArray:
@@ -40,10 +43,40 @@ def uncertainty(model: LiftModel, z_hat: FloatArray, known: Mapping[str, Any], e
     return result
 
 
-def posterior_band(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """L / L_inf - 1 of a base model over distance, arrays of shape (n,).
+
+    Attributes
+    ----------
+    middle, low, high : array
+        The posterior's pointwise median and central 90 %; where there is no posterior, least squares with the band that the covariance of
+        its parameters implies. `low` and `high` are nan where the intervals of the coefficients have no end.
+    least_squares : array
+    sampled : bool
+        Whether `middle` is the posterior's.
+    """
+
+    middle: FloatArray
+    low: FloatArray
+    high: FloatArray
+    least_squares: FloatArray
+    sampled: bool
+
+    @property
+    def banded(self) -> bool:
+        """Whether there is a band to draw."""
+        return bool(np.isfinite(self.low).any())
+
+    def parts(self, span: float) -> bool:
+        """Whether least squares can be told from `middle` in a panel whose data span so much; a prior, or a curve that bends, parts them."""
+        return self.sampled and bool(np.nanmax(np.abs(self.least_squares - self.middle), initial=0.0) > VISIBLE * span)
+
+
+def posterior_quantiles(
     evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray, known: Mapping[str, Any]
-) -> tuple[FloatArray, FloatArray] | None:
-    """Central 90 % of L / L_inf - 1 at each `z_hat` over the posterior's draws; None where there are none."""
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """The 5, 50 and 95 % quantiles of L / L_inf - 1 at each `z_hat` over the posterior's draws; None where there are none."""
     if not evidence.has(POSTERIOR):
         return None
     draws = evidence.table(POSTERIOR)
@@ -54,24 +87,32 @@ def posterior_band(
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         value = np.asarray(model(z_hat, **known, **each), dtype=float) - 1
     inside = np.isfinite(ratio(model, z_hat, {**known, **{n: float(np.median(x)) for n, x in each.items()}}))
-    low, high = np.nanquantile(np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.95], axis=0)
-    return np.where(inside, low, np.nan), np.where(inside, high, np.nan)
+    low, middle, high = np.nanquantile(np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.5, 0.95], axis=0)
+    return np.where(inside, low, np.nan), np.where(inside, middle, np.nan), np.where(inside, high, np.nan)
 
 
-def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """L / L_inf - 1 of the base model as fitted, and its 90 % band: the posterior's where there is one, else the covariance's.
+def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray) -> Curve:
+    """The base model's curve as believed, with its 90 % band, and as least squares has it.
 
     `z_hat` is as recorded; the model is taken where the rotor stood, by the height error that the fit found.
     """
     entry = evidence.base(boundary)[1]
     z_hat = z_hat + height_found_m(entry) / evidence.observations[boundary].radius_m
     known = evidence.known(boundary, model)
-    delta = ratio(model, z_hat, {**known, **values(entry)}) - 1
-    drawn = posterior_band(evidence, boundary, model, z_hat, known)
+    fitted = ratio(model, z_hat, {**known, **values(entry)}) - 1
+    drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
     if drawn is None:
         reach = quantile90(entry) * uncertainty(model, z_hat, known, entry)
-        drawn = delta - reach, delta + reach
-    return delta, *drawn
+        drawn = fitted - reach, fitted, fitted + reach
+    low, middle, high = drawn
+    if endless(entry):
+        low, high = np.full_like(middle, np.nan), np.full_like(middle, np.nan)
+    return Curve(middle=middle, low=low, high=high, least_squares=fitted, sampled=middle is not fitted)
+
+
+def endless(entry: Mapping[str, Any]) -> bool:
+    """Whether a determined coefficient's 90 % interval has no end, because no repeats tell what the trials of a visit share."""
+    return any(e["u"] is not None and e["lo90"] is None for e in entry["parameters"].values())
 
 
 def height_found_m(entry: Mapping[str, Any]) -> float:

@@ -8,8 +8,8 @@ import numpy as np
 
 from nearlift.declare import BOUNDARIES
 from nearlift.products import DETECTION, PROXIMITY
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
-from nearlift.summaries.rounding import plain
 
 REAL = ("payload_percent", "voltage_percent", "x", "y", "lo90", "hi90")
 

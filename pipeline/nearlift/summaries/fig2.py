@@ -16,9 +16,9 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.products import LIFT, POSTERIOR
+from nearlift.rounding import fixed, letter, like, plain, plus_minus
 from nearlift.summaries import curves
-from nearlift.summaries.evidence import Columns, Evidence, stack, text_column, values
-from nearlift.summaries.rounding import fixed, letter, plain, plus_minus
+from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
 POINTS = 240
 #: A departure of this much at the farthest station can be seen in the figure, and is explained.
@@ -27,6 +27,10 @@ VISIBLE = 0.002
 PQUAD_SPACING_HAT = 3.0
 #: What other spacings would be plausible, for the caption.
 PQUAD_RANGE = (2.5, 4.0)
+#: How a curve's label says where it comes from; the latter is also the kind of a least-squares curve beside a posterior's.
+POSTERIOR_LABEL, LEAST_SQUARES = "posterior", "least squares"
+#: Up to so many visits of the station that gives L_inf are said to move all symbols of a panel together.
+FEW_FAR = 6
 SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattananon": "H-C"}
 
 
@@ -59,7 +63,7 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `kind` (data, model, band or overlay), `label`, `throttle_fraction` (data only), `z_hat`,
+        `panel` (boundary), `kind` (data, model, band, least squares or overlay), `label`, `throttle_fraction` (data only), `z_hat`,
         `delta_L_percent`, `u_delta_L_percent` (one standard uncertainty), `lo90_percent`, `hi90_percent` (band only).
     """
     cells = evidence.table(LIFT)
@@ -79,7 +83,7 @@ def summarise(evidence: Evidence) -> Columns:
         for reference in references(evidence, boundary):
             curve = curves.ratio(catalogue.model(reference.model), grid, reference.arguments)
             rows.append(_rows(boundary, "model", reference.label, grid, 100 * (curve - 1)))
-        rows.append(_fit(evidence, boundary, grid))
+        rows += _fit(evidence, boundary, grid, float(np.nanmax(cell["delta_L"]) - np.nanmin(cell["delta_L"])))
     table = stack(rows)
     keep = np.isfinite(table["delta_L_percent"]) & (table["z_hat"] > 0)
     return {name: column[keep] for name, column in table.items()}
@@ -91,11 +95,16 @@ def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
     return [r for r in REFERENCES if r.boundary == boundary and (several or not r.several_only)]
 
 
-def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> Columns:
+def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float) -> list[Columns]:
+    """The base model's curve and band, and least squares beside it where the two can be told apart."""
     model, _ = evidence.base(boundary)
-    label = f"{SHORT.get(model.name, model.title)} (fit)"
-    delta, low, high = curves.band(evidence, boundary, model, grid)
-    return _rows(boundary, "band", label, grid, 100 * delta, lo90=100 * low, hi90=100 * high)
+    short = SHORT.get(model.name, model.title)
+    curve = curves.band(evidence, boundary, model, grid)
+    label = f"{short} ({POSTERIOR_LABEL if curve.sampled else LEAST_SQUARES})"
+    rows = [_rows(boundary, "band", label, grid, 100 * curve.middle, lo90=100 * curve.low, hi90=100 * curve.high)]
+    if curve.parts(span):
+        rows.append(_rows(boundary, LEAST_SQUARES, f"{short} ({LEAST_SQUARES})", grid, 100 * curve.least_squares))
+    return rows
 
 
 def _rows(boundary: str, kind: str, label: Any, z_hat: FloatArray, delta: FloatArray, **more: FloatArray) -> Columns:
@@ -118,8 +127,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know to read the figure, numbers included."""
     parts = ["Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius."]
     parts.append("Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which a throttle's cells share through L∞.")
-    source = "of its posterior" if evidence.has(POSTERIOR) else "that the covariance of its parameters implies"
-    parts.append(f"Solid line and shade: base model fitted to the trials, with the pointwise 90 % band {source}.")
+    parts.append(_line_note(evidence, table))
     drawn = {r.label for b in evidence.boundaries for r in references(evidence, b)}
     if "C-B (theory)" in drawn:
         parts.append("C-B: Cheeseman and Bennett, one rotor.")
@@ -137,9 +145,25 @@ def caption(evidence: Evidence, table: Columns) -> str:
     return " ".join(p for p in parts if p)
 
 
+def _line_note(evidence: Evidence, table: Columns) -> str:
+    """What line and shade are, and where least squares would be another line."""
+    if not evidence.has(POSTERIOR):
+        return "Solid line and shade: base model by least squares, with the pointwise 90 % band that the covariance of its parameters implies."
+    apart = list(dict.fromkeys(table["panel"][table["kind"] == LEAST_SQUARES].tolist()))
+    beside = (
+        f"thin line: least squares, which parts from it visibly ({', '.join(apart)}), as where a prior still has a say"
+        if apart
+        else "least squares falls on the same line"
+    )
+    endless = [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]
+    none = f" No band ({', '.join(endless)}): the intervals of the coefficients have no end." if endless else ""
+    return f"Solid line and shade: base model, its posterior's pointwise median and central 90 %; {beside}.{none}"
+
+
 def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> str:
     model, entry = evidence.base(boundary)
-    coefficients = ", ".join(f"{letter(n)} = {plus_minus(e['value'], e['u'] or math.nan)}" for n, e in entry["parameters"].items())
+    by_least_squares = bool(((table["panel"] == boundary) & (table["kind"] == LEAST_SQUARES)).any())
+    coefficients = ", ".join(_coefficient(n, entry, by_least_squares) for n in entry["parameters"])
     of = f" ({coefficients})" if coefficients else ""
     mine = (table["panel"] == boundary) & (table["kind"] == "data")
     if not mine.any():
@@ -153,11 +177,37 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
     cells = evidence.table(LIFT)
     lacking = cells["throttle"][(cells["boundary"] == boundary) & np.isnan(np.asarray(cells["delta_L"], dtype=float))]
     without = f" No trial far away at {', '.join(f'{100 * t:.3g} %' for t in np.unique(lacking))} throttle, hence no ΔL." if len(lacking) else ""
-    there = float(curves.ratio(model, np.array([far]), {**evidence.known(boundary, model), **values(entry)})[0] - 1)
+    there = float(curves.band(evidence, boundary, model, np.array([far])).middle[0])
     apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
     return (
         f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, "
-        f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}.{without}{moved}"
+        f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}.{_shared_far(evidence, boundary)}{without}{moved}"
+    )
+
+
+def _coefficient(name: str, entry: Mapping[str, Any], apart: bool) -> str:
+    """``K_b = 2.0 ± 0.3``; where least squares and posterior part, both."""
+    e = entry["parameters"][name]
+    fitted = plus_minus(e["value"], e["u"] or math.nan)
+    if not apart:
+        return f"{letter(name)} = {fitted}"
+    drawn = entry["posterior"]["parameters"][name]
+    if drawn["lo90"] is None:
+        return f"{letter(name)} = {like(drawn['median'], drawn['u'])}, no end to its interval; least squares {plain(e['value'])}"
+    middle, low, high = (like(drawn[k], drawn["u"]) for k in ("median", "lo90", "hi90"))
+    return f"{letter(name)} = {middle}, 90 %: {low} to {high}; least squares {fitted}"
+
+
+def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
+    """That the symbols hang on a few visits of one station, where they do."""
+    data = evidence.observations[boundary]
+    far = data.z_hat == data.z_hat.max()
+    visits = len(np.unique(data.visit[far]))
+    if visits > FEW_FAR or len(data.levels) < 2 or len(np.unique(data.throttle[far])) < len(data.levels):
+        return ""
+    return (
+        f" All throttles share {'one visit' if visits == 1 else f'the {visits} visits'} of that station: what one visit has and others have not "
+        "moves all symbols of the panel together, and they stand off the curve as one."
     )
 
 
@@ -174,6 +224,6 @@ def alt(evidence: Evidence, table: Columns) -> str:
             f"Near the {boundary}, {levels} throttle{'s' if levels > 1 else ''}, ẑ from {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}: "
             f"ΔL runs from {plain(float(delta.min()), 3)} % to {plain(float(delta.max()), 3)} %, strongest at ẑ = {plain(float(z[top]), 3)}."
         )
-    lines = list(dict.fromkeys(table["label"][np.isin(table["kind"], ["model", "band", "overlay"])].tolist()))
+    lines = list(dict.fromkeys(table["label"][np.isin(table["kind"], ["model", "band", LEAST_SQUARES, "overlay"])].tolist()))
     panels = f"{len(parts)} panel{'s' if len(parts) != 1 else ''}"
     return f"Lift change against distance, {panels}. {' '.join(parts)} Drawn beside the data: {'; '.join(lines)}."

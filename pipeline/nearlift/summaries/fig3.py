@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.piv_manifest import Piv, PivCase
+from nearlift.rounding import fixed, plain
 from nearlift.summaries.evidence import Columns, Evidence, stack
 from nearlift.summaries.flow_panels import cut, field_rows, manifest, origin, profile_rows, reduction_text, rows, title
-from nearlift.summaries.rounding import fixed, plain
 
 #: Distances of the paper's Figure 3, taken where the manifest names no cases.
 PAPER_Z_HAT = {"ground": 3.4, "ceiling": 2.0}

@@ -8,9 +8,9 @@ from nearlift.declare import FloatArray
 from nearlift.flow.contrast import difference
 from nearlift.flow.field import Field
 from nearlift.piv_manifest import PivCase
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence, stack
 from nearlift.summaries.flow_panels import field_rows, manifest, nodes, origin, title
-from nearlift.summaries.rounding import plain
 
 LEVEL = 1e-3
 ROWS = ("ceiling", "ground")

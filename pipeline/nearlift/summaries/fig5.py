@@ -9,10 +9,10 @@ import numpy as np
 
 from nearlift.piv_manifest import PivCase
 from nearlift.products import FLOW, FLOW_TOPOLOGY
+from nearlift.rounding import fixed, plain
 from nearlift.summaries.evidence import Columns, Evidence, stack
 from nearlift.summaries.fig4 import LEVEL
 from nearlift.summaries.flow_panels import field_rows, manifest, origin, rows, title
-from nearlift.summaries.rounding import fixed, plain
 
 
 def cases(evidence: Evidence) -> list[PivCase]:

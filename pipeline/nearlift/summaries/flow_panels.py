@@ -12,8 +12,8 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
 from nearlift.piv_manifest import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
+from nearlift.rounding import fixed
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
-from nearlift.summaries.rounding import fixed
 
 #: Everything a node has; other rows leave most of it empty.
 NUMBERS = ("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag")

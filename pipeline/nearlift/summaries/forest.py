@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.rounding import letter, like
 from nearlift.summaries.evidence import Columns
-from nearlift.summaries.rounding import letter, like
 
 #: A 90 % interval of a normal is so many standard deviations wide.
 WIDTH_90 = 3.289707253902945

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.diagnosis.search import FORM_SD, RIVAL
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence
-from nearlift.summaries.rounding import plain
 
 MEANINGS = {
     "adequate": "nothing beyond the noise, so nothing is added",

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from nearlift.declare import Boundary
 from nearlift.products import LIFT, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.rounding import plain, plus_minus
 from nearlift.summaries.evidence import Columns, Evidence
-from nearlift.summaries.rounding import plain, plus_minus
 
 #: So many trials are named; the rest are counted.
 NAMED = 6

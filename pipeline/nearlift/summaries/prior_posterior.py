@@ -8,8 +8,8 @@ import numpy as np
 
 from nearlift.declare import BOUNDARIES
 from nearlift.products import FIT
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence
-from nearlift.summaries.rounding import plain
 
 #: Above this ratio of widths the prior still has a say; as `fitting.learnt` has it.
 SHAPED = 0.3

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from nearlift.products import PROFILES
+from nearlift.rounding import letter
 from nearlift.summaries import superseded
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
-from nearlift.summaries.rounding import letter
 
 #: Profiles are drawn up to this rise of chi2.
 TOP = 6.5
@@ -57,14 +57,14 @@ def caption(evidence: Evidence, table: Columns) -> str:
         for name, own in evidence.base(boundary)[1].get("profiles", {}).items():
             what = f"{letter(name)} ({boundary})"
             if own["open"]:
-                open_ends.append(f"{what}: no {' or '.join(sorted({e for ends in own['open'].values() for e in ends}))} end")
+                open_ends.append(f"{what}: no {' or '.join(sorted({e for ends in own['open'].values() for e in ends}))} end within the bounds")
             elif own["skew"] is not None and abs(np.log(own["skew"])) > LOPSIDED:
                 lopsided.append(f"{what}: {own['skew']:.2f}")
             else:
                 straight.append(what)
     words = [f"the parabola serves for {', '.join(straight)}"] if straight else []
     words += [f"upper over lower half of the 90 % interval, {'; '.join(lopsided)}"] if lopsided else []
-    words += open_ends
+    words += [f"the profile stays open, {'; '.join(open_ends)}"] if open_ends else []
     text = "; ".join(words)
     return (
         "Rise of chi² above its least with one coefficient held, L_inf and everything else optimised again (line), and the parabola of its standard "
@@ -76,4 +76,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """The same for who cannot see it."""
     n = len(set(zip(table["panel"], table["parameter"], strict=True)))
-    return f"Curves of chi² against the coefficient in {n} panels, each beside a parabola. " + caption(evidence, table).rsplit("intervals. ", 1)[1]
+    return (
+        f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each beside a parabola. "
+        + caption(evidence, table).rsplit("intervals. ", 1)[1]
+    )

@@ -11,10 +11,10 @@ from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.products import TRIALS
+from nearlift.rounding import fixed, plain, plus_minus
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 from nearlift.summaries.points import force_unit, throttle_key
 from nearlift.summaries.residuals import ORDER, bins, covariates, residuals
-from nearlift.summaries.rounding import fixed, plain, plus_minus
 
 #: More dots than this are drawn in part, evenly in run order; means are always of all trials.
 DRAWN = 1000

@@ -17,9 +17,9 @@ from nearlift.fitting.problem import height_slope, need, usable
 from nearlift.products import FIT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results import Noise, Observations
+from nearlift.rounding import plain
 from nearlift.summaries import curves
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column, values
-from nearlift.summaries.rounding import plain
 
 #: Up to this many distinct values a covariate is binned by value, beyond it by quantiles.
 DISTINCT = 24

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from nearlift.products import CRASH_RATES, SAFETY
+from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence, stack
 from nearlift.summaries.fig6 import SIDES, curve_rows
-from nearlift.summaries.rounding import plain
 
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
 FLOOR = 0.5

@@ -10,10 +10,10 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.pages.charts.chart import AREAS, DASHES, SERIES, SHAPES, Chart, Choice, Control, Spec, View, axis, column, frame, params, shade
 from nearlift.products import FIT
+from nearlift.rounding import letter, like, plus_minus
 from nearlift.summaries import curves, fig2
 from nearlift.summaries.evidence import Columns, Evidence, values
 from nearlift.summaries.points import force_unit, points, throttle_key
-from nearlift.summaries.rounding import letter, plus_minus
 
 GRID = 90
 HEIGHT = 300
@@ -86,7 +86,7 @@ def _view(evidence: Evidence, boundary: Boundary, cells: Columns, looks: dict[st
     for i, name in enumerate(("colour", "shape", "area")):
         cells[name] = column([looks[str(t)][i] for t in cells["throttle"]])
     grid = np.geomspace(cells["z_hat"].min(), cells["z_hat"].max(), GRID)
-    drawn, choices, levels = _models(evidence, boundary, grid)
+    drawn, choices, levels = _models(evidence, boundary, grid, float(np.nanmax(cells["delta"]) - np.nanmin(cells["delta"])) / 100)
     data = {"cells": cells, "curves": drawn}
     beside = _overlays(evidence, boundary)
     if beside:
@@ -111,7 +111,7 @@ def _view(evidence: Evidence, boundary: Boundary, cells: Columns, looks: dict[st
     )
 
 
-def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> tuple[Columns, list[Choice], dict[str, dict[str, float]]]:
+def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float) -> tuple[Columns, list[Choice], dict[str, dict[str, float]]]:
     """Curves of all fitted models and of the literature's, what chooses them, and L_inf of each model and throttle."""
     scale = force_unit(evidence)[0]
     fits = evidence.document(FIT)["boundaries"][boundary]
@@ -134,7 +134,14 @@ def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> tuple[C
         )
 
     own = curves.band(evidence, boundary, base, grid)
-    add(base.name, f"{entry['title']}, fitted{_coefficients(entry)}", own[0] + 1, entry, True, (own[1] + 1, own[2] + 1))
+    apart = own.parts(span)
+    if own.sampled:
+        # the line's own level, for its lift in newtons
+        entry = {**entry, "L_inf_N": {t: {"value": e["median"]} for t, e in entry["posterior"]["L_inf_N"].items()}}
+    source = f"posterior median{_medians(entry) if apart else _coefficients(entry)}" if own.sampled else f"least squares{_coefficients(entry)}"
+    add(base.name, f"{entry['title']}, {source}", own.middle + 1, entry, True, (own.low + 1, own.high + 1))
+    if apart:
+        add("least squares", f"{entry['title']}, least squares{_coefficients(entry)}", own.least_squares + 1, entry, True)
     for reference in fig2.references(evidence, boundary):
         add(f"reference:{reference.label}", reference.label, curves.ratio(catalogue.model(reference.model), grid, reference.arguments), entry, True)
     for name, fit in fits.items():
@@ -142,7 +149,7 @@ def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> tuple[C
         if name != base.name:
             stood = grid + curves.height_found_m(fit) / evidence.observations[boundary].radius_m
             ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **values(fit)})
-            add(name, f"{fit['title']}, fitted{_coefficients(fit)}", ratio, fit, False)
+            add(name, f"{fit['title']}, least squares{_coefficients(fit)}", ratio, fit, False)
     names = ("z_hat", "ratio", "lo", "hi", "model", "label", "colour", "dash")
     return {n: column([x for row in rows for x in (row[n].tolist() if isinstance(row[n], np.ndarray) else row[n])]) for n in names}, choices, levels
 
@@ -150,6 +157,12 @@ def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray) -> tuple[C
 def _coefficients(entry: dict[str, Any]) -> str:
     told = ", ".join(f"{letter(n)} = {plus_minus(e['value'], e['u'] or 0.0)}" for n, e in entry["parameters"].items())
     return f" ({told})" if told else ""
+
+
+def _medians(entry: dict[str, Any]) -> str:
+    """Coefficients of the posterior's line, where least squares would say otherwise."""
+    told = ", ".join(f"{letter(n)} = {like(e['median'], e['u'])}" for n, e in entry["posterior"]["parameters"].items())
+    return f" ({told})"
 
 
 def _overlays(evidence: Evidence, boundary: Boundary) -> Columns:

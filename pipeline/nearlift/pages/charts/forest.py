@@ -8,9 +8,9 @@ import numpy as np
 
 from nearlift.nomenclature import VERDICTS
 from nearlift.pages.charts.chart import Chart, Choice, Control, Spec, View, column, frame, params
+from nearlift.rounding import letter
 from nearlift.summaries.evidence import Columns
 from nearlift.summaries.forest import interval, select
-from nearlift.summaries.rounding import letter
 
 LINE = 30
 SHAPES = {"": "circle", "adequate": "circle", "effect": "square", "unexplained": "circle"}

@@ -8,10 +8,10 @@ import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.pages.charts.chart import SERIES, Chart, Choice, Control, Spec, View, column, frame, params, shade
+from nearlift.rounding import plain, plus_minus
 from nearlift.summaries.evidence import Columns, Evidence
 from nearlift.summaries.residual_points import dots, every_covariate, sums, word
 from nearlift.summaries.residuals import summarise
-from nearlift.summaries.rounding import plain, plus_minus
 
 HEIGHT = 300
 #: With more throttles than this, and with as many as a held voltage or power gives, they are neither told apart nor chosen.

@@ -56,6 +56,11 @@ def fixed(value: float, places: int) -> str:
     return text.replace("-", "−")
 
 
+def signed(value: float, places: int) -> str:
+    """A number with its sign, a plus too, as a correlation has it: ``−0.984``."""
+    return ("+" if value >= 0 else "") + fixed(value, places)
+
+
 def letter(parameter: str) -> str:
     """A coefficient's name as a caption has it: Greek where it is Greek."""
     return {"alpha": "α", "lambda_": "λ"}.get(parameter, parameter)
