@@ -157,7 +157,7 @@ def test_what_was_declared_keeps_its_line_however_small(evidence):
     )
     ground = next(t for t in uncertainty.budget(known)["tables"] if t["boundary"] == "ground")
     assert next(r["share"].text for r in ground["rows"] if r["component"] == declared["component"]) == "< 0.1"
-    assert ground["untold"] == [lines[0]["component"]]
+    assert lines[0]["component"] in ground["untold"]
     assert declared["component"] in budget.summarise(known)["component"]
 
 
