@@ -29,6 +29,7 @@ def workspace(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.stem)
+@pytest.mark.usefixtures("plain_pictures")
 def test_blocks_run(page, workspace, monkeypatch):
     monkeypatch.chdir(workspace)
     runner = Runner()

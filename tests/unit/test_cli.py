@@ -77,6 +77,7 @@ def test_a_second_run_does_nothing(raw, finished):
     assert state(finished) == before
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_raw_is_never_touched(raw, tmp_path):
     """Content and times of every file, and no new one, whatever is run."""
     before, folders = state(raw), {p: p.stat().st_mtime_ns for p in (raw, raw / "trials")}
@@ -157,6 +158,7 @@ def test_2_for_usage(raw, tmp_path, words, text):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_3_for_rejected_trials_each_with_its_reason_now_and_later(raw, tmp_path):
     root, out = copy(raw, tmp_path / "raw"), tmp_path / "out"
     lost, broken = sorted((root / "trials").glob("*.csv"))[5:7]
@@ -212,6 +214,7 @@ def test_5_for_a_base_model_that_cannot_be_fitted(tmp_path):
     assert not (tmp_path / "processed/means/fit.json").exists()
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_130_for_an_interrupt_after_which_the_same_command_goes_on(raw, tmp_path, monkeypatch):
     def interrupted(_):
         raise KeyboardInterrupt

@@ -25,7 +25,9 @@ def folders(tmp_path_factory):
 @pytest.fixture(scope="module")
 def alone(folders, tmp_path_factory):
     out = tmp_path_factory.mktemp("alone")
-    told = small_run.nearlift("run", *folders, "--out", out, "--executor", "serial", "--json")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nearlift.figures.render.render", small_run.undrawn)
+        told = small_run.nearlift("run", *folders, "--out", out, "--executor", "serial", "--json")
     return out, told
 
 

@@ -53,6 +53,13 @@ class Elements(HTMLParser):
         return [attributes for name, attributes in self.found if name == tag]
 
 
+@pytest.fixture(autouse=True)
+def quick(request):
+    """`made` is drawn, and drawn again by one test; the others read the page and not its pictures."""
+    if request.function is not test_running_twice_gives_the_same_bytes:
+        request.getfixturevalue("plain_pictures")
+
+
 def digests(folder):
     return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.rglob("*")) if p.is_file()}
 

@@ -18,6 +18,7 @@ from nearlift.stages.watch import Round, watch
 
 from . import small_run
 
+pytestmark = pytest.mark.usefixtures("plain_pictures")
 FIRST = graph.STAGES[:2]
 PERIOD_S = 0.05
 
