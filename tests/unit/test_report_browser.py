@@ -70,6 +70,16 @@ def test_it_renders_without_a_word_and_asks_for_nothing(page, address, tmp_path,
     assert corner < 60 if name == "dark" else corner > 240
 
 
+def test_the_whole_page_with_flow_and_flights_is_light_silent_and_asks_for_nothing(page, demo):
+    file = demo / "reports" / "demo" / "index.html"
+    assert file.stat().st_size < 5_000_000
+    page.open(file.as_uri())
+    assert page.run("document.documentElement.dataset.charts") == "drawn"
+    assert page.run("['fig2', 'residuals', 'flow', 'safety', 'proximity'].every(id => document.getElementById(id).querySelector('img, svg'))")
+    assert page.errors == []
+    assert [r for r in page.requests if not r.startswith("data:")] == [file.as_uri()]
+
+
 def test_every_cell_is_a_mark_described_by_its_numbers(page, address, job):
     page.open(address)
     cells = job.read(LIFT)

@@ -34,9 +34,11 @@ KNOWN = {
         "  journal = {IEEE/ASME Transactions on Mechatronics},\n  year = {2019},\n  doi = {10.1109/TMECH.2019.2929589}\n}"
     ),
     "jimenezcano2019": (
-        "@article{jimenezcano2019,\n  author = {Jimenez-Cano, A. E. and Sanchez-Cuevas, P. J. and others},\n"
-        "  title = {Contact-Based Bridge Inspection Multirotors},\n  journal = {IEEE Robotics and Automation Letters},\n"
-        "  volume = {4},\n  number = {4},\n  year = {2019},\n  doi = {10.1109/LRA.2019.2928206}\n}"
+        "@article{jimenezcano2019,\n"
+        "  author = {Jimenez-Cano, A. E. and Sanchez-Cuevas, P. J. and Grau, P. and Ollero, A. and Heredia, G.},\n"
+        "  title = {Contact-Based Bridge Inspection Multirotors: Design, Modeling, and Control Considering the Ceiling Effect},\n"
+        "  journal = {IEEE Robotics and Automation Letters},\n"
+        "  volume = {4},\n  number = {4},\n  pages = {3561--3568},\n  year = {2019},\n  doi = {10.1109/LRA.2019.2928206}\n}"
     ),
     "gum2008": (
         "@techreport{gum2008,\n  author = {{Joint Committee for Guides in Metrology}},\n"
