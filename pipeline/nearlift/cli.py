@@ -472,7 +472,9 @@ DIALECT = click.option(
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--from", "given", is_flag=True, help="FILES follow: records that are there already. The manifest says what they say.")
+@click.option(
+    "--from", "given", is_flag=True, help="FILES follow: records that are there already, or their folders. The manifest says what they say."
+)
 @DIALECT
 @common
 def new(folder: Path, files: tuple[Path, ...], given: bool, dialect: str, quiet: bool, as_json: bool, **_: Any) -> None:

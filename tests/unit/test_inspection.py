@@ -152,6 +152,18 @@ def test_new_from_files_writes_what_they_say_and_marks_the_rest(tmp_path):
     assert (again.exit_code, "is there already" in again.stderr) == (2, True)
 
 
+def test_new_from_a_folder_takes_all_its_files(tmp_path):
+    for i in range(3):
+        written.put(tmp_path, f"rig/{i}.lvm", written.lvm(FORCE))
+    written.put(tmp_path, "rig/.hidden", b"no record")
+    assert nearlift("new", tmp_path / "c", "--from", tmp_path / "rig").exit_code == 0
+    assert [row.partition(",")[0] for row in (tmp_path / "c" / "trials.csv").read_text().splitlines()[1:]] == ["0", "1", "2"]
+    (tmp_path / "none").mkdir()
+    empty = nearlift("new", tmp_path / "d", "--from", tmp_path / "none")
+    assert (empty.exit_code, "holds no files" in empty.stderr) == (2, True)
+    assert not (tmp_path / "d").exists()
+
+
 def test_new_from_files_in_the_folder_leaves_them_where_they_are(tmp_path):
     paths = [written.put(tmp_path, f"c/data/{i}.csv", written.rcbenchmark(FORCE)) for i in range(2)]
     assert nearlift("new", tmp_path / "c", "--from", *paths).exit_code == 0

@@ -92,19 +92,21 @@ def slug(folder: Path) -> str:
 def write_from(folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] | None = None) -> tuple[list[Path], list[str]]:
     """Write a campaign for records that are there: the manifest with what the files say, a schedule with a line for each.
 
+    A folder among `files` stands for all plain files in it, hidden ones aside.
     `dialect` is how to read them, as ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied into
     ``trials/``. Returns what was written, and what is left to fill in.
 
     Raises
     ------
     UsageError
-        The folder has a manifest or a schedule already, or two files would be one trial.
+        The folder has a manifest or a schedule already, a folder of records is empty, or two files would be one trial.
     InputRefused
         A file cannot be read, or the files are not of one kind.
     """
     for name in ("campaign.toml", "trials.csv"):
         if (folder / name).exists():
             raise UsageError(str(folder / name), "is there already", "name a new folder; nothing is ever overwritten")
+    files = [file for path in files for file in (_within(path) if path.is_dir() else (path,))]
     found = [inspect(path, dialect) for path in files]
     for other in found[1:]:
         if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {c.name for c in found[0].contents.channels}:
@@ -137,6 +139,13 @@ def write_from(folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] |
     (folder / "trials.csv").write_text(lines, encoding="utf-8")
     left = [f"campaign.toml, line {i}: {line.split('#')[0].strip()}" for i, line in enumerate(text.splitlines(), 1) if "FILL IN" in line]
     return written, [*left, f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
+
+
+def _within(folder: Path) -> list[Path]:
+    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    if not files:
+        raise UsageError(str(folder), "holds no files", "name the folder that the records are in, or the records")
+    return files
 
 
 def _around(targets: Sequence[str]) -> tuple[str, str]:
