@@ -110,10 +110,14 @@ def repeated(far: dict[float, float], repeats: int, noise: float) -> dict[str, A
 
 
 def test_a_lift_of_another_throttle_is_marked_where_repeats_show_it() -> None:
-    trials = repeated(FAR, 5, 0.01)
+    trials = repeated(FAR, 8, 0.01)
     assert not plausibility.other_throttle(trials).any()
     trials["throttle"][1] = 0.92
     assert np.flatnonzero(plausibility.other_throttle(trials)).tolist() == [1]
+    # nor is a supply that sags a label, though the sagged lift lies nearer to a lower throttle's
+    sagged = repeated({0.50: 0.239, 0.52: 0.249}, 8, 0.001)
+    sagged["lift_N"][9] = 0.2425
+    assert not plausibility.other_throttle(sagged).any()
     # one trial each says nothing, nor does a label where two throttles lift alike within the scatter
     assert not plausibility.other_throttle(repeated(FAR, 1, 0.01)).any()
     assert not plausibility.other_throttle(repeated({0.50: 0.239, 0.51: 0.241}, 20, 0.01)).any()

@@ -20,8 +20,8 @@ FloatArray = NDArray[np.float64]
 TOO_HEAVY = 100.0
 #: Times the weight between which the largest far lift of a flying vehicle usually lies.
 ODD = (0.2, 6.0)
-#: As many trials at one place and throttle have a usual lift.
-FEWEST_ALIKE = 3
+#: As many trials at one place and throttle show how well they repeat.
+FEWEST_TO_REPEAT = 5
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
 
@@ -199,8 +199,8 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
 def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     """Trials that lift as those of another throttle do at their place: their label may be wrong.
 
-    Such a trial stands nearer to another throttle's median at its boundary and distance than to its own, of three trials or more
-    each, and six times their usual scatter off.
+    Such a trial stands six times the usual scatter off its own throttle's median, and within three times of another's, of five trials
+    or more each: a supply that sags moves lift too, but it does not land on another throttle whose trials repeat well.
     """
     lift = np.asarray(table["lift_N"], dtype=float)
     good = np.flatnonzero(~rejected(table["quality"]) & np.isfinite(lift))
@@ -209,16 +209,14 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     place = np.unique(np.column_stack([side, table["z_hat"][good]]), axis=0, return_inverse=True)[1].ravel()
     ends = np.cumsum(np.bincount(place, minlength=1))[:-1]
     for here in np.split(good[np.argsort(place, kind="stable")], ends):
-        if len(here) < 2 * FEWEST_ALIKE:
-            continue
         throttle = table["throttle"][here]
-        levels = [t for t in np.unique(throttle) if np.count_nonzero(throttle == t) >= FEWEST_ALIKE]
+        levels = [t for t in np.unique(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT]
         medians = np.array([np.median(lift[here][throttle == t]) for t in levels])
+        scatter = np.array([1.4826 * np.median(np.abs(lift[here][throttle == t] - m)) for t, m in zip(levels, medians, strict=True)])
         for k, level in enumerate(levels):
             own = here[throttle == level]
-            off = np.abs(lift[own] - medians[k])
-            nearest = np.abs(lift[own, None] - medians).argmin(axis=1)
-            found[own] = (nearest != k) & (off > 6 * 1.4826 * np.median(off))
+            off = np.abs(lift[own, None] - medians)
+            found[own] = (off[:, k] > 6 * scatter[k]) & np.any(np.delete(off, k, axis=1) < 3 * np.delete(scatter, k), axis=1)
     return found
 
 
