@@ -11,6 +11,7 @@ from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.few_visits import applies
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import SILENT, Answer, Stage
+from nearlift.rounding import letter, plain, signed
 
 #: A coefficient that owes this share of its information to one distance or visit rests on it.
 RESTS = 0.5
@@ -36,9 +37,10 @@ def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[d
             row = {"effect": effect.name, "coefficient": parameter.name, "before": before, "after": after, "correlation": r}
             if abs(r) >= CONFOUNDED:
                 fate = "its sign turns" if before * after < 0 else "it changes"
+                name = letter(parameter.name)
                 row["text"] = (
-                    f"{parameter.name} goes from {before:.3g} to {after:.3g} ({fate}): over these trials {effect.name} and distance go together "
-                    f"(correlation {r:+.2f}), so a fit without {effect.name} charges it to {parameter.name}."
+                    f"{name} goes from {plain(before, 3)} to {plain(after, 3)} ({fate}): over these trials {effect.name} and distance go together "
+                    f"(correlation {signed(r, 2)}), so a fit without {effect.name} charges it to {name}."
                 )
             found.append(row)
     return found
