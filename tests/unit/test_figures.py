@@ -56,7 +56,7 @@ def test_panels_are_labelled_with_units_and_curves_named(table):
     assert figure.axes[0].get_ylabel() == r"$\Delta L$ (%)"
     assert all(ax.get_xlabel() == r"$\hat{z}$" for ax in figure.axes)
     named = [t.get_text() for t in figure.axes[0].get_legend().get_texts()]
-    assert named == ["S-C (fit), 90 % band", "C-B (theory)", "S-C (PQuad)"]
+    assert named == ["S-C (posterior), 90 %", "C-B (theory)", "S-C (PQuad)"]
     assert [t.get_text() for t in figure.legends[0].get_texts()] == ["throttle:", "25 %", "50 %", "75 %", "92 %"]
 
 

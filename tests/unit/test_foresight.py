@@ -109,7 +109,8 @@ def test_harm_is_the_shift_of_a_fit_to_trials_that_hold_the_effect(foresight):
 def test_a_near_double_is_a_rival_and_a_stranger_is_not(foresight):
     contest = foresight.contest(handle("image_strength"), 0.2)
     assert contest.seen > 0.95
-    assert contest.rivals["held_quantity"] > 0.8
+    assert contest.rivals["held_quantity"] > 0.6
+    assert contest.rivals["airframe_stagnation"] > 0.8
     assert contest.rivals.get("supply_sag", 0.0) < 0.05
     assert contest.alone < 0.1
     shares = foresight.absorbed(handle("image_strength"))
