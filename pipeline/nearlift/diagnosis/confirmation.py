@@ -95,9 +95,8 @@ def improves(stage: Stage, scored: HeldOut) -> bool:
     and an effect that shows everywhere else would be lost with them. No trial counts for more than `OUTLIER` standard deviations.
     """
     keep = scored.predicted
-    noise = dataclasses.replace(stage.noise, height_m=0.0, serial=0.0) if stage.independent else stage.noise
     data, slope = stage.data.take(keep), stage.slope[keep]
-    covariance = trial_covariance(data, noise, slope, extra=budget.own_variance(data, stage.parts, slope))
+    covariance = trial_covariance(data, stage.assumed_noise, slope, extra=budget.own_variance(data, stage.parts, slope))
 
     def misfit(residual: FloatArray) -> FloatArray:
         return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
@@ -107,20 +106,31 @@ def improves(stage: Stage, scored: HeldOut) -> bool:
     return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
 
 
-def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
-    """Root mean square and its 90 % interval: log mean square by visits, jackknifed, with Student's t."""
+def standard_error(without: FloatArray) -> FloatArray:
+    """Standard uncertainty of each entry from the jackknife's values (visits, ...), one for each visit left out; infinite for a single one."""
+    blocks = len(without)
+    if blocks < 2:
+        return np.full(without.shape[1:], np.inf)
+    result: FloatArray = np.sqrt((blocks - 1) / blocks * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    return result
+
+
+def _half90(without: FloatArray) -> float:
+    """Half of a 90 % interval from the jackknife's values (visits,), with Student's t."""
     from scipy.stats import t
 
+    return float(t.ppf(0.95, len(without) - 1) * standard_error(without))
+
+
+def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
+    """Root mean square and its 90 % interval: log mean square by visits, jackknifed."""
     _, label = np.unique(visit, return_inverse=True)
     squares, count = np.bincount(label, residual**2), np.bincount(label)
-    blocks = len(count)
     total = squares.sum() / count.sum()
-    if blocks < 3 or total <= 0:
-        return float(np.sqrt(total)), float("nan"), float("nan")
-    without = np.log((squares.sum() - squares) / (count.sum() - count))
-    spread = np.sqrt((blocks - 1) / blocks * np.sum((without - without.mean()) ** 2))
-    half = t.ppf(0.95, blocks - 1) * spread / 2
     value = np.sqrt(total)
+    if len(count) < 3 or total <= 0:
+        return float(value), float("nan"), float("nan")
+    half = _half90(np.log((squares.sum() - squares) / (count.sum() - count))) / 2
     return float(value), float(value * np.exp(-half)), float(value * np.exp(half))
 
 
@@ -128,18 +138,14 @@ def change(before: FloatArray, after: FloatArray, visit: IntArray) -> tuple[floa
     """Relative change of the root mean square, negative where it falls, and its 90 % interval, visit by visit in pairs.
 
     The same trials stand on both sides and share their noise, so the change is known far better than either error: log ratio,
-    jackknifed over visits, with Student's t. Nan where there are fewer than three visits or nothing is left to compare.
+    jackknifed over visits. Nan where there are fewer than three visits or nothing is left to compare.
     """
-    from scipy.stats import t
-
     _, label = np.unique(visit, return_inverse=True)
     one, other = np.bincount(label, before**2), np.bincount(label, after**2)
-    blocks = len(one)
-    if blocks < 3 or min(one.sum(), other.sum()) <= 0:
+    if len(one) < 3 or min(one.sum(), other.sum()) <= 0:
         return float("nan"), float("nan"), float("nan")
     log_ratio = np.log(other.sum() / one.sum()) / 2
-    without = np.log((other.sum() - other) / (one.sum() - one)) / 2
-    half = t.ppf(0.95, blocks - 1) * np.sqrt((blocks - 1) / blocks * np.sum((without - without.mean()) ** 2))
+    half = _half90(np.log((other.sum() - other) / (one.sum() - one)) / 2)
     return float(np.expm1(log_ratio)), float(np.expm1(log_ratio - half)), float(np.expm1(log_ratio + half))
 
 

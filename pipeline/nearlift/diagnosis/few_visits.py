@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray
 from nearlift.diagnosis import coefficients, noise_floor
 from nearlift.diagnosis.candidate import Candidate, Fitted, fit, search
-from nearlift.diagnosis.confirmation import FEW_VISITS, predict
+from nearlift.diagnosis.confirmation import FEW_VISITS, predict, standard_error
 from nearlift.diagnosis.search import RIVAL, SILENT, Answer, Explanation, Stage, visibility
 from nearlift.results import Observations
 
@@ -145,15 +145,6 @@ def jackknife(stage: Stage, fitted: Fitted) -> FloatArray:
         if without.size == candidate.size:
             rows.append(fit(without, part.space, part.log_lift, fitted.vector).vector)
     return np.array(rows).reshape(-1, candidate.size)
-
-
-def standard_error(vectors: FloatArray) -> FloatArray:
-    """Standard uncertainty of each entry from the jackknife's vectors (visits, P)."""
-    blocks = len(vectors)
-    if blocks < 2:
-        return np.full(vectors.shape[1], np.inf)
-    result: FloatArray = np.sqrt((blocks - 1) / blocks * np.sum((vectors - vectors.mean(axis=0)) ** 2, axis=0))
-    return result
 
 
 def quantile(stage: Stage) -> float:

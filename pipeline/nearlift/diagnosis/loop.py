@@ -257,7 +257,7 @@ def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str
     """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session where it has one each."""
     fitted = explanation.fitted
     if stage.independent:
-        errors = few_visits.standard_error(few_visits.jackknife(stage, fitted))
+        errors = confirmation.standard_error(few_visits.jackknife(stage, fitted))
         return _intervals(fitted, effect, errors, few_visits.quantile(stage))
     spread = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
     return _intervals(fitted, effect, spread, 1.645)

@@ -121,11 +121,15 @@ class Stage:
         """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""
         slope = self.slope
         if self.independent:
-            alone = dataclasses.replace(self.noise, height_m=0.0, serial=0.0)
-            return Problem(model=self.base, data=self.data, covariance=trial_covariance(self.data, alone, slope))
+            return Problem(model=self.base, data=self.data, covariance=trial_covariance(self.data, self.assumed_noise, slope))
         shared = np.hstack([budget.shared(self.data, self.parts, slope), wander(self.data)])
-        covariance = trial_covariance(self.data, self.noise, slope, shared, budget.own_variance(self.data, self.parts, slope))
+        covariance = trial_covariance(self.data, self.assumed_noise, slope, shared, budget.own_variance(self.data, self.parts, slope))
         return Problem(model=self.base, data=self.data, covariance=covariance)
+
+    @property
+    def assumed_noise(self) -> Noise:
+        """The noise floor, without what ties the trials of a visit together where they are fitted as if nothing did."""
+        return dataclasses.replace(self.noise, height_m=0.0, serial=0.0) if self.independent else self.noise
 
     @cached_property
     def slope(self) -> FloatArray:
