@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+EXECUTOR ?= processes
 READY  := $(VENV)/.ready
 
 .PHONY: demo test lint bench calibrate docs clean
@@ -21,8 +22,8 @@ lint: $(READY)            ## format, lint, types, layers
 bench: $(READY)           ## every benchmark beside its peer
 	$(BIN)/python -m benchmarks
 
-calibrate: $(READY)       ## the statistical promises, at record level; hours on a laptop
-	$(BIN)/pytest -m calibration -n auto --durations=0
+calibrate: $(READY)       ## the statistical promises, at record level; hours on a laptop, so EXECUTOR=dask:ADDRESS may spread them
+	$(BIN)/pytest -m calibration --executor $(EXECUTOR) --durations=0
 
 docs: $(READY)            ## the reference pages from the declarations, and the site, into site/; a warning is an error
 	$(BIN)/python docs/build_reference.py

@@ -13,6 +13,10 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--executor", default="serial", help="where simulated campaigns run: serial, threads:N, processes:N or dask:ADDRESS")
+
+
 Once = Callable[[str, Callable[[Path], None]], Path]
 
 

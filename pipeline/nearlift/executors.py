@@ -22,6 +22,9 @@ from nearlift.errors import InputRefused, UsageError
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
+#: What the libraries of linear algebra read their number of threads from, when they are loaded.
+BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
 
 class SerialExecutor(concurrent.futures.Executor):
     """Runs each task at once, in the calling thread."""
@@ -37,59 +40,55 @@ class SerialExecutor(concurrent.futures.Executor):
 
 
 class LastingProcesses(concurrent.futures.Executor):
-    """Processes that outlive the death of one of them (by the kernel, for want of memory, say): lost tasks run again.
+    """Processes that outlive the death of one of them (by the kernel, for want of memory, say): the task that it ran runs again.
 
-    Tasks are pure, so a second run gives the same answer. A task that loses its process `TRIES` times is refused.
+    Each worker is a pool of one process, since a pool of several fails as a whole when one dies, and with it all that waits. So a death
+    costs the task that it interrupts and no other. Tasks are pure: a second run gives the same answer. A task that loses its process `TRIES`
+    times is refused.
     """
 
     TRIES = 3
 
     def __init__(self, workers: int) -> None:
-        self._workers = workers
-        self._lock = threading.Lock()
-        self._pool = self._new()
-
-    def _new(self) -> concurrent.futures.ProcessPoolExecutor:
-        return concurrent.futures.ProcessPoolExecutor(self._workers, mp_context=multiprocessing.get_context("spawn"))
+        self._threads = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="nearlift-process")
+        self._mine = threading.local()
+        self._all: list[concurrent.futures.ProcessPoolExecutor] = []
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
         """Run the task in a process; the future survives that process."""
-        answer: concurrent.futures.Future[Any] = concurrent.futures.Future()
-        self._start(answer, functools.partial(fn, *args, **kwargs), 1)
-        return answer
+        return self._threads.submit(self._outlive, functools.partial(fn, *args, **kwargs))
 
-    def _start(self, answer: concurrent.futures.Future[Any], task: Callable[[], Any], attempt: int) -> None:
-        with self._lock:
-            pool = self._pool
+    def _outlive(self, task: Callable[[], Any]) -> Any:
+        for _ in range(self.TRIES):
             try:
-                running = pool.submit(task)
+                return self._process().submit(task).result()
             except BrokenProcessPool:
-                pool = self._pool = self._new()
-                running = pool.submit(task)
+                self._mine.process = None
+        raise InputRefused("--executor", f"a worker process died {self.TRIES} times over one task", "use fewer workers (memory?), or serial")
 
-        def ended(done: concurrent.futures.Future[Any]) -> None:
-            if answer.cancelled():
-                return
-            if done.cancelled():
-                answer.cancel()
-                return
-            fault = done.exception()
-            if fault is None:
-                answer.set_result(done.result())
-            elif not isinstance(fault, BrokenProcessPool):
-                answer.set_exception(fault)
-            elif attempt < self.TRIES:
-                self._start(answer, task, attempt + 1)
-            else:
-                answer.set_exception(
-                    InputRefused("--executor", f"a worker process died {attempt} times over one task", "use fewer workers (memory?), or serial")
-                )
-
-        running.add_done_callback(ended)
+    def _process(self) -> concurrent.futures.ProcessPoolExecutor:
+        """The process of this thread, started when it is first needed."""
+        process: concurrent.futures.ProcessPoolExecutor | None = getattr(self._mine, "process", None)
+        if process is None:
+            spawn = multiprocessing.get_context("spawn")
+            process = self._mine.process = concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn, initializer=_one_thread)
+            self._all.append(process)
+        return process
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes; what waits is finished first unless it is to be cancelled."""
-        self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
+        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
+        if wait:
+            for process in self._all:
+                process.shutdown()
+        # without waiting, each process ends with the thread that it belongs to
+        self._all.clear()
+
+
+def _one_thread() -> None:
+    """Linear algebra in one thread, unless the environment says otherwise: as many processes as cores leave no core for a second."""
+    for name in BLAS:
+        os.environ.setdefault(name, "1")
 
 
 @contextlib.contextmanager
@@ -140,3 +139,24 @@ def ordered(executor: concurrent.futures.Executor, task: Callable[[Task], Result
     finally:
         for future in waiting:
             future.cancel()
+
+
+def unordered(executor: concurrent.futures.Executor, task: Callable[[Task], Result], specs: Iterable[Task], ahead: int = 64) -> Iterator[Result]:
+    """Results of `task` over `specs` as they end, so that a caller may keep each; with at most `ahead` in flight."""
+    waiting: set[concurrent.futures.Future[Result]] = set()
+    try:
+        for spec in specs:
+            waiting.add(executor.submit(task, spec))
+            yield from _ended(waiting, 0 if len(waiting) < ahead else None)
+        while waiting:
+            yield from _ended(waiting, None)
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _ended(waiting: set[concurrent.futures.Future[Result]], timeout_s: float | None) -> Iterator[Result]:
+    """Results of those that have ended, which wait no longer."""
+    for future in concurrent.futures.wait(waiting, timeout_s, concurrent.futures.FIRST_COMPLETED).done:
+        waiting.remove(future)
+        yield future.result()

@@ -13,6 +13,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -21,11 +22,12 @@ from typing import Self
 import lmfit
 import numpy as np
 from scipy.stats import beta, binom, norm, t
-from tests.calibration import forms
+from tests.calibration import forms, spread
 from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import campaign as manifests
 from nearlift import catalogue
+from nearlift.executors import unordered
 from nearlift.fitting import budget
 from nearlift.fitting.least_squares import Fit, fit
 from nearlift.results import Observations
@@ -177,31 +179,31 @@ def _sidewall(z: np.ndarray, a: float, lambda_: float) -> np.ndarray:
 LMFIT: dict[str, Callable[..., np.ndarray]] = {"ground": _ground, "ceiling": _ceiling, "sidewall": _sidewall}
 
 
-def campaign(boundary: str, datum_mm: float, seed: int) -> list[Row]:
+Job = tuple[str, float, int]
+"""Boundary, datum in mm, seed."""
+
+
+def campaign(job: Job) -> list[Row]:
     """One campaign from records to intervals, in every way."""
+    boundary, datum_mm, seed = job
     made = simulate(spec(boundary, datum_mm), seed)
     found = {**answers(made.data, parts(datum_mm)), "lmfit": with_lmfit(made.data)}
     return [Row(boundary, datum_mm, seed, name, truth, {way: found[way][name] for way in WAYS}) for name, truth in made.truth.theta.items()]
 
 
-def run(n: int, first: int, boundaries: tuple[str, ...] = forms.BOUNDARIES, rows: Path | None = None) -> list[Row]:
+def run(executor: Executor, n: int, first: int, boundaries: tuple[str, ...] = forms.BOUNDARIES, rows: Path | None = None) -> list[Row]:
     """`n` campaigns of every boundary and datum, seeds from `first` on; finished ones are kept in the file `rows` and not run again."""
-    kept = [Row.read(line) for line in rows.read_text().splitlines()] if rows is not None and rows.is_file() else []
-    done = {(r.boundary, r.datum_mm, r.seed) for r in kept}
-    asked = range(first, first + len(DATUMS_MM) * n)
-    found = [r for r in kept if r.boundary in boundaries and r.seed in asked]
-    for i in range(n):
-        for boundary in boundaries:
-            for k, datum_mm in enumerate(DATUMS_MM):
-                seed = first + len(DATUMS_MM) * i + k
-                if (boundary, datum_mm, seed) in done:
-                    continue
-                new = campaign(boundary, datum_mm, seed)
-                found += new
-                if rows is not None:
-                    with rows.open("a", encoding="utf-8") as file:
-                        file.writelines(r.write() + "\n" for r in new)
-    return found
+    found: dict[Job, list[Row]] = {}
+    for r in [] if rows is None or not rows.is_file() else map(Row.read, rows.read_text().splitlines()):
+        found.setdefault((r.boundary, r.datum_mm, r.seed), []).append(r)
+    datums = list(enumerate(DATUMS_MM, first))
+    jobs: list[Job] = [(b, datum_mm, seed + len(DATUMS_MM) * i) for i in range(n) for b in boundaries for seed, datum_mm in datums]
+    for new in unordered(executor, campaign, [job for job in jobs if job not in found]):
+        found[new[0].boundary, new[0].datum_mm, new[0].seed] = new
+        if rows is not None:
+            with rows.open("a", encoding="utf-8") as file:
+                file.writelines(r.write() + "\n" for r in new)
+    return [r for job in jobs for r in found[job]]
 
 
 def band(n: int, level: float, chance: float) -> tuple[int, int]:
@@ -345,9 +347,11 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=250)
     parser.add_argument("--first", type=int, default=REPORTED)
     parser.add_argument("--rows", type=Path, help="keeps finished campaigns; given again, they are not run again")
+    spread.add_option(parser)
     parser.add_argument("--out", type=Path, default=Path("docs/coverage.md"))
     given = parser.parse_args()
-    rows = run(given.n, given.first, rows=given.rows)
+    with spread.opened(given.executor) as executor:
+        rows = run(executor, given.n, given.first, rows=given.rows)
     shares, errors = tables(rows)
     bands = {
         f"{end}{100 * level:.0f}{mark}": band(size, level, 0.99)[i] / size
@@ -364,4 +368,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    # by the name that workers know this module by
+    from tests.calibration.coverage import main as run_main
+
+    run_main()

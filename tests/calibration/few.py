@@ -11,15 +11,17 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tests.calibration import forms
+from tests.calibration import forms, spread
 from tests.calibration.coverage import BASE, LEVELS, Row, band, clopper_pearson, covered, intervals
 from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
+from nearlift.executors import ordered
 from nearlift.fitting import noise
 from nearlift.fitting.least_squares import Fit, fit
 
@@ -36,8 +38,13 @@ def spec(boundary: str, design: str) -> Spec:
     return Spec(boundary=boundary, realism=False, visits=visits, sessions=1, samples=260, distances=distances, shared=shared)
 
 
-def campaign(boundary: str, design: str, seed: int) -> list[Row]:
+Job = tuple[str, str, int]
+"""Design, boundary, seed."""
+
+
+def campaign(job: Job) -> list[Row]:
     """One campaign from records to intervals; `ignored` is the same fit with what visits share left out."""
+    design, boundary, seed = job
     made = simulate(spec(boundary, design), seed)
     model = catalogue.model(BASE[boundary])
     right = fit(model, made.data)
@@ -53,9 +60,15 @@ def _jacobian(found: Fit) -> np.ndarray:
     return found.problem.jacobian(found.theta)
 
 
-def run(n: int, first: int, designs: tuple[str, ...] = tuple(DESIGNS), boundaries: tuple[str, ...] = forms.BOUNDARIES) -> dict[str, list[Row]]:
+def run(
+    executor: Executor, n: int, first: int, designs: tuple[str, ...] = tuple(DESIGNS), boundaries: tuple[str, ...] = forms.BOUNDARIES
+) -> dict[str, list[Row]]:
     """`n` campaigns of every design and boundary."""
-    return {d: [row for b in boundaries for i in range(n) for row in campaign(b, d, first + i)] for d in designs}
+    found: dict[str, list[Row]] = {d: [] for d in designs}
+    jobs: list[Job] = [(d, b, first + i) for d in designs for b in boundaries for i in range(n)]
+    for job, rows in zip(jobs, ordered(executor, campaign, jobs), strict=True):
+        found[job[0]] += rows
+    return found
 
 
 def groups(rows: dict[str, list[Row]]) -> dict[tuple[str, str, str], list[Row]]:
@@ -113,9 +126,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=60)
     parser.add_argument("--first", type=int, default=REPORTED)
+    spread.add_option(parser)
     parser.add_argument("--out", type=Path, default=Path("docs/coverage.md"))
     given = parser.parse_args()
-    made = table(run(given.n, given.first))
+    with spread.opened(given.executor) as executor:
+        made = table(run(executor, given.n, given.first))
     section = SECTION.format(n=given.n, low=band(given.n, 0.9, 0.99)[0] / given.n, table=made)
     page = re.sub(r"<!-- few visits -->.*<!-- end of few visits -->\n", "", given.out.read_text(encoding="utf-8"), flags=re.DOTALL)
     given.out.write_text(page.rstrip("\n") + "\n\n" + section, encoding="utf-8")
@@ -123,4 +138,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    # by the name that workers know this module by
+    from tests.calibration.few import main as run_main
+
+    run_main()

@@ -9,34 +9,36 @@ What each figure counts is said in docs/calibration.md. Seeds from 600000 on are
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import multiprocessing
-import os
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tests.calibration import forms
+from tests.calibration import forms, spread
 from tests.calibration.assess import Diagnose, Row, assess, engine
 from tests.calibration.draws import KINDS, REPORTED
 from tests.calibration.figures import figures, markdown, peer_table
 
+from nearlift.executors import unordered
+
+Job = tuple[str, str, int]
+"""Kind, boundary, seed."""
+
 
 def score(
+    executor: Executor,
     kind: str,
     n: int,
     seeds: int | Iterable[int] = REPORTED,
     diagnose: Diagnose | None = engine,
     *,
     boundaries: tuple[str, ...] = forms.BOUNDARIES,
-    workers: int | None = None,
     peers: bool = False,
 ) -> dict[str, Any]:
     """Run `n` campaigns of one kind, the boundaries in turn, and return {"rows": [...], "figures": [...]}.
@@ -46,37 +48,21 @@ def score(
     seeds : int or iterable of int
         The first of n consecutive seeds, or the seeds themselves.
     diagnose : callable or None
-        Campaign to the diagnosis of its boundary; it must be importable by name (or a `functools.partial` of such).
+        Campaign to the diagnosis of its boundary; processes and clusters must be able to import it by name (or a `functools.partial` of such).
     """
     wanted = list(range(seeds, seeds + n)) if isinstance(seeds, int) else list(seeds)[:n]
     jobs = [(kind, boundaries[i % len(boundaries)], seed) for i, seed in enumerate(wanted)]
-    rows = sorted(run(jobs, diagnose, workers=workers, peers=peers), key=lambda r: r["seed"])
+    rows = sorted(run(executor, jobs, diagnose, peers), key=lambda r: r["seed"])
     return {"rows": rows, "figures": [asdict(f) | {"passed": f.passed} for f in figures(rows)]}
 
 
-def run(jobs: list[tuple[str, str, int]], diagnose: Diagnose | None, *, workers: int | None = None, peers: bool = False) -> Iterator[Row]:
-    """Rows of (kind, boundary, seed) jobs as they are done, over processes of one thread each."""
-    workers = workers or (1 if "PYTEST_XDIST_WORKER" in os.environ else min(2, os.cpu_count() or 1))
-    with one_thread(), ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(assess, *job, diagnose, peers) for job in jobs]
-        for done in as_completed(waiting):
-            yield done.result()
+def run(executor: Executor, jobs: list[Job], diagnose: Diagnose | None, peers: bool = False) -> Iterator[Row]:
+    """Rows of jobs as they are done."""
+    return unordered(executor, _assess, [(*job, diagnose, peers) for job in jobs])
 
 
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Processes started inside have one BLAS thread each."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    before = {n: os.environ.get(n) for n in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name)
-            else:
-                os.environ[name] = value
+def _assess(given: tuple[str, str, int, Diagnose | None, bool]) -> Row:
+    return assess(*given)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -86,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--n", type=int, default=40, help="campaigns of each kind at each boundary")
     parser.add_argument("--boundaries", default=",".join(forms.BOUNDARIES))
     parser.add_argument("--seed", type=int, default=REPORTED, help=f"first seed; {REPORTED} and above are for reporting")
-    parser.add_argument("--workers", type=int, default=2)
+    spread.add_option(parser)
     parser.add_argument("--peers", action="store_true", help="run the rival methods too")
     parser.add_argument("--only-peers", action="store_true", help="run nothing but the rival methods")
     parser.add_argument("--no-multiplicity", action="store_true", help="break the correction for many candidates")
@@ -109,8 +95,8 @@ def main(arguments: list[str] | None = None) -> int:
     jobs = [(k, b, given.seed + 3 * i + forms.BOUNDARIES.index(b)) for i in range(given.n) for k in kinds for b in boundaries]
     jobs = [j for j in jobs if j not in done]
     begun = time.perf_counter()
-    with log.open("a" if given.resume else "w") as stream_out:
-        for i, row in enumerate(run(jobs, diagnose, workers=given.workers, peers=given.peers or given.only_peers), 1):
+    with spread.opened(given.executor) as executor, log.open("a" if given.resume else "w") as stream_out:
+        for i, row in enumerate(run(executor, jobs, diagnose, given.peers or given.only_peers), 1):
             rows.append(row)
             stream_out.write(json.dumps(row, default=_plain) + "\n")
             stream_out.flush()
@@ -139,4 +125,7 @@ def _plain(value: Any) -> Any:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    # by the name that workers know this module by
+    from tests.calibration.harness import main as run_main
+
+    sys.exit(run_main())

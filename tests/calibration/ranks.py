@@ -58,8 +58,12 @@ def half(campaign: Campaign) -> Noise:
     return Noise(relative=true.relative / 2, force_N=true.force_N / 2, height_m=true.height_m / 2)
 
 
-def rank(boundary: str, seed: int, noise: Callable[[Campaign], Noise | None] = from_repeats) -> Rank:
-    """One campaign; `noise` says what the library is told of it, None to let it look for itself."""
+Told = Callable[[Campaign], Noise | None]
+
+
+def rank(job: tuple[str, int, Told]) -> Rank:
+    """One campaign of a boundary and seed; the third says what the library is told of its noise, None to let it look for itself."""
+    boundary, seed, noise = job
     found = simulate(Spec(boundary=boundary, spread=SPREAD, realism=False, visits=4, samples=120), seed)
     model = believed(boundary)
     fitted = fit(model, found.data, scatter=noise(found))

@@ -29,8 +29,8 @@ PROMISED = {
 
 
 @pytest.mark.parametrize("kind", PROMISED)
-def test_promises_hold(kind):
-    scored = score(kind, N, REPORTED)
+def test_promises_hold(executor, kind):
+    scored = score(executor, kind, N, REPORTED)
     found = {f["key"]: f for f in scored["figures"]}
     print(markdown(scored["rows"]))
     assert found["failed"]["k"] == 0, [r["failed"] for r in scored["rows"] if r["failed"]]
@@ -39,23 +39,23 @@ def test_promises_hold(kind):
     assert not broken, "\n".join(broken)
 
 
-def test_heating_is_found_in_records():
-    found = {f["key"]: f for f in score("within", max(N // 3, 12), REPORTED)["figures"]}
+def test_heating_is_found_in_records(executor):
+    found = {f["key"]: f for f in score(executor, "within", max(N // 3, 12), REPORTED)["figures"]}
     assert found["within_seen"]["hi95"] >= 0.8
 
 
-def test_without_the_correction_for_many_candidates_nulls_are_accused():
+def test_without_the_correction_for_many_candidates_nulls_are_accused(executor):
     """A referee that passes a broken engine is worth nothing."""
-    scored = score("null", max(N // 3, 30), REPORTED, partial(engine, multiplicity=False, confirm=False))
+    scored = score(executor, "null", max(N // 3, 30), REPORTED, partial(engine, multiplicity=False, confirm=False))
     null = next(f for f in scored["figures"] if f["key"] == "null")
     assert null["passed"] is False, null
 
 
-def test_without_form_uncertainty_strange_forms_are_missed():
+def test_without_form_uncertainty_strange_forms_are_missed(executor):
     """Paired: same campaigns, all of foreign form; kept means truth within the set and the coefficient within its interval."""
     seeds = [s for s in range(REPORTED, REPORTED + 9 * N) if s // 3 % 3 == 2][:N]
     granted, denied = (
-        score("one", len(seeds), seeds, d)["rows"] for d in (partial(engine, confirm=False), partial(engine, confirm=False, form_sd=0.0))
+        score(executor, "one", len(seeds), seeds, d)["rows"] for d in (partial(engine, confirm=False), partial(engine, confirm=False, form_sd=0.0))
     )
     assert all(r["foreign"] for r in granted)
     pairs = [(a["inside"] and a["cover_union"], b["inside"] and b["cover_union"]) for a, b in zip(granted, denied, strict=True)]

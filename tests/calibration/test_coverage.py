@@ -13,8 +13,8 @@ CHANCE = 1 - 0.05 / 36
 
 
 @pytest.fixture(scope="module")
-def few():
-    return coverage.run(3, first=1)
+def few(executor):
+    return coverage.run(executor, 3, first=1)
 
 
 def test_a_few_campaigns_under_shared_errors(few):
@@ -68,18 +68,18 @@ def test_pooled_shares_are_judged_too():
 
 @pytest.mark.calibration
 @pytest.mark.parametrize("design", few_visits.DESIGNS)
-def test_intervals_cover_with_few_visits(design):
+def test_intervals_cover_with_few_visits(executor, design):
     """NEARLIFT_FEW_N (60) campaigns of each boundary; taken as independent, the same trials fail."""
-    rows = few_visits.run(int(os.environ.get("NEARLIFT_FEW_N", "60")), first=few_visits.REPORTED, designs=(design,))
+    rows = few_visits.run(executor, int(os.environ.get("NEARLIFT_FEW_N", "60")), first=few_visits.REPORTED, designs=(design,))
     few_visits.check(rows, "declared", 1 - 0.05 / 48)
     with pytest.raises(AssertionError, match="intervals of"):
         few_visits.check(rows, "ignored", 1 - 0.05 / 48)
 
 
 @pytest.mark.calibration
-def test_intervals_cover_under_shared_errors():
+def test_intervals_cover_under_shared_errors(executor):
     """NEARLIFT_COVERAGE_N (250) campaigns of each boundary and datum: 68, 90 and 95 % within their bands, and wrong likelihoods outside."""
-    rows = coverage.run(int(os.environ.get("NEARLIFT_COVERAGE_N", "250")), first=coverage.REPORTED)
+    rows = coverage.run(executor, int(os.environ.get("NEARLIFT_COVERAGE_N", "250")), first=coverage.REPORTED)
     coverage.check(rows, "declared", CHANCE)
     for boundary in forms.BOUNDARIES:
         mine = [r for r in rows if r.boundary == boundary]

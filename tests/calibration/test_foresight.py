@@ -1,22 +1,25 @@
 """Does a plan foretell its campaign? Chances of `nearlift design` beside what the loop makes of simulated campaigns of that plan.
 
-``python -m tests.calibration.test_foresight N EFFECT,EFFECT`` prints the rows of docs/stages/design.md for N campaigns each.
+``python -m tests.calibration.test_foresight --n N --effects EFFECT,EFFECT`` prints the rows of docs/stages/design.md for N campaigns each.
 """
 
+import argparse
 import dataclasses
+import functools
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import beta
+from tests.calibration import spread
 
 from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.diagnosis.foresight import handles, planned
 from nearlift.diagnosis.loop import diagnose
 from nearlift.diagnosis.search import Options
+from nearlift.executors import ordered
 from nearlift.stages.observe import observe
 from nearlift.stages.plans import plan, scatter
 
@@ -67,15 +70,14 @@ class Bench:
         lift = data.covariates["lift_inf_N"] * ratio * np.exp(signal) * (1 + self.noise.relative * rng.normal(size=data.n))
         return dataclasses.replace(self.data, lift_N=lift + self.noise.force_N * rng.normal(size=data.n))
 
-    def row(self, name, factor, count, confirm):
+    def row(self, executor, name, factor, count, confirm):
         """The forecast for one size, and what the loop said of `count` campaigns."""
         handle = handles(catalogue.effect(name))[0]
         size = factor * self.foresight.limit(handle)
         contest = self.foresight.contest(handle, size)
         got = dict.fromkeys(("seen", "within", "alone"), 0)
         rivals: dict[str, int] = {}
-        for seed in range(count):
-            found = diagnose(self.draw(handle, size, 1000 + seed), self.base, (), Options(seed=seed), confirm=confirm).findings
+        for found in ordered(executor, said, [(name, size, seed, confirm) for seed in range(count)]):
             named = {e["name"] for e in found["effects"]}
             others = {r for e in found["effects"] for r in e["rivals"]}
             got["seen"] += found["verdict"] != "adequate"
@@ -96,6 +98,19 @@ class Bench:
         }
 
 
+@functools.cache
+def bench():
+    """The one bench, made once in every process."""
+    return Bench()
+
+
+def said(job):
+    """What the loop says of one campaign: effect, size, seed, and whether to confirm."""
+    name, size, seed, confirm = job
+    drawn = bench().draw(handles(catalogue.effect(name))[0], size, 1000 + seed)
+    return diagnose(drawn, bench().base, (), Options(seed=seed), confirm=confirm).findings
+
+
 def interval(hits, n, level=0.95):
     """Clopper and Pearson's."""
     low = beta.ppf((1 - level) / 2, hits, n - hits + 1) if hits else 0.0
@@ -106,18 +121,18 @@ def interval(hits, n, level=0.95):
 @pytest.mark.calibration
 @pytest.mark.parametrize("name", EFFECTS)
 @pytest.mark.parametrize("factor", SIZES)
-def test_the_chance_to_see_is_as_foretold(name, factor):
+def test_the_chance_to_see_is_as_foretold(executor, name, factor):
     """60 campaigns: the forecast within the 99.5 % interval, widened by 5 % since each campaign has to estimate its noise floor anew."""
-    found = Bench().row(name, factor, 60, confirm=False)
+    found = bench().row(executor, name, factor, 60, confirm=False)
     low, high = interval(found["counted"]["seen"], found["n"], 0.995)
     assert low - 0.05 <= found["foretold"]["seen"] <= high + 0.05
 
 
 @pytest.mark.calibration
-def test_foretold_rivals_are_the_ones_that_come():
+def test_foretold_rivals_are_the_ones_that_come(executor):
     """At 1.6 limits: whoever is foretold in half the campaigns or more comes in a fifth or more, and nobody else in half."""
     for name in EFFECTS:
-        found = Bench().row(name, 1.6, 60, confirm=False)
+        found = bench().row(executor, name, 1.6, 60, confirm=False)
         for rival, chance in found["rivals_foretold"].items():
             if chance > 0.5:
                 assert found["rivals_counted"].get(rival, 0) > 12, (name, rival)
@@ -126,8 +141,22 @@ def test_foretold_rivals_are_the_ones_that_come():
                 assert found["rivals_foretold"].get(rival, 0.0) > 0.2, (name, rival)
 
 
+def main():
+    """Print the rows."""
+    parser = argparse.ArgumentParser(prog="python -m tests.calibration.test_foresight", description=__doc__.split("\n")[0])
+    parser.add_argument("--n", type=int, default=60, help="campaigns of each effect and size")
+    parser.add_argument("--effects", default=",".join(EFFECTS))
+    parser.add_argument("--confirm", action="store_true", help="with held-out visits, as `nearlift diagnose` does")
+    spread.add_option(parser)
+    given = parser.parse_args()
+    with spread.opened(given.executor) as executor:
+        for name in given.effects.split(","):
+            for factor in SIZES:
+                print(json.dumps(bench().row(executor, name, factor, given.n, given.confirm)), flush=True)
+
+
 if __name__ == "__main__":
-    bench = Bench()
-    for wanted in sys.argv[2].split(",") if len(sys.argv) > 2 else EFFECTS:
-        for size in SIZES:
-            print(json.dumps(bench.row(wanted, size, int(sys.argv[1]), confirm=len(sys.argv) > 3)), flush=True)
+    # by the name that workers know this module by
+    from tests.calibration.test_foresight import main as run_main
+
+    run_main()

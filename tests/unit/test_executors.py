@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from nearlift.errors import InputRefused, UsageError
-from nearlift.executors import SerialExecutor, open_executor, ordered
+from nearlift.executors import BLAS, SerialExecutor, open_executor, ordered, unordered
 from nearlift.stages import graph, ingest
 
 from . import small_run
@@ -89,6 +89,34 @@ def test_what_waits_is_cancelled_when_the_caller_stops():
     assert len(started) < 8
 
 
+@pytest.mark.parametrize("ahead", [1, 3, 64])
+@pytest.mark.parametrize("name", EXECUTORS[:2])
+def test_results_without_order_are_all_of_them(name, ahead):
+    with open_executor(name) as pool:
+        found = list(unordered(pool, late_first, range(20), ahead))
+    assert sorted(found) == list(range(20))
+    if name == "threads:2" and ahead > 1:
+        assert found[0] != 0
+
+
+def test_results_without_order_come_while_others_wait():
+    """Whoever keeps each result loses little when the run is broken off; what has not begun is cancelled."""
+    drawn = []
+
+    def specs():
+        for x in range(100):
+            drawn.append(x)
+            yield x
+
+    with open_executor("serial") as pool:
+        results = unordered(pool, square, specs())
+        assert [next(results) for _ in range(3)] == [0, 1, 4]
+        assert drawn == [0, 1, 2]
+        results.close()
+    with concurrent.futures.ThreadPoolExecutor(1) as one, pytest.raises(UsageError, match="three"):
+        list(unordered(one, refuse_three, range(1000)))
+
+
 def test_serial_carries_exceptions_in_the_future_but_lets_an_interrupt_through():
     pool = SerialExecutor()
     assert isinstance(pool.submit(refuse_three, 3).exception(), UsageError)
@@ -153,6 +181,8 @@ from pathlib import Path
 
 def square(spec):
     x, mark = spec
+    with open(mark + ".calls", "a") as file:
+        print(x, file=file)
     if x == 3 and not Path(mark).exists():
         Path(mark).touch()
         os.kill(os.getpid(), signal.SIGKILL)
@@ -180,6 +210,24 @@ def test_the_death_of_a_process_changes_no_result(deadly, tmp_path):
     with open_executor("processes:2") as pool:
         assert list(ordered(pool, deadly.square, specs)) == [x * x for x in range(12)]
     assert (tmp_path / "died").exists()
+
+
+def test_the_death_of_a_process_costs_its_own_task_alone(deadly, tmp_path):
+    """Others, in other processes or waiting, run once: a long calibration loses one campaign's time, not all that is in flight."""
+    specs = [(x, str(tmp_path / "died")) for x in range(12)]
+    with open_executor("processes:2") as pool:
+        assert sorted(unordered(pool, deadly.square, specs)) == [x * x for x in range(12)]
+    assert sorted(map(int, (tmp_path / "died.calls").read_text().split())) == sorted([*range(12), 3])
+
+
+def test_processes_have_one_thread_of_linear_algebra(monkeypatch):
+    for name in BLAS:
+        monkeypatch.delenv(name, raising=False)
+    with open_executor("processes:1") as pool:
+        assert [pool.submit(os.getenv, name).result() for name in BLAS] == ["1", "1", "1"]
+    monkeypatch.setenv("OMP_NUM_THREADS", "4")
+    with open_executor("processes:1") as pool:
+        assert pool.submit(os.getenv, "OMP_NUM_THREADS").result() == "4"
 
 
 def test_a_task_that_kills_every_process_is_refused(deadly):

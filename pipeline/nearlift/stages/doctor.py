@@ -13,6 +13,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
+from nearlift.executors import BLAS
+
 State = Literal["good", "note", "bad"]
 
 #: Package of each extra, and what is lost without it.
@@ -26,7 +28,6 @@ EXTRAS = {
 }
 #: Bytes that a campaign's products and the compiled kernels' cache need at most, generously.
 ENOUGH_DISK = 1 << 30
-BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
