@@ -8,6 +8,7 @@ import pytest
 from nearlift import catalogue
 from nearlift.diagnosis import confirmation, families, few_visits, loop, noise_floor, search, separation, structure
 from nearlift.diagnosis.candidate import Candidate
+from nearlift.diagnosis.candidate import fit as candidate_fit
 from nearlift.diagnosis.loop import close_loop, set_up
 from nearlift.diagnosis.search import EFFECT, Options, pair_gains, run
 from nearlift.diagnosis.setting import missing
@@ -344,6 +345,34 @@ def test_few_visits_want_more_than_chance_and_the_greater_part():
 def test_jackknife_is_the_textbook_one():
     vectors = np.array([[1.0], [2.0], [3.0], [6.0]])
     assert confirmation.standard_error(vectors) == pytest.approx(np.sqrt(3 / 4 * 14))
+
+
+@pytest.mark.parametrize("names", [(), ("supply_sag",), ("supply_sag", "height_offset"), ("session_gain",)], ids=lambda n: "+".join(n) or "base")
+def test_leaving_out_every_visit_at_once_is_leaving_out_each(names):
+    """Vectors and predictions beside a fit to the other visits' trials alone; the last visit is its session's only one, and a throttle's.
+
+    A fit of one ends where the next step gains less than 1e-3 in chi2, so they agree to a twentieth of a standard uncertainty.
+    """
+    data = sweeps(4, spread=0.004, supply_falls=True)
+    data = dataclasses.replace(data, throttle=np.where((data.visit == 8) & (data.throttle == data.levels[0]), 0.99, data.throttle))
+    stage = dataclasses.replace(set_up(data, GROUND, (), Options())[0], independent=True)
+    effects = tuple(catalogue.effect(n) for n in names)
+    whole = search.search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector)
+    vectors, left = few_visits.without_each(stage, whole), few_visits.left_out(stage, effects)
+    assert vectors.shape == (9, whole.candidate.size)
+    scale = 1 / np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / whole.candidate.prior[1] ** 2)
+    for v, vector in enumerate(vectors):
+        test = stage.data.visit == v
+        part = dataclasses.replace(stage, data=stage.data.take(~test), log_lift=stage.log_lift[~test])
+        candidate = part.candidate(*effects)
+        size = candidate.size  # a session that is left out, the last, is not in it
+        alone = candidate_fit(candidate, part.space, part.log_lift, whole.vector[:size])
+        assert ((vector[:size] - alone.vector) / scale[:size]) ** 2 == pytest.approx(0.0, abs=2e-3)
+        known = test & np.isin(data.throttle, data.throttle[~test])
+        beside = stage.log_lift[known] - confirmation.predict(part, alone, stage.data.take(known))
+        assert left[known] == pytest.approx(beside, abs=2e-5)
+        assert np.isnan(left[test & ~known]).all()
+    assert np.isnan(left).sum() > 5
 
 
 def test_few_visits_that_only_repeat_badly_are_given_no_name():

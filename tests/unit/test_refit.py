@@ -12,7 +12,7 @@ from nearlift.fitting.budget import Component
 from nearlift.fitting.held_quantity import Raised, at_exponents
 from nearlift.fitting.least_squares import fit, minimise
 from nearlift.fitting.problem import Problem
-from nearlift.fitting.refit import Refits, refit, without
+from nearlift.fitting.refit import Refits, refit
 from nearlift.results import Noise
 
 from .simulated import campaign
@@ -90,22 +90,6 @@ def test_differences_serve_where_no_derivatives_are_declared():
     scale = np.sqrt(np.diag(a.covariance))
     rows = [refit(f.problem, f.theta, scale, log_lift=log_lift).good() for f in (a, b)]
     np.testing.assert_allclose(rows[0], rows[1], rtol=1e-7)
-
-
-def test_without_a_visit_is_a_fit_of_the_other_trials():
-    found = fitted()
-    problem = found.problem
-    visits = [np.flatnonzero(problem.data.visit == v) for v in (0, 7, 39)]
-    stack = without(problem, found.theta, np.sqrt(np.diag(found.covariance)), visits)
-    assert stack.converged.all()
-    for block, row, chi2 in zip(visits, stack.theta, stack.chi2, strict=True):
-        keep = np.ones(problem.data.n, dtype=bool)
-        keep[block] = False
-        c = problem.covariance
-        own = dataclasses.replace(c, variance=c.variance[keep], visit=c.visit[keep], per_visit=c.per_visit[keep], shared=c.shared[keep])
-        alone = dataclasses.replace(problem, data=problem.data.take(keep), covariance=own)
-        np.testing.assert_allclose(row, minimise(alone, found.theta), rtol=1e-7)
-        assert chi2 == pytest.approx(float(alone.chi2(row)), rel=1e-9)
 
 
 def test_all_exponents_at_once_are_each_alone():

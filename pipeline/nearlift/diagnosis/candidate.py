@@ -128,15 +128,16 @@ class Candidate:
         return np.concatenate([np.zeros(0, dtype=int), *(np.arange(s.start, s.stop) for s in self.slots if s.effect == effect)]).astype(int)
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
-        """D log ratio / d vector, (n, P), by central differences in one broadcast call."""
+        """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one broadcast call."""
         low, high = self.bounds
         _, sd = self.prior
         width = np.where(np.isfinite(sd), sd, np.minimum(high - low, 10.0))
         step = np.maximum(1e-4 * np.abs(vector), 1e-3 * width)
         eye = np.eye(self.size, dtype=bool)
         up, down = np.minimum(vector + step, high), np.maximum(vector - step, low)
-        value = self.log_ratio(np.concatenate([np.where(eye, up, vector), np.where(eye, down, vector)]))
-        result: FloatArray = ((value[: self.size] - value[self.size :]) / (up - down)[:, None]).T
+        ends = [np.where(eye, end[..., None, :], vector[..., None, :]).reshape(-1, self.size) for end in (up, down)]
+        above, below = np.split(self.log_ratio(np.concatenate(ends)), 2)
+        result: FloatArray = ((above - below) / (up - down).reshape(-1, 1)).reshape(*vector.shape, -1).swapaxes(-1, -2)
         return np.nan_to_num(result)
 
     def shapes(self) -> Iterator[FloatArray]:

@@ -14,14 +14,14 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.diagnosis import coefficients, noise_floor
-from nearlift.diagnosis.candidate import Candidate, Fitted, fit, search
-from nearlift.diagnosis.confirmation import FEW_VISITS, predict, standard_error
+from nearlift.diagnosis.candidate import Fitted, search
+from nearlift.diagnosis.confirmation import FEW_VISITS, standard_error
 from nearlift.diagnosis.search import RIVAL, SILENT, Answer, Explanation, Stage, visibility
-from nearlift.results import Observations
+from nearlift.fitting import batched
+from nearlift.results import IntArray, Observations
 
 #: With fewer, nothing can be accepted.
 LEAST_VISITS = 4
@@ -42,29 +42,62 @@ def choose(stage: Stage) -> Answer:
     return run(stage, listed=False)
 
 
-def left_out(stage: Stage, effects: tuple[Effect, ...], parts: list[tuple[Stage, NDArray[np.bool_]]]) -> FloatArray:
+def left_out(stage: Stage, effects: tuple[Effect, ...]) -> FloatArray:
     """Relative residual of every trial, predicted by a fit to the other visits; nan where that is impossible."""
-    result = np.full(stage.data.n, np.nan)
-    truth = np.log(stage.data.lift_N)
-    start = search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector).vector if effects else stage.theta
-    for part, test in parts:
-        known = test & np.isin(stage.data.throttle, part.data.throttle)
-        candidate = part.candidate(*effects)
-        # one visit less hardly moves the fit, so the whole's is the place to start; a vector without the last session is another vector
-        if candidate.size == len(start):
-            fitted = fit(candidate, part.space, part.log_lift, start)
-        else:
-            fitted = search(candidate, part.space, part.log_lift, part.base_fit.vector)
-        result[known] = truth[known] - predict(part, fitted, stage.data.take(known))
+    whole = search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector) if effects else stage.base_fit
+    vectors = without_each(stage, whole)
+    own = np.unique(stage.data.visit, return_inverse=True)[1]
+    ratio = whole.candidate.log_ratio(vectors)
+    # L_inf of each throttle from the trials that stayed; of one that only this visit has it is unknown
+    rest = stage.log_lift - ratio
+    weight = _weights(stage, own)
+    level = np.eye(len(stage.data.levels))[stage.data.level]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        log_inf = (weight * rest) @ level / (weight @ level)
+    trial = np.arange(stage.data.n)
+    result: FloatArray = rest[own, trial] - log_inf[own, stage.data.level]
     return result
 
 
-def _without_each(stage: Stage) -> list[tuple[Stage, NDArray[np.bool_]]]:
-    found = []
-    for v in np.unique(stage.data.visit):
-        test = stage.data.visit == v
-        found.append((dataclasses.replace(stage, data=stage.data.take(~test), log_lift=stage.log_lift[~test]), test))
-    return found
+def without_each(stage: Stage, whole: Fitted) -> FloatArray:
+    """A fit's vector without each visit in turn, (visits, P): all of them at once, from where the fit to the whole stands.
+
+    A visit is left out by giving its trials no weight. What differs by session is then the prior's where the session's only visit is out.
+    """
+    candidate = whole.candidate
+    own = np.unique(stage.data.visit, return_inverse=True)[1]
+    weight = _weights(stage, own)
+    root = np.sqrt(weight)
+    level = np.eye(len(stage.data.levels))[stage.data.level]
+    total = weight @ level
+    known = np.where(total > 0, total, 1.0)
+    mean, sd = candidate.prior
+
+    def free(x: FloatArray, rows: IntArray) -> FloatArray:
+        """Weighted, L_inf removed; x (k, c, n)."""
+        levels = (x * weight[rows][:, None]) @ level / known[rows][:, None]
+        result: FloatArray = (x - levels @ level.T) * root[rows][:, None]
+        return result
+
+    def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
+        own = free((stage.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
+        return np.hstack([own, (vectors - mean) / sd])
+
+    def linearised(vectors: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        slopes = -free(candidate.jacobian(vectors).swapaxes(1, 2), rows)
+        prior = np.broadcast_to(np.diag(1 / sd), (len(vectors), len(sd), len(sd)))
+        return residuals(vectors, rows), np.concatenate([slopes, prior], axis=2)
+
+    length = np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / sd**2)
+    scale = 1 / np.where(length > 0, length, 1.0)
+    start = np.tile(whole.vector, (len(weight), 1))
+    return batched.minimise(residuals, start, candidate.bounds, scale, np.ones(candidate.size, dtype=bool), linearised).theta
+
+
+def _weights(stage: Stage, visit: IntArray) -> FloatArray:
+    """Inverse variance of each trial where each visit is left out, (visits, n)."""
+    weight: FloatArray = np.where(visit == np.arange(visit.max() + 1)[:, None], 0.0, 1 / stage.space.covariance.variance)
+    return weight
 
 
 def by_visit(stage: Stage, residual: FloatArray) -> FloatArray:
@@ -98,15 +131,14 @@ def run(stage: Stage, listed: bool = True) -> Answer:
         return Answer(stage=working, first=first, singles=(), pairs=(), accepted=())
     visible = list({e.name: e for e, _ in working.library if visibility(working, e) > SILENT}.values())
     noise = stage.data.n * noise_floor.floor(stage.data, stage.noise, stage.slope) ** 2
-    parts = _without_each(working)
-    none = by_visit(working, left_out(working, (), parts))
+    none = by_visit(working, left_out(working, ()))
     best: tuple[Effect, ...] = ()
     to_beat = none
     rounds: list[tuple[Explanation, ...]] = []
     while len(best) < MOST_EFFECTS:
         tried, errors = [], {}
         for effect in (e for e in visible if e not in best):
-            squares = by_visit(working, left_out(working, (*best, effect), parts))
+            squares = by_visit(working, left_out(working, (*best, effect)))
             explanation = _explanation(working, (*best, effect), none, squares, convinces(to_beat, squares, noise), listed)
             tried.append(explanation)
             errors[explanation.name] = squares
@@ -135,18 +167,6 @@ def _explanation(stage: Stage, effects: tuple[Effect, ...], none: FloatArray, sq
     return Explanation(fitted=fitted, tube=tube, left=left, gain=gain, log_evidence=score, over_none=score, plausibility=score, confirmed=confirmed)
 
 
-def jackknife(stage: Stage, fitted: Fitted) -> FloatArray:
-    """The fit's vector without each visit in turn, (visits, P)."""
-    candidate = fitted.candidate
-    rows = []
-    for part, _ in _without_each(stage):
-        without = Candidate(base=stage.base, effects=candidate.effects, data=part.data, session_spread=candidate.session_spread)
-        # a session that is left out keeps its place in the vector only if it is not the last
-        if without.size == candidate.size:
-            rows.append(fit(without, part.space, part.log_lift, fitted.vector).vector)
-    return np.array(rows).reshape(-1, candidate.size)
-
-
 def quantile(stage: Stage) -> float:
     """Student's t for a two-sided 90 % interval, visits being the observations."""
     from scipy.stats import t
@@ -159,10 +179,10 @@ def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -
     p = len(stage.theta)
     k = quantile(stage)
     names = [q.name for q in stage.base.parameters]
-    value, u = stage.base_fit.vector[:p], standard_error(jackknife(stage, stage.base_fit))[:p]
+    value, u = stage.base_fit.vector[:p], standard_error(without_each(stage, stage.base_fit))[:p]
     before = {n: {"value": v, "lo90": v - k * s, "hi90": v + k * s} for n, v, s in zip(names, value, u, strict=True)}
     members = [e.fitted for e in answer.accepted] or [stage.base_fit]
-    spans = [(f.vector[:p], standard_error(jackknife(stage, f))[:p]) for f in members]
+    spans = [(f.vector[:p], standard_error(without_each(stage, f))[:p]) for f in members]
     chosen = answer.accepted[0].effects if answer.accepted else ()
     nuisance = coefficients.constrained_columns(stage, chosen, declared)
     _, naive = coefficients.spread(stage, members[0])

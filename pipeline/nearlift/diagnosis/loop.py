@@ -238,7 +238,7 @@ def _joint(stage: Stage, explanation: Explanation) -> dict[str, Any]:
     """How the best explanation's coefficients and effects go together: the correlation of all its scalar parameters."""
     fitted = explanation.fitted
     if stage.independent:
-        vectors = few_visits.jackknife(stage, fitted)
+        vectors = few_visits.without_each(stage, fitted)
         centred = vectors - vectors.mean(axis=0) if len(vectors) else np.zeros((1, fitted.candidate.size))
         covariance = centred.T @ centred
     else:
@@ -257,7 +257,7 @@ def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str
     """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session where it has one each."""
     fitted = explanation.fitted
     if stage.independent:
-        errors = confirmation.standard_error(few_visits.jackknife(stage, fitted))
+        errors = confirmation.standard_error(few_visits.without_each(stage, fitted))
         return _intervals(fitted, effect, errors, few_visits.quantile(stage))
     spread = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
     return _intervals(fitted, effect, spread, 1.645)

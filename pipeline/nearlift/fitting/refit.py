@@ -1,13 +1,13 @@
-"""The same problem fitted again and again: to resampled lifts, or without some of the trials.
+"""The same problem fitted again and again, to resampled lifts.
 
-All refits advance together (`fitting.batched`), with the model's own derivatives, on residuals whitened once. Lifts that differ and
-trials that stay have one more economy: the prediction takes one value per station, so a triangle of the stations' size stands for all trials.
+All refits advance together (`fitting.batched`), with the model's own derivatives, on residuals whitened once. The trials stay, so the
+prediction takes one value per station, and a triangle of the stations' size stands for all trials.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -94,69 +94,18 @@ def refit(problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: F
     def linearised(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         return residuals(theta, rows), -folded(at.slopes(theta))
 
-    found = _all(problem, start, scale, len(target), target.shape[1], residuals, linearised)
-    return replace(found, chi2=found.chi2 + rest)
-
-
-def without(problem: Problem, start: FloatArray, scale: FloatArray, blocks: Sequence[IntArray]) -> Refits:
-    """Fit again without the trials of each block, everything else (levels, shared unknowns, covariance) as it is.
-
-    A block is left out by giving each of its trials an unknown of its own, which is the same as an infinite variance.
-
-    Parameters
-    ----------
-    problem, start, scale
-        As for `refit`.
-    blocks : sequence of int arrays
-        Indices of the trials that are left out together.
-    """
-    n = problem.data.n
-    size = max(map(len, blocks), default=0)
-    basis = np.zeros((len(blocks), n, size))
-    for k, block in enumerate(blocks):
-        white = problem.project(np.eye(n)[block]).T
-        u, length, _ = np.linalg.svd(white, full_matrices=False)
-        # a trial that alone tells its level has nothing left to give
-        basis[k, :, : len(length)] = u * (length > 1e-9 * max(float(length.max(initial=0.0)), 1e-300))
-
-    def freed(x: FloatArray, rows: IntArray) -> FloatArray:
-        """Less what the unknowns of the blocks take; x (k, ..., n)."""
-        own = basis[rows]
-        part = x.reshape(len(x), -1, n)
-        return np.asarray((part - (part @ own) @ own.swapaxes(-1, -2)).reshape(x.shape), dtype=np.float64)
-
-    def residuals(theta: FloatArray, rows: IntArray) -> FloatArray:
-        return freed(problem.residuals(theta), rows)
-
-    def linearised(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        r, slopes = problem.linearised(theta)
-        return freed(r, rows), freed(slopes, rows)
-
-    return _all(problem, start, scale, len(blocks), n, residuals, linearised)
-
-
-def _all(
-    problem: Problem,
-    start: FloatArray,
-    scale: FloatArray,
-    m: int,
-    n: int,
-    residuals: batched.Residuals,
-    linearised: batched.Linearised,
-) -> Refits:
-    """Refit in batches that fit into a cache."""
     low, high = (np.array([q.bounds[end] for q in problem.model.parameters]) for end in (0, 1))
     free = np.ones(len(start), dtype=bool)
-    size = max(BATCH // (n * (len(start) + 1)), 1)
+    # batches that fit into a cache
+    size = max(BATCH // (target.shape[1] * (len(start) + 1)), 1)
     parts = []
-    for first in range(0, m, size):
-        count = min(size, m - first)
-        own = np.tile(start, (count, 1))
+    for first in range(0, len(target), size):
+        own = np.tile(start, (min(size, len(target) - first), 1))
         parts.append(batched.minimise(_from(residuals, first), own, (low, high), scale, free, _from(linearised, first)))
     return Refits(
         names=problem.names,
         theta=np.concatenate([np.zeros((0, len(start))), *(p.theta for p in parts)]),
-        chi2=np.concatenate([np.zeros(0), *(p.chi2 for p in parts)]),
+        chi2=np.concatenate([np.zeros(0), *(p.chi2 for p in parts)]) + rest,
         converged=np.concatenate([np.zeros(0, dtype=bool), *(p.converged for p in parts)]),
     )
 
