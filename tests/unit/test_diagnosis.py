@@ -399,30 +399,35 @@ def test_held_out_visits_are_weighed_by_how_well_they_are_known(null_stage):
     off = stage.noise.height_m * stage.slope * rng.standard_normal(len(visits))[label]
     effect = 5e-4 * np.sign(np.sin(np.arange(data.n)))
     noise = 1e-3 * rng.standard_normal(data.n) + off
-    scored = confirmation.HeldOut(before=noise + effect, after=noise, visit=data.visit, chosen=())
+    scored = confirmation.HeldOut(before=noise + effect, after=noise + effect, named=noise, visit=data.visit, chosen=())
+    # what the folds chose is for the error; whether the effect predicts, for the effect itself
     assert confirmation.improves(stage, scored)
-    assert not confirmation.improves(stage, dataclasses.replace(scored, before=noise, after=noise + effect))
+    assert not confirmation.improves(stage, dataclasses.replace(scored, before=noise, named=noise + effect))
     # chance alone, as large: no credit
-    idle = dataclasses.replace(scored, before=noise, after=noise + 5e-4 * rng.standard_normal(data.n))
+    idle = dataclasses.replace(scored, before=noise, named=noise + 5e-4 * rng.standard_normal(data.n))
     assert not confirmation.improves(stage, idle)
     # one wild trial on either side decides nothing
     wild = np.zeros(data.n)
     wild[7] = 0.5
-    assert confirmation.improves(stage, dataclasses.replace(scored, before=scored.before + wild, after=scored.after + 1.1 * wild))
+    assert confirmation.improves(stage, dataclasses.replace(scored, before=scored.before + wild, named=scored.named + 1.1 * wild))
 
 
 def test_what_is_left_elsewhere_proves_a_second_effect(null_stage):
     effects = {e.name: e for e, _ in null_stage.library}
     sag = null_stage.explain((effects["supply_sag"],), 1)
 
-    def leaving(covariate):
-        left = dataclasses.replace(sag.left, names=(covariate,), covariates=(covariate,), log10_p=np.array([-9.0]))
+    def leaving(covariate, log10_p=-9.0):
+        left = dataclasses.replace(sag.left, names=(covariate,), covariates=(covariate,), log10_p=np.array([log10_p]), threshold=-4.0)
         return dataclasses.replace(sag, left=left)
 
+    nothing = leaving("tilt", 0.0)
     # along time the supply's own form may err, along throttle any effect's; tilt it knows nothing of
-    assert search.earn(leaving("start"), clean=False) == search.earn(leaving("throttle"), clean=False) == search.RIVAL
-    assert search.earn(leaving("tilt"), clean=False) == 0.0
-    assert 0.0 < search.earn(leaving("tilt"), clean=True) < search.RIVAL
+    assert search.earn(leaving("start"), nothing) == search.earn(leaving("throttle"), nothing) == search.RIVAL
+    assert search.earn(leaving("tilt"), nothing) == 0.0
+    # a second effect that leaves the tilt as it was, or something else, is no witness, or is
+    assert search.earn(leaving("tilt"), leaving("tilt")) == search.RIVAL
+    assert search.earn(leaving("tilt"), leaving("start")) == 0.0
+    assert 0.0 < search.earn(nothing, nothing) < search.RIVAL
 
 
 def test_a_strange_form_that_accounts_for_nearly_all_is_taken_at_a_second_look():

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, compose
-from nearlift.diagnosis.families import cosines
+from nearlift.diagnosis.families import cosines, indicators
 from nearlift.fitting.problem import Problem, need
 from nearlift.results import Observations
 
@@ -177,6 +177,9 @@ class Candidate:
                 along = self._along(name)
                 if along is not None:
                     columns.append(self.contribution(vector, effect)[:, None] * cosines(along, TUBE_ORDER) * weight)
+            if effect.varies_with == "since_start_s" and self.data.session.max() > 0:
+                # what begins anew at every start does not begin alike each time
+                columns.append(self.contribution(vector, effect)[:, None] * indicators(self.data.session) * sd)
         return np.hstack(columns)
 
     def _along(self, name: str) -> FloatArray | None:

@@ -93,7 +93,8 @@ def diagnose(
     few = few_visits.applies(stage.data)
     answer = few_visits.run(stage) if few else settle(stage)
     # each fold makes its own choice of how to weigh trials, so it starts from the stage as it was
-    scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run) if confirm else None
+    named = answer.best.candidate.effects
+    scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run, named) if confirm else None
     stage = answer.stage
     refuted: tuple[Explanation, ...] = ()
     if scored is not None and answer.accepted and not confirmation.improves(stage, scored):
@@ -192,6 +193,7 @@ def _findings(stage: Stage, answer: Answer, refuted: tuple[Explanation, ...]) ->
     }
     if answer.accepted:
         found["effects"] = _effects(stage, answer)
+        found["explanations"] = [list(e.effects) for e in answer.accepted]
     if answer.verdict == "unexplained":
         found["partial"] = _partial(stage, answer)
     found["p_value"] = answer.first.p_value
@@ -205,7 +207,7 @@ def _findings(stage: Stage, answer: Answer, refuted: tuple[Explanation, ...]) ->
         found["not_confirmed"] = [list(e.effects) for e in refuted]
         names = ", ".join(e.name for e in refuted)
         found["rounds"].append(
-            {"candidates": [], "decision": "unexplained", "reason": f"{names}: nothing is gained on visits that took no part in choosing"}
+            {"candidates": [], "decision": "unexplained", "reason": f"{names}: nothing is gained on visits that it was not fitted to"}
         )
     return found
 
@@ -215,18 +217,17 @@ def _effects(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     best = answer.accepted[0]
     listed = []
     for effect in best.fitted.candidate.effects:
-        rivals: dict[str, float] = {}
+        others_kept = set(best.effects) - {effect.name}
+        rivals = []
         for other in answer.accepted[1:]:
-            # a rival explanation of the same length stands in for what it does not share
-            for name in other.effects:
-                if name not in best.effects:
-                    others_kept = set(best.effects) - {effect.name}
-                    if len(other.effects) == 1 or others_kept & set(other.effects) or not set(other.effects) & set(best.effects):
-                        rivals[name] = max(rivals.get(name, -np.inf), other.plausibility)
+            shared = set(best.effects) & set(other.effects)
+            # an explanation of the same length stands in for what it does not share; a longer one tells who may act beside it
+            if len(other.effects) > len(best.effects) or len(other.effects) == 1 or others_kept & shared or not shared:
+                rivals += [name for name in other.effects if name not in best.effects]
         listed.append(
             {
                 "name": effect.name,
-                "rivals": sorted(rivals, key=lambda n: -rivals[n]),
+                "rivals": list(dict.fromkeys(rivals)),
                 "parameters": _parameters(stage, best, effect.name),
                 "mechanism": effect.mechanism,
             }

@@ -89,6 +89,11 @@ class Explanation:
         return not self.left.present and self.over_none > CREDIT and not self.fitted.at_bound
 
     @property
+    def possible(self) -> bool:
+        """Whether it may stand beside one that was accepted: it leaves nothing and is likelier than no effect, if not by enough to be named."""
+        return self.accepted or (self.confirmed is None and not self.left.present and self.over_none > 0 and not self.fitted.at_bound)
+
+    @property
     def name(self) -> str:
         """Names of its effects."""
         return self.fitted.candidate.name
@@ -383,24 +388,32 @@ def run(stage: Stage) -> Answer:
     if not together and not clean:
         pairs = second_look(stage, pairs)
         together = [p for p in pairs if p.accepted]
-    accepted = together if best is None or any(p.log_evidence > best.log_evidence + earn(best, clean) for p in together) else alone
+    earned = best is None or any(p.log_evidence > best.log_evidence + earn(best, p) for p in together)
+    tried, accepted = (pairs, together) if earned else (singles, alone)
     # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
-    most = max((e.log_evidence for e in accepted), default=0.0)
-    rivals = tuple(sorted((e for e in accepted if 2 * (most - e.log_evidence) <= RIVAL), key=lambda e: -e.plausibility))
-    return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=rivals)
+    most = max((e.log_evidence for e in accepted), default=np.inf)
+    rivals = [e for e in tried if e.possible and 2 * (most - e.log_evidence) <= RIVAL]
+    rivals.sort(key=lambda e: (not e.accepted, -e.plausibility))
+    if not earned:
+        # two effects that are likelier, if not plainly, could still be what is there
+        rivals += sorted((p for p in together if p.log_evidence > most), key=lambda e: -e.plausibility)
+    return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=tuple(rivals))
 
 
-def earn(best: Explanation, clean: bool) -> float:
+def earn(alone: Explanation, pair: Explanation) -> float:
     """Log evidence that a second effect must bring beside one that would do alone.
 
     One effect of uncertain form can imitate two, and two one of strange form: the second must earn its place, more so where it only
-    tidies up. What is left along a covariate in which no error of the first one's form could lie proves that there is another.
+    tidies up. What is left along a covariate in which no error of the first one's form could lie proves that there is another, if that
+    one takes it away.
     """
-    if clean:
+    if not alone.left.present:
         return RIVAL / 2
-    own = {_kin(SCHEDULE_WORDS.get(e.varies_with, e.varies_with)) for e in best.fitted.candidate.effects} | {"throttle"}
-    elsewhere = _kin(next(iter(best.left.by_covariate()))) not in own
-    return 0.0 if elsewhere else RIVAL
+    own = {_kin(SCHEDULE_WORDS.get(e.varies_with, e.varies_with)) for e in alone.fitted.candidate.effects} | {"throttle"}
+    betrayed = next(iter(alone.left.by_covariate()))
+    elsewhere = _kin(betrayed) not in own
+    settled = not pair.left.present or pair.left.by_covariate().get(betrayed, 0.0) > pair.left.threshold
+    return 0.0 if elsewhere and settled else RIVAL
 
 
 def _kin(covariate: str) -> str:

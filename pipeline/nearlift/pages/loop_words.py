@@ -11,7 +11,7 @@ from nearlift.pages.number import Number, Quoted, chance, cite, pointer, quote
 from nearlift.products import DIAGNOSIS
 from nearlift.rounding import plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.loop import tried
+from nearlift.summaries.loop import stand_ins, tried
 
 #: More parameters than this (a gain for every session) are told by their range.
 PARAMETERS = 3
@@ -40,7 +40,8 @@ def effects(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[di
             {
                 "name": effect["name"],
                 "mechanism": effect.get("mechanism", ""),
-                "rivals": effect.get("rivals", []),
+                "rivals": [o for o in stand_ins(found, effect) if " + " not in o],
+                "together": [o for o in stand_ins(found, effect) if " + " in o],
                 "parameters": quoted if len(quoted) <= PARAMETERS else [],
                 "many": {"number": len(quoted), "least": ends[0], "most": ends[-1], "all": quoted} if len(quoted) > PARAMETERS else None,
                 # that a length or an exponent is at an end is no wonder; a size there is implausible

@@ -18,6 +18,7 @@ from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
 from nearlift.rounding import plain, plus_minus
 from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.loop import stand_ins
 
 VERDICTS = {
     "adequate": "nothing was left beyond the noise floor",
@@ -155,7 +156,7 @@ def _loop(evidence: Evidence) -> str:
         said = VERDICTS.get(found["verdict"], "")
         if found["verdict"] == "effect":
             said = _listed([f"{e['name'].replace('_', ' ')} {_cite(*keys(known[e['name']]))}" for e in found["effects"] if e["name"] in known])
-            rivals = [r for e in found["effects"] for r in e.get("rivals", [])]
+            rivals = list(dict.fromkeys(r.replace(" + ", " with ") for e in found["effects"] for r in stand_ins(found, e)))
             said = f"what was left is accounted for by {said}" + (
                 f", which the design cannot tell from {_listed(rivals).replace('_', ' ')}" if rivals else ""
             )

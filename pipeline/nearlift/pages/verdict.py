@@ -13,6 +13,7 @@ from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plain
 from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.loop import stand_ins
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
 REJECTED = 1e-3
@@ -67,10 +68,12 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
         along = [str(line["covariate"]) for line in found["structure"][:1]]
         said.append(f"what the base model leaves{f' along {along[0]}' if along else ''} has no name, and may be in the coefficient too")
     for effect in found.get("effects", []):
-        if effect.get("rivals"):
-            said.append(
-                f"{effect['name']} and {' and '.join(effect['rivals'])} look alike in this design; which of them it is rests on prior plausibility"
-            )
+        others = stand_ins(found, effect)
+        alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
+        if alone:
+            said.append(f"{effect['name']} and {' and '.join(alone)} look alike in this design; which of them it is rests on prior plausibility")
+        if together:
+            said.append(f"{effect['name']} alone would do, but {' or '.join(together)} is likelier, if not plainly")
     said += [f"{name} ends at a bound of its range" for name in names if entry["parameters"][name]["at_bound"]]
     said += [str(d["text"]) for d in entry["degeneracies"][:1]]
     listed = [Doubt(boundaries=(boundary,), text=text) for text in said]
@@ -110,7 +113,7 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "reduced": reduced(evidence, boundary, model.name),
         "words": words,
         "verdict": verdict,
-        "effects": [_effect(e) for e in found["effects"]] if found else [],
+        "effects": [_effect(found, e) for e in found["effects"]] if found else [],
         "noise": "what repeats scatter" if source.startswith(REPEATS) else f"the {source}",
         "superseded": bool(found and found["verdict"] == "effect"),
         "after": _after(evidence, boundary, found),
@@ -119,9 +122,9 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     }
 
 
-def _effect(effect: dict[str, Any]) -> str:
-    rivals = effect.get("rivals") or []
-    return str(effect["name"]) + (f" (or {', '.join(rivals)}, which this design cannot tell from it)" if rivals else "")
+def _effect(found: dict[str, Any], effect: dict[str, Any]) -> str:
+    others = stand_ins(found, effect)
+    return str(effect["name"]) + (f" (or {', '.join(others)}, which this design cannot tell from it)" if others else "")
 
 
 def _after(evidence: Evidence, boundary: Boundary, found: dict[str, Any] | None) -> list[Quoted]:

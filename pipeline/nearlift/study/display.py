@@ -9,6 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from nearlift.rounding import letter, like, plain, plus_minus
+from nearlift.summaries.loop import stand_ins
 
 if TYPE_CHECKING:
     from nearlift.study.found import Coefficient, Diagnosis, Drawing, Finding, Finished, Fit, Reduction
@@ -43,7 +44,8 @@ def diagnosis(found: Diagnosis) -> str:
     """Verdicts, named effects with rivals, coefficients before and after, error on what was held out."""
     rows = []
     for at in found:
-        named = "; ".join(e.name + (f" (or {', '.join(e.rivals)})" if e.rivals else "") for e in at.effects)
+        others = [stand_ins(at.content, e) for e in at.content["effects"]]
+        named = "; ".join(e.name + (f" (or {', '.join(o)})" if o else "") for e, o in zip(at.effects, others, strict=True))
         error = f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor {plain(100 * at.noise_floor, 2)})"
         for name, after in at.after.items():
             rows.append((at.boundary, at.verdict, named or "none", letter(name), _interval(at.before[name]), _interval(after), error))

@@ -121,7 +121,7 @@ def _here(verdict: dict[str, Any] | None, name: str) -> list[str]:
         with_rivals = f", with the rivals {', '.join(verdict['rivals'])}" if verdict["rivals"] else ", without a rival"
         return _wrap(f"The loop named it here{with_rivals}.")
     if verdict["rival_of"]:
-        return _wrap(f"The loop lists it here as a rival of {', '.join(verdict['rival_of'])}.")
+        return _wrap(f"The loop lists it here among what this design cannot tell from {', '.join(verdict['rival_of'])}.")
     tried = verdict["tried"]
     if tried and not tried["accepted"]:
         left = f"it leaves structure in {tried['left_in']}" if tried.get("left_in") else "it earns too little"

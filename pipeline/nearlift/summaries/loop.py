@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import BOUNDARIES, Boundary
-from nearlift.diagnosis.search import RIVAL
 from nearlift.products import DIAGNOSIS
 from nearlift.summaries import against, fig2
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
@@ -79,31 +78,43 @@ def _lettered(table: Columns, letter: str) -> Columns:
 
 def _headline(found: Mapping[str, Any]) -> str:
     if found["verdict"] == "effect":
-        named = [f"{e['name']} (or {', '.join(e['rivals'])})" if e.get("rivals") else str(e["name"]) for e in found.get("effects", [])]
-        return ", and ".join(named)
+        named = ((str(e["name"]), stand_ins(found, e)) for e in found.get("effects", []))
+        return ", and ".join(f"{name} (or {', '.join(others)})" if others else name for name, others in named)
     return {"adequate": "nothing beyond the noise", "unexplained": "structure that no candidate explains"}.get(found["verdict"], "")
+
+
+def stand_ins(found: Mapping[str, Any], effect: Mapping[str, Any]) -> list[str]:
+    """What this design cannot tell from a named effect: single effects in its place, then two where one was named, as "a + b"."""
+    rivals = [str(r) for r in effect.get("rivals", [])]
+    explanations = found.get("explanations", [])
+    together = [e for e in explanations if len(e) > len(found["effects"])]
+    alone = {name for e in explanations if e not in together for name in e}
+    return [r for r in rivals if r in alone or not together] + [" + ".join(e) for e in together]
 
 
 def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Every candidate of every round: the named one, its rivals, then by evidence.
 
     `behind` is twice the log evidence by which it trails the best that was accepted (of all, if none was); `kind` is named,
-    rival (accepted, and within reach of the best), worse (accepted, and beyond) or rejected.
+    rival (among the explanations that the design cannot tell apart), worse (accepted, and beyond their reach) or rejected.
     """
     known: dict[str, dict[str, Any]] = {}
     for i, r in enumerate(found.get("rounds", [])):
         known |= {str(c["name"]): {**c, "round": i} for c in r.get("candidates", []) if c.get("log_evidence") is not None}
     accepted = [float(c["log_evidence"]) for c in known.values() if c.get("accepted")]
     best = max(accepted or [float(c["log_evidence"]) for c in known.values()], default=0.0)
-    named = {str(e["name"]) for e in found.get("effects", [])}
+    explanations = [{*e} for e in found.get("explanations", [])]
     refuted = [set(names) for names in found.get("not_confirmed", [])]
     listed = []
     for c in known.values():
         behind = 2 * (best - float(c["log_evidence"]))
         kind = "rejected"
-        if c.get("accepted"):
-            kind = "named" if {*str(c["name"]).split(" + ")} == named else ("rival" if behind <= RIVAL else "worse")
-        if {*str(c["name"]).split(" + ")} in refuted:
+        effects = {*str(c["name"]).split(" + ")}
+        if effects in explanations:
+            kind = "rival" if explanations.index(effects) else "named"
+        elif c.get("accepted"):
+            kind = "worse"
+        if effects in refuted:
             kind, c = "rejected", {**c, "refuted": True}
         listed.append({**c, "behind": behind, "kind": kind})
     order = {"named": 0, "rival": 1}
