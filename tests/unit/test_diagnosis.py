@@ -422,12 +422,14 @@ def test_what_is_left_elsewhere_proves_a_second_effect(null_stage):
 
     nothing = leaving("tilt", 0.0)
     # along time the supply's own form may err, along throttle any effect's; tilt it knows nothing of
-    assert search.earn(leaving("start"), nothing) == search.earn(leaving("throttle"), nothing) == search.RIVAL
-    assert search.earn(leaving("tilt"), nothing) == 0.0
+    assert search.earn(leaving("start"), nothing, 1.0) == search.earn(leaving("throttle"), nothing, 1.0) == search.RIVAL
+    assert search.earn(leaving("tilt"), nothing, 1.0) == 0.0
     # a second effect that leaves the tilt as it was, or something else, is no witness, or is
-    assert search.earn(leaving("tilt"), leaving("tilt")) == search.RIVAL
-    assert search.earn(leaving("tilt"), leaving("start")) == 0.0
-    assert 0.0 < search.earn(nothing, nothing) < search.RIVAL
+    assert search.earn(leaving("tilt"), leaving("tilt"), 1.0) == search.RIVAL
+    assert search.earn(leaving("tilt"), leaving("start"), 1.0) == 0.0
+    assert 0.0 < search.earn(nothing, nothing, 1.0) < search.RIVAL
+    # beside much that neither explains, a second effect must gain more
+    assert search.earn(leaving("start"), leaving("start"), 10.0) == 10 * search.RIVAL
 
 
 def test_a_strange_form_that_accounts_for_nearly_all_is_taken_at_a_second_look():

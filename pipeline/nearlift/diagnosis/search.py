@@ -246,6 +246,13 @@ class Stage:
         result: float = max(chi2 - basis.shape[1], 1e-12)
         return result
 
+    def dispersion(self, e: Explanation) -> float:
+        """Variance along the families and effects that an explanation leaves, in units of the noise floor's; 1 where it leaves nothing."""
+        if not e.left.present:
+            return 1.0
+        result: float = 1.0 + max(self.excess - e.gain, 0.0) / self.hypotheses[1].shape[1]
+        return result
+
     @cached_property
     def best_step(self) -> float:
         """Drop of chi2 by one step at the best of the times tried."""
@@ -388,7 +395,7 @@ def run(stage: Stage) -> Answer:
     if not together and not clean:
         pairs = second_look(stage, pairs)
         together = [p for p in pairs if p.accepted]
-    earned = best is None or any(p.log_evidence > best.log_evidence + earn(best, p) for p in together)
+    earned = best is None or any(p.log_evidence > best.log_evidence + earn(best, p, stage.dispersion(p)) for p in together)
     tried, accepted = (pairs, together) if earned else (singles, alone)
     # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
     most = max((e.log_evidence for e in accepted), default=np.inf)
@@ -396,16 +403,18 @@ def run(stage: Stage) -> Answer:
     rivals.sort(key=lambda e: (not e.accepted, -e.plausibility))
     if not earned:
         # two effects that are likelier, if not plainly, could still be what is there
-        rivals += sorted((p for p in together if p.log_evidence > most), key=lambda e: -e.plausibility)
+        price = float(np.log(stage.data.n)) / 2
+        likelier = (p for p in together if p.log_evidence > most + price * (stage.dispersion(p) - 1))
+        rivals += sorted(likelier, key=lambda e: -e.plausibility)
     return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=tuple(rivals))
 
 
-def earn(alone: Explanation, pair: Explanation) -> float:
+def earn(alone: Explanation, pair: Explanation, dispersion: float) -> float:
     """Log evidence that a second effect must bring beside one that would do alone.
 
     One effect of uncertain form can imitate two, and two one of strange form: the second must earn its place, more so where it only
     tidies up. What is left along a covariate in which no error of the first one's form could lie proves that there is another, if that
-    one takes it away.
+    one takes it away. What both leave is noise to this judgement: `dispersion` is its size, in units of the noise floor's.
     """
     if not alone.left.present:
         return RIVAL / 2
@@ -413,7 +422,7 @@ def earn(alone: Explanation, pair: Explanation) -> float:
     betrayed = next(iter(alone.left.by_covariate()))
     elsewhere = _kin(betrayed) not in own
     settled = not pair.left.present or pair.left.by_covariate().get(betrayed, 0.0) > pair.left.threshold
-    return 0.0 if elsewhere and settled else RIVAL
+    return 0.0 if elsewhere and settled else RIVAL * dispersion
 
 
 def _kin(covariate: str) -> str:
