@@ -432,6 +432,70 @@ def test_what_is_left_elsewhere_proves_a_second_effect(null_stage):
     assert search.earn(leaving("start"), leaving("start"), 10.0) == 10 * search.RIVAL
 
 
+def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
+    effects = {e.name: e for e, _ in null_stage.library}
+    sag = null_stage.explain((effects["supply_sag"],), 1)
+    nothing = dataclasses.replace(sag.left, log10_p=np.zeros(1), threshold=-4.0)
+
+    def standing(names, log_evidence, over_none=20.0, plausibility=0.0):
+        candidate = null_stage.candidate(*(effects[n] for n in names))
+        fitted = dataclasses.replace(sag.fitted, candidate=candidate, vector=candidate.null)
+        return dataclasses.replace(
+            sag, fitted=fitted, left=nothing, gain=1e9, log_evidence=log_evidence, over_none=over_none, plausibility=plausibility
+        )
+
+    def listed(singles, pairs=()):
+        return [e.effects for e in search.contenders(null_stage, singles, pairs)]
+
+    # the plausible first, of those within reach
+    singles = (standing(["supply_sag"], 0.0), standing(["warm_up"], -2.0, plausibility=1.0), standing(["air_density"], -6.0))
+    assert listed(singles) == [("warm_up",), ("supply_sag",)]
+    # what is likelier than nothing, if not by enough to be named, is a rival and never the name; without one that is, it is nothing
+    shy = standing(["warm_up"], -1.0, over_none=1.0, plausibility=1.0)
+    assert listed((singles[0], shy)) == [("supply_sag",), ("warm_up",)]
+    assert listed((shy,)) == []
+    assert listed((singles[0], standing(["warm_up"], -1.0, over_none=-0.5))) == [("supply_sag",)]
+    # a pair may be less likely than the single effect, likelier though not plainly, or plainly
+    for ahead, expected in ((-1.0, [("supply_sag",)]), (2.0, [("supply_sag",), ("supply_sag", "tilt")]), (6.0, [("supply_sag", "tilt")])):
+        assert listed(singles[:1], (standing(["supply_sag", "tilt"], ahead),)) == expected
+
+
+def test_an_effect_that_no_fold_found_still_predicts():
+    stage = set_up(campaign(3, visits=8, gain=sag(0.5)), GROUND, (), Options())[0]
+    sagging = tuple(e for e, _ in stage.library if e.name == "supply_sag")
+
+    def blind(part):
+        return search.Answer(stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=())
+
+    scored = confirmation.held_out(stage, blind, sagging)
+    assert np.array_equal(scored.before, scored.after)
+    assert np.sum(scored.named**2) < 0.6 * np.sum(scored.before**2)
+    assert confirmation.improves(stage, scored)
+    # an effect that is not there does not, and none at all has nothing to show
+    tilted = tuple(e for e, _ in stage.library if e.name == "tilt")[:1]
+    assert not confirmation.improves(stage, confirmation.held_out(stage, blind, tilted))
+    assert np.array_equal(confirmation.held_out(stage, blind).named, scored.before)
+
+
+def test_what_begins_anew_at_every_start_need_not_begin_alike(null_stage):
+    effects = {e.name: e for e, _ in null_stage.library}
+
+    def freedom(name, size):
+        candidate = null_stage.candidate(effects[name])
+        vector = candidate.null.copy()
+        vector[candidate.sizes()] = size
+        tube = candidate.tube(vector, 0.2)
+        # what it grants to the first session alone
+        first = null_stage.data.session == 0
+        wanted = candidate.contribution(vector, effects[name]) * first
+        rest = wanted - tube @ np.linalg.lstsq(tube, wanted, rcond=None)[0]
+        return float(np.sum(rest**2) / np.sum(wanted**2))
+
+    assert null_stage.data.session.max() > 0
+    assert freedom("warm_up", 0.02) < 1e-12
+    assert freedom("supply_sag", 0.5) > 0.01
+
+
 def test_a_strange_form_that_accounts_for_nearly_all_is_taken_at_a_second_look():
     # lift that follows the supply with a kink: far from a power law, and far above the noise
     kinked = campaign(5, visits=8, gain=lambda c: 1 + 0.3 * np.minimum(c["supply_V"] - 3.75, 0.0))

@@ -53,6 +53,7 @@ FOUND = {
                 "parameters": {"sag_exponent": {"value": 2.0, "lo90": 1.9, "hi90": 2.1}},
             }
         ],
+        "explanations": [["supply_sag"], ["warm_up"]],
         "p_value": 1 / 1501,
         "structure": [{"covariate": "supply", "p_value": 1e-90, "significant": True}, {"covariate": "tilt", "p_value": 0.4, "significant": False}],
         "rounds": [
@@ -262,6 +263,29 @@ def test_candidates_stand_by_evidence_and_say_what_they_leave(table):
         ("gain_drift", "rejected", 96.0, "leaves supply"),
         ("reynolds", "rejected", 1776.0, "explains too little"),
     ]
+
+
+def test_two_effects_that_may_be_there_stand_beside_the_one_that_is_named(make_job):
+    def pair(found):
+        own = found["ground"]
+        own["effects"][0]["rivals"] = ["warm_up", "tilt"]
+        own["explanations"] = [["supply_sag"], ["warm_up"], ["supply_sag", "tilt"]]
+        own["rounds"].append({**own["rounds"][0], "candidates": [candidate("supply_sag + tilt", -10.0, accepted=True)]})
+
+    _, table = edited(make_job, pair)
+    own = pick(table, panel="ground", part="candidate")
+    kinds = dict(zip(own["label"].tolist(), own["kind"].tolist(), strict=True))
+    assert kinds == {"supply_sag": "named", "warm_up": "rival", "supply_sag + tilt": "rival"} | {
+        "session_gain": "worse",
+        "gain_drift": "rejected",
+        "reynolds": "rejected",
+    }
+    own = copy.deepcopy(FOUND["ground"])
+    pair({"ground": own})
+    assert loop.stand_ins(own, own["effects"][0]) == ["warm_up", "supply_sag + tilt"]
+    # written before there was a list of explanations: the rivals as they stand
+    del own["explanations"]
+    assert loop.stand_ins(own, own["effects"][0]) == ["warm_up", "tilt"]
 
 
 def test_accepted_candidates_are_filled_and_rejected_hollow(table):

@@ -391,10 +391,15 @@ def run(stage: Stage) -> Answer:
         alone = [s for s in singles if s.accepted]
     best = max(alone, key=lambda e: e.log_evidence, default=None)
     pairs = tuple(stage.explain(pair, 1000 + i) for i, pair in enumerate(promising(stage, visible, best)))
-    together = [p for p in pairs if p.accepted]
-    if not together and not clean:
+    if not clean and not any(p.accepted for p in pairs):
         pairs = second_look(stage, pairs)
-        together = [p for p in pairs if p.accepted]
+    return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=contenders(stage, singles, pairs))
+
+
+def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Explanation, ...]) -> tuple[Explanation, ...]:
+    """The explanations that this design cannot tell apart, the one to be named first; empty if none was accepted."""
+    alone, together = [e for e in singles if e.accepted], [e for e in pairs if e.accepted]
+    best = max(alone, key=lambda e: e.log_evidence, default=None)
     earned = best is None or any(p.log_evidence > best.log_evidence + earn(best, p, stage.dispersion(p)) for p in together)
     tried, accepted = (pairs, together) if earned else (singles, alone)
     # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
@@ -406,7 +411,7 @@ def run(stage: Stage) -> Answer:
         price = float(np.log(stage.data.n)) / 2
         likelier = (p for p in together if p.log_evidence > most + price * (stage.dispersion(p) - 1))
         rivals += sorted(likelier, key=lambda e: -e.plausibility)
-    return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=tuple(rivals))
+    return tuple(rivals)
 
 
 def earn(alone: Explanation, pair: Explanation, dispersion: float) -> float:
