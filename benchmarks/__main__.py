@@ -1,6 +1,6 @@
 """Every benchmark beside its peers: ``make bench``.
 
-    python -m benchmarks [NAME ...] [--quick] [--rounds N] [--data DIR] [--without WHO ...] [--save] [--fail] [--json FILE]
+    python -m benchmarks [NAME ...] [--quick | --full] [--rounds N] [--data DIR] [--without WHO ...] [--save] [--fail] [--json FILE]
 
 Prints Markdown; `--save` keeps it in docs/benchmarks.md and benchmarks/last.json, against which later results are compared. A regression
 beyond noise is told on stderr; only with `--fail` does it set the exit code.
@@ -43,12 +43,13 @@ def prepared(name: str, folder: Path, quick: bool) -> str:
     return done.stdout.decode().strip().splitlines()[-1]
 
 
-def run(names: list[str], quick: bool, rounds: int | None, data: Path | None, out: set[str]) -> dict[str, Any]:
+def run(names: list[str], quick: bool, full: bool, rounds: int | None, data: Path | None, out: set[str]) -> dict[str, Any]:
     benches = {}
     with tempfile.TemporaryDirectory() as temporary:
         for name in names:
             bench = bench_of(name)
-            bench = replace(bench, contestants=tuple(c for c in bench.contestants if c.name not in out or c.name == bench.one))
+            inside = (c for c in bench.contestants if (full or not c.full) and (c.name not in out or c.name == bench.one))
+            bench = replace(bench, contestants=tuple(inside))
             folder = data or Path(temporary) / name
             folder.mkdir(parents=True, exist_ok=True)
             setting = prepared(name, folder, quick)
@@ -63,6 +64,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
     parser.add_argument("--quick", action="store_true", help="small data, two rounds: a look, no result")
+    parser.add_argument("--full", action="store_true", help="those too that take very long, each once: see docs/benchmarks.md")
     parser.add_argument("--rounds", type=int)
     parser.add_argument("--data", type=Path, help="keep the data here, and use what is there already")
     parser.add_argument("--without", nargs="+", default=[], metavar="WHO", help="contestants that stay out")
@@ -82,7 +84,7 @@ def main() -> int:
         return 0
     if unknown := sorted(set(given.names) - set(NAMES)):
         parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(NAMES)}")
-    result = run(given.names or NAMES, given.quick, given.rounds, given.data.resolve() if given.data else None, set(given.without))
+    result = run(given.names or NAMES, given.quick, given.full, given.rounds, given.data.resolve() if given.data else None, set(given.without))
     last = json.loads(LAST.read_text()) if LAST.exists() else {}
     worse = regressions(result, last)
     missed = [

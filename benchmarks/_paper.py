@@ -10,18 +10,21 @@ RATE, TARE, RECORD = 1000.0, 2.0, 10.0
 VISITS = 15
 
 
-def campaign(data: Path, scale: float, form: str = "csv_with_time") -> Path:
-    """The folder of the campaign at that scale, written if it is not there; `form` as in `synthetic.records`."""
-    folder = data / f"paper-{scale:g}-{ {'csv': '1', 'csv_with_time': '2'}.get(form, form) }"
+def campaign(data: Path, scale: float, form: str = "csv_with_time", sagging: bool = False) -> Path:
+    """The folder of the campaign at that scale, written if it is not there; `form` as in `synthetic.records`.
+
+    `sagging`: with the demo's battery above the ground, its voltage logged everywhere; else nothing is wrong.
+    """
+    folder = data / f"paper-{scale:g}-{ {'csv': '1', 'csv_with_time': '2'}.get(form, form) }{'-sagging' if sagging else ''}"
     if not folder.exists():
         unfinished = folder.with_name(folder.name + ".unfinished")
         shutil.rmtree(unfinished, ignore_errors=True)
-        write(unfinished, scale, form)
+        write(unfinished, scale, form, sagging)
         unfinished.rename(folder)
     return folder
 
 
-def write(folder: Path, scale: float, form: str) -> None:
+def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
     """As a lab's logger prints it: 0.1 uN, a clock in ms beside the force."""
     import dataclasses
 
@@ -35,7 +38,10 @@ def write(folder: Path, scale: float, form: str) -> None:
 
     stations: dict[Boundary, np.ndarray] = {side: PERCENT_DIAMETER.recorded_m(side) for side in TABLE_1}
     plan = randomised(stations, seed=1, visits=max(round(VISITS * scale), 1))
-    truths = {side: dataclasses.replace(truth, effects=()) for side, truth in demo.truths().items()}
+    truths = {side: truth if sagging and side == "ground" else dataclasses.replace(truth, effects=()) for side, truth in demo.truths().items()}
+    if sagging:
+        volts = np.where(plan.boundary == "ground", demo.battery_V(plan, seed=1), demo.bench_V(plan, seed=1))
+        plan = dataclasses.replace(plan, further={"supply_V": volts})
     bench = Bench(rate_Hz=RATE, tare_s=TARE, record_s=RECORD)
     quantum = next(iter(truths.values())).noise.quantum_N
     true = simulate(plan, truths, bench=bench, seed=1)
@@ -45,8 +51,11 @@ def write(folder: Path, scale: float, form: str) -> None:
     clock = [f"{i / RATE:.3f}," for i in range(round((TARE + RECORD) * RATE))]
     for i, trial in enumerate(plan.trial):
         counts = record(str(trial), float(true.lift_N[i]), float(plan.throttle[i]), truths[plan.boundary[i]], bench, 1)
-        force = [f"{f:.4f}" for f in (1e3 * quantum * counts).tolist()]
-        lines = ["force", *force] if form == "csv" else ["t,force", *(t + f for t, f in zip(clock, force, strict=True))]
+        # a converter's counts repeat: each is written once
+        count, which = np.unique(counts, return_inverse=True)
+        said = [f"{f:.4f}" for f in (1e3 * quantum * count).tolist()]
+        force = [said[k] for k in which.tolist()]
+        lines = ["force", *force] if form == "csv" else ["t,force", *map(str.__add__, clock, force)]
         (folder / "trials" / f"{trial}.csv").write_text("\n".join(lines) + "\n")
 
 

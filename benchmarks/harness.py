@@ -34,7 +34,7 @@ class Contestant:
     """Somebody who does the work: `run(folder)` in a fresh Python, or the program `command(folder)`.
 
     `run` may return what it has to say (a mapping; `wall_s` and `cpu_s` in it replace the whole process's), or a function that finds that out
-    once the clock has stopped. `rounds` limits the turns of one that takes long.
+    once the clock has stopped. `rounds` limits the turns of one that takes long, `full` keeps it for `--full`.
     """
 
     name: str
@@ -42,6 +42,7 @@ class Contestant:
     run: Callable[[Path], Any] | None = None
     command: Callable[[Path], list[str]] | None = None
     rounds: int | None = None
+    full: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
