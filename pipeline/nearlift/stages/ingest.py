@@ -272,10 +272,11 @@ def _duplicates(rows: Sequence[Row], codes: Sequence[list[str]]) -> None:
 
 def _same(table: store.Table) -> list[str]:
     """Whose record each duplicate is."""
-    notes = []
-    for i in np.flatnonzero(["DUPLICATE" in text.split() for text in table["quality"]]):
-        first = np.flatnonzero((table["source_sha256"] == table["source_sha256"][i]) & (table["lift_N"] == table["lift_N"][i]))[0]
-        notes.append(f"the record of {table['trial'][i]} is that of {table['trial'][first]}, byte for byte")
+    notes, first = [], {}
+    for trial, sha, lift, text in zip(table["trial"], table["source_sha256"], table["lift_N"].tolist(), table["quality"], strict=True):
+        owner = first.setdefault((sha, lift), trial)
+        if "DUPLICATE" in text.split():
+            notes.append(f"the record of {trial} is that of {owner}, byte for byte")
     return notes
 
 
