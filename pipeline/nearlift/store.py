@@ -161,7 +161,8 @@ def table_bytes(table: Mapping[str, NDArray[Any]], product: Product) -> bytes:
     import pyarrow.parquet as pq
 
     sink = pa.BufferOutputStream()
-    pq.write_table(to_arrow(table, product), sink, compression="zstd", write_page_checksum=True)
+    # measured numbers rarely repeat, and what does zstd finds as well: dictionaries would make files larger, and take a kilobyte a row to write
+    pq.write_table(to_arrow(table, product), sink, compression="zstd", use_dictionary=False, write_page_checksum=True)
     content: bytes = sink.getvalue().to_pybytes()
     return content
 

@@ -180,41 +180,54 @@ def _cells(campaign: Campaign, path: Path) -> dict[str, Cells]:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as fault:
         raise InputRefused(str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8") from None
-    rows: list[list[str]] = []
+    header: list[str] = []
+    found: list[list[str]] = []
     lines: list[int] = []
+    # what stands in many rows is kept once
+    kept: dict[str, str] = {}
     reader = csv.reader(text.splitlines(), strict=True)
     try:
         for row in reader:
-            if any(cell.strip() for cell in row):
-                rows.append(row)
-                lines.append(reader.line_num)
+            if not any(cell.strip() for cell in row):
+                continue
+            if not header:
+                header = _header(path, reader.line_num, row)
+                found = [[] for _ in header]
+                continue
+            if len(row) != len(header):
+                raise InputRefused(
+                    f"{path}, line {reader.line_num}",
+                    f"has {len(row)} cells under {len(header)} column names",
+                    "mend that line (a decimal comma makes two cells of one)",
+                )
+            lines.append(reader.line_num)
+            for column, cell in zip(found, row, strict=True):
+                column.append(kept.setdefault(cell, cell))
     except csv.Error as fault:
         raise InputRefused(f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "mend that line") from None
-    if not rows:
+    if not header:
         raise InputRefused(str(path), "is empty", "the first line names the columns, then one line per trial")
-    header = [name.strip() for name in rows[0]]
+    if not lines:
+        raise InputRefused(str(path), "lists no trial", "one line per trial, in the order in which they were run")
+    cells = {name: Cells(name, column, path.name, lines) for name, column in zip(header, found, strict=True)}
+    for name, value in campaign.trials.constants.items():
+        if name in cells:
+            raise ManifestError(f"trials.constants.{name}", f"stands beside a column {name!r} of {path.name}", "keep one of them")
+        cells[name] = _constant(campaign, name, value, len(lines))
+    return cells
+
+
+def _header(path: Path, line: int, row: list[str]) -> list[str]:
+    """The columns' names."""
+    header = [name.strip() for name in row]
     if len(header) == 1 and any(d in header[0] for d in ";\t"):
         raise InputRefused(str(path), "is not separated by commas", "save it with commas between cells and points in decimals")
     twice = sorted({n for n in header if header.count(n) > 1})
     if twice:
-        raise InputRefused(f"{path}, line {lines[0]}", f"the column {twice[0]!r} stands twice", "rename or drop one of them")
+        raise InputRefused(f"{path}, line {line}", f"the column {twice[0]!r} stands twice", "rename or drop one of them")
     if "" in header:
-        raise InputRefused(f"{path}, line {lines[0]}", f"column {header.index('') + 1} has no name", "name it, or take the stray comma away")
-    for row, line in zip(rows[1:], lines[1:], strict=True):
-        if len(row) != len(header):
-            raise InputRefused(
-                f"{path}, line {line}",
-                f"has {len(row)} cells under {len(header)} column names",
-                "mend that line (a decimal comma makes two cells of one)",
-            )
-    if len(rows) == 1:
-        raise InputRefused(str(path), "lists no trial", "one line per trial, in the order in which they were run")
-    cells = {name: Cells(name, [row[i] for row in rows[1:]], path.name, lines[1:]) for i, name in enumerate(header)}
-    for name, value in campaign.trials.constants.items():
-        if name in cells:
-            raise ManifestError(f"trials.constants.{name}", f"stands beside a column {name!r} of {path.name}", "keep one of them")
-        cells[name] = _constant(campaign, name, value, len(rows) - 1)
-    return cells
+        raise InputRefused(f"{path}, line {line}", f"column {header.index('') + 1} has no name", "name it, or take the stray comma away")
+    return header
 
 
 def _constant(campaign: Campaign, name: str, value: object, n: int) -> Cells:

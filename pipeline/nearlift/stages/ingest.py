@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +46,32 @@ class Row:
     notes: tuple[str, ...] = ()
 
 
+class Rows:
+    """The answers for n trials, column by column in run order, so that a trial's memory is that of its numbers.
+
+    A trial without an answer is MISSING.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.real = {name: np.full(n, np.nan) for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")}
+        self.n, self.samples = (np.zeros(n, dtype=np.int64) for _ in range(2))
+        self.codes: list[tuple[str, ...]] = [("MISSING",)] * n
+        self.source_sha256, self.source = (np.full(n, "", dtype=object) for _ in range(2))
+        #: Each remark with the number of records that it is about, and the first of them.
+        self.notes: dict[str, tuple[int, str]] = {}
+
+    def put(self, i: int, row: Row) -> None:
+        """The answer for trial i."""
+        for name, column in self.real.items():
+            column[i] = getattr(row.reduced, name)
+        self.n[i], self.samples[i] = row.reduced.n, row.samples
+        self.codes[i] = row.reduced.codes
+        self.source_sha256[i], self.source[i] = row.source_sha256, row.source
+        for note in row.notes:
+            count, first = self.notes.get(note, (0, row.source))
+            self.notes[note] = count + 1, first
+
+
 def inputs(root: Path, campaign: Campaign) -> list[str]:
     """Every file that trials.parquet is made from, relative to the campaign's folder: manifest, schedule, records.
 
@@ -78,7 +104,7 @@ def run(job: Job) -> Outcome:
         notes += more
     else:
         rows = _from_means(job, schedule)
-    rows = _settled(job, reader, rows)
+    _settle(job, rows)
     table = _table(schedule, rows, campaign)
     notes += _judge(table, campaign)
     notes += quality.remarks(table["quality"])
@@ -97,8 +123,8 @@ def run(job: Job) -> Outcome:
     return Outcome(rejected=rejected, notes=tuple(notes))
 
 
-def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[dict[str, Row], list[str]]:
-    """Rows by trial, from as many workers as the executor has; a trial without a record has none."""
+def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
+    """Rows from as many workers as the executor has; a trial without a record has none."""
     plan = reader.plan(job.campaign, job.root, list(schedule.trial))
     if not any(piece.trials for piece in plan.pieces):
         raise InputRefused(
@@ -107,21 +133,28 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[dict[st
             f"the first would be that of trial {schedule.trial[0]!r}; check [records] files",
         )
     after = dict(zip(schedule.trial, schedule.covariates["tare_after_N"], strict=True)) if "tare_after_N" in schedule.covariates else {}
-    rows: dict[str, Row] = {}
-    for answer in ordered(job.executor, reduce_piece, _tasks(job, plan.pieces, after)):
-        rows.update((row.trial, row) for row in answer)
-        job.say(f"ingest {len(rows)} of {len(schedule)} trials")
-    notes = [*plan.notes, *_told(rows)]
+    place = {trial: i for i, trial in enumerate(schedule.trial)}
+    rows, done = Rows(len(schedule)), 0
+    notes, pieces = plan.notes, deque(plan.pieces)
+    # the plan of what is done is not kept beside what was found
+    del plan
+    for answer in ordered(job.executor, reduce_piece, _tasks(job, pieces, after)):
+        for row in answer:
+            rows.put(place[row.trial], row)
+        done += len(answer)
+        job.say(f"ingest {done} of {len(schedule)} trials")
+    told = [note if count == 1 else f"{note} ({count} records, such as {first})" for note, (count, first) in rows.notes.items()]
     if job.campaign.load_cell.tare == "none":
-        notes.append('the records have no tare: the zero of the force is unknown and wants an [[uncertainty]] on = "force"')
-    return rows, notes
+        told.append('the records have no tare: the zero of the force is unknown and wants an [[uncertainty]] on = "force"')
+    return rows, [*notes, *told]
 
 
-def _tasks(job: Job, pieces: Sequence[Piece], after: Mapping[str, float]) -> Iterator[Task]:
+def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:
     whole = {piece.paths[0]: "" for piece in pieces if len(piece.paths) == 1 and len(piece.trials) > 1}
     # a file that many trials share is hashed once, here, and not by every worker
     shared = {source: job.inputs.get(source) or store.sha256(path) for path in whole for source in [path.relative_to(job.root).as_posix()]}
-    for piece in pieces:
+    while pieces:
+        piece = pieces.popleft()
         sources = [path.relative_to(job.root).as_posix() for path in piece.paths]
         yield Task(
             root=job.root,
@@ -165,17 +198,8 @@ def reduce_piece(task: Task) -> list[Row]:
     return rows
 
 
-def _told(rows: Mapping[str, Row]) -> list[str]:
-    """What readers remarked, alike remarks told once with the number of records."""
-    seen: dict[str, list[str]] = {}
-    for row in rows.values():
-        for note in row.notes:
-            seen.setdefault(note, []).append(row.source)
-    return [note if len(own) == 1 else f"{note} ({len(own)} records, such as {own[0]})" for note, own in seen.items()]
-
-
-def _settled(job: Job, reader: Reader, rows: dict[str, Row]) -> dict[str, Row]:
-    """The rows, those of files that were still being written marked PENDING.
+def _settle(job: Job, rows: Rows) -> None:
+    """Mark the trials of files that were still being written PENDING.
 
     Raises
     ------
@@ -183,62 +207,47 @@ def _settled(job: Job, reader: Reader, rows: dict[str, Row]) -> dict[str, Row]:
         The manifest, the schedule or a file of many trials was changed while it was read.
     """
     moving = intact.moving(job)
-    owners: dict[str, list[str]] = {}
-    for trial, row in rows.items():
-        owners.setdefault(row.source, []).append(trial)
+    asked = {*moving.changed, *moving.young}
+    owners: dict[str, list[int]] = {name: [] for name in asked}
+    for i, source in enumerate(rows.source.tolist()):
+        if source in asked:
+            owners[source].append(i)
     for name in moving.changed:
-        if len(owners.get(name, ())) != 1:
+        if len(owners[name]) != 1:
             raise InputRefused(str(job.root / name), "was changed while it was being read", "run again when nobody writes it any more")
     late = {owners[name][0] for name in moving.changed}
-    late |= {t for name in moving.young for t in owners.get(name, ()) if not {"truncated", "MALFORMED"}.isdisjoint(rows[t].reduced.codes)}
-    return {
-        trial: replace(row, reduced=replace(row.reduced, codes=(*row.reduced.codes, "PENDING"))) if trial in late else row
-        for trial, row in rows.items()
-    }
+    late |= {i for name in moving.young for i in owners[name] if not {"truncated", "MALFORMED"}.isdisjoint(rows.codes[i])}
+    for i in late:
+        rows.codes[i] = (*rows.codes[i], "PENDING")
 
 
-def _from_means(job: Job, schedule: Schedule) -> dict[str, Row]:
+def _from_means(job: Job, schedule: Schedule) -> Rows:
     path = schedule_file(job.campaign, job.root)
-    digest = job.inputs.get(path.relative_to(job.root).as_posix()) or store.sha256(path)
+    source = path.relative_to(job.root).as_posix()
     lift = means.lift_of(schedule)
-    return {
-        trial: Row(
-            trial=trial,
-            reduced=Reduced(
-                lift_N=float(lift["lift_N"][i]),
-                u_lift_N=float(lift["u_lift_N"][i]),
-                n=int(lift["n"][i]),
-                n_eff=float(lift["n"][i]),
-                sd_N=float(lift["sd_N"][i]),
-            ),
-            source_sha256=digest,
-            source=path.relative_to(job.root).as_posix(),
-            samples=int(lift["n"][i]),
-        )
-        for i, trial in enumerate(schedule.trial)
-    }
+    rows = Rows(len(schedule))
+    rows.real |= {name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")} | {"n_eff": lift["n"].astype(float)}
+    rows.n, rows.samples = (lift["n"].astype(np.int64) for _ in range(2))
+    rows.codes = [()] * len(schedule)
+    rows.source[:], rows.source_sha256[:] = source, job.inputs.get(source) or store.sha256(path)
+    return rows
 
 
-def _table(schedule: Schedule, rows: Mapping[str, Row], campaign: Campaign) -> store.Table:
+def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
     """The columns of trials.parquet in run order, with the codes that need no other trial and those of length."""
-    missing = Row(trial="", reduced=Reduced(codes=("MISSING",)), source_sha256="")
-    found = [rows.get(trial, missing) for trial in schedule.trial]
-    codes = [list(row.reduced.codes) for row in found]
-    n = np.array([row.reduced.n for row in found], dtype=np.int64)
-    samples = np.array([row.samples for row in found], dtype=np.int64)
+    codes = [list(own) for own in rows.codes]
     if campaign.records.reader != "means":
         cell = campaign.load_cell
         planned = None
         if cell.record and cell.sample_rate:
             planned = round(cell.record * cell.sample_rate)
-            plausibility.planned_length(samples, cell.record, cell.sample_rate, campaign.quality.missing)
-        plausibility.lengths(n, codes, campaign.quality.missing, samples, planned)
-        _duplicates(found, codes)
+            plausibility.planned_length(rows.samples, cell.record, cell.sample_rate, campaign.quality.missing)
+        plausibility.lengths(rows.n, codes, campaign.quality.missing, rows.samples, planned)
+        _duplicates(rows, codes)
     if schedule.reached_m is not None:
         off = np.abs(schedule.reached_m - schedule.z_m) > campaign.quality.height * campaign.vehicle.rotor_radius
         for own, lost in zip(codes, off, strict=True):
             own += ["HEIGHT"] if lost else []
-    real = {name: np.array([getattr(row.reduced, name) for row in found]) for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")}
     texts = [quality.joined(c) for c in codes]
     return {
         "trial": schedule.trial,
@@ -246,33 +255,32 @@ def _table(schedule: Schedule, rows: Mapping[str, Row], campaign: Campaign) -> s
         "z_hat": schedule.z_hat,
         "z_m": schedule.z_m,
         "throttle": schedule.throttle,
-        **real,
-        "n": n,
+        **rows.real,
+        "n": rows.n,
         "quality": np.array(texts, dtype=object),
         "visit": schedule.visit,
-        "source_sha256": np.array([row.source_sha256 for row in found], dtype=object),
-        "source": np.array([row.source for row in found], dtype=object),
-        "samples": samples,
+        "source_sha256": rows.source_sha256,
+        "source": rows.source,
+        "samples": rows.samples,
         "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
         **schedule.covariates,
     }
 
 
-def _duplicates(rows: Sequence[Row], codes: Sequence[list[str]]) -> None:
+def _duplicates(rows: Rows, codes: Sequence[list[str]]) -> None:
     """Reject a trial whose file is that of an earlier one; trials of one long table are told apart by their numbers."""
     seen: set[tuple[str, float, float]] = set()
-    for row, own in zip(rows, codes, strict=True):
-        if row.reduced.n == 0:
-            continue
-        key = (row.source_sha256, row.reduced.lift_N, row.reduced.sd_N)
+    for i in np.flatnonzero(rows.n).tolist():
+        key = (rows.source_sha256[i], float(rows.real["lift_N"][i]), float(rows.real["sd_N"][i]))
         if key in seen:
-            own.append("DUPLICATE")
+            codes[i].append("DUPLICATE")
         seen.add(key)
 
 
 def _same(table: store.Table) -> list[str]:
     """Whose record each duplicate is."""
-    notes, first = [], {}
+    notes: list[str] = []
+    first: dict[tuple[str, float], str] = {}
     for trial, sha, lift, text in zip(table["trial"], table["source_sha256"], table["lift_N"].tolist(), table["quality"], strict=True):
         owner = first.setdefault((sha, lift), trial)
         if "DUPLICATE" in text.split():
