@@ -113,7 +113,7 @@ def test_a_contestant_that_fails_stops_the_run(harness):
 
 def test_every_benchmark_is_one(harness):
     main = importlib.import_module("benchmarks.__main__")
-    assert {"ingest", "rerun", "memory", "fits", "posterior", "simulation", "formats", "flow"} <= set(main.NAMES)
+    assert {"ingest", "rerun", "memory", "fits", "posterior", "simulation", "formats", "flow", "campaigns"} <= set(main.NAMES)
     for name in main.NAMES:
         found = main.bench_of(name)
         names = [c.name for c in found.contestants]
