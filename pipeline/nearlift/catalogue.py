@@ -1,10 +1,6 @@
 """Everything declared: what nearlift brings, then what installed packages add by entry point.
 
-A package adds a model by an entry point in the group `nearlift.models` that names one `LiftModel` value (`nearlift.effects`:
-one `Effect`; `nearlift.readers`: see `nearlift.readers`). Names are unique; nothing is overridden. A package that cannot be
-loaded, or offers something else, is refused by its name rather than left out: a run must not depend on what failed silently.
-
-Entry points are loaded when the catalogue is first asked, not when it is imported.
+Entry points (`nearlift.plugins`) are loaded when the catalogue is first asked, not when it is imported.
 """
 
 from __future__ import annotations
@@ -12,22 +8,13 @@ from __future__ import annotations
 import difflib
 import functools
 from collections.abc import Iterable, Mapping
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from nearlift.declare import BOUNDARIES, Boundary, Effect, LiftModel
 from nearlift.effects import EFFECTS
-from nearlift.errors import DeclarationError, UsageError
+from nearlift.errors import UsageError
 from nearlift.models import MODELS
-
-
-class Named(Protocol):
-    """Anything that a catalogue holds."""
-
-    @property
-    def name(self) -> str:
-        """Unique identifier."""
-
+from nearlift.plugins import Named, gather
 
 T = TypeVar("T", bound=Named)
 
@@ -80,47 +67,6 @@ def find(name: str, among: Iterable[T], kind: str) -> T:
     near = difflib.get_close_matches(name, known, n=3)
     remedy = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(known)}"
     raise UsageError(kind, f"there is no {kind} {name!r}", remedy)
-
-
-def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
-    """The built-in declarations followed by those that installed packages add to an entry-point group.
-
-    Raises
-    ------
-    DeclarationError
-        A package cannot be loaded, offers something that is not a `wanted`, or a name that is taken.
-    """
-    found: dict[str, T] = {}
-    owner: dict[str, str] = {}
-
-    def add(item: T, package: str) -> None:
-        if item.name in found:
-            raise DeclarationError(
-                f"package {package}", f"declares {item.name!r}, a name that {owner[item.name]} declares already", "rename one of the two"
-            )
-        found[item.name], owner[item.name] = item, package
-
-    for item in built_in:
-        add(item, "nearlift")
-    for point in sorted(entry_points(group=group), key=lambda p: (_package(p), p.name)):
-        package = _package(point)
-        remedy = f"mend or uninstall {package}"
-        try:
-            offered = point.load()
-        except Exception as fault:  # whatever a foreign module raises on import
-            raise DeclarationError(
-                f"package {package}", f"its entry point {point.name!r} in {group} breaks: {type(fault).__name__}: {fault}", remedy
-            ) from fault
-        if not isinstance(offered, wanted):
-            raise DeclarationError(
-                f"package {package}", f"its entry point {point.name!r} in {group} is of type {type(offered).__name__}, not {wanted.__name__}", remedy
-            )
-        add(offered, package)
-    return tuple(found.values())
-
-
-def _package(point: EntryPoint) -> str:
-    return point.dist.name if point.dist is not None else point.value
 
 
 @functools.cache

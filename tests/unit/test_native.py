@@ -1,4 +1,4 @@
-"""The scanner as machine code: kept, damaged, unkept, and by numba's public road, it finds the same numbers."""
+"""Compiled loops as machine code: kept, damaged, unkept, and by numba's public road, they give the same answers."""
 
 from __future__ import annotations
 
@@ -9,68 +9,73 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nearlift.readers import native
+from nearlift import native
+from nearlift.native import POINTER, REAL, WHOLE, Kernel
+from nearlift.readers import scanner
 
 TEXT = b"t,force,x\n0.000,-1.3230,7\n0.001,17.25,8\n0.002,0.1,9\n"
 TRUE = [-1.3230, 17.25, 0.1]
+CLOCK = np.arange(9) / 1000
 
 
 def found(text: bytes = TEXT) -> list[float] | None:
-    force, time = np.empty(20), np.empty(20)
-    rows = native.scan(text, text.find(b"\n") + 1, 3, 1, 0, force, time)
-    return None if rows is None else force[:rows].tolist()
+    columns = scanner.scan(text, text.find(b"\n") + 1, 3, [1, 0])
+    return None if columns is None else columns[0].tolist()
 
 
-@pytest.fixture(autouse=True)
-def fresh():
-    native._scanner.cache_clear()
-    yield
-    native._scanner.cache_clear()
+def steady(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> Kernel:
+    """A kernel that has not been made ready, kept in those folders."""
+    monkeypatch.setattr(Kernel, "folders", lambda self: iter(folders))
+    return Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
 
 
-def test_it_is_kept_and_found_again_and_damage_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_it_is_kept_and_found_again_and_damage_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = []
-    real = native._compiled
+    real = Kernel.compiled
     (tmp_path / "no folder").touch()
-    monkeypatch.setattr(native, "_folders", lambda: iter([tmp_path / "no folder", tmp_path]))
-    monkeypatch.setattr(native, "_compiled", lambda: compiled.append(1) or real())
-    assert found() == TRUE
-    (kept,) = tmp_path.glob("scan-*.code")
-    native._scanner.cache_clear()
-    assert found() == TRUE
+    monkeypatch.setattr(Kernel, "compiled", lambda self: compiled.append(1) or real(self))
+
+    def answer() -> int:
+        return steady(monkeypatch, tmp_path / "no folder", tmp_path)(native.address(CLOCK), len(CLOCK), 1000.0)
+
+    assert answer() == 1
+    (kept,) = tmp_path.glob("steady-*.code")
+    assert answer() == 1
     assert len(compiled) == 1
     content = bytearray(kept.read_bytes())
     content[-1] ^= 1
     kept.write_bytes(content)
-    native._scanner.cache_clear()
-    assert found() == TRUE
+    assert answer() == 1
     assert len(compiled) == 2
-    assert native._checked(kept.read_bytes()) is not None
+    assert native.checked(kept.read_bytes()) is not None
 
 
-def test_numbas_public_road_finds_the_same(monkeypatch: pytest.MonkeyPatch):
-    def moved() -> tuple[str, bytes]:
+def test_numbas_public_road_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    def moved(self: Kernel) -> tuple[str, bytes]:
         raise AttributeError("no such thing in this numba")
 
-    monkeypatch.setattr(native, "_folders", lambda: iter(()))
-    monkeypatch.setattr(native, "_compiled", moved)
-    assert found() == TRUE
+    kernel = steady(monkeypatch)
+    monkeypatch.setattr(Kernel, "compiled", moved)
+    assert kernel(native.address(CLOCK), len(CLOCK), 1000.0) == 1
+    assert kernel(native.address(CLOCK), len(CLOCK), 900.0) == 0
 
 
-def test_what_is_kept_serves_without_the_compiler():
+def test_what_is_kept_serves_without_the_compiler() -> None:
     found()
     code = (
-        "import sys, numpy as np; from nearlift.readers import native\n"
-        "force = np.empty(9); rows = native.scan(b'f\\n1.5\\n', 2, 1, 0, None, force, np.empty(0))\n"
-        "print(rows, force[0], 'numba' in sys.modules)"
+        "import sys; from nearlift.readers import scanner\n"
+        "(force,) = scanner.scan(b'f\\n1.5\\n', 2, 1, [0])\n"
+        "print(len(force), force[0], 'numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.split() == ["1", "1.5", "False"]
 
 
-def test_it_refuses_what_is_not_plain():
+def test_the_scanner_refuses_what_is_not_plain() -> None:
+    assert found() == TRUE
     assert found(TEXT.replace(b"17.25", b"1e1")) is None
     assert found(TEXT[:-1]) is None
-    assert native.scan(TEXT, 0, 3, 1, None, np.empty(20), np.empty(0)) is None
-    assert native.scan(TEXT, len(TEXT) + 1, 3, 1, None, np.empty(20), np.empty(0)) is None
-    assert native.scan(TEXT, 10, 3, 1, None, np.empty(2), np.empty(0)) is None
+    assert scanner.scan(TEXT, 0, 3, [1]) is None
+    assert scanner.scan(TEXT, len(TEXT) + 1, 3, [1]) is None
+    # more rows than bytes of so many columns can hold
+    assert scanner.scan(TEXT, 10, 30, [1]) is None

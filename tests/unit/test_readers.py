@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import READERS, csv_trial, parquet, reader, table
+from nearlift.readers import READERS, csv_trial, parquet, reader, scanner, table
 from nearlift.readers.seam import Record
 
 from .bench_campaign import manifest
@@ -22,8 +22,11 @@ from .bench_campaign import manifest
 PARQUET: dict[str, Any] = {"records": {"reader": "parquet", "files": "records.parquet", "force": {"column": "force", "unit": "mN", "sign": 1}}}
 
 
-def parse(text: str | bytes, *, compiled: bool = False, time: str | None = None) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
-    return csv_trial.parse(text if isinstance(text, bytes) else text.encode(), "t.csv", "force", time, compiled=compiled)
+def parse(text: str | bytes, *, compiled: bool = True, time: str | None = None) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
+    with pytest.MonkeyPatch.context() as patched:
+        if not compiled:
+            patched.setattr(scanner, "scan", lambda *_: None)
+        return csv_trial.parse(text if isinstance(text, bytes) else text.encode(), "t.csv", "force", time)
 
 
 # ---- CSV
@@ -70,7 +73,7 @@ def test_all_roads_give_the_bits_of_float(texts: list[str]) -> None:
     want = np.array([float(t) for t in texts])
     content = ("force\n" + "\n".join(texts) + "\n").encode()
     roads = [
-        csv_trial._scanned(content, 6, 1, [0]),
+        scanner.scan(content, 6, 1, [0]),
         table._by_arrow(content[6:], 1, [0], table.COMMAS),
         table._explained(content[6:], "t.csv", 2, ["force"], [0], table.COMMAS),
     ]
@@ -82,7 +85,7 @@ def test_all_roads_give_the_bits_of_float(texts: list[str]) -> None:
 
 def test_the_scanner_takes_what_loggers_write() -> None:
     content = b"t,force\n" + b"".join(b"%.3f,%.4f\n" % (i / 1000, 123.4567 * np.sin(i)) for i in range(1000))
-    assert csv_trial._scanned(content, 8, 2, [1, 0]) is not None
+    assert scanner.scan(content, 8, 2, [1, 0]) is not None
 
 
 @pytest.mark.parametrize("word", ["nan", "NaN", "OVER", "#NV", "1.#INF", "-1.#IND", "inf", ""])
@@ -168,14 +171,43 @@ def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
     assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == ["a.csv", "c.csv"]
 
 
-def test_much_to_read_takes_the_compiled_road_to_the_same_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(3)
-    (tmp_path / "a.csv").write_text("force\n" + "".join(f"{x:.4f}\n" for x in rng.normal(size=500)))
-    given = manifest(records={"files": "{trial}.csv"})
-    slow = next(reader("csv").read(given, tmp_path, ["a"]))
-    monkeypatch.setattr(csv_trial, "WORTH_COMPILING", 0)
-    fast = next(reader("csv").read(given, tmp_path, ["a"]))
-    np.testing.assert_array_equal(slow.force_N, fast.force_N)
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(st.one_of(st.integers(-(10**9), 10**9), st.integers(-3000, 3000)), min_size=20, max_size=30),
+    st.integers(0, 15),
+    st.sampled_from(["{}\n", "{}\r\n", "7,{}\n", "{},x\n"]),
+    st.integers(0, 10**6),
+    st.sampled_from('x ;+e/:".,-\n0\0'),
+)
+def test_numbers_laid_out_like_the_one_above_are_those_of_the_strict_reader(numbers: list[int], down: int, row: str, place: int, damage: str) -> None:
+    """Columns as loggers print them, to eight characters, to sixteen and beyond, with other layouts between; then the same with one byte spoilt."""
+    texts = [f"{n / 997:.{down}f}" if n % 7 else f"{n // 7}." for n in numbers]
+    header = "force" if row[:3] in ("{}\n", "{}\r") else "t,force" if row[0] == "7" else "force,t"
+    content = f"{header}\n{''.join(map(row.format, texts))}".encode()
+    found = parse(content)[0]
+    np.testing.assert_array_equal(found.view(np.int64), np.array([float(t) for t in texts]).view(np.int64))
+    place = len(header) + 1 + place % (len(content) - len(header) - 2)
+    spoilt = content[:place] + damage.encode() + content[place + 1 :]
+    assert told(spoilt, compiled=True) == told(spoilt, compiled=False)
+
+
+def told(content: bytes, *, compiled: bool) -> tuple[bytes, tuple[str, ...]] | str:
+    """The bits that a reader finds, or its refusal."""
+    try:
+        force, _, codes = parse(content, compiled=compiled)
+    except InputRefused as refusal:
+        return str(refusal)
+    return force.tobytes(), codes
+
+
+def test_a_record_keeps_its_samples_when_the_next_is_read(tmp_path: Path) -> None:
+    for trial, shift in (("a", 0.0), ("b", 1.0)):
+        (tmp_path / f"{trial}.csv").write_text("t,force\n" + "".join(f"{i / 1000:.3f},{shift + i:.4f}\n" for i in range(50)))
+    given = manifest(records={"files": "{trial}.csv", "time": {"column": "t", "unit": "s"}})
+    first, second = reader("csv").read(given, tmp_path, ["a", "b"])
+    np.testing.assert_allclose(second.force_N - first.force_N, 1e-3)
+    assert first.time_s is not None
+    np.testing.assert_array_equal(first.time_s, np.arange(50) / 1000)
 
 
 # ---- what may be read at all

@@ -91,7 +91,7 @@ def test_a_windowed_estimator_would_be_fooled() -> None:
     rho = np.fft.irfft(power)[: len(away)] / (away @ away)
     taus = 2.0 * np.cumsum(rho) - 1.0
     fooled = taus[np.argmax(np.arange(len(taus)) >= 5.0 * taus)]
-    density, _ = spectral_density_at_zero(away, RATE)
+    density, _ = spectral_density_at_zero(live, RATE)
     true_density = 4e-6 * 39
     assert fooled * away.var() / true_density < 0.5
     assert density / true_density == pytest.approx(1.0, abs=0.7)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import functools
 
-from nearlift import catalogue
 from nearlift.errors import ManifestError
+from nearlift.plugins import gather
 from nearlift.readers.crazyflie import CRAZYFLIE_READER
 from nearlift.readers.csv_trial import CSV
 from nearlift.readers.flight_stand import FLIGHT_STAND_READER
@@ -43,7 +43,7 @@ __all__ = ["READERS", "Piece", "Plan", "Reader", "Record", "Schedule", "read_sch
 @functools.cache
 def readers() -> tuple[Reader, ...]:
     """Every reader: the built-in ones, then those of installed packages (entry points `nearlift.readers`, one `Reader` each)."""
-    return catalogue.gather("nearlift.readers", Reader, READERS)
+    return gather("nearlift.readers", Reader, READERS)
 
 
 def reader(name: str) -> Reader:

@@ -2,8 +2,8 @@
 
 Strict: every cell of the force (and clock) column is a number or a word that loggers write for "no number", else the first bad
 line is named. A file that does not end in a newline may be cut within a number, which no reader could see: its last
-line is left out and the trial says so. Three roads lead to the same bits: a compiled scanner where there is much to read,
-pyarrow where there is little or where numbers have more digits than the scanner takes, and a slow one that explains.
+line is left out and the trial says so. Three roads lead to the same bits: a compiled scanner, pyarrow where numbers are not
+plain or have more digits than the scanner takes, and a slow one that explains.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import csv
 import difflib
 import functools
 import hashlib
-import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -21,16 +20,12 @@ import numpy as np
 from nearlift import units
 from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused
-from nearlift.readers import table
+from nearlift.readers import scanner, table
 from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, force_channel, per_trial, source_of
 from nearlift.readers.words import NUMBER
 
 #: Files of one task; large enough that a task costs more than sending it.
 PER_PIECE = 32
-#: Below this many bytes in all, importing the compiled scanner costs more than it saves.
-WORTH_COMPILING = 16 << 20
-#: Rows of which a thread keeps the memory.
-MOST_KEPT = 1 << 20
 
 
 def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
@@ -40,10 +35,8 @@ def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
 def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
     there = per_trial(campaign, root, trials)
     names = list(there)
-    total = sum(size for _, size in there.values())
     chunks = [names[i : i + PER_PIECE] for i in range(0, len(names), PER_PIECE)]
-    # every piece carries the whole campaign's size, by which it chooses its road
-    return Plan(pieces=tuple(Piece(trials=tuple(chunk), paths=tuple(there[t][0] for t in chunk), bytes=total) for chunk in chunks))
+    return Plan(pieces=tuple(Piece(trials=tuple(chunk), paths=tuple(there[t][0] for t in chunk)) for chunk in chunks))
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
@@ -52,13 +45,12 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
     tick = units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0
     for trial, path in zip(piece.trials, piece.paths, strict=True):
         content = path.read_bytes()
-        force, time, codes = parse(
-            content, str(path), force_channel(campaign).column, clock.column if clock else None, compiled=piece.bytes > WORTH_COMPILING
-        )
+        force, time, codes = _parsed(content, str(path), force_channel(campaign).column, clock.column if clock else None)
         yield Record(
             trial=trial,
+            # the products are the record's own, unlike what was parsed
             force_N=factor * (force - zero if zero else force),
-            time_s=time if time is None or tick == 1.0 else tick * time,
+            time_s=None if time is None else tick * time,
             source=source_of(root, path),
             codes=codes,
             sha256=functools.partial(_sha256, content),
@@ -69,9 +61,7 @@ def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def parse(
-    content: bytes, where: str, force: str, time: str | None = None, *, compiled: bool = False
-) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
+def parse(content: bytes, where: str, force: str, time: str | None = None) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
     """Force and clock columns of one file's bytes, and quality codes.
 
     Raises
@@ -79,6 +69,12 @@ def parse(
     InputRefused
         The file is not UTF-8, a column is missing or stands twice, or a line is not what the header promises.
     """
+    found, clock, codes = _parsed(content, where, force, time)
+    return found.copy(), None if clock is None else clock.copy(), codes
+
+
+def _parsed(content: bytes, where: str, force: str, time: str | None) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
+    """What `parse` gives, in memory that this thread's next file takes over."""
     nothing = np.empty(0)
     blank = None if time is None else nothing
     codes: tuple[str, ...] = ()
@@ -98,9 +94,7 @@ def parse(
     wanted = [_place(header, name, key, where) for name, key in ((force, "records.force.column"), (time, "records.time.column")) if name is not None]
     if not content[body : body + 80].strip() and not content[body:].strip():
         return nothing, blank, (*codes, "NO_DATA")
-    found = _scanned(content, body, len(header), wanted) if compiled else None
-    if found is None:
-        found = table.read(content[body:], where, 2, header, wanted)
+    found = scanner.scan(content, body, len(header), wanted) or table.read(content[body:], where, 2, header, wanted)
     return found[0], found[1] if time is not None else None, codes
 
 
@@ -132,36 +126,6 @@ def _place(header: list[str], name: str, key: str, where: str) -> int:
         hint = f'{key} = "{close[0]}"?' if close and name not in header else f"it has {', '.join(repr(h) for h in header)}; {key} names it"
         raise InputRefused(f"{where}, line 1", f"{'more than one' if name in header else 'no'} column {name!r}", hint)
     return header.index(name)
-
-
-def _scanned(content: bytes, body: int, columns: int, wanted: list[int]) -> list[FloatArray] | None:
-    """The compiled road; None where the file is not plain enough."""
-    from nearlift.readers import native
-
-    # a row has at least a digit and a separator per column
-    rows = (len(content) - body) // (2 * columns) + 1
-    force, time = _room.of(rows)
-    found = native.scan(content, body, columns, wanted[0], wanted[1] if len(wanted) > 1 else None, force, time)
-    return None if found is None else [values[:found].copy() for values in (force, time)[: len(wanted)]]
-
-
-class _Room(threading.local):
-    """Where a thread scans to, kept from file to file: the system takes longer to give fresh memory than the scanner to fill it."""
-
-    columns: tuple[FloatArray, FloatArray] = (np.empty(0), np.empty(0))
-
-    def of(self, rows: int) -> tuple[FloatArray, FloatArray]:
-        """Two columns of at least so many rows."""
-        if rows <= len(self.columns[0]):
-            return self.columns
-        fresh = np.empty(rows), np.empty(rows)
-        # a file that is far larger than a record shall not hold its memory for ever
-        if rows <= MOST_KEPT:
-            self.columns = fresh
-        return fresh
-
-
-_room = _Room()
 
 
 CSV = Reader(name="csv", title="one CSV file per trial, columns by header name", files=_files, plan=_plan, read_piece=_read_piece)

@@ -14,7 +14,6 @@ What results is the noise's spectral density at frequency zero, S0 (N^2 per samp
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 
 from nearlift.errors import InputRefused
 from nearlift.reduction.steps import stepped
+from nearlift.reduction.stretch import Stretch, steady, stretch
 
 FloatArray = NDArray[np.float64]
 
@@ -117,42 +117,34 @@ def reduce_record(
             head = int(np.count_nonzero(since < tare_s - 0.5 / rate_Hz))
             start = int(np.count_nonzero(since < tare_s + settle_s - 0.5 / rate_Hz))
     tare, live = force_N[:head], force_N[start:]
-    whole = len(live)
-    of_tare, of_live = float(tare.sum()), float(live.sum())
-    if not math.isfinite(of_tare + of_live):
+    (quiet, rest), (density, run) = spectral_density_at_zero(tare, rate_Hz, tone=False), spectral_density_at_zero(live, rate_Hz)
+    if not math.isfinite(rest.mean + run.mean):
+        whole = len(tare) + len(live)
         tare, live = tare[np.isfinite(tare)], live[np.isfinite(live)]
-        of_tare, of_live = float(tare.sum()), float(live.sum())
-        lost = 1.0 - (len(tare) + len(live)) / (head + whole)
-        found.append("OUT_OF_RANGE" if lost > limits.out_of_range else "out_of_range")
-    n = len(live)
-    if n < 2 or (tare_s > 0 and len(tare) < 2):
+        (quiet, rest), (density, run) = spectral_density_at_zero(tare, rate_Hz, tone=False), spectral_density_at_zero(live, rate_Hz)
+        found.append("OUT_OF_RANGE" if 1.0 - (rest.n + run.n) / whole > limits.out_of_range else "out_of_range")
+    n = run.n
+    if n < 2 or (tare_s > 0 and rest.n < 2):
         return Reduced(codes=(*found, "NO_DATA"))
     if n < FEWEST_SAMPLES:
         return Reduced(codes=(*found, "TOO_SHORT"))
-    mean = of_live / n
-    zero = of_tare / len(tare) if len(tare) else 0.0
+    mean, zero = run.mean, rest.mean
     lift = mean - zero
-    away = live - mean
-    variance = float(away @ away) / (n - 1)
-    density, batches = spectral_density_at_zero(away, rate_Hz)
+    variance = run.squares / (n - 1)
+    sd = math.sqrt(variance)
     u2 = density / n
-    if len(tare):
-        quiet, _ = spectral_density_at_zero(tare - zero, rate_Hz, tone=False)
-        u2_tare = quiet / len(tare)
-    else:
-        u2_tare = 0.0
-    slope, u_slope = _slope(away, density, rate_Hz)
-    high, low = float(live.max()), float(live.min())
-    repeats = int(np.count_nonzero(live[1:] == live[:-1]))
-    found += _stands(live, away, high - low, math.sqrt(variance), repeats)
+    u2_tare = quiet / rest.n if rest.n else 0.0
+    slope, u_slope = _slope(run, density, rate_Hz)
+    found += _stands(live, run, sd)
     if "spikes" in found:
         # the mean with them and without them: what they are worth is not known to be nothing
-        u2 += (mean - float(live[np.abs(away) <= 6 * math.sqrt(variance)].mean())) ** 2
+        u2 += (mean - float(live[np.abs(live - mean) <= 6 * sd].mean())) ** 2
+    batches = run.batches
     if stepped(batches, limits.drift * abs(lift)):
         found.append("MIXED")
-    found += _saturated(live, high, low, repeats, limits.range_N)
+    found += _saturated(live, run, limits.range_N)
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
-    found += _rotors_at_rest(tare, lift)
+    found += _rotors_at_rest(tare, zero, lift)
     if len(batches) > 2:
         # the median and its scatter, for a head of stopped rotors takes several batches and would hide behind its own spread
         level = _median(batches)
@@ -165,18 +157,18 @@ def reduce_record(
         n=n,
         n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
         drift_N_s=slope,
-        sd_N=math.sqrt(variance),
+        sd_N=sd,
         codes=tuple(found),
     )
 
 
-def spectral_density_at_zero(away: FloatArray, rate_Hz: float, *, tone: bool = True) -> tuple[float, FloatArray]:
-    """Variance of the mean times n, N^2, and the batch means that it was made from.
+def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool = True) -> tuple[float, Stretch]:
+    """Variance of the mean times n, N^2, and the stretch with the batch means that it was made from.
 
     Parameters
     ----------
-    away : (n,) float array
-        Samples less their mean.
+    values : (n,) float array
+        Samples.
     tone : bool
         Whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer batches to keep them long.
 
@@ -184,32 +176,15 @@ def spectral_density_at_zero(away: FloatArray, rate_Hz: float, *, tone: bool = T
     -----
     Biased low by noise whose correlation time is not short beside a batch, as every estimate from one record is.
     """
-    n = len(away)
+    n = len(values)
     shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
-    length = max(n // (BATCHES if tone else TARE_BATCHES), min(shortest, n // FEWEST_BATCHES))
-    half = length // 2
+    half = max(n // (BATCHES if tone else TARE_BATCHES), min(shortest, n // FEWEST_BATCHES)) // 2
+    found = stretch(values, half if half >= 2 else 0)
     if half < 2:
-        return float(away @ away) / max(n - 1, 1), away
-    rising, falling, gain = _window(half)
-    pieces = away[: n - n % half].reshape(-1, half)
-    means = (pieces @ rising)[:-1] + (pieces @ falling)[1:]
+        return found.squares / max(n - 1, 1), found
+    means = found.batches
     # each mean is taken from the record's own mean, which shares 1/n of its variance
-    return float(means @ means) / len(means) / (gain - 1.0 / n), means
-
-
-@functools.lru_cache(maxsize=64)
-def _window(half: int) -> tuple[FloatArray, FloatArray, float]:
-    """The two halves of a Hann window of unit sum, and its sum of squares."""
-    window = np.sin(np.pi * (np.arange(2 * half) + 0.5) / (2 * half)) ** 2
-    window /= window.sum()
-    return window[:half].copy(), window[half:].copy(), float(window @ window)
-
-
-@functools.lru_cache(maxsize=64)
-def _ramp(n: int) -> tuple[FloatArray, float]:
-    """Sample numbers less their mean, and their sum of squares."""
-    ramp: FloatArray = np.arange(n, dtype=np.float64) - (n - 1) / 2
-    return ramp, float(ramp @ ramp)
+    return float(means @ means) / len(means) / (found.gain - 1.0 / n), found
 
 
 def _median(values: FloatArray) -> float:
@@ -219,10 +194,10 @@ def _median(values: FloatArray) -> float:
     return float(ranked[middle] if len(values) % 2 else (ranked[middle - 1] + ranked[middle]) / 2)
 
 
-def _slope(away: FloatArray, density: float, rate_Hz: float) -> tuple[float, float]:
+def _slope(run: Stretch, density: float, rate_Hz: float) -> tuple[float, float]:
     """Least-squares slope, N/s, and its standard error from the noise at low frequency."""
-    ramp, power = _ramp(len(away))
-    return float(ramp @ away) / power * rate_Hz, math.sqrt(density / power) * rate_Hz
+    power = run.n * (run.n**2 - 1) / 12
+    return run.tilt / power * rate_Hz, math.sqrt(density / power) * rate_Hz
 
 
 def _drifts(lift: float, change: float, u_change: float, tare_change: float, limits: Limits) -> list[str]:
@@ -236,42 +211,43 @@ def _drifts(lift: float, change: float, u_change: float, tare_change: float, lim
     return found
 
 
-def _stands(live: FloatArray, away: FloatArray, width: float, sd: float, repeats: int) -> list[str]:
-    """A channel that repeats one value, and single samples far from their neighbours. `width` is from lowest to highest."""
-    n = len(live)
-    if width == 0.0:
+def _stands(live: FloatArray, run: Stretch, sd: float) -> list[str]:
+    """A channel that repeats one value, and single samples far from their neighbours."""
+    n = run.n
+    if run.high == run.low:
         return ["STUCK"]
     found = []
     # a coarse cell repeats itself all the time: then a long run means nothing
-    if repeats > 0.1 * n:
+    if run.repeats > 0.1 * n:
         changes = np.flatnonzero(live[1:] != live[:-1])
         longest = int(np.diff(np.concatenate([[-1], changes, [n - 1]])).max())
         elsewhere = len(changes) / max(n - longest, 1)
         if longest >= 20 and longest > 0.1 * n and elsewhere > 0.5:
             found.append("STUCK")
-    if width > 6 * sd and len(bad := np.flatnonzero(np.abs(away) > 6 * sd)):
-        beside = np.abs(away[np.concatenate([np.maximum(bad - 1, 0), np.minimum(bad + 1, n - 1)])])
+    if run.far:
+        away = np.abs(live - run.mean)
+        bad = np.flatnonzero(away > 6 * sd)
+        beside = away[np.concatenate([np.maximum(bad - 1, 0), np.minimum(bad + 1, n - 1)])]
         if float(np.median(beside)) < 3 * sd:
             found.append("spikes")
     return found
 
 
-def _saturated(live: FloatArray, high: float, low: float, repeats: int, range_N: float | None) -> list[str]:
+def _saturated(live: FloatArray, run: Stretch, range_N: float | None) -> list[str]:
     """At the end of the cell's range (98 % of it), or clipped.
 
     Clipped is a record that stays at its own extreme for ten samples in a row, or, where the tone brings it there and back,
     for one sample in two hundred while hardly any other value occurs twice. A coarse cell repeats itself anywhere.
     """
-    n = len(live)
-    if range_N is not None and max(high, -low) >= 0.98 * range_N and np.count_nonzero(np.abs(live) >= 0.98 * range_N) > 0.001 * n:
+    n = run.n
+    if range_N is not None and max(run.high, -run.low) >= 0.98 * range_N and np.count_nonzero(np.abs(live) >= 0.98 * range_N) > 0.001 * n:
         return ["SATURATED"]
-    if repeats < 9:
+    if run.repeats < 9:
         return []
-    for extreme in (high, low):
-        at = np.flatnonzero(live == extreme)
-        if 10 <= len(at) < 0.9 * n:
-            held = _longest_run(at) >= 10 and repeats < len(at) + 0.2 * n
-            often = len(at) >= 0.005 * n and repeats < len(at) + 0.02 * n
+    for extreme, count in ((run.high, run.at_high), (run.low, run.at_low)):
+        if 10 <= count < 0.9 * n:
+            held = _longest_run(np.flatnonzero(live == extreme)) >= 10 and run.repeats < count + 0.2 * n
+            often = count >= 0.005 * n and run.repeats < count + 0.02 * n
             if held or often:
                 return ["SATURATED"]
     return []
@@ -282,30 +258,29 @@ def _longest_run(at: NDArray[np.intp]) -> int:
     return int(np.diff(breaks).max())
 
 
-def _rotors_at_rest(tare: FloatArray, lift: float) -> list[str]:
-    """Whether the tare's ends differ by a tenth of the lift, and by more than its noise."""
+def _rotors_at_rest(tare: FloatArray, zero: float, lift: float) -> list[str]:
+    """Whether the tare's ends differ by a tenth of the lift, and by more than its noise; `zero` is its mean."""
     n = len(tare)
     if n < 20:
         return []
     tenth = max(n // 10, 5)
-    middle = tare[tenth:-tenth]
-    # sums: numpy's mean and deviation take longer to look at their arguments
-    zero = float(middle.sum()) / len(middle)
-    apart = max(abs(float(end.sum()) / tenth - zero) for end in (tare[:tenth], tare[-tenth:]))
+    ends = float(tare[:tenth].sum()), float(tare[-tenth:].sum())
+    level = (zero * n - sum(ends)) / (n - 2 * tenth)
+    apart = max(abs(end / tenth - level) for end in ends)
     if apart <= 0.1 * abs(lift):
         return []
-    away = middle - zero
-    noise = math.sqrt(float(away @ away) / len(middle))
+    away = tare[tenth:-tenth] - level
+    noise = math.sqrt(float(away @ away) / len(away))
     return ["TARE"] if apart > 6 * noise / math.sqrt(tenth) else []
 
 
 def _clock(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
     """Gaps and stumbles of a clock column; refuses one that runs at another rate."""
-    steps = time_s[1:] - time_s[:-1]
-    shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
-    if shortest > 0.99 and longest < 1.01:
+    if steady(time_s, rate_Hz):
         return []
     found: list[str] = []
+    steps = time_s[1:] - time_s[:-1]
+    shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
     # summer time begins or ends: the clock was set by whole hours, and no sample lacks
     hours = np.round(steps / HOUR_S)
     was_set = (hours != 0) & (np.abs(steps - HOUR_S * hours) < 1.5 / rate_Hz)

@@ -17,6 +17,7 @@ from nearlift.executors import ordered
 from nearlift.products import TRIALS
 from nearlift.readers import Piece, Reader, Schedule, means
 from nearlift.readers.schedule import read_schedule, schedule_file
+from nearlift.readers.seam import source_of
 from nearlift.reduction import plausibility, quality
 from nearlift.reduction.record import Limits, Reduced, reduce_record
 from nearlift.stages import intact
@@ -83,7 +84,7 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
     records = reader.files(campaign, root, list(schedule.trial))
-    return [path.relative_to(root).as_posix() for path in (root / "campaign.toml", schedule_file(campaign, root), *records)]
+    return [source_of(root, path) for path in (root / "campaign.toml", schedule_file(campaign, root), *records)]
 
 
 def run(job: Job) -> Outcome:
@@ -152,10 +153,10 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
 def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:
     whole = {piece.paths[0]: "" for piece in pieces if len(piece.paths) == 1 and len(piece.trials) > 1}
     # a file that many trials share is hashed once, here, and not by every worker
-    shared = {source: job.inputs.get(source) or store.sha256(path) for path in whole for source in [path.relative_to(job.root).as_posix()]}
+    shared = {source: job.inputs.get(source) or store.sha256(path) for path in whole for source in [source_of(job.root, path)]}
     while pieces:
         piece = pieces.popleft()
-        sources = [path.relative_to(job.root).as_posix() for path in piece.paths]
+        sources = [source_of(job.root, path) for path in piece.paths]
         yield Task(
             root=job.root,
             campaign=job.campaign,

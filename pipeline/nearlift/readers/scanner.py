@@ -1,0 +1,68 @@
+"""Calls the compiled scanner of plain decimal CSV (`readers.kernel`)."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+
+from nearlift.native import POINTER, TEXT, WHOLE, Kernel, address
+from nearlift.readers.seam import FloatArray
+
+SCAN = Kernel("nearlift.readers.kernel", "scan", TEXT, *(WHOLE,) * 5, POINTER, POINTER, WHOLE, WHOLE, POINTER, POINTER)
+IRREGULAR = -1
+POWERS = 10.0 ** np.arange(19)
+#: Words of both columns' layouts.
+LAYOUTS = 32
+#: Rows of which a thread keeps the memory.
+MOST_KEPT = 1 << 20
+
+
+class _Room:
+    """Where one file is scanned to, and where that stands in memory."""
+
+    def __init__(self, rows: int) -> None:
+        self.columns = np.empty((2, rows))
+        self.layouts = np.empty(LAYOUTS, dtype=np.uint64)
+        self.places = [address(values) for values in (*self.columns, self.layouts)]
+
+
+class _Kept(threading.local):
+    """A thread's room, kept from file to file: the system takes longer to give fresh memory than the scanner to fill it."""
+
+    room = _Room(0)
+
+    def of(self, rows: int) -> _Room:
+        """Room for at least so many rows."""
+        if rows <= self.room.columns.shape[1]:
+            return self.room
+        fresh = _Room(rows)
+        # a file that is far larger than a record shall not hold its memory for ever
+        if rows <= MOST_KEPT:
+            self.room = fresh
+        return fresh
+
+
+_kept = _Kept()
+_powers = address(POWERS)
+
+
+def scan(text: bytes, at: int, columns: int, wanted: Sequence[int]) -> list[FloatArray] | None:
+    """One or two wanted columns of the rows of `text` after byte `at`, None where a line is not plain. They last until this thread scans again.
+
+    Bytes before `at` are the header; there must be some.
+    """
+    if at < 1 or at > len(text) or sys.byteorder != "little":
+        return None
+    low, high = min(wanted), max(wanted)
+    # a row has at least a digit and a separator per column
+    rows = (len(text) - at) // (2 * columns) + 1
+    room = _kept.of(rows)
+    room.layouts.fill(0)
+    first, second, layouts = room.places
+    found = SCAN(
+        text, len(text), at, low, max(high - low - 1, 0), columns - 1 - high, first, second, rows, int(high != low), _powers, layouts
+    )  # fmt: skip
+    return None if found == IRREGULAR else [room.columns[int(place != low)][:found] for place in wanted]

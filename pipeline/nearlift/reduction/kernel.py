@@ -1,0 +1,83 @@
+"""What a record's samples add up to, compiled: each stretch is gone over a few times while it is in the cache, and nothing is allocated.
+
+Sums are taken in the order that suits the processor (`reassoc`), as numpy's and BLAS's are: their last bits are the machine's own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+#: Where each sum is put; means of batches follow.
+MEAN, SQUARES, TILT, LOW, HIGH, REPEATS, AT_LOW, AT_HIGH, FAR, SUMS = range(10)
+
+
+def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: Any) -> Any:
+    """Sums over `n` samples, at least one.
+
+    Squares of the samples less their mean, these times the sample's number less the middle one, the lowest and the highest sample,
+    how many samples repeat the one before, are the lowest, are the highest, and lie more than six standard deviations off; then the means of
+    batches of twice `half` samples that overlap by half, weighted with a window that is `rising` and `falling` (none where `half` is 0).
+    """
+    total = 0.0
+    for i in range(n):
+        total += values[i]
+    mean = total / n
+    low = high = values[0]
+    for i in range(1, n):
+        # two branches that are hardly ever taken; `min` and `max` would wait for one another
+        value = values[i]
+        if value < low:
+            low = value
+        elif value > high:
+            high = value
+    squares = tilt = 0.0
+    middle = 0.5 * (n - 1)
+    for i in range(n):
+        away = values[i] - mean
+        squares += away * away
+        tilt += (i - middle) * away
+    far = 0
+    limit = 36.0 * squares / max(n - 1, 1)
+    for i in range(n):
+        away = values[i] - mean
+        far += away * away > limit
+    repeats = at_low = at_high = 0
+    for i in range(1, n):
+        repeats += values[i] == values[i - 1]
+    for i in range(n):
+        at_low += values[i] == low
+        at_high += values[i] == high
+    found[MEAN], found[SQUARES], found[TILT], found[LOW], found[HIGH] = mean, squares, tilt, low, high
+    found[REPEATS], found[AT_LOW], found[AT_HIGH], found[FAR] = repeats, at_low, at_high, far
+    if half > 0:
+        before = 0.0
+        for k in range(n // half):
+            up = down = 0.0
+            for j in range(half):
+                away = values[k * half + j] - mean
+                up += away * rising[j]
+                down += away * falling[j]
+            if k > 0:
+                found[SUMS + k - 1] = before + down
+            before = up
+    return np.int64(0)
+
+
+def steady(clock: Any, n: Any, rate_Hz: Any) -> Any:
+    """Whether every step of a clock of `n` times is one sample long, to a hundredth of it."""
+    off = 0
+    for i in range(1, n):
+        step = (clock[i] - clock[i - 1]) * rate_Hz
+        off += not (step > 0.99 and step < 1.01)
+    return np.int64(off == 0)
+
+
+_NUMBERS: Any = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+#: What `nearlift.native` compiles.
+KERNELS: dict[str, Any] = {
+    "stretch": (stretch, types.int64(_NUMBERS, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
+    "steady": (steady, types.int64(_NUMBERS, types.int64, types.float64), {}),
+}

@@ -1,0 +1,86 @@
+"""A stretch of a record, its head or its live part, as the few numbers by which mean, noise and quality are judged."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
+
+FloatArray = NDArray[np.float64]
+
+STRETCH = Kernel("nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER)
+STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
+#: Sums that the kernel gives before the batches' means.
+SUMS = 9
+
+
+class Stretch(NamedTuple):
+    """What samples add up to; `away` is a sample less the mean.
+
+    Attributes
+    ----------
+    n : int
+    batches : (b,) float array
+        Means of away over batches, weighted with a Hann window and overlapping by half; away itself where it is cut into none.
+    gain : float
+        The sum of the window's squared weights.
+    mean, squares, tilt : float
+        Mean, the sum of away^2, and the sum of away times the sample's number less the middle one.
+    low, high : float
+        The extremes.
+    repeats, at_low, at_high, far : float
+        How many samples repeat the one before, stand at either extreme, and lie more than six standard deviations away.
+    """
+
+    n: int
+    batches: FloatArray
+    gain: float
+    mean: float = 0.0
+    squares: float = 0.0
+    tilt: float = 0.0
+    low: float = 0.0
+    high: float = 0.0
+    repeats: float = 0.0
+    at_low: float = 0.0
+    at_high: float = 0.0
+    far: float = 0.0
+
+
+def stretch(values: FloatArray, half: int) -> Stretch:
+    """The stretch of some samples, in batches of twice `half`; with `half` 0 in none."""
+    n = len(values)
+    if n == 0:
+        return Stretch(0, np.empty(0), 1.0)
+    values = np.ascontiguousarray(values, dtype=np.float64)
+    found = np.empty(SUMS + (n // half if half else 1))
+    window = _window(half)
+    STRETCH(address(values), n, half, *window.places, address(found))
+    return Stretch(n, found[SUMS:-1] if half else values - found[0], window.gain, *found[:SUMS].tolist())
+
+
+def steady(clock: FloatArray, rate_Hz: float) -> bool:
+    """Whether every step of a clock is one sample long, to a hundredth of it."""
+    clock = np.ascontiguousarray(clock, dtype=np.float64)
+    return bool(STEADY(address(clock), len(clock), rate_Hz))
+
+
+class _Window(NamedTuple):
+    """The two halves of a Hann window of unit sum, where they stand, and its sum of squares."""
+
+    halves: FloatArray
+    places: tuple[int, int]
+    gain: float
+
+
+@functools.lru_cache(maxsize=64)
+def _window(half: int) -> _Window:
+    if half == 0:
+        return _Window(np.empty((2, 0)), (0, 0), 1.0)
+    window = np.sin(np.pi * (np.arange(2 * half) + 0.5) / (2 * half)) ** 2
+    window /= window.sum()
+    halves = window.reshape(2, half)
+    return _Window(halves, (address(halves[0]), address(halves[1])), float(window @ window))
