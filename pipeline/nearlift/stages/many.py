@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,8 @@ class End:
         One line: verdicts, or the refusal.
     ran : tuple of str
         Stages that were stale.
-    wall_s : float
+    wall_s, cpu_s : float
+        Time it took, and processor time of the process that ran it.
     """
 
     campaign: str
@@ -52,6 +53,7 @@ class End:
     words: str
     ran: tuple[str, ...] = ()
     wall_s: float = 0.0
+    cpu_s: float = 0.0
 
     def told(self) -> dict[str, Any]:
         """As JSON."""
@@ -78,7 +80,12 @@ def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[
 
 def run_one(spec: Spec) -> End:
     """Run one campaign; a refusal is an answer like any other."""
-    start = time.perf_counter()
+    start, used = time.perf_counter(), time.process_time()
+    end = _run(spec)
+    return replace(end, wall_s=time.perf_counter() - start, cpu_s=time.process_time() - used)
+
+
+def _run(spec: Spec) -> End:
     name, ran = spec.root, []
     try:
         rejected = 0
@@ -89,12 +96,12 @@ def run_one(spec: Spec) -> End:
                 ran += [step.stage.name] if step.why else []
     except NearliftError as refusal:
         words = f"exit code {refusal.exit_code}: {str(refusal).splitlines()[0]}"
-        return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran), wall_s=time.perf_counter() - start)
+        return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran))
     found = store.read_json_if_whole(job.processed / DIAGNOSIS.file).get("boundaries", {})
     verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in found.items())
     words = f"{verdicts or 'done'}{f'; {rejected} trials rejected' if rejected else ''}{'' if ran else '; up to date'}"
     code = SOME_TRIALS_REJECTED if rejected else 0
-    return End(campaign=name, exit_code=code, words=words, ran=tuple(ran), wall_s=time.perf_counter() - start)
+    return End(campaign=name, exit_code=code, words=words, ran=tuple(ran))
 
 
 def _verdict(loop: dict[str, Any]) -> str:
