@@ -396,6 +396,18 @@ def test_drift_within_records_is_said_with_its_chance(make_job):
     assert "no drift worth naming" in said(make_job, lambda f: f.update(within_trial=calm))[0]
 
 
+def test_two_effects_that_are_likelier_but_not_plainly_are_told(make_job):
+    def change(found):
+        found["effects"][0]["rivals"] = ["session_gain", "tilt"]
+        found["explanations"] = [["supply_sag"], ["session_gain"], ["supply_sag", "tilt"]]
+        found["error"]["chosen_in_folds"] = ["supply_sag", "unexplained", "supply_sag"]
+
+    words, _ = said(make_job, change)
+    assert "This design cannot tell it from session_gain; it is named because" in words
+    assert "Two effects are likelier, if not so plainly that a second one would be named: supply_sag + tilt. The interval after holds" in words
+    assert "in 2 of 3 folds; the error after is that of what each fold chose." in words
+
+
 def test_many_numbers_of_one_effect_are_told_by_their_range(make_job):
     gains = {f"gain[{i}]": {"value": 0.01 * (i - 2), "lo90": 0.01 * i - 0.03, "hi90": 0.01 * i - 0.01} for i in range(6)}
 
