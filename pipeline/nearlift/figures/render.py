@@ -25,9 +25,9 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
     with context(look):
         figure = draw(table, look)
         FigureCanvasAgg(figure)
-        # laid out once: the files show the same picture
+        # laid out once: the files show the same picture, and none lays it out again
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)
         png = _encode(figure, "png", look.dpi, {"Software": None})
         return {"pdf": _encode(figure, "pdf", RASTER_DPI, {"CreationDate": None, "Producer": None, "Creator": None}), "png": png, "page": light(png)}
 
