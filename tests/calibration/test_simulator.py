@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 from tests.calibration import forms, oracle
-from tests.calibration.assess import task
+from tests.calibration.assess import headline, task
 from tests.calibration.draws import KINDS, draw
 from tests.calibration.figures import clopper_pearson, figures, markdown
 from tests.calibration.peers import PEERS
@@ -178,6 +178,16 @@ def test_the_one_who_knows_covers():
             low, high = oracle.fit(campaign).interval(name)
             hits.append(low <= campaign.truth.theta[name] <= high)
     assert binom.ppf(0.0005, 60, 0.9) <= sum(hits) <= binom.ppf(0.9995, 60, 0.9)
+
+
+def test_a_coefficient_is_stated_at_the_speed_of_the_library():
+    other = simulate(Spec(boundary="sidewall", effects=(("supply_sag", 0.5),), realism=False), 3)
+    assert headline(other) == other.truth.theta["a"]
+    # a sidewall's loss is in proportion to its coefficient, so the answer can be written down; 0.625 of throttle turns at (15924 + 20539) / 2
+    campaign = simulate(Spec(boundary="sidewall", effects=(("reynolds", 0.3),), realism=False), 3)
+    assert np.median(campaign.data.throttle) == 0.625
+    expected = campaign.truth.theta["a"] * (18231.5 / 17000) ** campaign.truth.amplitudes["reynolds"]
+    assert headline(campaign) == pytest.approx(expected, rel=1e-5)
 
 
 def test_rivals_find_what_is_plain_to_see():
