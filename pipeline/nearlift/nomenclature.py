@@ -38,7 +38,7 @@ class Symbol:
 
 
 #: What the loop says of a campaign, in words; empty where it has not run.
-VERDICTS = {"": "not diagnosed", "adequate": "adequate", "effect": "effect named and added", "unexplained": "unexplained structure"}
+VERDICTS = {"not_diagnosed": "not diagnosed", "adequate": "adequate", "effect": "effect named and added", "unexplained": "unexplained structure"}
 
 
 def _s(name: str, latex: str, unit: str, meaning: str, paper_symbol: str = "") -> Symbol:

@@ -128,6 +128,8 @@ POSTERIOR = Product(
         Column(name="log_prob", meaning="log posterior density of the draw's parameters, L_inf integrated out; not normalised"),
     ),
 )
+#: Verdict of a boundary that could not be diagnosed; its block of diagnosis.json holds the `reason` in place of findings.
+NOT_DIAGNOSED = "not_diagnosed"
 DIAGNOSIS = Product(file="diagnosis.json", title="The closed loop's findings", row="boundary")
 LOOP_RESIDUALS = Product(
     file="loop_residuals.parquet",

@@ -32,6 +32,21 @@ def test_numbers_are_those_of_the_products(evidence):
     assert "Residuals" not in text  # the loop has not run
 
 
+def test_every_part_of_the_scatter_and_every_judge_is_the_products(evidence):
+    text = methods.markdown(evidence).decode()
+    content = evidence.document(FIT)
+    bases = [content["boundaries"][b][content["base"][b]] for b in evidence.boundaries]
+    for entry in bases:
+        [lines, *_] = [budget["lines"] for budget in entry["budget"].values()]
+        repeats = [line for line in lines if line["type"] == "A"]
+        assert max(repeats, key=lambda line: line["share"])["component"] in text
+        assert all(line["component"] in text for line in repeats if line["share"] >= 0.01)
+    fits = [entry["posterior"] for entry in bases]
+    assert ("R-hat" in text) == any(p["sampler"] == "emcee" for p in fits)
+    assert ("Pareto k" in text) == any(p["sampler"] == "importance" for p in fits)
+    assert all(f"the {c['by']}" in text for p in fits for c in p["checks"] if not c["unfit"])
+
+
 def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
     cited = {key for group in methods.CITED.findall(methods.markdown(evidence).decode()) for key in group.split("; @")}
     tex = {key for group in re.findall(r"\\cite\{([^}]+)\}", methods.tex(evidence).decode()) for key in group.split(",")}

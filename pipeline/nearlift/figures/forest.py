@@ -18,7 +18,7 @@ from nearlift.figures.style import BAND, SERIES, Style, plain_text
 Rows = Mapping[str, Any]
 LINE_IN = 0.17
 #: What the loop said of the campaign decides the symbol: only an open one has structure that nobody could name.
-MARKERS = {"": "o", "adequate": "o", "effect": "s", "unexplained": "o"}
+MARKERS = {"effect": "s"}
 
 
 def draw(table: Rows, look: Style) -> Figure:
@@ -80,7 +80,7 @@ def _legend(figure: Figure, table: Rows) -> None:
     colour = SERIES[0][0]
     seen = set(table["verdict"][table["kind"] == "campaign"].tolist())
     handles = [
-        Line2D([], [], color=colour, marker=MARKERS[v], markerfacecolor="white" if v == "unexplained" else colour, label=word)
+        Line2D([], [], color=colour, marker=MARKERS.get(v, "o"), markerfacecolor="white" if v == "unexplained" else colour, label=word)
         for v, word in nomenclature.VERDICTS.items()
         if v in seen
     ]

@@ -17,11 +17,14 @@ LINES = 12
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:
-    """A section for each boundary that was diagnosed."""
+    """A section for each boundary that was diagnosed, and why the others were not."""
     content = evidence.document(DIAGNOSIS)
-    found = content.get("boundaries", {})
     rate = cite(evidence, DIAGNOSIS, "false_alarm_rate", scale=100, digits=3, how="in percent") if "false_alarm_rate" in content else None
-    return {"sections": [_section(evidence, b, found[b]) for b in BOUNDARIES if b in found], "rate": rate}
+    return {
+        "sections": [_section(evidence, b, found) for b in BOUNDARIES if (found := evidence.diagnosed(b))],
+        "not_diagnosed": {b: reason for b in BOUNDARIES if (reason := evidence.not_diagnosed(b))},
+        "rate": rate,
+    }
 
 
 def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Any]:

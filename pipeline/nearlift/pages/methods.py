@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ VERDICTS = {
     "adequate": "nothing was left beyond the noise floor",
     "unexplained": "structure was left that no candidate could honestly take the credit for",
 }
+#: A part of the scatter with less of the headline's variance goes unmentioned.
+LEAST_SHARE = 0.01
 CITED = re.compile(r"\[@([a-z0-9_]+(?:; @[a-z0-9_]+)*)\]")
 APART = re.compile(r"(\$[^$]+\$|\[@[a-z0-9_; @]+\])")
 
@@ -120,10 +122,9 @@ def _fits(evidence: Evidence) -> str:
         )
         rivals = [catalogue.model(n) for n in content["boundaries"][boundary] if n != model.name]
         beside = f", beside {_plural(len(rivals), 'rival')} {_cite(*(k for r in rivals for k in keys(r)))}" if rivals else ""
-        noise = plain(100 * float(content["noise"][boundary]["relative"]), 2)
         parts.append(
-            f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to {_plural(int(entry['n_trials']), 'trial')} "
-            f"that scatter by {noise} % of lift ({told}, one standard uncertainty)"
+            f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to {_plural(int(entry['n_trials']), 'trial')}"
+            f"{_scatter(entry)} ({told}, one standard uncertainty)"
         )
     declared = [f"{_safe(c.name)} (shared by {c.scope})" for c in budget.components(evidence.campaign)]
     shared = f", and of declared components that no repeat shows: {_listed(declared)}" if declared else ""
@@ -135,12 +136,31 @@ def _fits(evidence: Evidence) -> str:
     )
     if evidence.has(POSTERIOR):
         fits = (content["boundaries"][b][content["base"][b]].get("posterior") for b in evidence.boundaries)
-        samplers = dict.fromkeys(str(p["sampler"]) for p in fits if p)
-        how = {"importance": "importance sampling", "emcee": f"ensemble sampling {_cite('emcee')}"}
-        if samplers:
-            drawn = _listed([how.get(s, s) for s in samplers])
-            text += f" Posteriors were drawn by {drawn}, and judged by effective draws and R-hat {_cite('vehtari2021')}."
+        text += _posteriors([p for p in fits if p])
     return text
+
+
+def _scatter(entry: Mapping[str, Any]) -> str:
+    """What the trials scatter by: each part with at least a hundredth of the headline's variance, the largest first."""
+    lines = next((b["lines"] for b in entry.get("budget", {}).values()), [])
+    parts = sorted((a for a in lines if a["type"] == "A" and a["share"] >= LEAST_SHARE), key=lambda a: -a["share"])
+    if not parts:
+        return ""
+    scales = {"1": (1e2, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}
+    sized = [(a["component"], a["u_input"] * scales[a["unit"]][0], scales[a["unit"]][1]) for a in parts]
+    return f", whose errors are {_listed([f'{name} ({plain(size, 2)} {unit})' for name, size, unit in sized])}"
+
+
+def _posteriors(fits: Sequence[Mapping[str, Any]]) -> str:
+    """How the base models' posteriors were drawn, and who judged them."""
+    drawn = {"importance": "importance sampling", "emcee": f"ensemble sampling {_cite('emcee')}"}
+    judges = {"importance": "the Pareto k of their weights", "emcee": "R-hat"}
+    samplers = [s for s in dict.fromkeys(str(p["sampler"]) for p in fits) if s in drawn]
+    if not samplers:
+        return ""
+    others = dict.fromkeys(f"the {check['by']}" for p in fits for check in p["checks"] if not check["unfit"])
+    judged = _listed(["effective draws", *(judges[s] for s in samplers), *others])
+    return f" Posteriors were drawn by {_listed([drawn[s] for s in samplers])}, and judged by {judged} {_cite('vehtari2021')}."
 
 
 def _loop(evidence: Evidence) -> str:
@@ -148,9 +168,11 @@ def _loop(evidence: Evidence) -> str:
         return ""
     content = evidence.document(DIAGNOSIS)
     known = {e.name: e for e in catalogue.effects()}
-    parts = []
+    parts, silent = [], []
     for boundary in evidence.boundaries:
-        found = content["boundaries"].get(boundary)
+        if reason := evidence.not_diagnosed(boundary):
+            silent.append(f"Residuals near the {boundary} were not diagnosed: {reason}.")
+        found = evidence.diagnosed(boundary)
         if not found:
             continue
         said = VERDICTS.get(found["verdict"], "")
@@ -172,11 +194,14 @@ def _loop(evidence: Evidence) -> str:
                 f"noise floor {plain(100 * error['noise_floor'], 3)} %)"
             )
         parts.append(f"near the {boundary}, {said}")
+    if not parts:
+        return " ".join(silent)
     rate = plain(100 * content.get("false_alarm_rate", evidence.campaign.diagnose.false_alarm_rate), 2)
-    return (
+    tested = (
         f"Residuals of the base models were tested against the recorded covariates and {len(known)} declared effects, at a chance of {rate} % "
         f"for any claim at a boundary where nothing is missing: {'; '.join(parts)}."
     )
+    return " ".join([tested, *silent])
 
 
 def _programs(evidence: Evidence) -> str:

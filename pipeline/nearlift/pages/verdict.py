@@ -60,8 +60,10 @@ def doubts(evidence: Evidence) -> list[Doubt]:
 def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
     model, entry = evidence.base(boundary)
     names = list(entry["parameters"])
-    found = (evidence.document(DIAGNOSIS)["boundaries"].get(boundary) if evidence.has(DIAGNOSIS) else None) or {}
+    found = evidence.diagnosed(boundary)
     said = []
+    if reason := evidence.not_diagnosed(boundary):
+        said.append(f"not diagnosed, so an effect of any size may be in the coefficient: {reason}")
     if goodness(evidence, boundary)[0]:
         said.append(f"cells stray from {model.title} by more than chance allows, so its interval is that of a curve which is not the data's")
     if found.get("verdict") == "unexplained":
@@ -77,7 +79,7 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
     said += [f"{name} ends at a bound of its range" for name in names if entry["parameters"][name]["at_bound"]]
     said += [str(d["text"]) for d in entry["degeneracies"][:1]]
     listed = [Doubt(boundaries=(boundary,), text=text) for text in said]
-    wide = _constrained(evidence, boundary, names, found or None)
+    wide = _constrained(evidence, boundary, names, found)
     if wide and _wider(wide, found["coefficients"]["after"][names[0]]):
         text = f"effects too small to be seen here could, together at their plausible sizes, put {letter(names[0])} anywhere from"
         listed.append(Doubt(boundaries=(boundary,), text=text, ends=wide))
@@ -100,8 +102,9 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     strays, words = goodness(evidence, boundary)
     tone = "bad" if strays else "fair"
     source = str(evidence.document(FIT)["noise"][boundary]["source"])
-    verdict = ""
-    found = evidence.document(DIAGNOSIS)["boundaries"].get(boundary) if evidence.has(DIAGNOSIS) else None
+    reason = evidence.not_diagnosed(boundary)
+    verdict = f"not diagnosed: {reason}" if reason else ""
+    found = evidence.diagnosed(boundary)
     if found:
         verdict = WORDS.get(found["verdict"], found["verdict"])
         tone = {"adequate": "good", "effect": "fair"}.get(found["verdict"], "bad")
@@ -113,9 +116,9 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "reduced": reduced(evidence, boundary, model.name),
         "words": words,
         "verdict": verdict,
-        "effects": [_effect(found, e) for e in found["effects"]] if found else [],
+        "effects": [_effect(found, e) for e in found.get("effects", [])],
         "noise": "what repeats scatter" if source.startswith(REPEATS) else f"the {source}",
-        "superseded": bool(found and found["verdict"] == "effect"),
+        "superseded": found.get("verdict") == "effect",
         "after": _after(evidence, boundary, found),
         "constrained": _constrained(evidence, boundary, names, found),
         "tone": tone,
@@ -127,14 +130,14 @@ def _effect(found: dict[str, Any], effect: dict[str, Any]) -> str:
     return str(effect["name"]) + (f" (or {', '.join(others)}, which this design cannot tell from it)" if others else "")
 
 
-def _after(evidence: Evidence, boundary: Boundary, found: dict[str, Any] | None) -> list[Quoted]:
+def _after(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> list[Quoted]:
     """The coefficients once the named effects are in the model."""
-    if not found or found["verdict"] != "effect":
+    if found.get("verdict") != "effect":
         return []
     return [quote(evidence, DIAGNOSIS, "boundaries", boundary, "coefficients", "after", n) for n in found.get("coefficients", {}).get("after", {})]
 
 
-def _constrained(evidence: Evidence, boundary: Boundary, names: list[str], found: dict[str, Any] | None) -> tuple[Number, Number] | None:
+def _constrained(evidence: Evidence, boundary: Boundary, names: list[str], found: dict[str, Any]) -> tuple[Number, Number] | None:
     """The headline's interval when every effect too small to be seen is allowed for."""
     return interval(evidence, boundary, names[0], "constrained") if found and names else None
 

@@ -18,7 +18,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ProductError, UsageError
 from nearlift.fitting.population import FEWEST, Population, population
 from nearlift.lock import settled
-from nearlift.products import DIAGNOSIS, FIT, PROVENANCE
+from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, PROVENANCE
 from nearlift.results import Estimate
 from nearlift.summaries.forest import WIDTH_90
 from nearlift.transaction import JOURNAL, Homes
@@ -38,7 +38,7 @@ class Entry:
     before, after : Estimate
         By the fit, and after the loop (over its rivals, with their form uncertain; the same where nothing was found).
     verdict : str
-        Of the loop; empty where it has not run.
+        Of the loop; ``not_diagnosed`` where it has not run as well.
     parts : dict of str to float
         What each declared component of scope boundary or campaign contributes to `after`, signed.
     """
@@ -101,7 +101,7 @@ def entries(folder: Path) -> list[Entry]:
                 coefficient=name,
                 before=before,
                 after=_after(after, before) if after and loop["verdict"] == "effect" else before,
-                verdict=loop.get("verdict", ""),
+                verdict=loop.get("verdict", NOT_DIAGNOSED),
                 parts=_shared_parts(model, name),
             )
         )

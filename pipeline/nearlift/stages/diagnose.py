@@ -10,14 +10,14 @@ from nearlift.diagnosis.loop import diagnose
 from nearlift.diagnosis.search import Options
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget
-from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
+from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, NOT_DIAGNOSED, TRIALS
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 
 
 def run(job: Job) -> Outcome:
-    """Diagnose each boundary; one with too few trials for it is left out, and noted."""
+    """Diagnose each boundary; one that cannot be diagnosed has a block that says why, and is noted."""
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     options = chosen(job)
@@ -30,7 +30,9 @@ def run(job: Job) -> Outcome:
         try:
             found = diagnose(observe(trials, job.campaign, boundary), base, parts, options)
         except NotConverged as fault:
-            notes.append(f"{boundary}: not diagnosed: {fault.what}; {fault.remedy}")
+            reason = f"{fault.what}; {fault.remedy}"
+            findings[boundary] = {"verdict": NOT_DIAGNOSED, "reason": reason, "base_model": base.name, "effects": [], "structure": []}
+            notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
         findings[boundary] = found.findings
         residuals.append({"boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object), **found.residuals})

@@ -59,9 +59,10 @@ def run(job: Job, name: str) -> dict[str, Any]:
         except NotConverged as fault:
             refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
-        if boundary in loop:
-            stage = _at_floor(stage, loop[boundary]["noise_floor"])
-        told[boundary], rows = _at(stage, effect, library, untestable, loop.get(boundary), boundary, job.seed)
+        diagnosed = loop[boundary] if "noise_floor" in loop.get(boundary, {}) else None
+        if diagnosed is not None:
+            stage = _at_floor(stage, diagnosed["noise_floor"])
+        told[boundary], rows = _at(stage, effect, library, untestable, diagnosed, boundary, job.seed)
         pictures += rows
     if not told:
         raise InputRefused(job.campaign.name, "; ".join(refused) or "no trial was accepted", "an explanation needs what a diagnosis needs")

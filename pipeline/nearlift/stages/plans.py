@@ -167,14 +167,16 @@ def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noi
     Raises
     ------
     UsageError
-        The earlier campaign has no diagnosis.
+        The earlier campaign has no diagnosis, or none of its boundaries could be diagnosed.
     """
     if earlier is not None:
         path = earlier / DIAGNOSIS.file
         if not path.is_file():
             raise UsageError("--noise-from", f"{earlier.name} has no {DIAGNOSIS.file}", "run it first, or name another with a diagnosis")
-        found = store.read_json(path)["boundaries"]
-        floor = (found.get(boundary) or next(iter(found.values())))["noise_floor"]
+        floors = {b: entry["noise_floor"] for b, entry in store.read_json(path)["boundaries"].items() if "noise_floor" in entry}
+        if not floors:
+            raise UsageError("--noise-from", f"no boundary of {earlier.name} could be diagnosed", "name another campaign, or give [design.noise]")
+        floor = floors.get(boundary) or next(iter(floors.values()))
         return Noise(
             relative=floor["relative"],
             force_N=floor["force_N"],

@@ -47,6 +47,8 @@ def diagnosis(found: Diagnosis) -> str:
         others = [stand_ins(at.content, e) for e in at.content["effects"]]
         named = "; ".join(e.name + (f" (or {', '.join(o)})" if o else "") for e, o in zip(at.effects, others, strict=True))
         error = f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor {plain(100 * at.noise_floor, 2)})"
+        if at.reason:
+            rows.append((at.boundary, f"not diagnosed: {at.reason}", *5 * ("",)))
         for name, after in at.after.items():
             rows.append((at.boundary, at.verdict, named or "none", letter(name), _interval(at.before[name]), _interval(after), error))
     return _whole(found, ("boundary", "verdict", "effects", "", "before (90 %)", "after (90 %)", "held-out error, % of lift"), rows)

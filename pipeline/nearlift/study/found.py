@@ -16,7 +16,7 @@ from nearlift.study import display
 if TYPE_CHECKING:
     import pandas as pd
 
-Verdict = Literal["adequate", "effect", "unexplained"]
+Verdict = Literal["adequate", "effect", "unexplained", "not_diagnosed"]
 Found = TypeVar("Found")
 
 
@@ -251,7 +251,9 @@ class BoundaryDiagnosis:
     Attributes
     ----------
     verdict : str
-        ``adequate``, ``effect`` or ``unexplained``.
+        ``adequate``, ``effect``, ``unexplained`` or ``not_diagnosed``.
+    reason : str
+        Why it could not be diagnosed; the errors are then nan, and there are no coefficients.
     effects : tuple of NamedEffect
         Empty unless the verdict is ``effect``.
     before, after : mapping of str to Coefficient
@@ -267,6 +269,7 @@ class BoundaryDiagnosis:
     boundary: Boundary
     base_model: str
     verdict: Verdict
+    reason: str
     effects: tuple[NamedEffect, ...]
     before: Mapping[str, Coefficient]
     after: Mapping[str, Coefficient]
@@ -279,11 +282,13 @@ class BoundaryDiagnosis:
     @classmethod
     def of(cls, boundary: Boundary, entry: Mapping[str, Any]) -> BoundaryDiagnosis:
         """From an entry of ``diagnosis.json``."""
-        error = entry["error"]
+        error = entry.get("error", {})
+        coefficients = entry.get("coefficients", {})
         return cls(
             boundary=boundary,
             base_model=entry["base_model"],
             verdict=entry["verdict"],
+            reason=entry.get("reason", ""),
             effects=tuple(
                 NamedEffect(
                     name=e["name"],
@@ -293,11 +298,11 @@ class BoundaryDiagnosis:
                 )
                 for e in entry["effects"]
             ),
-            **{when: {n: _coefficient(c) for n, c in entry["coefficients"][when].items()} for when in ("before", "after")},
-            held_out_before=_real(error["before"]["held_out_rmse"]),
-            held_out_after=_real(error["after"]["held_out_rmse"]),
-            noise_floor=_real(error["noise_floor"]),
-            untestable={u["effect"]: tuple(u.get("log_next_time") or u["needs"]) for u in entry["untestable"]},
+            **{when: {n: _coefficient(c) for n, c in coefficients.get(when, {}).items()} for when in ("before", "after")},
+            held_out_before=_real(error.get("before", {}).get("held_out_rmse")),
+            held_out_after=_real(error.get("after", {}).get("held_out_rmse")),
+            noise_floor=_real(error.get("noise_floor")),
+            untestable={u["effect"]: tuple(u.get("log_next_time") or u["needs"]) for u in entry.get("untestable", [])},
             content=entry,
         )
 

@@ -82,7 +82,8 @@ class Study:
 
         told = self._bring("diagnose")
         found = {boundary: BoundaryDiagnosis.of(boundary, entry) for boundary, entry in self._document(DIAGNOSIS)["boundaries"].items()}
-        return Diagnosis(**told, drawing=self.figure("diagnosis", bring=False), boundaries=found)
+        drawn = any(not at.reason for at in found.values())
+        return Diagnosis(**told, drawing=self.figure("diagnosis", bring=False) if drawn else None, boundaries=found)
 
     def run(self) -> Finished:
         """Every stage that is stale, the report last: what ``nearlift run`` does."""

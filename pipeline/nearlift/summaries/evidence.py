@@ -13,7 +13,7 @@ from nearlift import catalogue
 from nearlift.campaign import Campaign, Overlay, boundaries_of
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import ProductError
-from nearlift.products import FIT, Product
+from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, Product
 from nearlift.results import Observations
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
@@ -80,6 +80,16 @@ class Evidence:
         content = self.document(FIT)
         name = content["base"][boundary]
         return catalogue.model(name), content["boundaries"][boundary][name]
+
+    def diagnosed(self, boundary: str) -> dict[str, Any]:
+        """The loop's findings at a boundary; empty where there are none, as where it could not be diagnosed."""
+        entry: dict[str, Any] = self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {}) if self.has(DIAGNOSIS) else {}
+        return {} if entry.get("verdict") == NOT_DIAGNOSED else entry
+
+    def not_diagnosed(self, boundary: str) -> str:
+        """Why a boundary could not be diagnosed; empty where it was, or where nobody tried."""
+        entry: dict[str, Any] = self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {}) if self.has(DIAGNOSIS) else {}
+        return str(entry["reason"]) if entry.get("verdict") == NOT_DIAGNOSED else ""
 
     def known(self, boundary: Boundary, model: LiftModel) -> dict[str, Any]:
         """What `model` needs besides its parameters, one value for a whole curve: geometry, else the covariate's median."""

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import BOUNDARIES, Boundary
-from nearlift.products import DIAGNOSIS
 from nearlift.summaries import against, fig2
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 from nearlift.summaries.loop_residuals import residuals
@@ -36,11 +35,11 @@ def summarise(evidence: Evidence) -> Columns:
         `covariate` and `series` (of a residual), `label` (trial, candidate or coefficient), `note`, `unit`, `x`, `value`, `u` (one
         standard error), `lo90`, `hi90`, `n_trials`. A candidate's value is twice the log evidence by which it trails the best.
     """
-    found = evidence.document(DIAGNOSIS).get("boundaries", {})
     letters = iter(string.ascii_lowercase + string.ascii_uppercase)
     parts: list[Columns] = []
-    for boundary in (b for b in BOUNDARIES if b in found):
-        own = found[boundary]
+    for boundary, own in ((b, evidence.diagnosed(b)) for b in BOUNDARIES):
+        if not own:
+            continue
         parts.append(rows(boundary, part="verdict", kind=own["verdict"], label=[_headline(own)]))
         for word in against.chosen(own):
             drawn = residuals(evidence, boundary, own, word)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nearlift.products import DIAGNOSIS
 from nearlift.summaries.evidence import Evidence
 
 
 def found(evidence: Evidence, boundary: str) -> Mapping[str, Any]:
     """The loop's findings at a boundary if it named an effect there; else nothing."""
-    entry: Mapping[str, Any] = evidence.document(DIAGNOSIS)["boundaries"].get(boundary, {}) if evidence.has(DIAGNOSIS) else {}
+    entry = evidence.diagnosed(boundary)
     return entry if entry.get("verdict") == "effect" else {}
 
 

@@ -13,7 +13,7 @@ from nearlift.summaries.evidence import Columns
 from nearlift.summaries.forest import interval, select
 
 LINE = 30
-SHAPES = {"": "circle", "adequate": "circle", "effect": "square", "unexplained": "circle"}
+SHAPES = {"effect": "square"}
 TOOLTIP = (("label", "campaign"), ("vehicle", "vehicle"), ("told", "value, 90 %"), ("judged", "verdict"), ("earlier", "before the loop"))
 
 
@@ -61,7 +61,7 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
         "told": column(told),
         "judged": column(judged),
         "earlier": column(earlier),
-        "shape": column([SHAPES[v] for v in rows["verdict"]]),
+        "shape": column([SHAPES.get(v, "circle") for v in rows["verdict"]]),
         "fill": column(["var(--paper)" if v == "unexplained" else "var(--s0)" for v in rows["verdict"]]),
         "words": column(
             [

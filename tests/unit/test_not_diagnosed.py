@@ -1,0 +1,65 @@
+"""A boundary that the loop cannot judge says why wherever a verdict would stand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import nearlift
+from nearlift.pages import diagnosis, methods, verdict
+from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.stages import compare, report
+
+from . import small_run
+
+REASON = "24 usable trials; at least 45 are wanted to tell a noise floor from structure"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("few")
+    root = small_run.write_means(folder / "raw", rows=24)
+    answer = small_run.nearlift("run", root, "--out", folder)
+    assert answer.exit_code == 0, answer.output
+    assert f"ground: not diagnosed: {REASON}" in answer.output
+    return folder
+
+
+@pytest.fixture(scope="module")
+def evidence(out: Path) -> report.Evidence:
+    return report.gather(small_run.job(out / "raw", out))
+
+
+def test_the_product_has_a_block_with_the_reason(out: Path):
+    block = json.loads((out / "processed/means" / DIAGNOSIS.file).read_text())["boundaries"]["ground"]
+    assert block["verdict"] == NOT_DIAGNOSED
+    assert block["reason"] == REASON
+    assert block["effects"] == []
+
+
+def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
+    [card] = verdict.facts(evidence)["cards"]
+    assert card["verdict"] == f"not diagnosed: {REASON}"
+    assert any(REASON in doubt.text for doubt in verdict.doubts(evidence))
+    assert diagnosis.facts(evidence)["not_diagnosed"] == {"ground": REASON}
+
+
+def test_the_methods_say_it_in_a_whole_sentence(evidence: report.Evidence):
+    text = methods.markdown(evidence).decode()
+    assert f"Residuals near the ground were not diagnosed: {REASON}." in text
+    assert "missing: ." not in text
+
+
+def test_python_answers_with_the_reason_and_draws_nothing(out: Path):
+    answer = nearlift.load(out / "raw", out).diagnose()
+    assert answer["ground"].verdict == NOT_DIAGNOSED
+    assert answer["ground"].reason == REASON
+    assert answer.drawing is None
+    assert REASON in answer._repr_html_()
+
+
+def test_a_comparison_counts_it_as_not_diagnosed(out: Path):
+    [entry] = compare.entries(out / "processed/means")
+    assert entry.verdict == NOT_DIAGNOSED
