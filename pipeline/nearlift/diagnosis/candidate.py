@@ -90,7 +90,7 @@ class Candidate:
                 values[s.parameter.name] = vector[..., s.start, None]
         ratio = np.asarray(self.model.evaluate(where.z_hat, **known, **values), dtype=float)
         with np.errstate(invalid="ignore", divide="ignore"):
-            log: FloatArray = np.log(np.where(ratio > 0, ratio, np.nan))
+            log: FloatArray = np.log(np.where((ratio > 0) & (ratio < np.inf), ratio, np.nan))
         return np.broadcast_to(log, (*vector.shape[:-1], where.n))
 
     @cached_property
@@ -222,7 +222,7 @@ class Fitted:
     @property
     def chi2(self) -> float:
         """Sum of squared whitened residuals."""
-        return float(self.residual @ self.residual)
+        return float(np.sum(self.residual**2))
 
 
 def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:
@@ -244,14 +244,14 @@ def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: Float
         return space.project(log_lift - candidate.log_ratio(vector))
 
     def cost(r: FloatArray, vector: FloatArray) -> float:
-        total = float(r @ r + np.sum(((vector - mean) * weight) ** 2))
+        total = float(np.sum(r**2) + np.sum(((vector - mean) * weight) ** 2))
         return total if np.isfinite(total) else np.inf
 
     vector = np.clip(start, low, high)
     r = residual(vector)
     best = cost(r, vector)
     damping = 1e-6
-    for _ in range(25):
+    for _ in range(25 if np.isfinite(best) else 0):
         columns = candidate.jacobian(vector)
         j = space.project(columns.T).T
         length = np.sqrt(np.sum(j**2, axis=0) + weight**2)
@@ -271,7 +271,7 @@ def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: Float
         if gained < 1e-3:
             break
     jacobian = space.project(candidate.jacobian(vector).T).T
-    return Fitted(candidate=candidate, vector=vector, residual=r, jacobian=jacobian, penalty=best - float(r @ r))
+    return Fitted(candidate=candidate, vector=vector, residual=r, jacobian=jacobian, penalty=best - float(np.sum(r**2)))
 
 
 def _step(normal: FloatArray, gradient: FloatArray, length: FloatArray, vector: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

@@ -89,9 +89,7 @@ def held_out(stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[
 
 def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
     """Log lift of other trials from a fit: its ratio, and L_inf per throttle from the fit's own trials."""
-    q, r = stage.space._levels
-    white = stage.space.covariance.whiten(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
-    levels = np.linalg.solve(r, q.T @ white)
+    levels = stage.space.best_levels(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
     vector = fitted.vector
     index = np.searchsorted(stage.data.levels, at.throttle)
     result: FloatArray = levels[index] + fitted.candidate.log_ratio(vector, at)

@@ -21,6 +21,7 @@ from nearlift.diagnosis.candidate import Fitted, search
 from nearlift.diagnosis.confirmation import FEW_VISITS, standard_error
 from nearlift.diagnosis.search import RIVAL, SILENT, Answer, Explanation, Stage, visibility
 from nearlift.fitting import batched
+from nearlift.fitting.finite import where_finite
 from nearlift.results import IntArray, Observations
 
 #: With fewer, nothing can be accepted.
@@ -53,7 +54,7 @@ def left_out(stage: Stage, effects: tuple[Effect, ...]) -> FloatArray:
     weight = _weights(stage, own)
     level = np.eye(len(stage.data.levels))[stage.data.level]
     with np.errstate(invalid="ignore", divide="ignore"):
-        log_inf = (weight * rest) @ level / (weight @ level)
+        log_inf = where_finite(lambda x: (weight * x) @ level, rest) / (weight @ level)
     trial = np.arange(stage.data.n)
     result: FloatArray = rest[own, trial] - log_inf[own, stage.data.level]
     return result
@@ -75,8 +76,8 @@ def without_each(stage: Stage, whole: Fitted) -> FloatArray:
 
     def free(x: FloatArray, rows: IntArray) -> FloatArray:
         """Weighted, L_inf removed; x (k, c, n)."""
-        levels = (x * weight[rows][:, None]) @ level / known[rows][:, None]
-        result: FloatArray = (x - levels @ level.T) * root[rows][:, None]
+        levels = where_finite(lambda x: (x * weight[rows][:, None]) @ level, x) / known[rows][:, None]
+        result: FloatArray = (x - levels[..., stage.data.level]) * root[rows][:, None]
         return result
 
     def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:

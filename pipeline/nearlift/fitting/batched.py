@@ -79,7 +79,7 @@ def minimise(
     def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         r, slopes = _differences(residuals, theta, rows, bounds, scale, which) if linearised is None else _chosen(linearised(theta, rows), which)
         slopes = slopes * scale[which][:, None]
-        return r, slopes if np.isfinite(slopes.sum()) else np.nan_to_num(slopes)
+        return r, slopes if np.isfinite(slopes.sum()) else np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
     r, slopes = at(theta, np.arange(len(theta)))
     chi2 = _chi2(r)

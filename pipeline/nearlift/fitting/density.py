@@ -75,8 +75,8 @@ class Density:
 
     def spread(self) -> FloatArray:
         """Covariance (p, p) near the centre, to first order: the data's information and that of priors as wide as theirs."""
-        jacobian = self.problem.project(self.problem.jacobian(self.centre).T)
-        information = np.nan_to_num(jacobian @ jacobian.T)
+        jacobian = np.nan_to_num(self.problem.project(self.problem.jacobian(self.centre).T))
+        information = jacobian @ jacobian.T
         sd = np.array([b.width90 / 3.3 for b in self.beliefs.each])
         scaled = np.linalg.inv(information * np.outer(sd, sd) + np.eye(len(sd)))
         return np.asarray(scaled * np.outer(sd, sd), dtype=np.float64)

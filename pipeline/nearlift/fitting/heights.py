@@ -19,6 +19,7 @@ from nearlift.declare import FloatArray, compose, normal, uniform
 from nearlift.effects.height_offset import EFFECT
 from nearlift.fitting import batched, gum
 from nearlift.fitting.budget import GROUPED, Component, groups
+from nearlift.fitting.finite import where_finite
 from nearlift.fitting.problem import Problem
 from nearlift.results import Noise, Observations
 
@@ -87,9 +88,9 @@ def measure(problem: Problem, theta: FloatArray, parts: Sequence[Component], sca
 
     def judge(name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float) -> Nonlinearity:
         """Both orders in the coefficient that suffers most; errors of one kind are judged together."""
-        moved = np.abs(g @ _even(problem, theta, size_of_all))
-        # what the trials do not determine has nothing to lose
-        shift = np.where(u > 0, np.where(np.isfinite(moved), moved, np.inf) / np.where(u > 0, u, 1.0), 0.0)
+        moved = np.abs(where_finite(lambda x: g @ x, _even(problem, theta, size_of_all)))
+        # what the trials do not determine has nothing to lose; where the model has no value so far off, the rest have everything
+        shift = np.where(u > 0, np.nan_to_num(moved, nan=np.inf) / np.where(u > 0, u, 1.0), 0.0)
         worst = int(np.argmax(shift))
         own = float(shift[worst]) * (standard / size_of_all) ** 2
         ratio = own * float(u[worst]) / float(size[worst]) if size[worst] > 0 else np.inf
@@ -124,10 +125,9 @@ def shared_by_all(data: Observations, part: Component) -> bool:
 
 
 def _even(problem: Problem, theta: FloatArray, size_m: float) -> FloatArray:
-    """What an error of this size does to the prediction whatever its sign, (n,); infinite where the model has no value so far off."""
+    """What an error of this size does to the prediction whatever its sign, (n,); nan where the model has no value so far off."""
     up, here, down = (problem.log_ratio(theta, e) for e in (size_m, 0.0, -size_m))
-    even = (up + down) / 2 - here
-    return np.where(np.isfinite(even), even, np.inf)
+    return (up + down) / 2 - here
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,6 +17,7 @@ import numpy as np
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused
 from nearlift.fitting import budget
+from nearlift.fitting.finite import where_finite
 from nearlift.fitting.least_squares import Fit, assemble, interval90, minimise, parameter_covariance
 from nearlift.fitting.problem import Problem, usable
 from nearlift.results import Estimate, Observations
@@ -71,8 +72,7 @@ class JointProblem(Problem):
 
     def downwash_residuals(self, theta: FloatArray) -> FloatArray:
         """Whitened residuals of the downwash alone, (..., n)."""
-        result: FloatArray = (np.log(self.downwash.ratio) - self.log_downwash(theta)) @ self._whitener.T
-        return result
+        return where_finite(lambda x: x @ self._whitener.T, np.log(self.downwash.ratio) - self.log_downwash(theta))
 
     def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Whitened residuals of the lift, `L_inf` eliminated, then of the downwash, whose heights `offset_m` does not move."""

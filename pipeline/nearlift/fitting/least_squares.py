@@ -322,7 +322,7 @@ def parameter_covariance(white: FloatArray, whole: FloatArray | None = None) -> 
     size before L_inf took its share: what keeps nothing of that, as all of it does where every trial is at one distance, is not determined.
     """
     seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)
-    white = white * seen[:, None]
+    white = np.where(seen[:, None], white, 0.0)
     information = white @ white.T
     size = np.sqrt(np.diag(information))
     scale = np.where(size > 0, size, 1.0)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused
 from nearlift.fitting.covariance import Covariance
+from nearlift.fitting.finite import where_finite
 from nearlift.results import Observations
 
 #: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never far from the recorded height.
@@ -63,7 +64,7 @@ class Problem:
         z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
-            log: FloatArray = np.log(np.where((ratio > 0) & (z_hat > 0), ratio, np.nan)) + self.shift
+            log: FloatArray = np.log(np.where((ratio > 0) & (ratio < np.inf) & (z_hat > 0), ratio, np.nan)) + self.shift
         return np.broadcast_to(log, (*np.shape(theta)[:-1], self.data.n))
 
     @cached_property
@@ -82,8 +83,7 @@ class Problem:
     @property
     def level_mean(self) -> FloatArray:
         """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds `level_sensitivity` of its logarithm."""
-        q, r = self._levels
-        return np.asarray(np.linalg.solve(r, q.T @ self.covariance.whiten(np.log(self.data.lift_N))), dtype=np.float64)
+        return self.best_levels(np.log(self.data.lift_N))
 
     @property
     def level_gain(self) -> FloatArray:
@@ -92,10 +92,14 @@ class Problem:
         return np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
 
     def project(self, x: FloatArray) -> FloatArray:
-        """Whiten along the last axis and remove what a free L_inf per throttle absorbs."""
-        white = self.covariance.whiten(x)
+        """Whiten along the last axis and remove what a free L_inf per throttle absorbs; a row with a value that is not finite is nan."""
         q, _ = self._levels
-        return white - (white @ q) @ q.T
+
+        def projected(x: FloatArray) -> FloatArray:
+            white = self.covariance.whiten(x)
+            return white - (white @ q) @ q.T
+
+        return where_finite(projected, x)
 
     @cached_property
     def _target(self) -> FloatArray:
@@ -119,15 +123,19 @@ class Problem:
 
     def log_levels(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
-        q, r = self._levels
-        white = self.covariance.whiten(np.log(self.data.lift_N) - self.log_ratio(theta, offset_m))
+        _, r = self._levels
         inverse = np.linalg.inv(r)
-        return np.asarray(inverse @ (white @ q), dtype=np.float64), np.asarray(inverse @ inverse.T, dtype=np.float64)
+        rest = np.log(self.data.lift_N) - self.log_ratio(theta, offset_m)
+        return self.best_levels(rest), np.asarray(inverse @ inverse.T, dtype=np.float64)
+
+    def best_levels(self, x: FloatArray) -> FloatArray:
+        """The level per throttle that fits rows of trials (..., n) best, (..., K); nan where a row has a value that is not finite."""
+        q, r = self._levels
+        return where_finite(lambda x: np.asarray(np.linalg.solve(r, q.T @ self.covariance.whiten(x).T).T, dtype=np.float64), x)
 
     def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
         """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p) of log ratio."""
-        q, r = self._levels
-        return np.asarray(-np.linalg.solve(r, q.T @ self.covariance.whiten(jacobian.T).T), dtype=np.float64)
+        return -self.best_levels(jacobian.T).T
 
     def linearised(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter (..., p, n)."""

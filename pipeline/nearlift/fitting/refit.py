@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fitting import batched
+from nearlift.fitting.finite import where_finite
 from nearlift.fitting.problem import Problem
 from nearlift.fitting.stations import distinct
 from nearlift.results import IntArray
@@ -86,7 +87,7 @@ def refit(problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: F
         rest = np.maximum(whole - np.einsum("ij,ij->i", target, target), 0.0)
 
     def folded(x: FloatArray) -> FloatArray:
-        return problem.project(x) if triangle is None else x @ triangle.T
+        return problem.project(x) if triangle is None else where_finite(lambda x: x @ triangle.T, x)
 
     def residuals(theta: FloatArray, rows: IntArray) -> FloatArray:
         return target[rows] - folded(at.log_ratio(theta))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.fitting.finite import where_finite
 from nearlift.fitting.problem import Problem
 from nearlift.results import IntArray
 
@@ -60,7 +61,8 @@ class Stations:
     def _batch(self, theta: FloatArray) -> FloatArray:
         if self.triangle is None:
             return self.problem.chi2(theta)
-        r = self.at.log_ratio(theta) @ self.triangle[:, :-1].T - self.triangle[:, -1]
+        triangle = self.triangle
+        r = where_finite(lambda x: x @ triangle[:, :-1].T, self.at.log_ratio(theta)) - triangle[:, -1]
         total = np.einsum("ij,ij->i", r, r)
         return np.where(np.isfinite(total), total, np.inf)
 
@@ -68,6 +70,5 @@ class Stations:
         """Log L_inf per throttle given theta (m, p): (m, k)."""
         if self.level_rows is None:
             return np.stack([self.problem.log_levels(t)[0] for t in theta])
-        none = self.problem.level_mean
-        result: FloatArray = none + self.at.log_ratio(theta) @ self.level_rows.T
-        return result
+        rows = self.level_rows
+        return self.problem.level_mean + where_finite(lambda x: x @ rows.T, self.at.log_ratio(theta))
