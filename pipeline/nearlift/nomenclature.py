@@ -110,6 +110,7 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("source", r"\mathrm{source}", "", "file of a record, relative to the campaign's folder"),
     _s("samples", r"N_\mathrm{read}", "1", "samples in a record as read, tare and settling included"),
     _s("completeness", r"\mathrm{completeness}", "", "complete, truncated, malformed, pending or missing"),
+    _s("fault", r"\mathrm{fault}", "", "what is wrong with a malformed record"),
     # the vehicle and its simulation
     _s("mass_kg", "m", "kg", "mass of the vehicle", "m"),
     _s("gravity_m_s2", "g", "m/s^2", "acceleration of free fall", "g"),

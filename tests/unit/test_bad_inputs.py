@@ -98,18 +98,22 @@ def words(raw: Path) -> None:
     record(raw).write_bytes(b"".join(rows))
 
 
-def clock(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], None]:
-    """Every record with a clock, the damaged one with a changed one."""
+def clock(change: Callable[[np.ndarray], np.ndarray], *, others: bool = False) -> Callable[[Path], None]:
+    """Every record with a clock, the damaged one (or all) with a changed one."""
 
     def damage(raw: Path) -> None:
         edit(raw, "campaign.toml", "sign = 1 } }", 'sign = 1 }, time = { column = "t", unit = "s" } }')
         for path in (raw / "trials").iterdir():
             force = path.read_text().split()[1:]
             t = np.arange(len(force)) / RATE
-            t = change(t) if path.stem == TRIAL else t
+            t = change(t) if others or path.stem == TRIAL else t
             path.write_text("t,force\n" + "".join(f"{a:.6f},{b}\n" for a, b in zip(t, force, strict=False)))
 
     return damage
+
+
+def cut_row(raw: Path) -> None:
+    record(raw).write_bytes(b"".join([*lines(raw)[:50], b"1.5,\n", *lines(raw)[50:]]))
 
 
 def log(whole: bool) -> Callable[[Path], None]:
@@ -153,6 +157,7 @@ CODED: list[tuple[str, Callable[[Path], None], set[str], str]] = [
     ("3 number cut, nearly all there", cut(0.99), {"truncated", "short"}, "truncated"),
     ("3 less than 95 %", cut(0.9), {"truncated", "SHORT"}, "truncated"),
     ("3 cut between two lines, seen by the planned length", cut(0.98, at_line=True), {"short"}, "truncated"),
+    ("3 a row cut in the middle of the file", cut_row, {"MALFORMED"}, "malformed"),
     ("7 wrong check sum", log(whole=True), {"MALFORMED"}, "malformed"),
     ("7 salvaged", log(whole=False), {"salvaged", "short"}, "malformed"),
     ("8 words for no number", words, {"OUT_OF_RANGE"}, "complete"),
@@ -160,6 +165,7 @@ CODED: list[tuple[str, Callable[[Path], None], set[str], str]] = [
     ("9 clipped at one code", series(lambda f: np.minimum(f, np.sort(f)[-60])), {"SATURATED"}, "complete"),
     ("10 stands still", series(lambda f: np.where(np.arange(len(f)) < HEAD, f, f[HEAD])), {"STUCK"}, "complete"),
     ("11 spikes", series(lambda f: f + 80.0 * (np.arange(len(f)) % 97 == 50)), {"spikes"}, "complete"),
+    ("14 header repeated", lambda raw: record(raw).write_bytes(record(raw).read_bytes() * 2), {"MALFORMED"}, "malformed"),
     ("16 drift of the zero", tare_after, {"DRIFT"}, "complete"),
     ("18 the same record twice", doubled, {"DUPLICATE"}, "complete"),
     ("19 clock backwards", clock(lambda t: np.where(np.arange(len(t)) == 1, t - 0.02, t)), {"clock"}, "complete"),
@@ -168,6 +174,7 @@ CODED: list[tuple[str, Callable[[Path], None], set[str], str]] = [
     ("19 summer time begins", clock(lambda t: t + 3600.0 * (np.arange(len(t)) > 200)), {"clock"}, "complete"),
     ("19 summer time ends", clock(lambda t: t - 3600.0 * (np.arange(len(t)) > 200)), {"clock"}, "complete"),
     ("19 a great gap", clock(lambda t: t + 1000.0 * (np.arange(len(t)) > 200)), {"GAPS"}, "truncated"),
+    ("20 a wrong rate", clock(lambda t: 2 * t), {"MALFORMED"}, "malformed"),
     ("21 two throttles in a trial", series(lambda f: f + 60.0 * (np.arange(len(f)) > HEAD + LIVE // 2)), {"MIXED"}, "complete"),
     ("22 the traverse did not arrive", reached, {"HEIGHT"}, "complete"),
     ("23 aborted", lambda raw: write_record(raw, TRIAL, force_mN(275.0)[: HEAD + 3]), {"TOO_SHORT", "SHORT"}, "truncated"),
@@ -219,6 +226,17 @@ def test_18_whose_record_it_is_is_told(raw: Path) -> None:
 def test_21_a_drift_is_no_step(raw: Path) -> None:
     series(lambda f: f + 60.0 * np.clip((np.arange(len(f)) - HEAD) / LIVE, 0, 1))(raw)
     assert "MIXED" not in ingest(raw)[2][TRIAL].split()
+
+
+def test_3_what_is_wrong_with_a_record_is_told_with_its_place(raw: Path) -> None:
+    cut_row(raw)
+    _, said, _ = ingest(raw)
+    assert "t01: MALFORMED (" in said
+    assert "): trials/t01.csv, line 51: has 2 cells under 1 column names" in said
+    table = store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
+    assert {t: f for t, f in zip(table["trial"], table["fault"], strict=True) if f} == {
+        TRIAL: "trials/t01.csv, line 51: has 2 cells under 1 column names"
+    }
 
 
 # ---- 4, 5: half-written, and still being written
@@ -338,8 +356,6 @@ def unit_of_header(raw: Path) -> None:
 
 
 STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
-    ("3 a row cut in the middle of the file", lambda raw: record(raw).write_bytes(b"".join([*lines(raw)[:50], b"1.5,\n", *lines(raw)[50:]])), 4,
-     "t01.csv, line 51: "),
     ("12 gram-force read as newton", manifest('unit = "mN"', 'unit = "N"'), 4, "times the weight"),
     ("12 a unit that the header contradicts", unit_of_header, 4, 'states \'Thrust (gf)\' in gf, the manifest says N: a factor of 0.009807'),
     ("12 the impossible cm", manifest('distance = "mm"', 'distance = "cm"'), 4, "300 cm is outside the 1.5 m arena; mm?"),
@@ -347,10 +363,10 @@ STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
     ("13 UTF-16 in a csv", everywhere(lambda c: c.decode().encode("utf-16")), 4, 'is UTF-16 text\n  save it as UTF-8, or say reader = "text"'),
     ("13 ambiguous commas", by_text(lambda c: b"force\n" + b"1,234\n" * 500), 4, "'1,234' may be 1.234 or 1234\n  say which"),
     ("14 duplicate column names", everywhere(lambda c: b"force,force\n1,2\n"), 4, "line 1: more than one column 'force'"),
-    ("14 header repeated", lambda raw: record(raw).write_bytes(record(raw).read_bytes() * 2), 4, "repeats the header: two records stand in one file"),
+    ("14 header repeated", everywhere(lambda c: c * 2), 4, "repeats the header: two records stand in one file"),
     ("15 no tare", manifest('tare = "0.5 s", ', ""), 2, "[load_cell] needs tare"),
     ("18 one id, two trials", schedule("t02,", "t01,"), 2, "trial 't01' stands already in trials.csv, line 3"),
-    ("20 a wrong rate", clock(lambda t: 2 * t), 4, "the clock column runs at 100 Hz, the manifest says 200 Hz"),
+    ("20 a wrong rate", clock(lambda t: 2 * t, others=True), 4, "the clock column runs at 100 Hz, the manifest says 200 Hz"),
     ("20 a wrong rate, by the planned length", manifest('"200 Hz"', '"250 Hz"'), 4, "where 2.5 s at 250 Hz are 625\n  is the rate 200 Hz?"),
     ("20 too low a rate", manifest('"200 Hz"', '"160 Hz"'), 4, "the records hold 500 samples"),
     ("24 on the boundary", schedule("t01,ground,30", "t01,ground,0"), 4, "0 mm with an offset of 0 mm puts the rotor on the ground itself"),
@@ -523,8 +539,8 @@ def test_30_32_a_line_without_an_end_costs_no_memory(raw: Path, tail: bytes, mon
     if tail == b"\0":
         assert (code, quality[TRIAL]) == (0, "truncated")
     else:
-        assert (code, quality) == (4, {})
-        assert "t01.csv, after line 501: has a line of more than 8 MB" in said
+        assert (code, quality[TRIAL]) == (3, "MALFORMED")
+        assert "trials/t01.csv, after line 501: has a line of more than 8 MB" in said
 
 
 def test_json_speaks_of_rejections_too(raw: Path) -> None:

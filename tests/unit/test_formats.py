@@ -369,7 +369,7 @@ def test_garbage_costs_its_trial_only(tmp_path: Path, name: str, suffix: str) ->
     written.put(tmp_path, f"b.{suffix}", write([1.0, 2.0, 3.0]))
     a, b = records(tmp_path, name, column, unit, f"{{trial}}.{suffix}")
     assert a.codes == ("MALFORMED",)
-    assert a.notes[0].startswith(f"a.{suffix}: ")
+    assert a.fault.startswith(f"a.{suffix}: ")
     assert len(b.force_N) == 3
 
 

@@ -13,6 +13,7 @@ import pytest
 from nearlift import executors
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.products import TRIALS
+from nearlift.readers import csv_trial
 from nearlift.stages import ingest
 from nearlift.stages.job import Job
 from nearlift.store import sha256
@@ -159,10 +160,63 @@ def test_nothing_but_rejected_trials_is_refused(root: Path, tmp_path: Path) -> N
     refused(root, tmp_path, InputRefused, r"all 8 trials are rejected \(NO_DATA 8\)")
 
 
-def test_a_line_that_is_no_number_is_refused(root: Path, tmp_path: Path) -> None:
-    path = root / "trials" / "t03.csv"
-    path.write_text(path.read_text().replace("\n", "\nx", 3).replace("x", "", 2))
+def test_a_record_that_is_refused_is_a_row_and_most_of_them_are_a_refusal(root: Path, tmp_path: Path) -> None:
+    """One is damaged; where more than half are, the manifest does not fit them."""
+    for k in (0, 1):
+        for j in range(4) if k else (3,):
+            path = root / "trials" / f"t{k}{j}.csv"
+            path.write_text(path.read_text().replace("\n", "\nx", 3).replace("x", "", 2))
+        if k == 0:
+            outcome, _ = run_ingest(root, tmp_path / "one", manifest(**GIVEN))
+            [(trial, why)] = outcome.rejected
+            assert trial == "t03"
+            assert re.search(r"MALFORMED \(.*\): trials/t03\.csv, line 4: 'x.*is not a number", why)
     refused(root, tmp_path, InputRefused, r"t03\.csv, line 4: 'x.*is not a number")
+
+
+@pytest.mark.parametrize("text", ["serial", "processes:2"])
+def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path, text: str) -> None:
+    """A reader's fault costs its trial, not its neighbours; the machine's and the manifest's stop the run."""
+    given = manifest(**GIVEN)
+    task = ingest.Task(root=root, campaign=given, piece=csv_trial.CSV.plan(given, root, ["t00", "t01", "t02"]).pieces[0], tare_after_N={}, inputs={})
+    whole = ingest.reduce_piece(task)
+    (root / "trials" / "t01.csv").write_bytes(b"force\n1\n\x1b[2J\n")
+    with executors.open_executor(text) as executor:
+        [rows] = executors.ordered(executor, ingest.reduce_piece, [task])
+    assert [row.trial for row in rows] == ["t00", "t01", "t02"]
+    assert (rows[0], rows[2]) == (whole[0], whole[2])
+    assert rows[1].reduced.codes == ("MALFORMED",)
+    assert rows[1].fault.isprintable()
+    assert rows[1].source_sha256 == sha256(root / "trials" / "t01.csv")
+
+
+@pytest.mark.parametrize(
+    ("fault", "row"),
+    [
+        (ZeroDivisionError("x"), True),
+        (OSError("page is corrupt"), True),
+        (OSError(24, "too many files"), False),
+        (MemoryError(), False),
+        (ManifestError("a", "b"), False),
+        (KeyboardInterrupt(), False),
+    ],
+)
+def test_the_machines_faults_and_the_manifests_are_no_rows(root: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, row: bool) -> None:
+    given = manifest(**GIVEN)
+    task = ingest.Task(root=root, campaign=given, piece=csv_trial.CSV.plan(given, root, ["t00", "t01"]).pieces[0], tare_after_N={}, inputs={})
+    calls: list[str] = []
+
+    def reduced(*_: Any, where: str, **__: Any) -> Any:
+        calls.append(where)
+        raise fault
+
+    monkeypatch.setattr(ingest, "reduce_record", reduced)
+    if row:
+        assert [r.reduced.codes for r in ingest.reduce_piece(task)] == [("MALFORMED",)] * 2
+        assert len(calls) == 2
+    else:
+        with pytest.raises(type(fault)):
+            ingest.reduce_piece(task)
 
 
 def test_an_unknown_reader_is_refused(root: Path, tmp_path: Path) -> None:

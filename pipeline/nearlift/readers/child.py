@@ -65,6 +65,11 @@ def lasting(form: Format) -> Iterator[Reading]:
         worker = _idle.pop() if _idle else Child()
     try:
         yield functools.partial(_contents, worker, form.name)
+    except InputRefused:
+        # a file that is refused leaves its reader as it was
+        with _lock:
+            _idle.append(worker)
+        raise
     except BaseException:
         worker.end()
         raise

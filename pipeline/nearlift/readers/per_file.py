@@ -153,7 +153,7 @@ def _record(form: Format, contents: Any, campaign: Campaign, root: Path, trial: 
     try:
         found: Contents = contents(path, campaign.records.dialect, (column,) if tick is None else (column, tick))
     except Malformed as fault:
-        return Record(trial=trial, force_N=nothing, source=source, codes=("MALFORMED",), notes=(f"{source}: {fault}",))
+        return Record(trial=trial, force_N=nothing, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}")
     if not found.channels and "NO_DATA" in found.codes:
         return Record(trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes)
     channel = pick(found.channels, column, "records.force.column", str(path))

@@ -45,6 +45,8 @@ class Record:
         What the reader noticed (names in `reduction.quality.CODES`).
     notes : tuple of str
         Remarks for the user, without the file's name: alike ones of many records are told once.
+    fault : str
+        What is wrong with a MALFORMED record, in words.
     sha256 : callable or None
         Digest of the whole file, from bytes that the reader still holds; None where it holds none.
     """
@@ -55,6 +57,7 @@ class Record:
     time_s: FloatArray | None = None
     codes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    fault: str = ""
     sha256: Callable[[], str] | None = None
 
 

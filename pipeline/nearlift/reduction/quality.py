@@ -27,7 +27,11 @@ class Code:
 CODES = (
     Code(name="MISSING", rejects=True, meaning="the schedule lists the trial, but there is no record of it"),
     Code(name="EMPTY", rejects=True, meaning="the file is empty"),
-    Code(name="MALFORMED", rejects=True, meaning="the file contradicts its own structure or check sum: it is damaged"),
+    Code(
+        name="MALFORMED",
+        rejects=True,
+        meaning="the record cannot be read: it is damaged, or contradicts its own structure, its check sum or the manifest",
+    ),
     Code(name="PENDING", rejects=True, meaning="the file was still being written; the next run reads it again"),
     Code(name="NO_DATA", rejects=True, meaning="no sample is left once tare and settle are taken off"),
     Code(name="TOO_SHORT", rejects=True, meaning="fewer than five samples are left: an aborted run"),
@@ -91,9 +95,10 @@ def rejected(quality: NDArray[Any]) -> NDArray[np.bool_]:
     return np.array([any(name.isupper() for name in text.split()) for text in quality], dtype=bool)
 
 
-def reason(text: str) -> str:
-    """Why a trial was rejected, in words, from its `quality` text; empty where it was not."""
-    return "; ".join(f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects)
+def reason(text: str, fault: str = "") -> str:
+    """Why a trial was rejected, in words, from its `quality` text and what was wrong with its record; empty where it was not."""
+    words = "; ".join(f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects)
+    return f"{words}: {fault}" if words and fault else words
 
 
 def remarks(quality: NDArray[Any]) -> list[str]:

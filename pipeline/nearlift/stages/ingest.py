@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +12,19 @@ from numpy.typing import NDArray
 
 from nearlift import readers, store
 from nearlift.campaign import Campaign
-from nearlift.errors import InputRefused
+from nearlift.errors import InputRefused, NearliftError
 from nearlift.executors import ordered
 from nearlift.products import TRIALS
-from nearlift.readers import Piece, Reader, Schedule, means
+from nearlift.readers import Piece, Reader, Record, Schedule, means
 from nearlift.readers.schedule import read_schedule, schedule_file
 from nearlift.readers.seam import source_of
 from nearlift.reduction import plausibility, quality
 from nearlift.reduction.record import Limits, Reduced, reduce_record
 from nearlift.stages import intact
 from nearlift.stages.job import Job, Outcome
+
+#: Characters of a fault that are kept.
+LONGEST_FAULT = 300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +40,10 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What one worker answers for one trial."""
+    """What one worker answers for one trial.
+
+    `fault` says what is wrong with a MALFORMED record; `refusal` is there where it cannot be read in the way that the manifest asks for.
+    """
 
     trial: str
     reduced: Reduced
@@ -45,6 +51,8 @@ class Row:
     source: str = ""
     samples: int = 0
     notes: tuple[str, ...] = ()
+    fault: str = ""
+    refusal: InputRefused | None = None
 
 
 class Rows:
@@ -57,7 +65,7 @@ class Rows:
         self.real = {name: np.full(n, np.nan) for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")}
         self.n, self.samples = (np.zeros(n, dtype=np.int64) for _ in range(2))
         self.codes: list[tuple[str, ...]] = [("MISSING",)] * n
-        self.source_sha256, self.source = (np.full(n, "", dtype=object) for _ in range(2))
+        self.source_sha256, self.source, self.fault = (np.full(n, "", dtype=object) for _ in range(3))
         #: Each remark with the number of records that it is about, and the first of them.
         self.notes: dict[str, tuple[int, str]] = {}
 
@@ -67,7 +75,7 @@ class Rows:
             column[i] = getattr(row.reduced, name)
         self.n[i], self.samples[i] = row.reduced.n, row.samples
         self.codes[i] = row.reduced.codes
-        self.source_sha256[i], self.source[i] = row.source_sha256, row.source
+        self.source_sha256[i], self.source[i], self.fault[i] = row.source_sha256, row.source, row.fault
         for note in row.notes:
             count, first = self.notes.get(note, (0, row.source))
             self.notes[note] = count + 1, first
@@ -120,14 +128,21 @@ def run(job: Job) -> Outcome:
         worst = quality.code(told.most_common(1)[0][0])
         raise InputRefused(str(job.root), f"all {len(bad)} trials are rejected ({reasons})", f"{worst.name}: {worst.meaning}")
     job.write(TRIALS, table)
-    rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i])) for i in np.flatnonzero(bad))
+    rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i])) for i in np.flatnonzero(bad))
     return Outcome(rejected=rejected, notes=tuple(notes))
 
 
 def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
-    """Rows from as many workers as the executor has; a trial without a record has none."""
+    """Rows from as many workers as the executor has; a trial without a record has none.
+
+    Raises
+    ------
+    InputRefused
+        No trial has a record, or most records cannot be read for what the manifest says of them: the first one's refusal.
+    """
     plan = reader.plan(job.campaign, job.root, list(schedule.trial))
-    if not any(piece.trials for piece in plan.pieces):
+    recorded = sum(len(piece.trials) for piece in plan.pieces)
+    if not recorded:
         raise InputRefused(
             str(job.root / (job.campaign.records.files or "")),
             f"none of the {len(schedule)} trials has a record",
@@ -137,12 +152,17 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     place = {trial: i for i, trial in enumerate(schedule.trial)}
     rows, done = Rows(len(schedule)), 0
     notes, pieces = plan.notes, deque(plan.pieces)
+    refusals: list[InputRefused] = []
     # the plan of what is done is not kept beside what was found
     del plan
     for answer in ordered(job.executor, reduce_piece, _tasks(job, pieces, after)):
         for row in answer:
             rows.put(place[row.trial], row)
+            refusals += [row.refusal] if row.refusal else []
         done += len(answer)
+        # one record is damaged, most of them are misdescribed
+        if 2 * len(refusals) > recorded:
+            raise refusals[0]
         job.say(f"ingest {done} of {len(schedule)} trials")
     told = [note if count == 1 else f"{note} ({count} records, such as {first})" for note, (count, first) in rows.notes.items()]
     if job.campaign.load_cell.tare == "none":
@@ -167,36 +187,93 @@ def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterat
 
 
 def reduce_piece(task: Task) -> list[Row]:
-    """Read and reduce the trials of one piece; runs in any thread or process."""
-    cell, choice = task.campaign.load_cell, task.campaign.quality
-    limits = Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=cell.range)
+    """Read and reduce the trials of one piece; runs in any thread or process.
+
+    Whatever a record holds, its trial has a row: what is raised over one makes it MALFORMED, and the next is read.
+
+    Raises
+    ------
+    NearliftError
+        The manifest is at fault.
+    OSError, MemoryError
+        The machine is at fault.
+    """
+    reader, piece = readers.reader(task.campaign.records.reader), task.piece
     digests = dict(task.inputs)
-    rows = []
-    for record in readers.reader(task.campaign.records.reader).read_piece(task.campaign, task.root, task.piece):
-        reduced = reduce_record(
-            record.force_N,
-            rate_Hz=cell.sample_rate or 1.0,
-            tare_s=task.campaign.tare_s,
-            settle_s=cell.settle,
-            time_s=record.time_s,
-            tare_after_N=task.tare_after_N.get(record.trial, np.nan),
-            limits=limits,
-            codes=record.codes,
-            where=f"{record.source}, trial {record.trial!r}",
-        )
-        if record.source not in digests:
-            digests[record.source] = record.sha256() if record.sha256 else store.sha256(task.root / record.source)
-        rows.append(
-            Row(
-                trial=record.trial,
-                reduced=reduced,
-                source_sha256=digests[record.source],
-                source=record.source,
-                samples=len(record.force_N),
-                notes=record.notes,
-            )
-        )
+    rows: list[Row] = []
+    while len(rows) < len(task.piece.trials):
+        try:
+            for record in reader.read_piece(task.campaign, task.root, piece):
+                rows.append(_row(task, record, digests))
+            break
+        except Exception as fault:
+            if len(rows) == len(task.piece.trials) or not _of_the_record(fault):
+                raise
+            rows.append(_malformed(task, len(rows), fault, digests))
+        piece = _behind(task.piece, len(rows))
     return rows
+
+
+def _row(task: Task, record: Record, digests: dict[str, str]) -> Row:
+    """A record reduced."""
+    cell, choice = task.campaign.load_cell, task.campaign.quality
+    reduced = reduce_record(
+        record.force_N,
+        rate_Hz=cell.sample_rate or 1.0,
+        tare_s=task.campaign.tare_s,
+        settle_s=cell.settle,
+        time_s=record.time_s,
+        tare_after_N=task.tare_after_N.get(record.trial, np.nan),
+        limits=Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=cell.range),
+        codes=record.codes,
+        where=f"{record.source}, trial {record.trial!r}",
+    )
+    if record.source not in digests:
+        digests[record.source] = record.sha256() if record.sha256 else store.sha256(task.root / record.source)
+    return Row(
+        trial=record.trial,
+        reduced=reduced,
+        source_sha256=digests[record.source],
+        source=record.source,
+        samples=len(record.force_N),
+        notes=record.notes,
+        fault=record.fault,
+    )
+
+
+def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> Row:
+    """The row of trial i of a piece, over whose record `fault` was raised."""
+    path = task.piece.paths[i if len(task.piece.paths) > 1 else 0]
+    source = source_of(task.root, path)
+    if source not in digests:
+        digests[source] = store.sha256(path)
+    what = f"{fault.where}: {fault.what}" if isinstance(fault, NearliftError) else f"{source}: {type(fault).__name__}: {fault}"
+    text = " ".join(what.replace(f"{task.root}/", "").split())[:LONGEST_FAULT]
+    return Row(
+        trial=task.piece.trials[i],
+        reduced=Reduced(codes=("MALFORMED",)),
+        source_sha256=digests[source],
+        source=source,
+        fault="".join(c if c.isprintable() else "?" for c in text),
+        refusal=fault if isinstance(fault, InputRefused) else None,
+    )
+
+
+def _of_the_record(fault: Exception) -> bool:
+    """Whether the bytes of a record are to blame, and not the manifest or the machine (libraries call damage an OSError without a number)."""
+    if isinstance(fault, OSError):
+        return fault.errno is None
+    return isinstance(fault, InputRefused) or not isinstance(fault, (NearliftError, MemoryError))
+
+
+def _behind(piece: Piece, done: int) -> Piece:
+    """What is left of a piece behind so many of its trials."""
+    return replace(
+        piece,
+        trials=piece.trials[done:],
+        paths=piece.paths[done:] if len(piece.paths) == len(piece.trials) else piece.paths,
+        rows=piece.rows[done:],
+    )
 
 
 def _settle(job: Job, rows: Rows) -> None:
@@ -264,6 +341,7 @@ def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
         "source": rows.source,
         "samples": rows.samples,
         "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
+        "fault": rows.fault,
         **schedule.covariates,
     }
 

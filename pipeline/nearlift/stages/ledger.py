@@ -78,7 +78,7 @@ def _entry(trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str])
         "fitted": not out and not outside,
         # every accepted trial stands in a mean of Figure 2, but only what the model speaks about has a residual
         "figures": [] if out else ["fig2"] if outside else ["fig2", "residuals"],
-        "why": reason(text) or outside,
+        "why": reason(text, str(trials["fault"][i]) if "fault" in trials else "") or outside,
     }
 
 
