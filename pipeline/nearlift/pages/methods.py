@@ -142,7 +142,7 @@ def _fits(evidence: Evidence) -> str:
 
 def _scatter(entry: Mapping[str, Any]) -> str:
     """What the trials scatter by: each part with at least a hundredth of the headline's variance, the largest first."""
-    lines = next((b["lines"] for b in entry.get("budget", {}).values()), [])
+    lines: list[dict[str, Any]] = next((b["lines"] for b in entry.get("budget", {}).values()), [])
     parts = sorted((a for a in lines if a["type"] == "A" and a["share"] >= LEAST_SHARE), key=lambda a: -a["share"])
     if not parts:
         return ""
