@@ -30,8 +30,8 @@ exponents* is the range of the least-squares value over the quantities that a tr
 BUDGET = """
 ## Where the uncertainty comes from
 
-Share of each source in the variance of each coefficient, in per cent; A from repeats, B declared. Shares below half a
-per cent are left out.
+What u would be, over what it is, if one source were known exactly; A from repeats, B declared. Sources that would save less
+than half a per cent are left out.
 
 | campaign | coefficient | U95 | effective dof | sources |
 |---|---|---|---|---|
@@ -101,8 +101,8 @@ def budgets(out: Path, name: str) -> list[str]:
     lines = []
     for _, _, entry, _ in bases(out, name):
         for p, b in entry.get("budget", {}).items():
-            shown = sorted((x for x in b["lines"] if x["share"] > 0.005), key=lambda x: -x["share"])
-            sources = "; ".join(f"{x['component']} ({x['type']}) {100 * x['share']:.0f}" for x in shown)
+            shown = sorted((x for x in b["lines"] if x["u_without"] < 0.995 * b["u"]), key=lambda x: x["u_without"])
+            sources = "; ".join(f"{x['component']} ({x['type']}) {x['u_without'] / b['u']:.2f}" for x in shown)
             dof = f"{b['dof']:.0f}" if b["dof"] is not None and math.isfinite(b["dof"]) else "inf"
             lines.append(f"| {name} | {p.rstrip('_')} | {b['U95']:.3g} | {dof} | {sources} |")
     return lines
@@ -130,7 +130,7 @@ def collapses(out: Path, name: str) -> list[str]:
 if __name__ == "__main__":
     out, names = Path(sys.argv[1]), sys.argv[2:]
     page = HEAD + "\n".join(line for n in names for line in estimates(out, n)) + "\n"
-    shares = [line for n in names for line in budgets(out, n)]
-    page += BUDGET + "\n".join(shares) + "\n" if shares else ""
+    sources = [line for n in names for line in budgets(out, n)]
+    page += BUDGET + "\n".join(sources) + "\n" if sources else ""
     page += COLLAPSE + "\n".join(line for n in names for line in collapses(out, n)) + "\n"
     Path(__file__).with_name("coefficients.md").write_text(page)

@@ -53,6 +53,35 @@ def test_the_shares_add_to_the_variance_of_the_estimator():
     assert gain @ found.problem.covariance.dense() @ gain.T == pytest.approx(found.covariance, rel=1e-8)
 
 
+def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
+    found = fitted()
+    without = gum.u_without(found)
+    assert set(without) == {line.component for line in gum.of(found)[0]}
+
+    def u(parts, scatter):
+        problem = assemble(MODEL, found.problem.data, parts, scatter, found.theta, found.slope)
+        white = problem.project(problem.jacobian(found.theta).T)
+        return np.sqrt(np.diag(np.linalg.inv(white @ white.T)))
+
+    for known in PARTS:
+        assert without[known.name] == pytest.approx(u(tuple(p for p in PARTS if p is not known), SCATTER), rel=1e-8), known.name
+    for size, name in gum.NAMES.items():
+        assert without[name] == pytest.approx(u(PARTS, dataclasses.replace(SCATTER, **{size: 0.0})), rel=1e-8), name
+
+
+def test_a_small_part_of_the_variance_may_hold_most_of_the_uncertainty():
+    """A datum at a ceiling adds little to alpha, since the fit leans on the far trials; with it known, the near ones serve."""
+    datum = part("height", 5e-4, "boundary")
+    model = catalogue.model("hsiao_chirarattananon")
+    data = campaign(3, visits=6, boundary="ceiling", ratio=hsiao, stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0))
+    found = fit(model, data, (datum,), SCATTER, plan=heights.Plan())
+    [line] = [a for a in gum.of(found)[0] if a.component == datum.name]
+    u = found.estimates["alpha"].u
+    adds = 1 - np.sqrt(1 - line.covariance[0, 0] / u**2)
+    saves = 1 - gum.u_without(found)[datum.name][0] / u
+    assert saves > 3 * adds
+
+
 def errors(name, rng, data, model, theta, draws):
     """Log lift with one kind of error alone, from what the kind means and not from the covariance, (draws, n)."""
     known = {n: GEOMETRY[n] for n in model.needs}

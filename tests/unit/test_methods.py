@@ -37,10 +37,10 @@ def test_every_part_of_the_scatter_and_every_judge_is_the_products(evidence):
     content = evidence.document(FIT)
     bases = [content["boundaries"][b][content["base"][b]] for b in evidence.boundaries]
     for entry in bases:
-        [lines, *_] = [budget["lines"] for budget in entry["budget"].values()]
-        repeats = [line for line in lines if line["type"] == "A"]
-        assert max(repeats, key=lambda line: line["share"])["component"] in text
-        assert all(line["component"] in text for line in repeats if line["share"] >= 0.01)
+        [budget, *_] = entry["budget"].values()
+        repeats = [line for line in budget["lines"] if line["type"] == "A"]
+        assert max(repeats, key=lambda line: line["u"])["component"] in text
+        assert all(line["component"] in text for line in repeats if line["u"] > 0.101 * budget["u"])
     fits = [entry["posterior"] for entry in bases]
     assert ("R-hat" in text) == any(p["sampler"] == "emcee" for p in fits)
     assert ("Pareto k" in text) == any(p["sampler"] == "importance" for p in fits)

@@ -19,7 +19,7 @@ from nearlift.figures import profiles as draw_profiles
 from nearlift.figures.render import render
 from nearlift.figures.style import coefficient, style
 from nearlift.pages import latex, models, tables, uncertainty
-from nearlift.pages.number import degrees, share
+from nearlift.pages.number import degrees
 from nearlift.products import DIAGNOSIS, FIT, PROFILES
 from nearlift.stages.report import gather
 from nearlift.summaries import budget, profiles
@@ -41,7 +41,8 @@ def test_the_document_says_what_the_fit_knows(evidence):
         for name, entry in fits.items():
             assert set(entry["budget"]) == {n for n, e in entry["parameters"].items() if e["u"] is not None}
             for coefficient_name, own in entry["budget"].items():
-                assert sum(line["share"] for line in own["lines"]) == pytest.approx(1, abs=1e-6)
+                assert sum(line["u"] ** 2 for line in own["lines"]) == pytest.approx(own["u"] ** 2, rel=1e-6)
+                assert all(0 <= line["u_without"] <= own["u"] * (1 + 1e-9) for line in own["lines"])
                 assert own["u"] == pytest.approx(entry["parameters"][coefficient_name]["u"], rel=1e-6), (boundary, name)
                 assert own["U95"] == pytest.approx(own["k"] * own["u"])
                 for line in own["lines"]:
@@ -72,32 +73,31 @@ def test_profiles_are_stored(evidence):
     assert np.interp(entry["profiles"]["K_b"]["hi95"], x, rise) == pytest.approx(3.9, abs=0.2)
 
 
-def test_bars_add_to_a_hundred(evidence):
+def test_bars_are_what_knowing_a_source_would_save(evidence):
     rows = budget.summarise(evidence)
     for panel, name in set(zip(rows["panel"], rows["parameter"], strict=True)):
         mine = (rows["panel"] == panel) & (rows["parameter"] == name)
-        assert rows["share_percent"][mine].sum() == pytest.approx(100, abs=0.5)
+        whole = base(evidence, panel)["budget"][name]["u"]
+        assert rows["fall_percent"][mine] == pytest.approx(100 * (1 - rows["u_without"][mine] / whole))
     text = budget.caption(evidence, rows)
     assert "K_b (ground): " in text
     assert "Horizontal bars in 4 panels" in budget.alt(evidence, rows)
     files = render(draw_budget.draw, rows, style("aiaa"))
     assert files == render(draw_budget.draw, rows, style("aiaa"))
-    assert to_csv(rows).startswith(b"panel,parameter,component,type,share_percent,u\n")
+    assert to_csv(rows).startswith(b"panel,parameter,component,type,fall_percent,u,u_without\n")
 
 
-def test_small_sources_are_drawn_together():
-    def line(name, share, kind):
-        return {"component": name, "share": share, "type": kind, "u": share**0.5}
+def test_of_repeats_only_what_matters_somewhere_is_drawn_and_what_was_declared_always():
+    def line(name, fall, kind):
+        return {"component": name, "type": kind, "u": 1.0, "u_without": 2.0 * (1 - fall)}
 
-    one = [line("large", 0.997, "A"), line("one", 0.0015, "A"), line("three", 0.0015 - 1e-9, "A"), line("two", 1e-9, "B")]
-    rows = budget._rows([("ground", "K_b", one), ("ceiling", "alpha", [line("large", 1.0, "A")])])
-    assert [(r[0], r[2], r[3], round(r[4], 9)) for r in rows] == [
-        ("ground", "large", "A", 99.7),
-        ("ground", "two", "B", 1e-7),
-        ("ground", budget.REST, "A", pytest.approx(0.3, abs=1e-6)),
+    ground = {"u": 2.0, "lines": [line("large", 0.9, "A"), line("small", 0.0015, "A"), line("declared", 1e-9, "B")]}
+    rows = budget._rows([("ground", "K_b", ground), ("ceiling", "alpha", {"u": 2.0, "lines": [line("large", 1.0, "A")]})])
+    assert [(r[0], r[2], r[3], pytest.approx(r[4], abs=1e-6)) for r in rows] == [
+        ("ground", "large", "A", 90.0),
+        ("ground", "declared", "B", 0.0),
         ("ceiling", "large", "A", 100.0),
-        ("ceiling", "two", "B", 0.0),
-        ("ceiling", budget.REST, "A", 0.0),
+        ("ceiling", "declared", "B", 0.0),
     ]
 
 
@@ -144,11 +144,12 @@ def test_what_was_declared_keeps_its_line_however_small(evidence):
     known = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: content})
     lines = base(known, "ground")["budget"]["K_b"]["lines"]
     declared = next(line for line in lines if line["type"] == "B")
-    declared |= {"share": 1e-9, "u": 1e-6}
+    whole = base(known, "ground")["budget"]["K_b"]["u"]
+    declared |= {"u": 1e-6, "u_without": whole}
     lines[0] |= {"dof": 0.5}
     text = tables.budget_table(known)
     row = next(line for line in text.splitlines() if declared["component"] in line)
-    for part in (declared["distribution"], declared["scope"], r"$<\num{0.1}$", r"$\infty$"):
+    for part in (declared["distribution"], declared["scope"], rf"\num{{{whole:.2g}}}", r"$\infty$"):
         assert part in row
     assert lines[0]["component"] + tables.FOOTMARK in text
     assert text.rstrip().endswith("no finding.}")
@@ -156,7 +157,7 @@ def test_what_was_declared_keeps_its_line_however_small(evidence):
         uncertainty.untold(own["lines"]) for b in evidence.boundaries for own in base(evidence, b)["budget"].values()
     )
     ground = next(t for t in uncertainty.budget(known)["tables"] if t["boundary"] == "ground")
-    assert next(r["share"].text for r in ground["rows"] if r["component"] == declared["component"]) == "< 0.1"
+    assert next(r["u_without"].value for r in ground["rows"] if r["component"] == declared["component"]) == whole
     assert lines[0]["component"] in ground["untold"]
     assert declared["component"] in budget.summarise(known)["component"]
 
@@ -208,7 +209,7 @@ def test_evidence_is_shown_where_it_was_computed(evidence):
 def test_chapters_say_it_in_words(evidence):
     ground = next(t for t in uncertainty.budget(evidence)["tables"] if t["boundary"] == "ground")
     assert ground["quoted"].name == "K_b"
-    assert sum(float(r["share"].value) for r in ground["rows"]) == pytest.approx(1, abs=5e-3)
+    assert all(r["u_without"].value <= ground["u"].value * (1 + 1e-9) for r in ground["rows"])
     (section,) = [s for s in uncertainty.limits(evidence)["sections"] if s["boundary"] == "ground"]
     texts = section["halves"][0]["texts"]
     assert any("would halve u(K_b)" in t or "no lower" in t for t in texts)
@@ -264,10 +265,9 @@ def test_what_the_loop_has_gone_beyond_says_so(evidence):
     assert told not in budget.caption(known, budget.summarise(known))
 
 
-def test_small_shares_and_few_degrees_of_freedom_are_not_rounded_away(evidence):
-    content = {"a": {"share": 0.0002, "dof": 0.53}, "b": {"share": 0.0, "dof": 12.34}, "c": {"share": 0.3, "dof": None}}
+def test_few_degrees_of_freedom_are_not_rounded_away(evidence):
+    content = {"a": {"dof": 0.53}, "b": {"dof": 12.34}, "c": {"dof": None}}
     known = dataclasses.replace(evidence, documents={FIT.file: content})
-    assert [share(known, FIT, k, "share").text for k in "abc"] == ["< 0.1", "0.0", "30.0"]
     assert [n.text if (n := degrees(known, FIT, k, "dof")) else None for k in "abc"] == ["0.5", "12", None]
 
 

@@ -1,4 +1,4 @@
-"""Budget bars: a panel per coefficient, a bar per source of error, its share of the variance."""
+"""Budget bars: a panel per coefficient, a bar per source of error, how far the uncertainty would fall without it."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ def draw(table: Rows, look: Style) -> Figure:
     axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for ax, (boundary, parameter) in zip(axes, panels, strict=True):
         mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
-        for y, share, kind in zip(range(len(components)), table["share_percent"][mine], table["type"][mine], strict=True):
+        for y, fall, kind in zip(range(len(components)), table["fall_percent"][mine], table["type"][mine], strict=True):
             colour, hatch = LOOKS[kind]
-            ax.barh(y, share, height=0.7, facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0)
-            ax.annotate(_percent(share), (share, y), (3, 0), textcoords="offset points", va="center", fontsize=look.text_pt - 2)
+            ax.barh(y, fall, height=0.7, facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0)
+            ax.annotate(_percent(fall), (fall, y), (3, 0), textcoords="offset points", va="center", fontsize=look.text_pt - 2)
         ax.set_yticks(range(len(components)), [plain_text(c) for c in components])
         ax.set_ylim(len(components) - 0.4, -0.6)
         ax.set_xlim(0, 124)
         ax.set_xticks([0, 50, 100])
         ax.tick_params(axis="y", length=0)
         ax.set_title(f"{coefficient(parameter)}, {boundary}", fontsize=look.text_pt)
-    figure.supxlabel("share of the coefficient's variance (%)", fontsize=look.text_pt)
+    figure.supxlabel("fall of the standard uncertainty if the source were known exactly (%)", fontsize=look.text_pt)
     used = [k for k in LOOKS if np.any(table["type"] == k)]
     handles = [Patch(facecolor=LOOKS[k][0], hatch=LOOKS[k][1], edgecolor="white", linewidth=0.0, label=MEANINGS[k]) for k in used]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(used))
     return figure
 
 
-def _percent(share: float) -> str:
-    if share < 0.1:
-        return "< 0.1" if share > 0 else "0"
-    return f"{share:.1f}" if share < 9.95 else f"{share:.0f}"
+def _percent(fall: float) -> str:
+    if fall < 0.1:
+        return "< 0.1" if fall > 0 else "0"
+    return f"{fall:.1f}" if fall < 9.95 else f"{fall:.0f}"

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+#: A campaign of exact numbers still needs a positive variance of log lift.
+LEAST_VARIANCE = 1e-12
+
+
 @dataclass(frozen=True, kw_only=True)
 class Covariance:
     """``diag(variance) + sum_v (h_v h_v' + serial^2 exp(-|i - j| / serial_length)) + shared shared'``, `h_v` of visit v.

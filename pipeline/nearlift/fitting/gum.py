@@ -7,7 +7,7 @@ none counted twice, and the shares add to one for the very estimator that was us
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -15,8 +15,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fitting import budget, student
-from nearlift.fitting.budget import GROUPED, Component, columns
-from nearlift.fitting.covariance import serial_block, visits_by_size
+from nearlift.fitting.budget import GROUPED, Component, columns, groups
+from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, serial_block, visits_by_size
 from nearlift.fitting.problem import Problem
 from nearlift.results import Noise, Observations
 
@@ -75,10 +75,15 @@ def gain(problem: Problem, theta: FloatArray, offset_m: float = 0.0) -> FloatArr
     """The linear estimator G, (p, n): change of each coefficient per unit change of each trial's log lift, L_inf free."""
     jacobian = problem.jacobian(theta, offset_m)
     white = problem.project(jacobian.T)
+    return np.asarray(_inverse_information(white) @ problem.covariance.unwhiten(white), dtype=np.float64)
+
+
+def _inverse_information(white: FloatArray) -> FloatArray:
+    """Covariance (p, p) of the coefficients from their whitened Jacobian (p, n)."""
     size = np.linalg.norm(white, axis=1)
     scale = np.where(size > 0, size, 1.0)
     inverse = np.linalg.pinv((white / scale[:, None]) @ (white / scale[:, None]).T, rcond=1e-13, hermitian=True)
-    return np.asarray((inverse / np.outer(scale, scale)) @ problem.covariance.unwhiten(white), dtype=np.float64)
+    return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64)
 
 
 def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
@@ -98,6 +103,46 @@ def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
     factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
     found = tuple(replace(a, covariance=a.covariance * np.outer(factor, factor), sensitivity=a.sensitivity * factor) for a in found)
     return found, told(total(found, fit.noise, p), fit.noise)
+
+
+def u_without(fit: Fit) -> dict[str, FloatArray]:
+    """Standard uncertainty of each coefficient, (p,), were one source of error known exactly; by the budget's names of sources.
+
+    What is known exactly leaves the covariance, and the trials are weighted anew. Sources are correlated through the fit, so this
+    is not what a source's part of the variance suggests: a datum that adds little may set how much another source can do.
+    """
+    problem, offset, slope = linearised(fit)
+    jacobian = problem.jacobian(fit.theta, offset).T
+
+    def u(covariance: Covariance) -> FloatArray:
+        white = replace(problem, covariance=covariance).project(jacobian)
+        return np.asarray(np.sqrt(np.maximum(np.diag(_inverse_information(white)), 0.0)), dtype=np.float64)
+
+    whole = u(problem.covariance)
+    scale = np.sqrt(np.diag(fit.covariance)) / np.where(whole > 0, whole, 1.0)
+    return {name: scale * u(covariance) for name, covariance in _lacking(fit, problem, slope)}
+
+
+def _lacking(fit: Fit, problem: Problem, slope: FloatArray) -> Iterator[tuple[str, Covariance]]:
+    """The covariance without each source in turn; `slope` carries the plan's shared height errors."""
+    data, scatter, whole = problem.data, fit.noise, problem.covariance
+    trial_by_trial = {
+        RECORD: (data.u_lift_N / data.lift_N) ** 2,
+        NAMES["relative"]: np.full(data.n, scatter.relative**2),
+        NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
+    }
+    parts = [(part, fit.slope) for part in fit.parts] + [(part, slope) for part in fit.plan.shared]
+    trial_by_trial |= {part.name: _independent(data, part, carried) for part, carried in parts if part.scope not in GROUPED}
+    for name, variance in trial_by_trial.items():
+        yield name, replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
+    yield NAMES["height_m"], replace(whole, per_visit=np.zeros(data.n))
+    yield NAMES["serial"], replace(whole, serial=0.0)
+    first = 0
+    for part, _ in parts:
+        width = groups(data, part.scope).max() + 1 if part.scope in GROUPED else 0
+        if width:
+            yield part.name, replace(whole, shared=np.delete(whole.shared, np.s_[first : first + width], axis=1))
+        first += width
 
 
 def linearised(fit: Fit) -> tuple[Problem, float, FloatArray]:
@@ -161,7 +206,7 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
     common: FloatArray = sum((np.einsum("pmi,ij,qmj->pq", g[:, i], b, g[:, i]) for i, b in blocks), np.zeros((len(g), len(g))))
     rms = float(np.sqrt(np.mean(record**2)))
     return [
-        _trials(g, record**2, "noise within a record", "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)),
+        _trials(g, record**2, RECORD, "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)),
         _trials(g, np.full(data.n, scatter.relative**2), "scatter in proportion to lift", "trial", scatter.relative, "1", dof["relative"]),
         _trials(g, (scatter.force_N * per_force) ** 2, "scatter of force", "trial", scatter.force_N, "N", dof["force_N"]),
         _line("height of a stop", "A", "normal", "visit", scatter.height_m, "m", by_visit @ by_visit.T * scatter.height_m**2, dof["height_m"]),
@@ -245,6 +290,8 @@ def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
     return Total(u=np.sqrt(variance), dof=dof, k=k, U95=k * np.sqrt(variance))
 
 
+#: The line of what a trial's own record shows.
+RECORD = "noise within a record"
 #: The lines that the sizes of `Noise` stand behind.
 NAMES = {
     "relative": "scatter in proportion to lift",

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
-from nearlift.fitting.covariance import Covariance
+from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance
 from nearlift.fitting.problem import height_slope, need
 from nearlift.results import IntArray, Noise, Observations
 
@@ -41,9 +41,8 @@ def trial_covariance(
 ) -> Covariance:
     """The covariance of log lift that a `Noise` implies; `slope` is d log ratio / dz per metre, `extra` a further variance."""
     own = (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2 + extra
-    floor = 1e-12  # a campaign of exact numbers still needs a positive variance
     return Covariance(
-        variance=np.maximum(own, floor),
+        variance=np.maximum(own, LEAST_VARIANCE),
         visit=data.visit,
         per_visit=noise.height_m * slope,
         shared=np.zeros((data.n, 0)) if shared is None else shared,

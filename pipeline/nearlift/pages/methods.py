@@ -142,8 +142,11 @@ def _fits(evidence: Evidence) -> str:
 
 def _scatter(entry: Mapping[str, Any]) -> str:
     """What the trials scatter by: each part with at least a hundredth of the headline's variance, the largest first."""
-    lines: list[dict[str, Any]] = next((b["lines"] for b in entry.get("budget", {}).values()), [])
-    parts = sorted((a for a in lines if a["type"] == "A" and a["share"] >= LEAST_SHARE), key=lambda a: -a["share"])
+    headline = next(iter(entry.get("budget", {}).values()), None)
+    if headline is None:
+        return ""
+    least = LEAST_SHARE * headline["u"] ** 2
+    parts = sorted((a for a in headline["lines"] if a["type"] == "A" and a["u"] ** 2 >= least), key=lambda a: -a["u"])
     if not parts:
         return ""
     scales = {"1": (1e2, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}

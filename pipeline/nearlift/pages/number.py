@@ -137,12 +137,6 @@ def degrees(evidence: Evidence, product: Product, *path: str) -> Number | None:
     return found if found.value >= FEW else replace(found, text=fixed(found.value, 1))
 
 
-def share(evidence: Evidence, product: Product, *path: str) -> Number:
-    """A share in per cent with one decimal; one that is not zero is never printed as zero."""
-    found = cite(evidence, product, *path, places=1, scale=100, how="in percent")
-    return replace(found, text="< 0.1") if 0 < found.value < 5e-4 else found
-
-
 def count(product: Product, value: int, how: str) -> Number:
     """A number of rows of a table product."""
     return Number(text=str(value), value=float(value), source=product.file, how=how)

@@ -11,9 +11,10 @@ from nearlift.pages.latex import SYMBOLS, comment, escape
 from nearlift.pages.number import FEW
 from nearlift.pages.uncertainty import LEAST, untold
 from nearlift.products import FIT
+from nearlift.summaries.budget import fall
 from nearlift.summaries.evidence import Columns, Evidence
 
-BUDGET = ("component", "type", "distribution", "scope", "u_input", "unit", "sensitivity", "u", "share", "dof")
+BUDGET = ("component", "type", "distribution", "scope", "u_input", "unit", "sensitivity", "u", "u_without", "dof")
 SCORES = ("visits", "skipped", "elpd", "d_elpd", "u_d_elpd", "rmse", "d_rmse", "u_d_rmse", "aic", "bic", "r2")
 UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
 #: What a figure or table calls a score: every RMSE here is of visits left out.
@@ -28,7 +29,7 @@ def budget(evidence: Evidence) -> Columns:
             for name, own in fit.get("budget", {}).items():
                 head = (boundary, model, name)
                 rows += [(*head, *(_cell(line[k]) for k in BUDGET), math.nan, math.nan) for line in own["lines"]]
-                whole = ("combined", "", "", "", math.nan, "", math.nan, own["u"], 1.0, _cell(own["dof"]))
+                whole = ("combined", "", "", "", math.nan, "", math.nan, own["u"], 0.0, _cell(own["dof"]))
                 rows.append((*head, *whole, own["k"], own["U95"]))
     names = ("boundary", "model", "coefficient", *BUDGET, "k95", "U95")
     return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
@@ -57,7 +58,7 @@ def budget_table(evidence: Evidence) -> str:
     lines = _head(
         evidence,
         "uncertainty budget of each coefficient of the base models",
-        r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} & {Sensitivity} & {$u$} & {Share (\%)} & {$\nu$} \\",
+        r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} & {Sensitivity} & {$u$} & {$u$ without} & {$\nu$} \\",
         "lllllrrrrr",
     )
     first, marked = True, False
@@ -68,8 +69,8 @@ def budget_table(evidence: Evidence) -> str:
             label = f"${SYMBOLS.get(name, name)}$, {boundary}"
             few = untold(own["lines"])
             marked = marked or bool(few)
-            for line in sorted(own["lines"], key=lambda one: -one["share"]):
-                if line["share"] < LEAST and line["type"] == "A":
+            for line in sorted(own["lines"], key=lambda one: one["u_without"]):
+                if fall(line, own["u"]) < LEAST and line["type"] == "A":
                     # tables/budget.csv has it
                     continue
                 unit = UNITS[line["unit"]]
@@ -78,12 +79,12 @@ def budget_table(evidence: Evidence) -> str:
                 lines.append(
                     f"{label} & {escape(line['component'])}{FOOTMARK if line['component'] in few else ''} & {line['type']} & "
                     f"{escape(line['distribution'])} & {escape(line['scope'])} & {size} & {per} & "
-                    rf"\num{{{line['u']:.2g}}} & {_share(line['share'])} & {_dof(line['dof'])} \\"
+                    rf"\num{{{line['u']:.2g}}} & \num{{{line['u_without']:.2g}}} & {_dof(line['dof'])} \\"
                 )
                 label = ""
             lines.append(
                 rf"{label} & combined, $k = \num{{{own['k']:.2f}}}$, $U_{{95}} = \num{{{own['U95']:.2g}}}$ & & & & & & "
-                rf"\num{{{own['u']:.2g}}} & \num{{100}} & {_dof(own['dof'])} \\"
+                rf"\num{{{own['u']:.2g}}} & & {_dof(own['dof'])} \\"
             )
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", *([FOOTNOTE] if marked else []), ""])
 
@@ -93,10 +94,6 @@ FOOTNOTE = (
     rf"\par\smallskip{{\footnotesize {FOOTMARK}\,Fewer than two degrees of freedom: repeats tell nothing of this size, "
     "which is what they cannot exclude and no finding.}"
 )
-
-
-def _share(share: float) -> str:
-    return r"$<\num{0.1}$" if 0 < share < LEAST else rf"\num{{{100 * share:.1f}}}"
 
 
 def _dof(dof: float | None) -> str:

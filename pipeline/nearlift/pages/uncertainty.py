@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from nearlift.declare import Boundary
-from nearlift.pages.number import Number, cite, degrees, follow, pointer, quote, share
+from nearlift.pages.number import Number, cite, degrees, follow, pointer, quote
 from nearlift.products import DIAGNOSIS, FIT
 from nearlift.rounding import fixed, plain
 from nearlift.summaries import superseded as loop
+from nearlift.summaries.budget import fall
 from nearlift.summaries.evidence import Evidence
 
-#: A source from repeats with less than this share of a coefficient's variance is told by number only; a declared one always has its line.
+#: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told by number only; a declared one has its line.
 LEAST = 0.0005
 #: A size estimated with fewer degrees of freedom than this is no finding.
 TELLING = 2.0
@@ -42,8 +43,8 @@ def budget(evidence: Evidence) -> dict[str, Any]:
 def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name: str, own: dict[str, Any]) -> dict[str, Any]:
     here = (*path, "budget", name)
     rows, small = [], 0
-    for i, line in sorted(enumerate(own["lines"]), key=lambda pair: -pair[1]["share"]):
-        if line["share"] < LEAST and line["type"] == "A":
+    for i, line in sorted(enumerate(own["lines"]), key=lambda pair: pair[1]["u_without"]):
+        if fall(line, own["u"]) < LEAST and line["type"] == "A":
             small += 1
             continue
         at = (*here, "lines", str(i))
@@ -58,7 +59,7 @@ def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name:
                 "unit": unit,
                 "sensitivity": cite(evidence, FIT, *at, "sensitivity", digits=3, scale=1 / scale, how=f"per {unit}"),
                 "u": cite(evidence, FIT, *at, "u", digits=2),
-                "share": share(evidence, FIT, *at, "share"),
+                "u_without": cite(evidence, FIT, *at, "u_without", digits=2),
                 "dof": degrees(evidence, FIT, *at, "dof"),
             }
         )

@@ -31,6 +31,7 @@ def entry(fit: Fit, profiled: Sequence[Profile]) -> dict[str, Any]:
 
 def _budget(fit: Fit) -> dict[str, Any]:
     found, total = gum.of(fit)
+    without = gum.u_without(fit)
     known = {name: i for i, (name, e) in enumerate(fit.estimates.items()) if np.isfinite(e.u) and total.u[i] > 0}
     return {
         name: {
@@ -44,7 +45,7 @@ def _budget(fit: Fit) -> dict[str, Any]:
                     "unit": line.unit,
                     "sensitivity": line.sensitivity[i],
                     "u": float(np.sqrt(line.covariance[i, i])),
-                    "share": line.covariance[i, i] / total.u[i] ** 2,
+                    "u_without": without[line.component][i] if line.component in without else total.u[i],
                     "dof": line.dof[i],
                 }
                 for line in found

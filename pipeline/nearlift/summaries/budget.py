@@ -1,4 +1,4 @@
-"""Whose error it is: the share of each source in the variance of each coefficient of the base models."""
+"""What each source of error holds: the fall of each coefficient's uncertainty if that source were known exactly."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from nearlift.rounding import letter
 from nearlift.summaries import superseded
 from nearlift.summaries.evidence import Columns, Evidence
 
-#: A source from repeats below this share of every coefficient is drawn with the others like it; what was declared is always drawn.
+#: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is not drawn; what was declared always is.
 LEAST = 0.002
-REST = "all other scatter"
-NOTHING = 5e-4
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -22,44 +20,43 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared),
-        `share_percent` of the variance, `u` that it adds to the coefficient. Every panel has every component, the largest on the whole first.
+        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared), `fall_percent` of the coefficient's standard
+        uncertainty if the source were known exactly, `u` that it adds, `u_without` it. Every panel has every component, the largest fall first.
     """
-    bars = [(b, name, entry["lines"]) for b in evidence.boundaries for name, entry in evidence.base(b)[1].get("budget", {}).items()]
-    rows = _rows(bars) if bars else []
+    bars = [(b, name, entry) for b in evidence.boundaries for name, entry in evidence.base(b)[1].get("budget", {}).items()]
+    rows = _rows(bars)
     kinds: tuple[tuple[str, type], ...] = (
         ("panel", object),
         ("parameter", object),
         ("component", object),
         ("type", object),
-        ("share_percent", float),
+        ("fall_percent", float),
         ("u", float),
+        ("u_without", float),
     )
     return {name: np.array([row[i] for row in rows], dtype=kind) for i, (name, kind) in enumerate(kinds)}
 
 
-def _rows(bars: list[tuple[Any, str, list[dict[str, Any]]]]) -> list[tuple[Any, ...]]:
-    shares: dict[str, list[float]] = {}
-    for _, _, lines in bars:
-        for line in lines:
-            shares.setdefault(line["component"], []).append(line["share"])
-    shown = sorted((c for c in shares if max(shares[c]) >= LEAST or _type(bars, c) == "B"), key=lambda c: -sum(shares[c]))
-    small = any(c not in shown and max(shares[c]) >= NOTHING for c in shares)
+def fall(line: dict[str, Any], u: float) -> float:
+    """By which part of itself the coefficient's standard uncertainty `u` falls if the source of `line` were known exactly."""
+    return 1.0 - float(line["u_without"]) / u
+
+
+def _rows(bars: list[tuple[Any, str, dict[str, Any]]]) -> list[tuple[Any, ...]]:
+    falls: dict[str, list[float]] = {}
+    kinds: dict[str, str] = {}
+    for _, _, entry in bars:
+        for line in entry["lines"]:
+            falls.setdefault(line["component"], []).append(fall(line, entry["u"]))
+            kinds[line["component"]] = line["type"]
+    shown = sorted((c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"), key=lambda c: -sum(falls[c]))
     rows: list[tuple[Any, ...]] = []
-    for boundary, name, lines in bars:
-        own = {line["component"]: line for line in lines}
+    for boundary, name, entry in bars:
+        lines = {line["component"]: line for line in entry["lines"]}
         for component in shown:
-            line = own.get(component, {"type": _type(bars, component), "share": 0.0, "u": 0.0})
-            rows.append((boundary, name, component, line["type"], 100 * line["share"], line["u"]))
-        if small:
-            rest = [line for line in lines if line["component"] not in shown]
-            u = float(np.sqrt(sum(line["u"] ** 2 for line in rest)))
-            rows.append((boundary, name, REST, "A", 100 * sum(line["share"] for line in rest), u))
+            line = lines.get(component, {"u": 0.0, "u_without": entry["u"]})
+            rows.append((boundary, name, component, kinds[component], 100 * fall(line, entry["u"]), line["u"], line["u_without"]))
     return rows
-
-
-def _type(bars: list[tuple[Any, str, list[dict[str, Any]]]], component: str) -> str:
-    return next(str(line["type"]) for _, _, lines in bars for line in lines if line["component"] == component)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -67,12 +64,12 @@ def caption(evidence: Evidence, table: Columns) -> str:
     words = []
     for panel, name in dict.fromkeys(zip(table["panel"], table["parameter"], strict=True)):
         mine = (table["panel"] == panel) & (table["parameter"] == name)
-        top = np.flatnonzero(mine)[np.argmax(table["share_percent"][mine])]
-        words.append(f"{letter(name)} ({panel}): {table['component'][top]}, {table['share_percent'][top]:.0f} %")
+        top = np.flatnonzero(mine)[np.argmax(table["fall_percent"][mine])]
+        words.append(f"{letter(name)} ({panel}): {table['component'][top]}, {table['fall_percent'][top]:.0f} %")
     return (
-        "Share of each source of error in the variance of each coefficient of the base models; type A from repeats, type B declared in the "
-        f"manifest, always shown. {superseded.warning(evidence)}The shares of a panel add to 100 %. Largest: {'; '.join(words)}. A source "
-        "that an L_inf per throttle absorbs has no share."
+        "By how much the standard uncertainty of each coefficient of the base models would fall if one source of error were known exactly; "
+        f"type A from repeats, type B declared in the manifest, always shown. {superseded.warning(evidence)}Sources are correlated through "
+        f"the fit, so the falls do not add. Largest: {'; '.join(words)}."
     )
 
 
