@@ -1,8 +1,6 @@
-"""Leave-one-visit-out prediction: how well a model foretells a stop of the traverse from all the others.
+"""Leave-one-visit-out prediction: how well a model foretells a stop of the traverse from all the others, by `fitting.deletion`.
 
-For a model that is linear near its optimum, no refit is needed: with P the inverse covariance freed of coefficients and L_inf, the error
-of predicting block B from the rest is ``(P_BB)^-1 (P y)_B`` and its covariance ``(P_BB)^-1``, exactly. Shared unknowns are learnt from the
-other visits as far as those tell, so the score asks nothing of a model that the errors alone decide.
+Shared unknowns are learnt from the other visits as far as those tell, so the score asks nothing of a model that the errors alone decide.
 """
 
 from __future__ import annotations
@@ -13,14 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fitting import gum
+from nearlift.fitting import deletion
 from nearlift.results import IntArray
 
 if TYPE_CHECKING:
     from nearlift.fitting.least_squares import Fit
-
-#: A visit that keeps less than this part of its information when L_inf and coefficients are freed cannot be foretold.
-DETERMINED = 1e-8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,39 +63,19 @@ class Score:
 
 def leave_visit_out(fit: Fit) -> HeldOut:
     """Predict each visit of a fit from all the others."""
-    problem, offset, slope = gum.linearised(fit)
-    data, covariance = problem.data, problem.covariance
-    free = [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
-    jacobian = problem.jacobian(fit.theta, offset)[:, free] if free else np.zeros((data.n, 0))
-    known = covariance.shared
-    z = np.hstack([known, np.eye(len(data.levels))[data.level], jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)])
-    y = np.log(data.lift_N) - problem.log_ratio(fit.theta, offset) + slope * offset
-    size = z.shape[1]
-    curved, right = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])]), np.zeros(size)
-    blocks = covariance.precision_blocks()
-    weighed = []
-    for index, precision in blocks:
-        own = precision @ z[index]
-        weighed.append(own)
-        curved += np.einsum("mbi,mbj->ij", z[index], own)
-        right += np.einsum("mbi,mb->i", own, y[index])
-    inverse = np.linalg.pinv(curved, rcond=1e-13, hermitian=True)
-    solved = inverse @ right
     visit, density, squares, count, skipped = [], [], [], [], 0
-    for (index, precision), own in zip(blocks, weighed, strict=True):
-        left = precision - own @ inverse @ own.swapaxes(-1, -2)
-        weight = np.einsum("mij,mj->mi", precision, y[index]) - own @ solved
-        value, vector = np.linalg.eigh(left)
-        whole = np.linalg.eigvalsh(precision).max(axis=1)
-        told = value.min(axis=1) > DETERMINED * whole
+    for block in deletion.visits(fit):
+        value, vector = np.linalg.eigh(block.information)
+        told = value.min(axis=1) > deletion.DETERMINED * block.whole
         skipped += int((~told).sum())
-        value, vector, weight = value[told], vector[told], weight[told]
-        turned = np.einsum("mij,mi->mj", vector, weight)
+        value, vector, weighed = value[told], vector[told], block.weighed[told]
+        turned = np.einsum("mij,mi->mj", vector, weighed)
         error = np.einsum("mij,mj->mi", vector, turned / value)
-        visit.append(data.visit[index[told, 0]])
-        density.append(0.5 * (np.log(value).sum(axis=1) - (turned**2 / value).sum(axis=1) - index.shape[1] * np.log(2 * np.pi)))
+        size = block.index.shape[1]
+        visit.append(fit.problem.data.visit[block.index[told, 0]])
+        density.append(0.5 * (np.log(value).sum(axis=1) - (turned**2 / value).sum(axis=1) - size * np.log(2 * np.pi)))
         squares.append((error**2).sum(axis=1))
-        count.append(np.full(int(told.sum()), index.shape[1], dtype=np.int64))
+        count.append(np.full(int(told.sum()), size, dtype=np.int64))
     order = np.argsort(np.concatenate(visit), kind="stable")
     label, log_density, square, n = (np.concatenate(x)[order] for x in (visit, density, squares, count))
     return HeldOut(visit=label, log_density=log_density, squares=square, n=n, skipped=skipped)

@@ -1,0 +1,150 @@
+"""Deletion diagnostics of a fit: what a trial or a visit looks like from all the others, and what the coefficients would be without it.
+
+For a model that is linear near its optimum, no refit is needed. With P the inverse covariance freed of coefficients and L_inf, y the log
+lift less the model's and G the estimator (``theta = G y``), leaving block B out moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``;
+the error of predicting B from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact for a given covariance:
+the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (leverage, influence and residuals in generalised least squares).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.fitting import gum
+from nearlift.results import IntArray
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from nearlift.fitting.least_squares import Fit
+
+#: What keeps less than this part of its information when L_inf and coefficients are freed cannot be foretold from the rest.
+DETERMINED = 1e-8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Deletion:
+    """The m visits of b trials each, as the other trials see them.
+
+    Attributes
+    ----------
+    index : (m, b) int array
+        Which trials.
+    information : (m, b, b)
+        P_BB.
+    weighed : (m, b)
+        (P y)_B.
+    gain : (m, p, b)
+        Change of each coefficient per unit change of a trial's log lift; 0 for one at its bound or without finite uncertainty.
+    whole : (m,)
+        The largest information that a combination of the visit's trials has before anything is freed.
+    """
+
+    index: IntArray
+    information: FloatArray
+    weighed: FloatArray
+    gain: FloatArray
+    whole: FloatArray
+
+
+def visits(fit: Fit) -> tuple[Deletion, ...]:
+    """Every visit of a fit as the others see it, those of one size together.
+
+    Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the other visits as far as those tell.
+    """
+    problem, offset, slope = gum.linearised(fit)
+    data, covariance = problem.data, problem.covariance
+    free = [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
+    jacobian = problem.jacobian(fit.theta, offset)[:, free] if free else np.zeros((data.n, 0))
+    length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    known = covariance.shared
+    z = np.hstack([known, np.eye(len(data.levels))[data.level], jacobian / length])
+    y = np.log(data.lift_N) - problem.log_ratio(fit.theta, offset) + slope * offset
+    size = z.shape[1]
+    curved, right = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])]), np.zeros(size)
+    blocks = covariance.precision_blocks()
+    weighed = []
+    for index, precision in blocks:
+        own = precision @ z[index]
+        weighed.append(own)
+        curved += np.einsum("mbi,mbj->ij", z[index], own)
+        right += np.einsum("mbi,mb->i", own, y[index])
+    inverse = np.linalg.pinv(curved, rcond=1e-13, hermitian=True)
+    solved = inverse @ right
+    result = []
+    for (index, precision), own in zip(blocks, weighed, strict=True):
+        gain = np.zeros((len(index), len(fit.theta), index.shape[1]))
+        gain[:, free] = (inverse[size - len(free) :] / length[:, None]) @ own.swapaxes(-1, -2)
+        result.append(
+            Deletion(
+                index=index,
+                information=precision - own @ inverse @ own.swapaxes(-1, -2),
+                weighed=np.einsum("mij,mj->mi", precision, y[index]) - own @ solved,
+                gain=gain,
+                whole=np.linalg.eigvalsh(precision).max(axis=1),
+            )
+        )
+    return tuple(result)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Influence:
+    """What each coefficient would be without one trial, or without one visit, less what it is; in the coefficient's unit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The p coefficients.
+    trial : (n,) object array of str
+        Ids, as in the observations.
+    of_trial : (n, p)
+        nan where the others do not determine what the trial should be, or the coefficient is at its bound.
+    residual : (n,)
+        Error of predicting the trial's log lift from all others, over its standard deviation; nan likewise.
+    visit : (v,) int array
+        Labels, ascending.
+    of_visit : (v, p)
+        As `of_trial`.
+    """
+
+    names: tuple[str, ...]
+    trial: NDArray[Any]
+    of_trial: FloatArray
+    residual: FloatArray
+    visit: IntArray
+    of_visit: FloatArray
+
+
+def influence(fit: Fit) -> Influence:
+    """How far each trial and each visit moves each coefficient, in closed form from the fit, its scatter held fixed."""
+    data, p = fit.problem.data, len(fit.theta)
+    fixed = [i for i, e in enumerate(fit.estimates.values()) if e.at_bound or not np.isfinite(e.u)]
+    of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
+    labels, shifts = [], []
+    for block in visits(fit):
+        diagonal = np.diagonal(block.information, axis1=1, axis2=2)
+        told = diagonal > DETERMINED * block.whole[:, None]
+        safe = np.where(told, diagonal, np.nan)
+        residual[block.index] = block.weighed / np.sqrt(safe)
+        of_trial[block.index] = -(block.gain * (block.weighed / safe)[:, None]).swapaxes(-1, -2)
+        value, vector = np.linalg.eigh(block.information)
+        told = value.min(axis=1) > DETERMINED * block.whole
+        turned = np.einsum("mij,mi->mj", vector, block.weighed) / np.where(told[:, None], value, np.nan)
+        shifts.append(-np.einsum("mpi,mij,mj->mp", block.gain, vector, turned))
+        labels.append(data.visit[block.index[:, 0]])
+    order = np.argsort(np.concatenate(labels), kind="stable")
+    of_visit = np.concatenate(shifts)[order]
+    of_trial[:, fixed] = of_visit[:, fixed] = np.nan
+    return Influence(
+        names=fit.names,
+        trial=data.trial,
+        of_trial=of_trial,
+        residual=residual,
+        visit=np.concatenate(labels)[order],
+        of_visit=of_visit,
+    )
