@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from nearlift import units
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray
@@ -312,6 +312,7 @@ class Quality(Section):
     """Limits of the quality codes; fractions are of the trial's own lift, `height` of the rotor's radius.
 
     `near_reference`: a throttle without a station far from the boundary takes its L_inf from the farthest that it has, else it has no Delta L.
+    `exclude`: trials to leave out, with the reason; a list of ids in the manifest has none.
     """
 
     drift: float = Field(default=0.05, gt=0)
@@ -319,6 +320,12 @@ class Quality(Section):
     out_of_range: float = Field(default=0.01, ge=0, lt=1)
     height: float = Field(default=0.02, gt=0)
     near_reference: bool = False
+    exclude: dict[str, str] = {}
+
+    @field_validator("exclude", mode="before")
+    @classmethod
+    def _reasons(cls, value: Any) -> Any:
+        return {str(trial): "" for trial in value} if isinstance(value, list) else value
 
 
 class Diagnose(Section):

@@ -73,7 +73,12 @@ TRIALS = Product(
             optional=True,
             meaning="of the record: complete, truncated, malformed, pending (still being written) or missing",
         ),
-        Column(name="fault", kind="text", optional=True, meaning="what is wrong with a malformed record, in words"),
+        Column(
+            name="fault",
+            kind="text",
+            optional=True,
+            meaning="what is wrong with a malformed record, in words, and why the manifest excludes the trial",
+        ),
     ),
 )
 LIFT = Product(

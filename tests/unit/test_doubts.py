@@ -52,7 +52,7 @@ def test_structure_without_a_name_is_said(evidence):
 
 def test_rejected_trials_are_counted_and_silent_where_there_are_none(evidence):
     trials = evidence.table(TRIALS)
-    assert any(d.text.startswith(f"1 of {len(trials['trial'])} trials were rejected") for d in verdict.doubts(evidence))
+    assert any(d.text.startswith(f"1 of {len(trials['trial'])} trials were left out") for d in verdict.doubts(evidence))
     clean = {**trials, "quality": np.full(len(trials["trial"]), "", dtype=object)}
     assert not any("rejected" in d.text for d in verdict.doubts(dataclasses.replace(evidence, tables={**evidence.tables, TRIALS.file: clean})))
 

@@ -297,3 +297,32 @@ def test_memory_does_not_grow_with_the_number_of_trials(root: Path, tmp_path: Pa
     for _ in executors.ordered(counting, pieces.append, range(100)):
         counting.open -= 1
     assert counting.most <= 8
+
+
+@pytest.mark.parametrize(("exclude", "why"), [(["t02"], ""), ({"t02": "cable touched"}, "cable touched"), ([2], None)])
+def test_a_trial_that_the_manifest_excludes_keeps_its_row_and_is_no_rejection(root: Path, tmp_path: Path, exclude: Any, why: str | None) -> None:
+    given = manifest(**GIVEN, quality={"exclude": exclude})
+    if why is None:
+        with pytest.raises(ManifestError, match="no trial of the schedule is called '2'"):
+            run_ingest(root, tmp_path, given)
+        return
+    outcome, job = run_ingest(root, tmp_path, given)
+    table = job.read(TRIALS)
+    assert list(table["quality"]) == ["", "", "EXCLUDED", "", "", "", "", ""]
+    assert table["lift_N"][2] == pytest.approx(0.44, rel=0.01)
+    assert outcome.rejected == ()
+    assert f"left out as [quality] exclude asks: t02{f' ({why})' if why else ''}" in outcome.notes
+
+
+def test_an_excluded_trial_with_a_fault_of_its_own_is_rejected_all_the_same(root: Path, tmp_path: Path) -> None:
+    write_record(root, "t02", np.zeros(HEAD + 2))
+    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, quality={"exclude": ["t02"]}))
+    assert job.read(TRIALS)["quality"][2].endswith("EXCLUDED")
+    assert [trial for trial, _ in outcome.rejected] == ["t02"]
+
+
+def test_an_excluded_trial_that_is_not_in_the_schedule_is_refused_with_those_like_it(root: Path, tmp_path: Path) -> None:
+    with pytest.raises(ManifestError, match=r"quality.exclude: no trial of the schedule is called 't2'\n  did you mean 't12', 't02'\?") as refusal:
+        run_ingest(root, tmp_path, manifest(**GIVEN, quality={"exclude": ["t2"]}))
+    assert refusal.value.exit_code == 2
+    assert not (tmp_path / "processed" / TRIALS.file).exists()

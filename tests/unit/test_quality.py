@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import DeclarationError
-from nearlift.reduction.quality import CODES, Code, code, joined, reason, rejected
+from nearlift.reduction.quality import CODES, Code, code, faulty, joined, reason, rejected
 
 
 def test_names_are_unique_and_capitals_reject() -> None:
@@ -39,3 +39,9 @@ def test_codes_are_joined_in_one_order_each_once() -> None:
 def test_the_reason_names_only_what_rejects() -> None:
     assert reason("STUCK drift") == f"STUCK ({code('STUCK').meaning})"
     assert reason("drift") == ""
+
+
+def test_the_manifests_reason_stands_behind_its_exclusion_and_a_fault_stays_a_fault() -> None:
+    assert reason("STUCK EXCLUDED", "cable touched").endswith("EXCLUDED (excluded by the manifest): cable touched")
+    assert reason("EXCLUDED") == "EXCLUDED (excluded by the manifest)"
+    assert faulty(np.array(["EXCLUDED", "STUCK EXCLUDED", "drift"], dtype=object)).tolist() == [False, True, False]

@@ -103,9 +103,9 @@ def _reduction(evidence: Evidence) -> str:
     names = Counter(n for q in trials["quality"][out].tolist() for n in q.split() if code(n).rejects)
     if out.any():
         why = _listed([f"{code(n).meaning} ({k})" for n, k in names.most_common()])
-        text += f"Of {_plural(len(out), 'trial')}, {int(out.sum())} {'was' if out.sum() == 1 else 'were'} rejected: {why}. "
+        text += f"Of {_plural(len(out), 'trial')}, {int(out.sum())} {'was' if out.sum() == 1 else 'were'} left out: {why}. "
     else:
-        text += f"None of the {_plural(len(out), 'trial')} was rejected. "
+        text += f"None of the {_plural(len(out), 'trial')} was left out. "
     excluded = sum(len(evidence.base(b)[1]["excluded"]) for b in evidence.boundaries)
     if excluded:
         text += f"{_plural(excluded, 'accepted trial')} outside the range of a base model took no part in its fit. "

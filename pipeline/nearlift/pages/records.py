@@ -51,7 +51,7 @@ def ledger(evidence: Evidence) -> dict[str, Any]:
                 "boundary": NAMES.get(str(trials["boundary"][i]), str(trials["boundary"][i])),
                 "z_hat": plain(float(trials["z_hat"][i]), 4),
                 "throttle": f"{100 * float(trials['throttle'][i]):.4g} %",
-                "reason": reason(str(trials["quality"][i])),
+                "reason": reason(str(trials["quality"][i]), str(trials["fault"][i]) if "fault" in trials else ""),
             }
             for i in np.flatnonzero(out)
         ],

@@ -51,7 +51,7 @@ def doubts(evidence: Evidence) -> list[Doubt]:
     out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
     if out:
         every = len(evidence.table(TRIALS)["quality"])
-        listed.append(Doubt(boundaries=(), text=f"{out} of {every} trials were rejected; the quality ledger says why, and what they are worth"))
+        listed.append(Doubt(boundaries=(), text=f"{out} of {every} trials were left out; the quality ledger says why, and what they are worth"))
     if not components(evidence.campaign):
         listed.append(Doubt(boundaries=(), text="the manifest declares no error that repeats share, so none is in these intervals"))
     return listed

@@ -56,6 +56,7 @@ CODES = (
         meaning="the mean lift is zero, negative, or a small fraction of its throttle's: the rotors did not turn, or pull the other way",
     ),
     Code(name="DUPLICATE", rejects=True, meaning="the record is byte for byte that of an earlier trial"),
+    Code(name="EXCLUDED", rejects=True, meaning="excluded by the manifest"),
     Code(name="truncated", rejects=False, meaning="the file ends within a line; the cut sample was left out"),
     Code(name="salvaged", rejects=False, meaning="the check sum is wrong; what came before the damage was kept, as the manifest asks"),
     Code(name="short", rejects=False, meaning="fewer samples than planned, or less than 95 % of the campaign's usual ones"),
@@ -74,6 +75,8 @@ CODES = (
     Code(name="not_rising", rejects=False, meaning="far from the boundary, this throttle lifts no more than the next lower one"),
 )
 _BY_NAME = {c.name: c for c in CODES}
+#: The one code that is the user's judgement, not the tool's.
+EXCLUDED = "EXCLUDED"
 
 
 def code(name: str) -> Code:
@@ -96,9 +99,14 @@ def rejected(quality: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def reason(text: str, fault: str = "") -> str:
-    """Why a trial was rejected, in words, from its `quality` text and what was wrong with its record; empty where it was not."""
+    """Why a trial was left out, in words, from its `quality` text and its `fault`; empty where it was not."""
     words = "; ".join(f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects)
     return f"{words}: {fault}" if words and fault else words
+
+
+def faulty(quality: NDArray[Any]) -> NDArray[np.bool_]:
+    """Mask of the trials that are left out for a fault of their own, whether or not the manifest excludes them too."""
+    return rejected(np.array([text.replace(EXCLUDED, "") for text in quality], dtype=object))
 
 
 def remarks(quality: NDArray[Any]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from nearlift import readers, store
 from nearlift.campaign import Campaign
-from nearlift.errors import InputRefused, NearliftError
+from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.executors import ordered
 from nearlift.products import TRIALS
 from nearlift.readers import Piece, Reader, Record, Schedule, means
@@ -107,6 +108,7 @@ def run(job: Job) -> Outcome:
     reader = readers.reader(campaign.records.reader)
     intact.not_rotten(job)
     schedule = read_schedule(campaign, job.root)
+    _known(campaign.quality.exclude, schedule)
     notes = list(schedule.notes)
     if reader.series:
         rows, more = _from_records(job, reader, schedule)
@@ -116,6 +118,9 @@ def run(job: Job) -> Outcome:
     _settle(job, rows)
     table = _table(schedule, rows, campaign)
     notes += _judge(table, campaign)
+    if asked := campaign.quality.exclude:
+        trials = ", ".join(f"{trial} ({why})" if why else trial for trial, why in asked.items())
+        notes.append(f"left out as [quality] exclude asks: {trials}")
     notes += quality.remarks(table["quality"])
     bad = quality.rejected(table["quality"])
     if bad.all():
@@ -128,8 +133,24 @@ def run(job: Job) -> Outcome:
         worst = quality.code(told.most_common(1)[0][0])
         raise InputRefused(str(job.root), f"all {len(bad)} trials are rejected ({reasons})", f"{worst.name}: {worst.meaning}")
     job.write(TRIALS, table)
-    rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i])) for i in np.flatnonzero(bad))
+    faults = np.flatnonzero(quality.faulty(table["quality"]))
+    rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i])) for i in faults)
     return Outcome(rejected=rejected, notes=tuple(notes))
+
+
+def _known(exclude: Mapping[str, str], schedule: Schedule) -> None:
+    """See that every trial that the manifest excludes is in the schedule.
+
+    Raises
+    ------
+    ManifestError
+        One is not; ids like it are proposed.
+    """
+    ids = schedule.trial.tolist()
+    for trial in sorted(exclude.keys() - set(ids)):
+        near = difflib.get_close_matches(trial, ids, n=3)
+        remedy = f"did you mean {', '.join(map(repr, near))}?" if near else f"the schedule's first is {ids[0]!r}"
+        raise ManifestError("quality.exclude", f"no trial of the schedule is called {trial!r}", remedy)
 
 
 def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
@@ -326,6 +347,10 @@ def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
         off = np.abs(schedule.reached_m - schedule.z_m) > campaign.quality.height * campaign.vehicle.rotor_radius
         for own, lost in zip(codes, off, strict=True):
             own += ["HEIGHT"] if lost else []
+    for i, trial in enumerate(schedule.trial):
+        if trial in campaign.quality.exclude:
+            codes[i].append(quality.EXCLUDED)
+            rows.fault[i] = "; ".join(filter(None, (rows.fault[i], campaign.quality.exclude[trial])))
     texts = [quality.joined(c) for c in codes]
     return {
         "trial": schedule.trial,
