@@ -161,7 +161,9 @@ def _posteriors(fits: Sequence[Mapping[str, Any]]) -> str:
     samplers = [s for s in dict.fromkeys(str(p["sampler"]) for p in fits) if s in drawn]
     if not samplers:
         return ""
-    others = dict.fromkeys(f"the {check['by']}" for p in fits for check in p["checks"] if not check["unfit"])
+    others = dict.fromkeys(
+        f"a {check['by']}" if check["by"] == "grid" else f"the {check['by']}" for p in fits for check in p["checks"] if not check["unfit"]
+    )
     judged = _listed(["effective draws", *(judges[s] for s in samplers), *others])
     return f" Posteriors were drawn by {_listed([drawn[s] for s in samplers])}, and judged by {judged} {_cite('vehtari2021')}."
 
