@@ -9,15 +9,16 @@ from __future__ import annotations
 import concurrent.futures
 import contextlib
 import functools
-import multiprocessing
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures.process import BrokenProcessPool
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from nearlift.errors import InputRefused, UsageError
+
+if TYPE_CHECKING:
+    from concurrent.futures.process import ProcessPoolExecutor
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -52,13 +53,15 @@ class LastingProcesses(concurrent.futures.Executor):
     def __init__(self, workers: int) -> None:
         self._threads = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="nearlift-process")
         self._mine = threading.local()
-        self._all: list[concurrent.futures.ProcessPoolExecutor] = []
+        self._all: list[ProcessPoolExecutor] = []
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
         """Run the task in a process; the future survives that process."""
         return self._threads.submit(self._outlive, functools.partial(fn, *args, **kwargs))
 
     def _outlive(self, task: Callable[[], Any]) -> Any:
+        from concurrent.futures.process import BrokenProcessPool
+
         for _ in range(self.TRIES):
             try:
                 return self._process().submit(task).result()
@@ -68,8 +71,10 @@ class LastingProcesses(concurrent.futures.Executor):
 
     def _process(self) -> concurrent.futures.ProcessPoolExecutor:
         """The process of this thread, started when it is first needed."""
-        process: concurrent.futures.ProcessPoolExecutor | None = getattr(self._mine, "process", None)
+        process: ProcessPoolExecutor | None = getattr(self._mine, "process", None)
         if process is None:
+            import multiprocessing
+
             spawn = multiprocessing.get_context("spawn")
             process = self._mine.process = concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn, initializer=_one_thread)
             self._all.append(process)

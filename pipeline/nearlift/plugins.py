@@ -8,10 +8,12 @@ loaded, or offers something else, is refused by its name rather than left out: a
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib.metadata import EntryPoint, entry_points
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from nearlift.errors import DeclarationError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 
 class Named(Protocol):
@@ -23,6 +25,13 @@ class Named(Protocol):
 
 
 T = TypeVar("T", bound=Named)
+
+
+def points(group: str) -> list[EntryPoint]:
+    """The entry points of a group, in the order of their packages' names."""
+    from importlib.metadata import entry_points
+
+    return sorted(entry_points(group=group), key=lambda p: (_package(p), p.name))
 
 
 def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
@@ -45,7 +54,7 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
 
     for item in built_in:
         add(item, "nearlift")
-    for point in sorted(entry_points(group=group), key=lambda p: (_package(p), p.name)):
+    for point in points(group):
         package = _package(point)
         remedy = f"mend or uninstall {package}"
         try:

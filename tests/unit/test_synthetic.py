@@ -15,7 +15,7 @@ from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import DeclarationError, InputRefused, UsageError
 from nearlift.executors import SerialExecutor
 from nearlift.products import TRIALS
-from nearlift.readers import read_schedule
+from nearlift.readers.schedule import read_schedule
 from nearlift.stages import ingest
 from nearlift.stages.job import Job
 from nearlift.store import sha256

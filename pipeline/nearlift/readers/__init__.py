@@ -4,48 +4,51 @@ from __future__ import annotations
 
 import difflib
 import functools
+import importlib
+from typing import TYPE_CHECKING
 
 from nearlift.errors import ManifestError
-from nearlift.plugins import gather
-from nearlift.readers.crazyflie import CRAZYFLIE_READER
-from nearlift.readers.csv_trial import CSV
-from nearlift.readers.flight_stand import FLIGHT_STAND_READER
-from nearlift.readers.hdf5 import HDF5_READER
-from nearlift.readers.lvm import LVM_READER
-from nearlift.readers.mat import MAT_READER
-from nearlift.readers.means import MEANS
-from nearlift.readers.parquet import PARQUET
-from nearlift.readers.rcbenchmark import RCBENCHMARK_READER
-from nearlift.readers.schedule import Schedule, read_schedule
-from nearlift.readers.seam import Piece, Plan, Reader, Record
-from nearlift.readers.tdms import TDMS_READER
-from nearlift.readers.text import TEXT_READER
-from nearlift.readers.usd import USD_READER
+from nearlift.plugins import gather, points
 
-READERS: tuple[Reader, ...] = (
-    PARQUET,
-    CSV,
-    TEXT_READER,
-    RCBENCHMARK_READER,
-    FLIGHT_STAND_READER,
-    CRAZYFLIE_READER,
-    USD_READER,
-    LVM_READER,
-    TDMS_READER,
-    MAT_READER,
-    HDF5_READER,
-    MEANS,
-)
+if TYPE_CHECKING:
+    from nearlift.readers.seam import Reader
 
-__all__ = ["READERS", "Piece", "Plan", "Reader", "Record", "Schedule", "read_schedule", "reader", "readers"]
+#: Each built-in reader by name: the module that declares it, imported when it is asked for, and what it is called there.
+BUILT_IN = {
+    "parquet": ("parquet", "PARQUET"),
+    "csv": ("csv_trial", "CSV"),
+    "text": ("text", "TEXT_READER"),
+    "rcbenchmark": ("rcbenchmark", "RCBENCHMARK_READER"),
+    "flight-stand": ("flight_stand", "FLIGHT_STAND_READER"),
+    "crazyflie": ("crazyflie", "CRAZYFLIE_READER"),
+    "crazyflie-usd": ("usd", "USD_READER"),
+    "lvm": ("lvm", "LVM_READER"),
+    "tdms": ("tdms", "TDMS_READER"),
+    "mat": ("mat", "MAT_READER"),
+    "hdf5": ("hdf5", "HDF5_READER"),
+    "means": ("means", "MEANS"),
+}
+GROUP = "nearlift.readers"
+
+__all__ = ["BUILT_IN", "built_in", "reader", "readers"]
+
+
+def built_in(name: str) -> Reader:
+    """The built-in reader of that name."""
+    module, value = BUILT_IN[name]
+    found: Reader = getattr(importlib.import_module(f"{__name__}.{module}"), value)
+    return found
 
 
 @functools.cache
 def readers() -> tuple[Reader, ...]:
     """Every reader: the built-in ones, then those of installed packages (entry points `nearlift.readers`, one `Reader` each)."""
-    return gather("nearlift.readers", Reader, READERS)
+    from nearlift.readers.seam import Reader
+
+    return gather(GROUP, Reader, map(built_in, BUILT_IN))
 
 
+@functools.cache
 def reader(name: str) -> Reader:
     """The reader of that name.
 
@@ -54,6 +57,9 @@ def reader(name: str) -> Reader:
     ManifestError
         There is none; the nearest name is proposed.
     """
+    # with no package that might take its name, a built-in reader is found without loading the others
+    if name in BUILT_IN and not points(GROUP):
+        return built_in(name)
     known = {r.name: r for r in readers()}
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)

@@ -10,15 +10,17 @@ import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nearlift import units
-from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.channel import AS_FORCE, UNITS, Channel, Contents, Malformed, pick
 from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, files_pattern, force_channel, inside, per_trial, source_of
+
+if TYPE_CHECKING:
+    from nearlift.campaign import Campaign
 
 #: Files of one task, and bytes: whatever is reached first.
 PER_PIECE = 32

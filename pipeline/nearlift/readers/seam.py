@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.campaign import Campaign, ForceChannel
 from nearlift.errors import InputRefused, ManifestError
 
 if TYPE_CHECKING:
+    from nearlift.campaign import Campaign, ForceChannel
     from nearlift.readers.per_file import Format
 
 FloatArray = NDArray[np.float64]

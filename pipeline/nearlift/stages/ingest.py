@@ -16,9 +16,8 @@ from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.executors import ordered
 from nearlift.products import TRIALS
-from nearlift.readers import Piece, Reader, Record, Schedule, means
-from nearlift.readers.schedule import read_schedule, schedule_file
-from nearlift.readers.seam import source_of
+from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
+from nearlift.readers.seam import Piece, Reader, Record, source_of
 from nearlift.reduction import plausibility, quality
 from nearlift.reduction.record import Limits, Reduced, reduce_record
 from nearlift.stages import intact
@@ -321,6 +320,8 @@ def _settle(job: Job, rows: Rows) -> None:
 
 
 def _from_means(job: Job, schedule: Schedule) -> Rows:
+    from nearlift.readers import means
+
     path = schedule_file(job.campaign, job.root)
     source = path.relative_to(job.root).as_posix()
     lift = means.lift_of(schedule)

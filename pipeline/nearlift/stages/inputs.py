@@ -10,7 +10,6 @@ from typing import Any
 
 from nearlift import store
 from nearlift.campaign import Campaign
-from nearlift.readers.piv.cases import files_of
 from nearlift.readers.seam import source_of
 from nearlift.stages import ingest
 from nearlift.stages.job import PIV_INPUT
@@ -51,7 +50,11 @@ def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, 
     own = list(dict.fromkeys((*ingest.inputs(root, campaign), *overlays)))
     look(own)
     result.update((name, fresh[name]["sha256"]) for name in own)
-    for case in campaign.piv.case if campaign.piv is not None else ():
+    if campaign.piv is None:
+        return result, fresh
+    from nearlift.readers.piv.cases import files_of
+
+    for case in campaign.piv.case:
         # hundreds of files in one line: names and digests of all of them
         listed = hashlib.sha256()
         files = [source_of(root, path) for path in files_of(root, case)]
