@@ -238,11 +238,16 @@ class Trials(Section):
     constants: dict[str, Any] = {}
 
 
+#: Inputs of a lift model that have a unit, and what each kind of component is a size of.
+INPUTS_WITH_UNIT = {"rotor_radius": "length", "rotor_spacing": "length", "mass": "mass", "air_density": "density"}
+DIMENSIONS = {"height": "length", "force": "force", "gain": "fraction", "exponent": "fraction", **INPUTS_WITH_UNIT}
+
+
 class Uncertainty(Section):
     """One component of the budget: a shared unknown per element of its scope."""
 
     name: str
-    on: Literal["height", "force", "gain"]
+    on: Literal["height", "force", "gain", "rotor_radius", "rotor_spacing", "exponent", "mass", "air_density"]
     value: str
     distribution: Literal["normal", "uniform"] = "normal"
     scope: Literal["sample", "trial", "distance", "throttle", "session", "boundary", "campaign"]
@@ -255,9 +260,14 @@ class Uncertainty(Section):
             raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
         return self
 
+    @property
+    def relative(self) -> bool:
+        """Whether the value is a part of the input, such as ``"1 percent"`` of the rotor radius."""
+        return self.on in INPUTS_WITH_UNIT and self.value.strip().endswith(("percent", "%", "fraction"))
+
     def standard(self) -> float:
-        """Standard uncertainty in SI: m on height, N on force, a fraction on gain."""
-        dimension = {"height": "length", "force": "force", "gain": "fraction"}[self.on]
+        """Standard uncertainty in SI: m on height and lengths, N on force, a fraction on gain and exponent; a fraction if `relative`."""
+        dimension = "fraction" if self.relative else DIMENSIONS[self.on]
         value = units.quantity(self.value, dimension, f"uncertainty {self.name!r}: value")
         if value < 0:
             raise ManifestError(f"uncertainty {self.name!r}: value", f"{self.value!r} is negative", "an uncertainty is a size, not a correction")
@@ -360,12 +370,21 @@ class Campaign(Section):
     simulate: Simulate | None = None
     detect: Detect | None = None
 
+    def nominal(self, on: str) -> float | None:
+        """The value, SI, of a model's input with a unit that an `[[uncertainty]]` can be on; None where the manifest gives none."""
+        place = self.rig if on == "air_density" else self.vehicle
+        value: float | None = getattr(place, on)
+        return value
+
     @model_validator(mode="after")
     def _coherent(self) -> Self:
         if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", self.name):
             raise ValueError(f"name {self.name!r} is not a slug: lower-case letters, digits, '-', '_' and '.', since it names folders")
         if len({u.name for u in self.uncertainty}) != len(self.uncertainty):
             raise ValueError("two [[uncertainty]] components have the same name")
+        for u in self.uncertainty:
+            if u.on in INPUTS_WITH_UNIT and not u.relative and self.nominal(u.on) is None:
+                raise ValueError(f"uncertainty {u.name!r} is on the {u.on}, which is not given: give it, or state the uncertainty in percent")
         if self.joint is not None and self.piv is None:
             raise ValueError(f"fit.{self.joint[0]}.downwash = true, but no velocity grids are listed under [piv]")
         if self.records.reader == "means":

@@ -23,7 +23,7 @@ from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import CREDIT, FORM_SD, RIVAL, SILENT, Options, Stage, prepare, visibility
 from nearlift.diagnosis.setting import derive
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget
+from nearlift.fitting import budget, inputs
 from nearlift.fitting.noise import trial_covariance
 from nearlift.fitting.problem import usable
 from nearlift.randomness import generator
@@ -399,6 +399,7 @@ def planned(
     log_ratio = Candidate(base=base, effects=(), data=kept).log_ratio(theta)
     kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
     log_lift = np.log(kept.lift_N)
+    parts = inputs.acting(parts, base, theta)
     stage = Stage(data=kept, base=base, effects=between, parts=parts, noise=noise, log_lift=log_lift, theta=theta, options=options)
     return _rehearsed(stage), known, untestable
 

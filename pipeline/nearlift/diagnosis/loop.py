@@ -18,7 +18,7 @@ from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stag
 from nearlift.diagnosis.setting import derive, missing
 from nearlift.diagnosis.within_trial import heating
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget
+from nearlift.fitting import budget, inputs
 from nearlift.fitting.heights import Plan
 from nearlift.fitting.least_squares import fit
 from nearlift.fitting.problem import usable
@@ -152,7 +152,7 @@ def set_up(
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if "drift_hat" not in e.needs)
-    stage = prepare(kept, base, between, parts, first.theta, options)
+    stage = prepare(kept, base, between, inputs.acting(parts, base, first.theta), first.theta, options)
     return stage, known, untestable
 
 

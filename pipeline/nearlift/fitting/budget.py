@@ -1,26 +1,34 @@
 """Errors that repeats do not show: each declared component as shared unknowns in the likelihood.
 
 A component is one unknown per element of its scope. In log lift a gain error counts 1, a force error 1 / L, a height error the
-slope d log ratio / dz. Scopes `sample` and `trial` are independent from trial to trial and only widen each trial's variance;
-every other scope is a column (or several) of `shared`, and no number of repeats averages it down.
+slope d log ratio / dz, an error of a model's input the model's own derivative (`fitting.inputs`). Scopes `sample` and `trial` are
+independent from trial to trial and only widen each trial's variance; every other scope is a column (or several) of `shared`, and no
+number of repeats averages it down.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from nearlift.campaign import Campaign
+from nearlift.campaign import INPUTS_WITH_UNIT, Campaign, Uncertainty
 from nearlift.declare import FloatArray
 from nearlift.results import IntArray, Observations
 
+#: What a model takes as known: a component on one of these is relative, on the exponent absolute.
+INPUTS = ("rotor_radius", "rotor_spacing", "exponent", "mass", "air_density")
 GROUPED = ("distance", "throttle", "session", "boundary", "campaign")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """One line of the budget: `standard` is m on height, N on force, a fraction on gain; `range_N` bends a cell's line."""
+    """One line of the budget: `standard` is m on height, N on force, a fraction on gain and inputs; `range_N` bends a cell's line.
+
+    An input has its `derivative` from `inputs.acting`; `moves` are the geometries that go with a rotor spacing.
+    """
 
     name: str
     on: str
@@ -28,6 +36,8 @@ class Component:
     distribution: str
     scope: str
     range_N: float | None = None
+    derivative: Callable[[Observations], FloatArray] | None = field(default=None, compare=False)
+    moves: tuple[str, ...] = ()
 
     def sensitivity(self, data: Observations, slope: FloatArray) -> FloatArray:
         """Change of log lift per standard uncertainty, (n,)."""
@@ -39,12 +49,15 @@ class Component:
             # zero at zero force, `standard` at full range: the lowest such departure from a straight line is quadratic
             assert self.range_N is not None
             return self.standard * data.lift_N / self.range_N**2
+        if self.on in INPUTS:
+            assert self.derivative is not None
+            return self.standard * self.derivative(data)
         return np.full(data.n, self.standard)
 
 
 def components(campaign: Campaign) -> tuple[Component, ...]:
     """The budget of a campaign: its `[[uncertainty]]` list, the load cell's accuracy, and an offset where nothing was tared."""
-    listed = [Component(name=u.name, on=u.on, standard=u.standard(), distribution=u.distribution, scope=u.scope) for u in campaign.uncertainty]
+    listed = [_declared(u, campaign) for u in campaign.uncertainty]
     cell = campaign.load_cell
     if cell.accuracy is not None and cell.range is not None:
         listed.append(
@@ -60,6 +73,16 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
     if cell.tare == "none" and cell.accuracy is not None:
         listed.append(Component(name="untared zero", on="force", standard=cell.accuracy / np.sqrt(3), distribution="uniform", scope="session"))
     return tuple(listed)
+
+
+def _declared(u: Uncertainty, campaign: Campaign) -> Component:
+    vehicle = campaign.vehicle
+    standard = u.standard()
+    if u.on in INPUTS_WITH_UNIT and not u.relative:
+        standard /= campaign.nominal(u.on) or math.nan
+    given = {"diagonal_hat": vehicle.rotor_diagonal, "layout_hat": vehicle.rotor_positions}
+    moves = ("spacing_hat", *(name for name, value in given.items() if value is None))
+    return Component(name=u.name, on=u.on, standard=standard, distribution=u.distribution, scope=u.scope, moves=moves)
 
 
 def groups(data: Observations, scope: str) -> IntArray:

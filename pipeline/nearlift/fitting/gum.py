@@ -15,7 +15,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fitting import budget, student
-from nearlift.fitting.budget import GROUPED, Component, columns, groups
+from nearlift.fitting.budget import GROUPED, INPUTS, Component, columns, groups
 from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, serial_block, visits_by_size
 from nearlift.fitting.problem import Problem
 from nearlift.results import Noise, Observations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 #: An uncertainty known worse than one degree of freedom would say is given that one: 90 % are then 6.3 standard uncertainties.
 LEAST_DOF = 1.0
 #: Unit of a component's standard uncertainty, by what it is on.
-UNITS = {"height": "m", "force": "N", "gain": "1", "linearity": "N"}
+UNITS = {"height": "m", "force": "N", "gain": "1", "linearity": "N", **dict.fromkeys(INPUTS, "1")}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

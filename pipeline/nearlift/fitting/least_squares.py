@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget, gum, heights, noise, student
+from nearlift.fitting import budget, gum, heights, inputs, noise, student
 from nearlift.fitting.degeneracy import Degeneracy, degeneracies
 from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
@@ -180,8 +180,10 @@ def fit(
         raise NotConverged(f"fit of {model.name}", f"{data.n} usable trials for {p + levels} unknowns", f"at least {p + levels + 2} are wanted")
     theta = np.array([q.value for q in model.parameters])
     settled = scatter or Noise(relative=0.01)
+    declared_parts = parts
     # the slope that carries height errors depends on theta: two rounds settle it to second order
     for _ in range(3):
+        parts = inputs.acting(declared_parts, model, theta)
         if scatter is None:
             trial = Problem(model=model, data=data, covariance=noise.trial_covariance(data, settled, np.zeros(data.n)))
             jacobian = trial.jacobian(theta) if p else None

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 WORTH = 0.05
 #: Above this correlation two quantities are said to trade places.
 TRADES = 0.9
-SCALES = {"height": (1e3, "mm"), "force": (1e3, "mN"), "linearity": (1e3, "mN"), "gain": (1e2, "%")}
+SCALES = {"height": (1e3, "mm"), "force": (1e3, "mN"), "linearity": (1e3, "mN"), "gain": (1e2, "%"), **dict.fromkeys(budget.INPUTS, (1e2, "%"))}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

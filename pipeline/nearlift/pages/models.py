@@ -7,6 +7,7 @@ from typing import Any
 
 from nearlift.declare import Boundary
 from nearlift.fitting import budget
+from nearlift.fitting.remedies import SCALES
 from nearlift.pages.number import Number, cite, pointer, quote
 from nearlift.pages.uncertainty import untold
 from nearlift.pages.verdict import reduced
@@ -124,7 +125,7 @@ def noise(evidence: Evidence) -> dict[str, Any]:
 
 def _declared(part: budget.Component) -> dict[str, Any]:
     """One line of the budget, in the unit that a bench talks in."""
-    scale, unit = {"height": (1e3, "mm"), "gain": (1e2, "%")}.get(part.on, (1e3, "mN"))
+    scale, unit = SCALES[part.on]
     standard = Number(
         text=plain(scale * part.standard, 3), value=float(part.standard), source="campaign.toml", how=f"standard uncertainty, in {unit}"
     )

@@ -9,16 +9,19 @@ from typing import Any
 from nearlift.declare import Boundary
 from nearlift.fitting.budget import components
 from nearlift.pages.number import LEAST_CHANCE, Number, Quoted, cite, interval, pointer, quote
+from nearlift.pages.uncertainty import SCALES
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plain
 from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.forest import WIDTH_90
 from nearlift.summaries.loop import stand_ins
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
 REJECTED = 1e-3
 #: What the noise's source begins with where repeats told it.
 REPEATS = "scatter of repeats"
+INPUT_WORDS = {"rotor_radius": "rotor radius", "rotor_spacing": "rotor spacing", "height": "distance datum"}
 WORDS = {
     "adequate": "adequate: nothing is left beyond the noise floor",
     "effect": "an effect explains what the base model leaves",
@@ -78,6 +81,7 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
             said.append(f"{effect['name']} alone would do, but {' or '.join(together)} is likelier, if not plainly")
     said += [f"{name} ends at a bound of its range" for name in names if entry["parameters"][name]["at_bound"]]
     said += [str(d["text"]) for d in entry["degeneracies"][:1]]
+    said += _undeclared(entry, found)
     listed = [Doubt(boundaries=(boundary,), text=text) for text in said]
     wide = _constrained(evidence, boundary, names, found)
     if wide and _wider(wide, found["coefficients"]["after"][names[0]]):
@@ -87,6 +91,26 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
     if unseen:
         listed.append(Doubt(boundaries=(boundary,), text=f"nothing was logged that could tell of {', '.join(unseen)}"))
     return listed
+
+
+def _undeclared(entry: dict[str, Any], found: dict[str, Any]) -> list[str]:
+    """Inputs without a declared uncertainty whose plausible error would move the headline by more than its u, the loop's if it named an effect."""
+    name = next(iter(entry["parameters"]), "")
+    u = entry["parameters"][name]["u"] if name else None
+    if found.get("verdict") == "effect":
+        after = found.get("coefficients", {}).get("after", {}).get(name, {})
+        u = (after["hi90"] - after["lo90"]) / WIDTH_90 if after else u
+    if not u:
+        return []
+    worth = [(abs(line["shift"][name]) / u, line) for line in entry.get("undeclared", [])]
+    moves = [
+        f"{plain(SCALES[a['unit']][0] * a['size'], 2)} {SCALES[a['unit']][1]} of {INPUT_WORDS[a['on']]} by {plain(by, 2)} u"
+        for by, a in sorted(worth, key=lambda pair: -pair[0])
+        if by > 1
+    ]
+    if not moves:
+        return []
+    return [f"what was not declared could move {letter(name)}: {', '.join(moves)}; declare what is known of it under [[uncertainty]]"]
 
 
 def _wider(constrained: tuple[Number, Number], after: dict[str, Any]) -> bool:

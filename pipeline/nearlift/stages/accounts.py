@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.fitting import gum, remedies
+from nearlift.fitting import gum, inputs, remedies
 from nearlift.fitting.least_squares import Fit
 from nearlift.fitting.predictive import HeldOut, score
 from nearlift.fitting.profiles import LEVELS, Profile
@@ -24,6 +24,15 @@ def entry(fit: Fit, profiled: Sequence[Profile]) -> dict[str, Any]:
         "budget": _budget(fit),
         "profiles": {p.parameter: _profile(p) for p in profiled},
         "would_halve": _would_halve(fit),
+        "undeclared": [
+            {
+                "on": u.on,
+                "size": u.size,
+                "unit": gum.UNITS[u.on],
+                "shift": dict(zip(fit.names, u.shift, strict=True)),
+            }
+            for u in inputs.undeclared(fit)
+        ],
         "heights": [asdict(m) for m in fit.plan.measures],
         **({"height_error": offset} if offset else {}),
     }

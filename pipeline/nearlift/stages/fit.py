@@ -8,7 +8,7 @@ from nearlift import catalogue
 from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
-from nearlift.fitting import budget, profiles
+from nearlift.fitting import budget, inputs, profiles
 from nearlift.fitting.least_squares import Fit, fit
 from nearlift.fitting.noise import ENOUGH, UNSEEN
 from nearlift.fitting.predictive import HeldOut, leave_visit_out
@@ -59,10 +59,11 @@ def run(job: Job) -> Outcome:
         fits: dict[str, Any] = {}
         held_out: dict[str, HeldOut] = {}
         scatter = slope = plan = None
+        carried = parts
         for model in (base, *rivals):
             job.say(f"fit {boundary}: {model.name}")
             try:
-                result = fit(model, data, parts, scatter, slope, plan)
+                result = fit(model, data, carried, scatter, slope, plan)
             except NotConverged as fault:
                 if model is base:
                     raise
@@ -73,6 +74,7 @@ def run(job: Job) -> Outcome:
             if scatter is None:
                 scatter, plan = result.noise, result.plan
                 slope = height_slope(model, data, dict(zip(result.names, result.theta, strict=True)))
+                carried = inputs.acting(parts, model, result.theta)
             profiled = profiles.of(result)
             rows += accounts.profile_rows(boundary, result, profiled)
             held_out[model.name] = leave_visit_out(result)

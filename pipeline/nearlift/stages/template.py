@@ -49,7 +49,7 @@ start    = "s"
 # What repeats do not show. One table per component; `scope` says what shares it.
 # [[uncertainty]]
 # name  = "distance datum"
-# on    = "height"                   # height | force | gain
+# on    = "height"                   # height | force | gain | rotor_radius | rotor_spacing | exponent | mass | air_density
 # value = "0.2 mm"                   # standard uncertainty
 # scope = "boundary"                 # sample | trial | distance | throttle | session | boundary | campaign
 """
