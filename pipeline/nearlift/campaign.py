@@ -10,18 +10,17 @@ import difflib
 import itertools
 import math
 import re
-import tomllib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
-from nearlift import units
+from nearlift import toml, units
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.design_manifest import Planned
-from nearlift.errors import ManifestError
+from nearlift.errors import ManifestError, brief
 from nearlift.flight_manifest import Detect, Simulate
 from nearlift.piv_manifest import Piv
 from nearlift.quantities import (
@@ -65,7 +64,7 @@ class Vehicle(Section):
     """What hangs from the load cell. Lengths in m, mass in kg."""
 
     name: str
-    rotors: int = Field(ge=1)
+    rotors: int = Field(ge=1, le=100)
     rotor_radius: PositiveLength
     rotor_spacing: PositiveLength | None = None
     rotor_diagonal: PositiveLength | None = None
@@ -167,15 +166,15 @@ class Calibration(Section):
 
     def linear(self) -> tuple[float, float]:
         """N per count, and the count at zero force."""
-        number = r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"
-        gain = re.fullmatch(number + r"(\S+)\s*/\s*count\s*", self.gain)
-        offset = re.fullmatch(number + r"count\s*", self.offset)
-        if gain is None or float(gain[1]) == 0:
+        force, _, per = self.gain.rpartition("/")
+        gain, unit = units.measure(force)
+        zero, counted = units.measure(self.offset)
+        if not gain or len(unit.split()) != 1 or per.strip() != "count":
             raise ManifestError("records.force.calibration.gain", f"{self.gain!r} is not a force per count", 'write it as "0.0098 mN/count"')
-        if offset is None:
+        if zero is None or counted != "count":
             raise ManifestError("records.force.calibration.offset", f"{self.offset!r} is not a number of counts", 'write it as "120 count"')
-        factor, _ = units.to_si(gain[2], "force", "records.force.calibration.gain")
-        return float(gain[1]) * factor, float(offset[1])
+        factor, _ = units.to_si(unit, "force", "records.force.calibration.gain")
+        return gain * factor, zero
 
 
 class ForceChannel(Section):
@@ -294,7 +293,7 @@ class Fit(Section):
     sidewall: FitChoice | None = None
     sampler: Literal["auto", "emcee", "importance"] = "auto"
     ess: int = Field(default=4000, ge=100, le=1_000_000)
-    steps: int = Field(default=20_000, ge=400)
+    steps: int = Field(default=20_000, ge=400, le=10_000_000)
     netcdf: bool = False
 
     def of(self, boundary: Boundary) -> FitChoice | None:
@@ -418,30 +417,31 @@ def load(folder: Path) -> Campaign:
     Raises
     ------
     ManifestError
-        The folder or the file is missing, is not TOML, or breaks the contract; every fault found is listed.
+        The folder or the file is missing, is not TOML, or breaks the contract; every fault is listed.
     """
     path = folder / "campaign.toml"
     if not path.is_file():
         raise ManifestError(str(folder), "holds no campaign.toml", "`nearlift new DIR` writes one to fill in")
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError as fault:
-        raise ManifestError(str(path), f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8") from None
-    except tomllib.TOMLDecodeError as fault:
-        raise ManifestError(str(path), f"is not valid TOML: {fault}", "mend that line") from None
-    return parse(raw, str(path))
+    with path.open("rb") as file:
+        return parse(toml.loads(file.read(toml.MOST_BYTES + 1), str(path)), str(path))
 
 
 Kind = TypeVar("Kind", bound=BaseModel)
 #: What `nearlift new` writes where somebody must know.
 BLANK = "FILL IN"
+#: As many faults of one manifest are told.
+MOST_FAULTS = 50
 
 
 def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
     """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key, or what is still to be filled in."""
-    blank = [f"{key}: {value!r} is still to be filled in" for key, value in _texts(raw) if BLANK in value]
+    values = list(_values(raw))
+    blank = [f"{key}: {value!r} is still to be filled in" for key, value in values if isinstance(value, str) and BLANK in value]
     if blank:
-        raise ManifestError(where, "\n  ".join(blank))
+        raise ManifestError(where, "\n  ".join(_first(blank, len(blank))))
+    huge = [key for key, value in values if isinstance(value, int) and abs(value) >= 1 << 63]
+    if huge:
+        raise ManifestError(where, f"{brief(huge[0])}: a whole number of TOML has at most 64 bits", "write a number that can be meant")
     return validated(Campaign, raw, where)
 
 
@@ -450,21 +450,28 @@ def validated(kind: type[Kind], raw: dict[str, Any], where: str) -> Kind:
     try:
         return kind.model_validate(raw)
     except ValidationError as fault:
-        lines = [_explain(error, raw) for error in fault.errors()]
-        if any(error["type"] == "missing" for error in fault.errors()):
+        errors = fault.errors(include_url=False)
+        lines = _first(dict.fromkeys(_explain(error, raw) for error in errors[:MOST_FAULTS]), len(errors))
+        if any(error["type"] == "missing" for error in errors):
             lines.append("`nearlift new DIR` writes a manifest that says what each key is")
-        raise ManifestError(where, "\n  ".join(dict.fromkeys(lines))) from None
+        raise ManifestError(where, "\n  ".join(lines)) from None
 
 
-def _texts(value: Any, key: str = "") -> Iterator[tuple[str, str]]:
-    """Every text of parsed TOML with its key."""
+def _first(faults: Iterable[str], count: int) -> list[str]:
+    """The first of so many faults, each cut to a line that can be read."""
+    shown = [brief(fault) for fault in itertools.islice(faults, MOST_FAULTS)]
+    return [*shown, f"and {count - MOST_FAULTS} more"] if count > MOST_FAULTS else shown
+
+
+def _values(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Every text and number of parsed TOML with its key."""
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from _texts(inner, f"{key}.{name}".lstrip("."))
+            yield from _values(inner, f"{key}.{name}".lstrip("."))
     elif isinstance(value, list):
         for i, inner in enumerate(value):
-            yield from _texts(inner, f"{key}.{i}")
-    elif isinstance(value, str):
+            yield from _values(inner, f"{key}.{i}")
+    else:
         yield key, value
 
 

@@ -28,8 +28,8 @@ class Planned(Section):
     distances: dict[Boundary, list[Length]]
     throttles: list[Share] = Field(min_length=1)
     lift: list[Force] | None = None
-    visits: int = Field(default=15, ge=1)
-    sessions: int = Field(default=5, ge=1)
+    visits: int = Field(default=15, ge=1, le=10_000)
+    sessions: int = Field(default=5, ge=1, le=10_000)
     trial: Duration = 20.0
     move: Duration = 8.0
     change: Duration = 300.0

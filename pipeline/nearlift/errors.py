@@ -27,6 +27,11 @@ class NearliftError(Exception):
         return f"{self.where}: {self.what}{tail}"
 
 
+def brief(text: str, most: int = 400) -> str:
+    """A text as a refusal quotes it: the middle of a long one is left out."""
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
+
+
 class UsageError(NearliftError):
     """The command line asks for something that does not exist."""
 

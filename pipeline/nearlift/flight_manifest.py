@@ -111,7 +111,7 @@ class Route(Section):
 class Simulate(Section):
     """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's, carried over so that the groups stay."""
 
-    flights: int = Field(default=1000, ge=20)
+    flights: int = Field(default=1000, ge=20, le=1_000_000)
     presets: Annotated[list[str], AfterValidator(_unlike)] = Field(default=["paper", "converged"])
     gains: dict[Flown, GainSet] = Field(default={})
     gusts: Gusts | None = None
@@ -122,7 +122,7 @@ class Simulate(Section):
     set_points: dict[Flown, Annotated[list[Positive], Field(min_length=2), AfterValidator(_ascending)]] = Field(default={})
     bound_z_hat: dict[Flown, Positive] = Field(default={})
     contact_z_hat: dict[Flown, Annotated[float, Field(ge=0)]] = Field(default={})
-    draws: int = Field(default=16, ge=2)
+    draws: int = Field(default=16, ge=2, le=100_000)
     risks: Annotated[list[Probability], Field(min_length=1), AfterValidator(_unlike)] = Field(default=[0.5, 0.01])
     crash_prices: Annotated[list[Positive], AfterValidator(_unlike)] = Field(default=[0.1, 1.0, 10.0])
     supply_end: Voltage | None = None

@@ -7,21 +7,22 @@ negative y whichever way up the vehicle hung, so upright ground runs and inverte
 from __future__ import annotations
 
 import re
+from collections import Counter
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from nearlift import units
-from nearlift.errors import ManifestError
+from nearlift.errors import ManifestError, brief
 from nearlift.quantities import Angle, Duration, Fraction, Length, Position, PositiveLength, Rate, Section
 
 
 def _pixel_size(value: object) -> float:
-    match = re.fullmatch(r"\s*(\S+)\s*(\S+?)\s*/\s*(?:px|pix|pixel)\s*", value) if isinstance(value, str) else None
-    if match is None:
-        raise ValueError(f'{value!r} is not a length per pixel; write it as "20 um/px"')
+    length, _, per = value.rpartition("/") if isinstance(value, str) else ("", "", "")
+    if per.strip() not in ("px", "pix", "pixel") or not length.strip():
+        raise ValueError(f'{brief(repr(value))} is not a length per pixel; write it as "20 um/px"')
     try:
-        return units.quantity(f"{match[1]} {match[2]}", "length", "scale")
+        return units.quantity(length, "length", "scale")
     except ManifestError as refusal:
         raise ValueError(f"{refusal.what}; {refusal.remedy}") from None
 
@@ -131,7 +132,7 @@ class Piv(Picture):
     u_position: PositiveLength | None = None
     u_scale: Fraction = 0.0
     outliers: float = Field(default=3.0, ge=0)
-    bootstrap: int = Field(default=100, ge=20)
+    bootstrap: int = Field(default=100, ge=20, le=100_000)
     figure3: list[str] | None = None
     case: list[PivCase] = Field(min_length=1)
 
@@ -139,7 +140,7 @@ class Piv(Picture):
     def _cases_known(self) -> Self:
         names = [c.name for c in self.case]
         if len(set(names)) != len(names):
-            raise ValueError(f"two cases have the same name: {', '.join(sorted({n for n in names if names.count(n) > 1}))}")
+            raise ValueError(f"two cases have the same name: {', '.join(sorted(n for n, k in Counter(names).items() if k > 1))}")
         for wanted in (self.control, *(self.figure3 or ())):
             if wanted not in names:
                 raise ValueError(f"there is no case {wanted!r}; cases are {', '.join(names)}")

@@ -11,7 +11,7 @@ import math
 import re
 from typing import TYPE_CHECKING, Any
 
-from nearlift.errors import ManifestError
+from nearlift.errors import ManifestError, brief
 
 if TYPE_CHECKING:
     import pint
@@ -91,7 +91,11 @@ COMMON: dict[tuple[str, str], tuple[float, float]] = {
     ("1/m/s^2", "integral gain"): (1.0, 0.0),
 }
 
-_QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+#: A decimal number as people and instruments write it.
+NUMBER = re.compile(r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?")
+#: A product of powers such as `kg*m^2/s`: what raises a number, or a power once more, is no unit, and would be computed before it is refused.
+_UNIT = re.compile(r"(?:[^\W\d]\w{0,30}+(?:\s?(?:\^|\*\*)\s?[-+]?\d{1,2})?+|\d{1,6}+(?!\s?(?:\^|\*\*))|\*(?!\*)|[%°/·⋅()\s])*+")
+UNIT_LENGTH = 80
 
 
 @functools.cache
@@ -125,10 +129,13 @@ def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
     usual = ", ".join(USUAL.get(dimension, (target,)))
     if dimension == "rotation":
         if unit not in ROTATION:
-            raise ManifestError(where, f"{unit!r} is not a unit of rotation", f"use one of: {', '.join(ROTATION)}")
+            raise ManifestError(where, f"{brief(repr(unit))} is not a unit of rotation", f"use one of: {', '.join(ROTATION)}")
         return ROTATION[unit], 0.0
     if (unit, dimension) in COMMON:
         return COMMON[unit, dimension]
+    unknown = ManifestError(where, f"unknown unit {brief(repr(unit))}", f"a {dimension} is wanted; use one of: {usual}")
+    if len(unit) > UNIT_LENGTH or not _UNIT.fullmatch(unit):
+        raise unknown
     import pint
 
     units = registry()
@@ -138,9 +145,16 @@ def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
     except pint.DimensionalityError:
         raise ManifestError(where, f"{unit!r} is not a unit of {dimension}", f"use one of: {usual}") from None
     except Exception:  # pint raises many kinds on a malformed unit text
-        raise ManifestError(where, f"unknown unit {unit!r}", f"a {dimension} is wanted; use one of: {usual}") from None
+        raise unknown from None
     factor = one - zero
     return (float(factor), 0.0) if abs(zero) < 1e-12 * abs(factor) else (float(factor), float(zero))
+
+
+def measure(text: str) -> tuple[float | None, str]:
+    """The number that a text begins with, None without one, and what follows it."""
+    plain = text.strip()
+    number = NUMBER.match(plain)
+    return (float(number[0]), plain[number.end() :].lstrip()) if number else (None, plain)
 
 
 def quantity(text: object, dimension: str, where: str) -> float:
@@ -153,15 +167,14 @@ def quantity(text: object, dimension: str, where: str) -> float:
     """
     example = {"length": "23 mm", "force": "1.5 gf", "time": "2 s", "frequency": "1000 Hz"}.get(dimension, f"1 {SI[dimension]}")
     if not isinstance(text, str):
-        raise ManifestError(where, f"{text!r} has no unit", f'write it as text with a unit, such as "{example}"')
-    match = _QUANTITY.match(text)
-    if match is None or (not match[2] and dimension != "fraction"):
-        raise ManifestError(where, f"{text!r} is not a number with a unit", f'write it as "{example}"')
-    value = float(match[1])
-    factor, offset = to_si(match[2] or "fraction", dimension, where)
+        raise ManifestError(where, f"{brief(repr(text))} has no unit", f'write it as text with a unit, such as "{example}"')
+    value, unit = measure(text)
+    if value is None or (not unit and dimension != "fraction"):
+        raise ManifestError(where, f"{brief(repr(text))} is not a number with a unit", f'write it as "{example}"')
+    factor, offset = to_si(unit or "fraction", dimension, where)
     result = factor * value + offset
     if not math.isfinite(result):
-        raise ManifestError(where, f"{text!r} is not finite")
+        raise ManifestError(where, f"{brief(repr(text))} is not finite")
     return result
 
 

@@ -14,8 +14,8 @@ from nearlift.readers import garofano_soldado
 
 #: Of the table that the published numbers make, 149 rows as `table` writes them.
 NUMBERS_SHA256 = "73877bf965146079ee3b7990bd62a96ae6dcfe45038ee6afe61a227a211a9802"
-ROW = re.compile(r"^(?P<std>std_)?(?P<case>Fz(?P<alpha>\d+)(?P<facing>_minbeta|_beta)?(?P<beta>\d+)?)\s*=\s*\[(?P<values>[^\]]*)\]", re.M)
-HEIGHTS = re.compile(r"^(?P<name>z\w*)\s*=\s*\[(?P<values>[^\]]*)\]", re.M)
+ROW = re.compile(r"^(?P<std>std_)?(?P<case>Fz(?P<alpha>\d+)(?P<facing>_minbeta|_beta)?(?P<beta>\d+)?)\s*=\s*\[(?P<values>[^\[\]]*)\]", re.M)
+HEIGHTS = re.compile(r"^(?P<name>z\w*)\s*=\s*\[(?P<values>[^\[\]]*)\]", re.M)
 RADIUS = re.compile(r"^R\s*=\s*(?P<value>[\d.]+)", re.M)
 
 

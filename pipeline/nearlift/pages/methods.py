@@ -234,4 +234,4 @@ def _read(text: str) -> str:
     text = CITED.sub("", text)
     for latex, letter in ((r"\hat z", "ẑ"), (r"\Delta", "Δ"), (r"_\infty", "∞"), (r"\alpha", "α"), (r"\lambda", "λ"), ("$", "")):
         text = text.replace(latex, letter)
-    return re.sub(r"\s+([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))
+    return re.sub(r"(?<!\s)\s++([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))

@@ -76,7 +76,6 @@ UNITS = {
 AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}
 FORCE_UNITS = ("N", "mN", "kN", "gf", "kgf", "lbf", "ozf")
 _PRODUCT = str.maketrans({"·": "·", "⋅": "·", "∙": "·", "*": "·", "•": "·"})
-_IN_NAME = re.compile(r"(.*?)\s*[\(\[]([^()\[\]]*)[\)\]]\s*")
 
 
 class Malformed(Exception):
@@ -114,8 +113,12 @@ def fold(text: str) -> str:
 
 def split_unit(name: str) -> tuple[str, str]:
     """Name and unit of ``Thrust (gf)`` or ``weight[g]``; the unit is empty where there is none."""
-    found = _IN_NAME.fullmatch(name)
-    return (found[1], unit_word(found[2]) or found[2].strip()) if found and found[1] else (name, "")
+    plain = name.rstrip()
+    start = max(plain.rfind("("), plain.rfind("["))
+    bare, unit = plain[:start].rstrip(), plain[start + 1 : -1]
+    if start < 0 or not bare or not plain.endswith((")", "]")) or ")" in unit or "]" in unit:
+        return name, ""
+    return bare, unit_word(unit) or unit.strip()
 
 
 def unit_word(cell: str) -> str | None:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from nearlift import units
 from nearlift.errors import ManifestError
+from nearlift.units import NUMBER
 
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 #: What a cell without a value may hold.
 BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
 

@@ -22,7 +22,7 @@ from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused
 from nearlift.readers import scanner, table
 from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, force_channel, per_trial, source_of
-from nearlift.readers.words import NUMBER
+from nearlift.units import NUMBER
 
 #: Files of one task; large enough that a task costs more than sending it.
 PER_PIECE = 32

@@ -12,13 +12,15 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import split_unit, unit_word
 from nearlift.readers.table import BLANKS, NONE, Cells, label, row_of
-from nearlift.readers.words import NUMBER, value_of
+from nearlift.readers.words import value_of
+from nearlift.units import NUMBER
 
 #: As many bytes as the sniffer looks at.
 HEAD = 1 << 16
@@ -219,9 +221,9 @@ def _fit(lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict
         )
     if cells.separator != NONE and len(names) < 2 and not cells.trailing:
         raise _Unfit(-2, InputRefused(where, "is one column", ""))
-    if not given.columns and cells.separator == NONE and re.search(r"[,;\t|]", re.sub(r"\(.*?\)|\[.*?\]|\".*?\"", "", names[0])):
+    if not given.columns and cells.separator == NONE and re.search(r"[,;\t|]", re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])):
         raise _Unfit(-2, InputRefused(where, "is not one column", ""))
-    twice = sorted({n for n in names if names.count(n) > 1})
+    twice = sorted(n for n, k in Counter(names).items() if k > 1)
     if twice:
         raise _Unfit(len(lines), InputRefused(f"{where}, line {top}", f"has more than one column {twice[0]!r}", "rename or drop one of them"))
     first = [_value(cell, cells) for cell in row[: len(names)]]

@@ -7,6 +7,7 @@ kept under its own name. Whether the distances can be true is `geometry`'s matte
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -222,7 +223,7 @@ def _header(path: Path, line: int, row: list[str]) -> list[str]:
     header = [name.strip() for name in row]
     if len(header) == 1 and any(d in header[0] for d in ";\t"):
         raise InputRefused(str(path), "is not separated by commas", "save it with commas between cells and points in decimals")
-    twice = sorted({n for n in header if header.count(n) > 1})
+    twice = sorted(n for n, k in Counter(header).items() if k > 1)
     if twice:
         raise InputRefused(f"{path}, line {line}", f"the column {twice[0]!r} stands twice", "rename or drop one of them")
     if "" in header:
@@ -238,7 +239,7 @@ def _constant(campaign: Campaign, name: str, value: object, n: int) -> Cells:
         known is not None
         and known.kind == "quantity"
         and isinstance(value, str)
-        and not columns.NUMBER.fullmatch(text.strip())
+        and not units.NUMBER.fullmatch(text.strip())
         and not (name == "start" and "T" in text)
     ):
         si = units.quantity(value, known.dimension, f"trials.constants.{name}")

@@ -63,13 +63,12 @@ class Cells:
 
 
 COMMAS = Cells()
-_LABELLED = re.compile(r"\s*([^:]*?)\s*:\s*(\S*)\s*")
 
 
 def label(cell: str) -> tuple[str, str] | None:
     """Name and number of a cell ``T: 0.01``; None where it is not of that form."""
-    found = _LABELLED.fullmatch(cell)
-    return (found[1], found[2]) if found else None
+    name, colon, rest = cell.partition(":")
+    return (name.strip(), rest.strip()) if colon and len(rest.split()) <= 1 else None
 
 
 def read(body: bytes, where: str, first: int, header: Sequence[str], wanted: Sequence[int], cells: Cells = COMMAS) -> list[FloatArray]:
@@ -133,7 +132,7 @@ def _explained(body: bytes, where: str, first: int, header: Sequence[str], wante
 
 def _way_out(line: str, cells: Cells) -> str:
     """What to do about a line with other cells than the header has: a rig may write lines of another kind, and label its cells."""
-    if not cells.labels and len(re.findall(r"[A-Za-z]\w*\s*:\s*[-+.\d]", line)) > 1:
+    if not cells.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
         return 'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true } under [records]'
     if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
         own = json.dumps(line.strip()[:40], ensure_ascii=False)

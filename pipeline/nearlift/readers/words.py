@@ -6,8 +6,8 @@ import math
 import re
 
 from nearlift.errors import InputRefused
+from nearlift.units import NUMBER
 
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 #: What loggers write where there is no number, in lower case.
 NO_NUMBER = (
     "",

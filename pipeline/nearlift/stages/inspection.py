@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import readers
-from nearlift.errors import InputRefused, UsageError
+from nearlift import readers, toml
+from nearlift.errors import InputRefused, ManifestError, UsageError, brief
 from nearlift.lock import size
 from nearlift.readers import child
 from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, Contents, Malformed, fold, split_unit
@@ -90,10 +89,10 @@ def dialect_of(text: str) -> dict[str, Any]:
     """
     plain = text.strip()
     try:
-        found: dict[str, Any] = tomllib.loads("dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}"))["dialect"]
-    except tomllib.TOMLDecodeError as fault:
+        found: dict[str, Any] = toml.loads(b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it")["dialect"]
+    except ManifestError as fault:
         remedy = """such as --dialect 'separator = "semicolon", decimal = ","'"""
-        raise UsageError("--dialect", f"{text!r} is not as a manifest has it: {fault}", remedy) from None
+        raise UsageError("--dialect", f"{brief(repr(text))} is not as a manifest has it: {fault.what}", remedy) from None
     return found
 
 

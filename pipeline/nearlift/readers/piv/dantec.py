@@ -40,7 +40,7 @@ def read(path: Path) -> Iterator[Raw]:
     table = rows(lines[at + 2 :], path, at + 3, separator, comma=comma)
     if table.shape[1] != len(names):
         raise InputRefused(f"{path}, line {at + 3}", f"has {table.shape[1]} columns where line {at + 2} names {len(names)}", "export it again")
-    size = re.search(r"GridSize\s*[:;]\s*\{?\s*Width\s*=\s*(\d{1,9})\s*,\s*Height\s*=\s*(\d{1,9})\b", header)
+    size = re.search(r"GridSize\s*+[:;]\s*+\{?\s*+Width\s*+=\s*+(\d{1,9})\s*+,\s*+Height\s*+=\s*+(\d{1,9})\b", header)
     if size is not None and int(size[1]) * int(size[2]) != len(table):
         raise InputRefused(str(path), f"has {len(table)} rows, its header promises {size[1]} x {size[2]}", "it was cut off: export it again")
     (i, length), (j, _) = _column(names, "x", path), _column(names, "y", path)
@@ -61,7 +61,7 @@ def _column(names: list[str], letter: str, path: Path) -> tuple[int, str]:
     """Position and unit of ``X (mm)[mm]`` and the like: in metres rather than in pixels where both are there."""
     found = []
     for i, name in enumerate(names):
-        match = re.fullmatch(r"\s*([A-Za-z])(?:\s*\([^)]*\)|\s+\w+)?\s*\[([^\]]+)\]\s*", name)
+        match = re.fullmatch(r"\s*+([A-Za-z])\s*+(?:\([^)]*+\)\s*+|(?<=\s)\w++\s*+)?\[([^\]]++)\]\s*+", name)
         if match and match[1].lower() == letter:
             found.append((match[2].lower().split("/")[0] in PIXEL, i, match[2]))
     if not found:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from nearlift.errors import InputRefused
 from nearlift.readers.piv.seam import Dialect, Raw, rows, text_of
-from nearlift.readers.words import NUMBER
+from nearlift.units import NUMBER
 
 MEASURED = 1
 
@@ -48,12 +48,12 @@ def read(path: Path) -> Iterator[Raw]:
 
 
 def _number(header: str, key: str, path: Path) -> float | None:
-    found = re.search(key + r'="([-+0-9.eE]*)"', header)
-    if found is None:
+    text, end, _ = header.partition(f'{key}="')[2].partition('"')
+    if not end:
         return None
-    if not NUMBER.fullmatch(found[1]):
-        raise InputRefused(f"{path}, line 1", f"has {key} {found[1]!r}, which is no number", "export it again")
-    value = float(found[1])
+    if not NUMBER.fullmatch(text):
+        raise InputRefused(f"{path}, line 1", f"has {key} {text!r}, which is no number", "export it again")
+    value = float(text)
     return value if value > 0 else None
 
 

@@ -58,7 +58,7 @@ def read(path: Path) -> Iterator[Raw]:
 
 def _units(variables: Mapping[str, list[Any]], path: Path) -> tuple[str, str, float | None, float | None]:
     if variables.get("units"):
-        found = re.findall(r"\[([^\]]+)\]", str(variables["units"][0]))
+        found = re.findall(r"\[([^\[\]]+)\]", str(variables["units"][0]))
         if len(found) == 2:
             return found[0], found[1], None, None
         raise InputRefused(str(path), f"has units {variables['units'][0]!r}", "PIVlab writes '[m] respectively [m/s]'")

@@ -12,15 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift import units
 from nearlift.errors import InputRefused
 from nearlift.readers.piv.seam import Dialect, Raw, rows, text_of
-from nearlift.readers.words import NUMBER
 
 MEASURED = 1
-FACTORS = re.compile(
-    r"conversion factor xy \(px -> m\):\s*(" + NUMBER.pattern + r").*conversion factor uv \(px/frame -> m/s\):\s*(" + NUMBER.pattern + r")(?![\d.])"
-)
-NAME = re.compile(r"\s*([^\[\],;\t]+?)\s*\[([^\]]*)\]")
+#: Begins where a name may, lest every letter of a long one be a start of its own.
+NAME = re.compile(r"(?<![^\[\],;\t])([^\[\],;\t]++)\[([^\[\]]*+)\]")
 
 
 def sniff(head: bytes) -> bool:
@@ -34,10 +32,11 @@ def read(path: Path) -> Iterator[Raw]:
     lines = text_of(path).split("\n")
     header = [line for line in lines[:3] if re.match(r"\s*(PIVlab|FRAME:|x\s*\[)", line)]
     scale = next((i for i, line in enumerate(header) if "conversion factor" in line), None)
-    factors = None if scale is None else FACTORS.search(header[scale])
+    factors = None if scale is None else _factors(header[scale])
     if scale is not None and factors is None:
         raise InputRefused(f"{path}, line {scale + 1}", "has conversion factors that are no numbers", "export it again")
-    names = next((NAME.findall(line) for line in header if re.match(r"\s*x\s*\[", line)), [])
+    named = next((line for line in header if re.match(r"\s*x\s*\[", line)), "")
+    names = [(name.strip(), unit) for name, unit in NAME.findall(named)]
     body = lines[len(header) :]
     data = next((line for line in body if line.strip()), "")
     separator = "," if "," in data else "\t" if "\t" in data else None
@@ -60,11 +59,19 @@ def read(path: Path) -> Iterator[Raw]:
     )
 
 
-def _units(names: list[tuple[str, str]], factors: re.Match[str] | None) -> tuple[str | None, str | None]:
+def _factors(line: str) -> tuple[float, float] | None:
+    """What a pixel and a pixel per frame are in m and m/s; None where either is no number."""
+    _, _, length = line.partition("conversion factor xy (px -> m):")
+    length, _, velocity = length.partition("conversion factor uv (px/frame -> m/s):")
+    xy, uv = units.measure(length)[0], units.measure(velocity)
+    return None if xy is None or uv[0] is None or uv[1].startswith(".") else (xy, uv[0])
+
+
+def _units(names: list[tuple[str, str]], factors: tuple[float, float] | None) -> tuple[str | None, str | None]:
     length, velocity = (names[0][1], names[2][1]) if len(names) >= 4 else (None, None)
     if factors is None:
         return length, velocity
-    xy, uv = float(factors[1]), float(factors[2])
+    xy, uv = factors
     if xy == 1 and uv == 1:
         return "px", "px/frame"
     if xy == uv:
