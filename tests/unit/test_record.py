@@ -192,12 +192,97 @@ def test_saturation_by_range_and_by_rail() -> None:
     assert reduced(force - 1.0, limits=Limits(range_N=0.8)).codes == ("SATURATED",)
 
 
-def test_spikes_are_kept_and_flagged() -> None:
-    force = record(np.random.default_rng(12))
-    force[[4000, 7000]] += 0.1
-    got = reduced(force)
-    assert got.codes == ("spikes",)
-    assert got.n == 10000
+def test_spikes_are_left_out_and_what_they_were_worth_is_in_u() -> None:
+    clean = record(np.random.default_rng(12))
+    for size, others in ((0.1, 0.0), (-0.1, 0.0), (5.0, 0.1), (1e200, 0.0)):
+        force = clean.copy()
+        force[[4000, 7000]] += size
+        force[9000] += others
+        got = reduced(force)
+        assert got.codes == (("out_of_range",) if size > 1e9 else ("spikes",))
+        assert got.n == (9997 if others else 9998)
+        assert got.lift_N == pytest.approx(reduced(clean).lift_N, abs=2e-6)
+        worth = (2 * size + others) / 1e4 if size < 1e9 else 0.0
+        assert got.u_lift_N == pytest.approx(np.hypot(worth, reduced(clean).u_lift_N), rel=0.01)
+
+
+def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
+    """One live sample of 1000 N, of a cell of 9.8 N."""
+    clean = record(np.random.default_rng(18), live=1000, tare=200)
+    for size in (1e3, 1e200, -1e3):
+        force = clean.copy()
+        force[600] = size
+        got = reduced(force, tare_s=0.2, limits=Limits(range_N=9.8))
+        assert got.codes == (("out_of_range",) if abs(size) > 1e9 else ("saturated", "spikes"))
+        assert got.lift_N == pytest.approx(0.2, abs=5e-4)
+        assert abs(size) > 1e9 or got.u_lift_N == pytest.approx(9.8e-3, rel=0.05)
+    force[300:304] = 20.0
+    assert reduced(force, tare_s=0.2, limits=Limits(range_N=9.8)).codes == ("SATURATED",)
+    assert "SATURATED" in reduced(clean + 20.1, tare_s=0.2, limits=Limits(range_N=9.8)).codes
+
+
+def test_no_number_overflows() -> None:
+    force = record(np.random.default_rng(19))
+    for damage in (np.s_[:], np.s_[2000:], np.s_[2500:2600], np.s_[100:164], np.s_[::2]):
+        for size in (1e308, -1e200, 1e12, np.inf, np.nan):
+            for range_N in (None, 9.8):
+                spoilt = force.copy()
+                spoilt[damage] = size
+                got = reduced(spoilt, limits=Limits(range_N=range_N))
+                assert not {"out_of_range", "OUT_OF_RANGE", "NO_DATA"}.isdisjoint(got.codes)
+                assert np.isnan(got.lift_N) or abs(got.lift_N - 0.2) < 1e-3
+
+
+# ---- the tare
+
+
+@pytest.mark.parametrize("tare", [2000, 200, 40, 8])
+@pytest.mark.parametrize("size", [9.04, -0.3, 0.15])
+def test_a_glitch_in_the_tare_does_not_move_the_lift(tare: int, size: float) -> None:
+    """A single sample of 0.2 N of lift: it is left out and told, wherever it stands, and what it was worth is in u."""
+    clean = record(np.random.default_rng(20), tare=tare)
+    for at in {0, tare // 3, tare - 1}:
+        force = clean.copy()
+        force[at] += size
+        got = reduced(force, tare_s=tare / RATE)
+        assert got.codes == ("spikes",)
+        assert got.lift_N == pytest.approx(reduced(clean, tare_s=tare / RATE).lift_N, abs=3e-3 / tare**0.5)
+        assert got.u_lift_N > 0.9 * abs(size) / tare
+
+
+@pytest.mark.parametrize("tare", [2000, 200])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda n: 0.3 * (np.arange(n) < 64),
+        lambda n: 0.3 * (abs(np.arange(n) - n / 2) < 32),
+        lambda n: 0.2 * np.exp(-np.arange(n) / (n / 20)),
+        lambda n: 0.05 * np.clip((np.arange(n) - 0.9 * n) / (0.1 * n), 0, 1),
+        lambda n: 0.1 * (np.arange(n) >= n // 2),
+        lambda n: 0.1 * (np.arange(n) < 0.4 * n),
+        lambda n: 0.1 * (np.arange(n) % 3 == 0),
+    ],
+    ids=["zeroed at the start", "zeroed", "rotors stop", "rotors start", "step", "early step", "every third sample"],
+)
+def test_a_tare_that_is_not_one_level_is_refused(tare: int, damage: Any) -> None:
+    force = record(np.random.default_rng(21), tare=tare)
+    force[:tare] += damage(tare)
+    assert reduced(force, tare_s=tare / RATE).codes == ("TARE",)
+
+
+def test_a_tare_of_ordinary_noise_is_its_plain_mean() -> None:
+    """White, slow, humming, coarse: nothing is told of 1200 tares, which are drawn so that none would be by chance in 99 % of seeds."""
+    rng = np.random.default_rng(22)
+    for tare in (2000, 200, 40):
+        for given in ({}, {"memory": 0.9}, {"hum": 1e-2}, {"step": 2e-3}, {"step": 1e-2}):
+            for _ in range(80):
+                force = record(rng, tare=tare, live=1000, memory=given.get("memory", 0.0))
+                force[:tare] += given.get("hum", 0.0) * np.sin(2 * np.pi * (rng.random() + 0.05 * np.arange(tare)))
+                if "step" in given:
+                    force = given["step"] * np.round(force / given["step"] + rng.random())
+                got = reduced(force, tare_s=tare / RATE)
+                assert not {"TARE", "spikes"} & set(got.codes)
+                assert got.lift_N == pytest.approx(force[tare:].mean() - force[:tare].mean(), rel=1e-12)
 
 
 def test_rotors_that_ran_in_the_tare() -> None:

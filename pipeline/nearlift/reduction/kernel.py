@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
 from numba import types
 
@@ -66,6 +67,50 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: An
     return np.int64(0)
 
 
+@numba.njit(inline="always")
+def _median(values: Any, n: Any) -> Any:
+    """The median of a few numbers, by counting what is below each: to sort them takes ten times as long, for the processor cannot guess."""
+    median = values[0]
+    for i in range(n):
+        below = equal = 0
+        for j in range(n):
+            below += values[j] < values[i]
+            equal += values[j] == values[i]
+        if below <= n // 2 and n // 2 < below + equal:
+            median = values[i]
+    return median
+
+
+@numba.njit(inline="always")
+def _spread(values: Any, n: Any, found: Any, at: Any) -> None:
+    """Median, median absolute deviation and largest deviation of a few numbers, which become their deviations."""
+    level = _median(values, n)
+    farthest = 0.0
+    for i in range(n):
+        values[i] = abs(values[i] - level)
+        farthest = max(farthest, values[i])
+    found[at], found[at + 1], found[at + 2] = level, _median(values, n), farthest
+
+
+def look(values: Any, n: Any, every: Any, length: Any, work: Any, found: Any) -> Any:
+    """Median, median absolute deviation and largest deviation of every so many samples, and of the means of blocks of `length` samples.
+
+    There are at most as many of either as `work` has room for.
+    """
+    count = 0
+    for i in range(0, n, every):
+        work[count] = values[i]
+        count += 1
+    _spread(work, count, found, 0)
+    for k in range(n // length):
+        total = 0.0
+        for i in range(length):
+            total += values[k * length + i]
+        work[k] = total / length
+    _spread(work, n // length, found, 3)
+    return np.int64(0)
+
+
 def steady(clock: Any, n: Any, rate_Hz: Any) -> Any:
     """Whether every step of a clock of `n` times is one sample long, to a hundredth of it."""
     off = 0
@@ -79,5 +124,6 @@ _NUMBERS: Any = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 #: What `nearlift.native` compiles.
 KERNELS: dict[str, Any] = {
     "stretch": (stretch, types.int64(_NUMBERS, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
+    "look": (look, types.int64(_NUMBERS, types.int64, types.int64, types.int64, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
     "steady": (steady, types.int64(_NUMBERS, types.int64, types.float64), {}),
 }

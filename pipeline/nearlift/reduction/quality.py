@@ -48,7 +48,11 @@ CODES = (
     Code(name="DRIFT", rejects=True, meaning="the force drifts within the record by more than the limit"),
     Code(name="MIXED", rejects=True, meaning="the force steps from one level to another in the middle of the record: two throttles in one trial"),
     Code(name="HEIGHT", rejects=True, meaning="the traverse did not reach the distance of the schedule"),
-    Code(name="TARE", rejects=True, meaning="the force changes within the tare: the rotors were not at rest all through it"),
+    Code(
+        name="TARE",
+        rejects=True,
+        meaning="the force changes within the tare: the rotors were not at rest all through it, or samples of it are damaged",
+    ),
     Code(name="IMPLAUSIBLE", rejects=True, meaning="the lift is more than a hundred times the vehicle's weight"),
     Code(
         name="NO_LIFT",
@@ -68,7 +72,12 @@ CODES = (
     Code(
         name="spikes",
         rejects=False,
-        meaning="single samples stand far from their neighbours; they were kept, and what they are worth is in the uncertainty",
+        meaning="single samples stand far from the others; they were left out, and what they are worth is in the uncertainty",
+    ),
+    Code(
+        name="saturated",
+        rejects=False,
+        meaning="single samples lay at the end of the load cell's range; they were left out, and what they are worth is in the uncertainty",
     ),
     Code(name="unsettled", rejects=False, meaning="the first samples averaged differ from the rest: `settle` may be too short"),
     Code(name="other_throttle", rejects=False, meaning="the lift is that of another throttle at this distance: is the label wrong?"),

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.errors import InputRefused
+from nearlift.reduction import screening
 from nearlift.reduction.steps import stepped
 from nearlift.reduction.stretch import Stretch, steady, stretch
 
@@ -33,6 +34,15 @@ SHORTEST_BATCH = 8
 FEWEST_BATCHES = 4
 #: Aborted runs leave two to four rows behind.
 FEWEST_SAMPLES = 5
+#: No force: beyond it numbers are damage, whatever the load cell.
+LARGEST_N = 1e9
+#: At the end of its range is a cell from this share of it on; so many samples may be there, and so large a share of them.
+END_OF_RANGE, FEW_AT_END, SHARE_AT_END = 0.98, 3, 0.001
+#: Standard deviations beyond which a sample of the live part is looked at.
+FAR = 6.0
+#: Single samples of a tare are left out that move the zero by more than this share of the lift's u; a tare is refused that longer damage moves
+#: by more than u itself.
+MATTERS = 0.5
 HOUR_S = 3600.0
 
 
@@ -117,35 +127,42 @@ def reduce_record(
             head = int(np.count_nonzero(since < tare_s - 0.5 / rate_Hz))
             start = int(np.count_nonzero(since < tare_s + settle_s - 0.5 / rate_Hz))
     tare, live = force_N[:head], force_N[start:]
-    (quiet, rest), (density, run) = spectral_density_at_zero(tare, rate_Hz, tone=False), spectral_density_at_zero(live, rate_Hz)
-    if not math.isfinite(rest.mean + run.mean):
-        whole = len(tare) + len(live)
-        tare, live = tare[np.isfinite(tare)], live[np.isfinite(live)]
+    # numbers that are none are left out below
+    with np.errstate(over="ignore", invalid="ignore"):
         (quiet, rest), (density, run) = spectral_density_at_zero(tare, rate_Hz, tone=False), spectral_density_at_zero(live, rate_Hz)
-        found.append("OUT_OF_RANGE" if 1.0 - (rest.n + run.n) / whole > limits.out_of_range else "out_of_range")
+    if not (math.isfinite(rest.mean + run.mean) and max(run.high, -run.low, rest.high, -rest.low) <= (limits.range_N or LARGEST_N)):
+        whole = len(tare) + len(live)
+        tare, live = _forces(tare, limits.range_N), _forces(live, limits.range_N)
+        (quiet, rest), (density, run) = spectral_density_at_zero(tare, rate_Hz, tone=False), spectral_density_at_zero(live, rate_Hz)
+        if rest.n + run.n < whole:
+            found.append("OUT_OF_RANGE" if 1.0 - (rest.n + run.n) / whole > limits.out_of_range else "out_of_range")
     n = run.n
     if n < 2 or (tare_s > 0 and rest.n < 2):
         return Reduced(codes=(*found, "NO_DATA"))
     if n < FEWEST_SAMPLES:
         return Reduced(codes=(*found, "TOO_SHORT"))
-    mean, zero = run.mean, rest.mean
-    lift = mean - zero
+    worth = 0.0
+    kept, codes_of_samples = _without_strays(live, run, limits.range_N)
+    found += codes_of_samples
+    if len(kept) < n:
+        # the mean with them and without them: what they are worth is not known to be nothing
+        live, worth = kept, run.mean - float(kept.mean())
+        density, run = spectral_density_at_zero(live, rate_Hz)
+    n = run.n
     variance = run.squares / (n - 1)
     sd = math.sqrt(variance)
-    u2 = density / n
-    u2_tare = quiet / rest.n if rest.n else 0.0
+    u2 = density / n + worth**2
+    zero, u2_tare, codes_of_tare = _zero(tare, rest, quiet, live, u2, rate_Hz)
+    found += codes_of_tare
+    lift = run.mean - zero
     slope, u_slope = _slope(run, density, rate_Hz)
-    found += _stands(live, run, sd)
-    if "spikes" in found:
-        # the mean with them and without them: what they are worth is not known to be nothing
-        u2 += (mean - float(live[np.abs(live - mean) <= 6 * sd].mean())) ** 2
+    found += _stuck(live, run)
     batches = run.batches
     if stepped(batches, limits.drift * abs(lift)):
         found.append("MIXED")
-    found += _saturated(live, run, limits.range_N)
+    found += _clipped(live, run)
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
-    found += _rotors_at_rest(tare, zero, lift)
-    if len(batches) > 2:
+    if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
         # the median and its scatter, for a head of stopped rotors takes several batches and would hide behind its own spread
         level = _median(batches)
         scatter = 1.4826 * _median(np.abs(batches - level))
@@ -158,7 +175,7 @@ def reduce_record(
         n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
         drift_N_s=slope,
         sd_N=sd,
-        codes=tuple(found),
+        codes=tuple(dict.fromkeys(found)),
     )
 
 
@@ -211,37 +228,90 @@ def _drifts(lift: float, change: float, u_change: float, tare_change: float, lim
     return found
 
 
-def _stands(live: FloatArray, run: Stretch, sd: float) -> list[str]:
-    """A channel that repeats one value, and single samples far from their neighbours."""
+def _forces(values: FloatArray, range_N: float | None) -> FloatArray:
+    """The samples that hold a number, clipped to the cell's range; unless most are beyond it, which tells of another unit than the manifest's."""
+    with np.errstate(invalid="ignore"):
+        forces = values[np.abs(values) <= LARGEST_N]
+    if range_N is None or 2 * np.count_nonzero(np.abs(forces) > range_N) > len(forces):
+        return forces
+    return np.clip(forces, -range_N, range_N)
+
+
+def _without_strays(live: FloatArray, run: Stretch, range_N: float | None) -> tuple[FloatArray, list[str]]:
+    """The samples without the few that stand far from the rest or at the end of the cell's range, and what is said of them."""
+    stray, found = np.zeros(0, dtype=bool), []
+    if range_N is not None and max(run.high, -run.low) >= END_OF_RANGE * range_N:
+        stray = np.abs(live) >= END_OF_RANGE * range_N
+        if np.count_nonzero(stray) > max(FEW_AT_END, SHARE_AT_END * run.n):
+            return live, ["SATURATED"]
+        found.append("saturated")
+    if run.far:
+        far = _far(live)
+        if far.any():
+            stray = stray | far if len(stray) else far
+            found.append("spikes")
+    return (live[~stray] if found else live), found
+
+
+def _far(live: FloatArray) -> NDArray[np.bool_]:
+    """Mask of the few samples more than six standard deviations off, those aside that hide behind larger ones being found, too."""
+    far, half_step = np.zeros(len(live), dtype=bool), screening.step_of(live) / 2
+    for _ in range(5):
+        rest = live[~far]
+        more = np.abs(live - rest.mean()) > FAR * max(float(rest.std()), half_step)
+        if far.sum() == more.sum():
+            break
+        far = more
+    # rotors that still spin up are no stray samples
+    far[: int(np.argmin(far))] = False
+    return far if far.mean() <= screening.LARGEST_SHARE else np.zeros(len(live), dtype=bool)
+
+
+def _zero(tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, u2_live: float, rate_Hz: float) -> tuple[float, float, list[str]]:
+    """The tare's mean, its variance, and codes: single samples that stand apart are left out, a tare that is not one level is refused.
+
+    Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the better one.
+    """
+    if rest.n == 0:
+        return rest.mean, 0.0, []
+    zero, u2, found = rest.mean, quiet / rest.n, []
+    single, uneven = screening.suspicious(tare, rest)
+    step = screening.step_of(live) if single or uneven else 0.0
+    if single and (far := screening.far_samples(tare, step)).any():
+        density, kept = spectral_density_at_zero(tare[~far], rate_Hz, tone=False)
+        worth, u = zero - kept.mean, math.sqrt(u2_live + density / kept.n)
+        isolated = screening.are_single(far)
+        if abs(worth) > u and not isolated:
+            return zero, u2, ["TARE"]
+        if abs(worth) > MATTERS * u and isolated:
+            tare, zero, u2, found = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
+    if uneven and screening.moved_by_blocks(tare, step) > math.sqrt(u2_live + u2):
+        return zero, u2, ["TARE"]
+    return zero, u2, found
+
+
+def _stuck(live: FloatArray, run: Stretch) -> list[str]:
+    """A channel that repeats one value."""
     n = run.n
     if run.high == run.low:
         return ["STUCK"]
-    found = []
     # a coarse cell repeats itself all the time: then a long run means nothing
     if run.repeats > 0.1 * n:
         changes = np.flatnonzero(live[1:] != live[:-1])
         longest = int(np.diff(np.concatenate([[-1], changes, [n - 1]])).max())
         elsewhere = len(changes) / max(n - longest, 1)
         if longest >= 20 and longest > 0.1 * n and elsewhere > 0.5:
-            found.append("STUCK")
-    if run.far:
-        away = np.abs(live - run.mean)
-        bad = np.flatnonzero(away > 6 * sd)
-        beside = away[np.concatenate([np.maximum(bad - 1, 0), np.minimum(bad + 1, n - 1)])]
-        if float(np.median(beside)) < 3 * sd:
-            found.append("spikes")
-    return found
+            return ["STUCK"]
+    return []
 
 
-def _saturated(live: FloatArray, run: Stretch, range_N: float | None) -> list[str]:
-    """At the end of the cell's range (98 % of it), or clipped.
+def _clipped(live: FloatArray, run: Stretch) -> list[str]:
+    """Whether the record is clipped, somewhere below the cell's range.
 
-    Clipped is a record that stays at its own extreme for ten samples in a row, or, where the tone brings it there and back,
-    for one sample in two hundred while hardly any other value occurs twice. A coarse cell repeats itself anywhere.
+    It is where it stays at its own extreme for ten samples in a row, or, where the tone brings it there and back, for one sample in two
+    hundred while hardly any other value occurs twice. A coarse cell repeats itself anywhere.
     """
     n = run.n
-    if range_N is not None and max(run.high, -run.low) >= 0.98 * range_N and np.count_nonzero(np.abs(live) >= 0.98 * range_N) > 0.001 * n:
-        return ["SATURATED"]
     if run.repeats < 9:
         return []
     for extreme, count in ((run.high, run.at_high), (run.low, run.at_low)):
@@ -256,22 +326,6 @@ def _saturated(live: FloatArray, run: Stretch, range_N: float | None) -> list[st
 def _longest_run(at: NDArray[np.intp]) -> int:
     breaks = np.concatenate([[-1], np.flatnonzero(np.diff(at) > 1), [len(at) - 1]])
     return int(np.diff(breaks).max())
-
-
-def _rotors_at_rest(tare: FloatArray, zero: float, lift: float) -> list[str]:
-    """Whether the tare's ends differ by a tenth of the lift, and by more than its noise; `zero` is its mean."""
-    n = len(tare)
-    if n < 20:
-        return []
-    tenth = max(n // 10, 5)
-    ends = float(tare[:tenth].sum()), float(tare[-tenth:].sum())
-    level = (zero * n - sum(ends)) / (n - 2 * tenth)
-    apart = max(abs(end / tenth - level) for end in ends)
-    if apart <= 0.1 * abs(lift):
-        return []
-    away = tare[tenth:-tenth] - level
-    noise = math.sqrt(float(away @ away) / len(away))
-    return ["TARE"] if apart > 6 * noise / math.sqrt(tenth) else []
 
 
 def _clock(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
