@@ -240,7 +240,7 @@ def test_all_effects_together_are_a_model_again() -> None:
 
 
 @every
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data())
 def test_is_finite_within_its_bounds(effect: Effect, data: st.DataObject) -> None:
     known = trials()

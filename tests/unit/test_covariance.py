@@ -18,7 +18,7 @@ def example(seed, n=23, shared=2, height=1.0):
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), shared=st.integers(0, 4), height=st.sampled_from([0.0, 1.0]))
 def test_whitening_makes_the_dense_covariance_the_identity(seed, shared, height):
     c = example(seed, shared=shared, height=height)
@@ -26,7 +26,7 @@ def test_whitening_makes_the_dense_covariance_the_identity(seed, shared, height)
     assert w @ c.dense() @ w.T == pytest.approx(np.eye(23), abs=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), shared=st.integers(0, 4))
 def test_log_determinant_is_that_of_the_dense_covariance(seed, shared):
     c = example(seed, shared=shared)

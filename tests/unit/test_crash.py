@@ -215,7 +215,9 @@ def test_too_little_room_is_told_before_anything_is_written(tmp_path, monkeypatc
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
     raw = small_run.write(tmp_path / "raw")
-    words = [sys.executable, "-c", "from nearlift.cli import main; main()", "run", str(raw), "--out", str(tmp_path)]
+    # what a shell starts in the background ignores SIGINT, and so do its children
+    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from nearlift.cli import main; main()"
+    words = [sys.executable, "-c", start, "run", str(raw), "--out", str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "pipeline")}
     process = subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     assert process.stderr is not None

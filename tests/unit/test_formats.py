@@ -57,7 +57,7 @@ def test_what_is_written_comes_back(open_reader: Any, tmp_path_factory: pytest.T
     write, column, _, suffix = written.WRITERS[name]
     folder = tmp_path_factory.mktemp(name)
 
-    @settings(max_examples=15, deadline=None)
+    @settings(max_examples=15)
     @given(force=NUMBERS)
     def turn(force: list[float]) -> None:
         path = written.put(folder, f"a.{suffix}", write(force))

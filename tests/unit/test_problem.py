@@ -69,7 +69,7 @@ def test_log_likelihood_is_the_normal_density_of_the_lifts():
     assert p.log_likelihood(theta) == pytest.approx(expected, rel=1e-10)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(scale=st.floats(1e-3, 1e3))
 def test_a_gain_common_to_all_lifts_leaves_chi2_and_scales_L_inf(scale):
     data = campaign(3, visits=3, force=0.0)
@@ -82,7 +82,7 @@ def test_a_gain_common_to_all_lifts_leaves_chi2_and_scales_L_inf(scale):
     assert other.log_levels(theta)[0] - one.log_levels(theta)[0] == pytest.approx(np.full(4, np.log(scale)), abs=1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_order_of_visits_does_not_matter(seed):
     data, theta = campaign(3, visits=3), np.array([1.7])

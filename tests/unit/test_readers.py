@@ -58,7 +58,7 @@ def test_harmless_dialects(text: str, compiled: bool) -> None:
     np.testing.assert_array_equal(parse(text, compiled=compiled)[0], [1.0, 2.0])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     st.lists(
         st.one_of(
@@ -171,7 +171,7 @@ def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
     assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == ["a.csv", "c.csv"]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.lists(st.one_of(st.integers(-(10**9), 10**9), st.integers(-3000, 3000)), min_size=20, max_size=30),
     st.integers(0, 15),

@@ -66,11 +66,11 @@ def test_refits_are_the_single_fits(moved: float):
     assert stack.converged.all()
     for row, chi2, lifts in zip(stack.good()[:4], stack.chi2, log_lift, strict=False):
         alone = single(found.problem, lifts, found.theta)
-        np.testing.assert_allclose(row, alone[:2], rtol=1e-8)
+        # a search by chi2 alone cannot tell apart what lies within the rounding of a sum of n squares
+        np.testing.assert_array_less(np.abs(row - alone[:2]), np.sqrt(found.n * np.finfo(float).eps * alone[2]) * scale)
         assert chi2 == pytest.approx(alone[2], rel=1e-9)
         other = minimise(dataclasses.replace(found.problem, data=dataclasses.replace(found.problem.data, lift_N=np.exp(lifts))), found.theta)
-        # lmfit takes one-sided differences, which stop it a little short
-        np.testing.assert_allclose(row, other, rtol=1e-6)
+        np.testing.assert_array_less(np.abs(row - other), 2 * batched.STILL * scale)
     spread = stack.good().std(axis=0)
     # 30 refits tell a standard deviation to 13 %: four of that
     assert spread == pytest.approx(scale, rel=0.52)

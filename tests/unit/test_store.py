@@ -93,7 +93,7 @@ def test_a_table_that_breaks_its_schema_is_not_written_at_all(tmp_path):
 # ---- tables
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     who=st.lists(st.text(st.characters(exclude_categories=("Cs",))), min_size=0, max_size=8),
     lift=st.floats(allow_nan=True, allow_infinity=True),

@@ -186,7 +186,7 @@ def test_rejected_trials_and_notes_are_carried(tmp_path):
     assert "EMPTY" in found._repr_html_()
 
 
-def test_the_repr_of_a_study_is_its_plan(study):
+def test_the_repr_of_a_study_is_its_plan(study, fit):
     Balanced(study._repr_html_())
     assert "up to date" in study._repr_html_()
     assert repr(Path(study.root).name)[1:-1] in repr(study)

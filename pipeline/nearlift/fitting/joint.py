@@ -78,6 +78,10 @@ class JointProblem(Problem):
         """Whitened residuals of the lift, `L_inf` eliminated, then of the downwash, whose heights `offset_m` does not move."""
         return np.concatenate([super().residuals(theta, offset_m), self.downwash_residuals(theta)], axis=-1)
 
+    def derivatives(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Of both, at one theta: (p, n)."""
+        return np.hstack([super().derivatives(theta, offset_m), _downwash_derivatives(self, theta)])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointFit:
@@ -122,8 +126,7 @@ def fit_joint(lift: Fit, data: Observations, downwash: Downwash, parts: tuple[bu
     alone = assemble(model, kept, parts, lift.noise, lift.theta)
     both = JointProblem(model=model, data=kept, covariance=alone.covariance, downwash=downwash, geometry=data.geometry)
     theta = minimise(both, lift.theta)
-    white = np.hstack([alone.project(alone.jacobian(theta).T), _downwash_jacobian(both, theta)])
-    covariance, determined = parameter_covariance(white)
+    covariance, determined = parameter_covariance(both.derivatives(theta))
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
     own = both.downwash_residuals(theta)
     chi2_lift, chi2_own = float(alone.chi2(theta)), float(own @ own)
@@ -140,12 +143,12 @@ def fit_joint(lift: Fit, data: Observations, downwash: Downwash, parts: tuple[bu
     )
 
 
-def _downwash_jacobian(problem: JointProblem, theta: FloatArray) -> FloatArray:
-    """Whitened d log downwash / d theta, (p, n), by central differences within the bounds."""
+def _downwash_derivatives(problem: JointProblem, theta: FloatArray) -> FloatArray:
+    """Derivatives of the downwash's residuals, (p, n), by central differences within the bounds."""
     rows = []
     for i, p in enumerate(problem.model.parameters):
         step = 1e-4 * max(abs(theta[i]), 1e-2 * (p.bounds[1] - p.bounds[0]))
         up, down = theta.copy(), theta.copy()
         up[i], down[i] = min(theta[i] + step, p.bounds[1]), max(theta[i] - step, p.bounds[0])
-        rows.append((problem.downwash_residuals(down) - problem.downwash_residuals(up)) / (up[i] - down[i]))
+        rows.append((problem.downwash_residuals(up) - problem.downwash_residuals(down)) / (up[i] - down[i]))
     return np.stack(rows)

@@ -17,6 +17,8 @@ from nearlift.results import Estimate, IntArray, Noise, Observations
 NEAR_GROUND = (1.0, 3.0)
 #: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say nothing of it.
 VAGUE = 1e6
+#: So many last steps at most, and the least ratio of singular values of a direction in which they go.
+LAST_STEPS, DETERMINED = 20, 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,18 +87,52 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         inset = 1e-9 * (p.bounds[1] - p.bounds[0])
         parameters.add(p.name, value=float(np.clip(value, p.bounds[0] + inset, p.bounds[1] - inset)), min=p.bounds[0], max=p.bounds[1])
 
+    def at(values: lmfit.Parameters) -> FloatArray:
+        return np.array([values[n].value for n in problem.names])
+
     def residuals(values: lmfit.Parameters) -> FloatArray:
-        r = problem.residuals(np.array([values[n].value for n in problem.names]))
+        r = problem.residuals(at(values))
         # a step over a pole must cost more than any real misfit, or the optimiser would stop there
         return np.where(np.isfinite(r), r, 1e3)
 
+    def derivatives(values: lmfit.Parameters) -> FloatArray:
+        return _finite_derivatives(problem, at(values)).T
+
     scale = np.array([max(abs(p.value), 0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10))) for p in declared])
-    found = lmfit.minimize(residuals, parameters, method="least_squares", x_scale=scale, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=2000)
+    stop = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12, "max_nfev": 2000}
+    found = lmfit.minimize(residuals, parameters, method="least_squares", jac=derivatives, x_scale=scale, **stop)
     if not found.success:
         raise NotConverged(
             f"fit of {problem.model.name}", f"lmfit stopped: {found.message}", "look at the residuals, or tighten the parameters' bounds"
         )
-    return np.array([found.params[n].value for n in problem.names])
+    return _settled(problem, at(found.params))
+
+
+def _settled(problem: Problem, theta: FloatArray) -> FloatArray:
+    """Gauss and Newton's steps from a minimum until they shrink no more.
+
+    A search by trial stops where chi2, a large number, no longer falls: at 1e-8 of it, and where exactly depends on the processor.
+    """
+    low, high = (np.array([p.bounds[end] for p in problem.model.parameters]) for end in (0, 1))
+    best, least, before = theta, float(problem.chi2(theta)), np.inf
+    for _ in range(LAST_STEPS):
+        r, slopes = problem.residuals(theta), _finite_derivatives(problem, theta)
+        size = np.linalg.norm(slopes, axis=1)
+        uphill = slopes @ r
+        free = (size > 0) & ~((theta <= low) & (uphill > 0)) & ~((theta >= high) & (uphill < 0))
+        step = np.zeros(len(theta))
+        step[free] = np.linalg.lstsq((slopes[free] / size[free, None]).T, -r, rcond=DETERMINED)[0] / size[free]
+        theta = np.clip(theta + step, low, high)
+        moved = float(np.max(np.abs(theta - best) * size))
+        if not moved < before / 2 or not problem.chi2(theta) <= (1 + 1e-9) * least:
+            break
+        best, before = theta, moved
+    return best
+
+
+def _finite_derivatives(problem: Problem, theta: FloatArray) -> FloatArray:
+    """Of the residuals (p, n), 0 where the model has none."""
+    return np.nan_to_num(problem.derivatives(theta), posinf=0.0, neginf=0.0)
 
 
 def _first(problem: Problem, start: FloatArray | None) -> FloatArray:

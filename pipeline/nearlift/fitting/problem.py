@@ -139,7 +139,11 @@ class Problem:
 
     def linearised(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter (..., p, n)."""
-        return self.residuals(theta, offset_m), -self.project(self.slopes(theta, offset_m))
+        return self.residuals(theta, offset_m), self.derivatives(theta, offset_m)
+
+    def derivatives(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Derivatives of `residuals` with respect to each parameter, (..., p, n)."""
+        return -self.project(self.slopes(theta, offset_m))
 
     def jacobian(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """D log ratio / d theta at one theta, shape (n, p)."""

@@ -201,7 +201,8 @@ def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool =
         return found.squares / max(n - 1, 1), found
     means = found.batches
     # each mean is taken from the record's own mean, which shares 1/n of its variance
-    return float(means @ means) / len(means) / (found.gain - 1.0 / n), found
+    # not by BLAS: a record that will be rejected may hold inf
+    return float(np.einsum("i,i", means, means)) / len(means) / (found.gain - 1.0 / n), found
 
 
 def _median(values: FloatArray) -> float:

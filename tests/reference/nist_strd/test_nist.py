@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
-from nearlift.errors import NotConverged
 from nearlift.fitting.covariance import Covariance
 from nearlift.fitting.least_squares import minimise, parameter_covariance
 from nearlift.fitting.problem import Problem
@@ -68,11 +67,6 @@ CURVES: dict[str, Any] = {
     "Roszman1": lambda x, b1, b2, b3, b4: b1 - b2 * x - np.arctan(b3 / (x - b4)) / pi,
     "Thurber": CUBICS,
 }
-FAILS = {
-    ("Hahn1", 0): "a ratio of cubics in temperatures to 850 K, seven parameters over six decades: 2000 evaluations do not suffice, and it says so",
-    ("Hahn1", 1): "the same valley, reached from nearer by: the sum of squares to 5 digits, the flattest parameters to 2 or 3",
-}
-"""Of 54 runs, those that do not reach `DIGITS`."""
 NO_SD = {"Lanczos1": "exact to 11 digits by construction: its residuals, of 1e-13, are rounding, and so are deviations scaled by them"}
 
 
@@ -109,6 +103,9 @@ class Curve(Problem):
 
     def residuals(self, theta, offset_m=0.0):
         return self.data.lift_N - self.log_ratio(theta)
+
+    def derivatives(self, theta, offset_m=0.0):
+        return -self.slopes(theta)
 
 
 def problem(given: DataSet, start: int) -> Curve:
@@ -166,26 +163,13 @@ def solved(name: str, start: int) -> tuple[Curve, np.ndarray]:
 @pytest.mark.parametrize("start", [0, 1])
 @pytest.mark.parametrize("name", CURVES)
 def test_certified_parameters(name, start):
-    if (name, start) in FAILS:
-        assert_refused_or_short_of_digits(name, start)
-        return
     given = read(name)
     p, theta = solved(name, start)
     assert digits(theta, given.certified) >= DIGITS
     assert float(p.chi2(theta)) == pytest.approx(given.rss, rel=1e-2 if name == "Lanczos1" else 1e-6)
 
 
-def assert_refused_or_short_of_digits(name: str, start: int) -> None:
-    """A listed failure says that it did not converge, or stands in the right valley; a wrong answer is never handed over as one."""
-    told = ""
-    try:
-        p, theta = solved(name, start)
-    except NotConverged as refusal:
-        told = refusal.what
-    assert "number of function evaluations" in told if told else float(p.chi2(theta)) == pytest.approx(read(name).rss, rel=1e-3)
-
-
-@pytest.mark.parametrize("name", [n for n in CURVES if n not in NO_SD and (n, 1) not in FAILS])
+@pytest.mark.parametrize("name", [n for n in CURVES if n not in NO_SD])
 def test_certified_standard_deviations(name):
     """From `Problem.jacobian` at the fit and `parameter_covariance`, times the residual variance: 3 digits, where a fit quotes 2."""
     given = read(name)
@@ -205,9 +189,3 @@ def test_every_data_set_is_here_and_whole():
         # the certified values and the transcribed curve give the certified sum of squares
         p = problem(given, 0)
         assert float(p.chi2(given.certified)) == pytest.approx(given.rss, rel=1e-6 if name != "Lanczos1" else 0.1)
-
-
-def test_what_is_listed_as_failing_is_little():
-    """So that an optimiser that got worse cannot hide in the list."""
-    assert len(FAILS) <= 2
-    assert set(NO_SD) <= {"Lanczos1"}
