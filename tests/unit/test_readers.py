@@ -95,6 +95,10 @@ def test_no_number_is_nan_and_counted_later(word: str) -> None:
     assert codes == ()
 
 
+def test_a_quote_may_stand_for_inches() -> None:
+    assert parse('force,prop\n1,5" prop\nOVER,5" prop\n')[0].tolist()[0] == 1
+
+
 @pytest.mark.parametrize(
     ("text", "force", "codes"),
     [
@@ -133,6 +137,8 @@ def test_half_written_files(text: bytes, force: list[float], codes: tuple[str, .
         ("force\n1\nforce\n2\n", "line 3: repeats the header"),
         ("t,force\ns,mN\n0,1\n", "line 2: 'mN' in column 'force' is not a number"),
         ("force\n1\n\0\n2\n", "line 3: holds NUL bytes"),
+        ('force\n1\n"3\n0"\n', "line 3: is not a row of cells: unexpected end of data"),
+        ('t,force\n0,1\n1,"3\r\n0"\n', "line 3: is not a row of cells: unexpected end of data"),
     ],
 )
 def test_the_first_bad_line_is_named(text: str, match: str, compiled: bool) -> None:

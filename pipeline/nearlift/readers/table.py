@@ -59,7 +59,9 @@ class Cells:
             return [line.strip()]
         if self.separator == BLANKS:
             return line.split()
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=self.separator), [])]
+        # a quote without its other half begins a cell with a line break in it, unless it stands for inches
+        halved = line.count('"') % 2 == 1
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=self.separator, strict=halved), [])]
 
 
 COMMAS = Cells()
