@@ -22,6 +22,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--executor", default="serial", help="where simulated campaigns run: serial, threads:N, processes:N or dask:ADDRESS")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    # tests run in a random order, but nothing else is drawn anew: a generator has the seed that its test gives it
+    config.option.randomly_reset_seed = False
+
+
 Once = Callable[[str, Callable[[Path], None]], Path]
 
 
