@@ -556,9 +556,9 @@ def inspect(file: Path, dialect: str, as_json: bool, **_: Any) -> None:
 def verify(campaign: Path, out: Path, as_json: bool, quiet: bool, **_: Any) -> None:
     """Hash every input and product anew and hold them against provenance.json; exit code 4 where one differs."""
     from nearlift import campaign as manifests
-    from nearlift.stages.intact import differences
+    from nearlift.stages.verify import differences
 
-    checked, differing = differences(campaign, out, manifests.load(campaign).name)
+    checked, differing = differences(campaign, out, manifests.load(campaign))
     if as_json:
         click.echo(json.dumps({"checked": checked, "differing": differing}))
     elif not quiet:

@@ -52,8 +52,8 @@ def locked(homes: Homes) -> Iterator[str]:
     try:
         homes.settle()
         for folder in (processed, homes.reports):
-            for stray in folder.rglob(f".*{store.UNFINISHED}") if folder.is_dir() else ():
-                stray.unlink(missing_ok=True)
+            if folder.is_dir():
+                store.sweep(folder)
         yield left
     finally:
         # taken away while it is still held, so that nobody can hold a file without a name

@@ -12,6 +12,7 @@ import hashlib
 import json
 import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -52,14 +53,14 @@ class Disk:
 
 
 disk = Disk()
-#: Ends the names of files that are not finished; `locked` sweeps away what a killed run left of them.
-UNFINISHED = ".tmp"
+#: Name of a file that is not finished, of what it will be and of the process that writes it.
+_UNFINISHED = re.compile(r"\..+\.\d+\.tmp")
 
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Replace `path` by `content` in one step that survives a crash."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}{UNFINISHED}")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as file:
             disk.write(file, content)
@@ -71,6 +72,13 @@ def write_bytes(path: Path, content: bytes) -> None:
             disk.unlink(temporary)
         raise
     sync_folder(path.parent)
+
+
+def sweep(folder: Path) -> None:
+    """Take away what a killed run left unfinished in a folder and its subfolders; links are not followed."""
+    for path in folder.rglob(".*.tmp"):
+        if _UNFINISHED.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+            path.unlink(missing_ok=True)
 
 
 def sync_folder(folder: Path) -> None:
@@ -94,6 +102,11 @@ def sha256_of(paths: Sequence[Path]) -> list[str]:
         return [sha256(path) for path in paths]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
         return list(pool.map(sha256, paths))
+
+
+def listing_sha256(digests: Mapping[str, str]) -> str:
+    """SHA-256 of a list of files: their names, each with its own."""
+    return hashlib.sha256("".join(f"{name} {sha}\n" for name, sha in digests.items()).encode()).hexdigest()
 
 
 def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:

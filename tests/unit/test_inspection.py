@@ -196,3 +196,12 @@ def test_verify_finds_what_is_not_what_it_was(tmp_path):
     assert "trials.parquet: is not what it was" in spoilt.stdout
     shutil.rmtree(tmp_path / "processed")
     assert nearlift("verify", raw, "--out", tmp_path).exit_code == 4
+
+
+@pytest.mark.parametrize("content", [{}, {"inputs": [], "stages": {}}, {"inputs": {"a": 1}, "stages": {}}, {"inputs": {}, "stages": {"fit": 3}}])
+def test_verify_refuses_a_provenance_that_nearlift_does_not_write(tmp_path, content):
+    raw = small_run.write_means(tmp_path / "raw", 24)
+    (tmp_path / "processed" / "means").mkdir(parents=True)
+    (tmp_path / "processed" / "means" / "provenance.json").write_text(json.dumps(content))
+    answer = nearlift("verify", raw, "--out", tmp_path)
+    assert (answer.exit_code, "is not what nearlift writes" in answer.stderr) == (4, True)

@@ -67,6 +67,20 @@ def test_a_lock_of_a_killed_run_is_taken_over_and_its_litter_swept(tmp_path, hol
     assert [p.name for p in (tmp_path / "p").iterdir()] == ["fit.json"]
 
 
+def test_what_others_left_is_not_swept_away(tmp_path):
+    homes = Homes(processed=tmp_path / "p", reports=tmp_path / "r")
+    elsewhere = tmp_path / "elsewhere"
+    for folder in (elsewhere, homes.processed, homes.reports):
+        folder.mkdir()
+    kept = [elsewhere / ".fit.json.1.tmp", homes.processed / ".cache.tmp", homes.reports / "fig2.pdf.1.tmp"]
+    for path in kept:
+        path.write_text("somebody's")
+    (homes.processed / "link").symlink_to(elsewhere)
+    (homes.reports / ".fig2.pdf.1.tmp").symlink_to(kept[0])
+    with locked(homes):
+        assert all(path.exists() for path in kept)
+
+
 def test_what_a_finished_run_left_is_swept_and_a_living_runs_is_not(tmp_path, holder):
     """A run killed after its last commit: nothing is stale, so nobody needs the lock, and yet nothing shall lie about."""
     lock.swept(homes(tmp_path))

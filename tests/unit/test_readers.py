@@ -248,6 +248,19 @@ def test_a_link_within_the_folder_is_followed(tmp_path: Path) -> None:
     assert len(reader("csv").files(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])) == 1
 
 
+@pytest.mark.parametrize("pattern", ["trials/{trial}.csv", "{trial}.csv", "{trial}/force.csv", "{trial}/{trial}.csv", "[{trial}].csv"])
+@pytest.mark.parametrize("name", ["csv", "text"])
+def test_a_record_without_a_row_is_told(tmp_path: Path, pattern: str, name: str) -> None:
+    for trial in ("a", "b", "c-1", "d"):
+        path = tmp_path / pattern.replace("{trial}", trial)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("t,force\n0,1\n1,2\n")
+    chosen = manifest(records={"reader": name, "files": pattern, "force": {"column": "force", "unit": "mN", "sign": 1}})
+    (note,) = reader(name).plan(chosen, tmp_path, ["b", "d", "elsewhere"]).notes
+    assert note.startswith(f"{pattern.replace('{trial}', 'a')} and 1 more are no trial's record")
+    assert reader(name).plan(chosen, tmp_path, ["a", "b", "c-1", "d"]).notes == ()
+
+
 def test_a_pattern_without_the_trial_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ManifestError, match=r"write \{trial\} in it"):
         reader("csv").files(manifest(records={"files": "all.csv"}), tmp_path, ["a"])

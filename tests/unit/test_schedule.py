@@ -151,6 +151,10 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
     ("not a number", "trial,boundary,distance,throttle\na,ground,4x3,25\n", {}, ManifestError, "line 2, column 'distance': '4x3' is not a number"),
     ("decimal comma", 'trial,boundary,distance,throttle\na,ground,"43,5",25\n', {}, ManifestError, "write decimals with a point"),
     ("empty distance", "trial,boundary,distance,throttle\na,ground,,25\n", {}, ManifestError, "line 2, column 'distance': is empty"),
+    ("distance nan", "trial,boundary,distance,throttle\na,ground,nan,25\n", {}, ManifestError, "line 2, column 'distance': 'nan' is no value"),
+    ("throttle nan", "trial,boundary,distance,throttle\na,ground,43,NaN\n", {}, ManifestError, "line 2, column 'throttle': 'NaN' is no value"),
+    ("beyond numbers", "trial,boundary,distance,throttle\na,ground,1e400,25\n", {}, ManifestError, "'distance': 1e400 is beyond what a number can"),
+    ("line end in a cell", 'trial,boundary,distance,throttle\na,ground,"3\n0",25\n', {}, ManifestError, r"'distance': '3\\n0' is not a number"),
     ("distance in free air", "trial,boundary,distance,throttle\na,none,43,25\n", {}, ManifestError, "free air .* has no distance"),
     ("cells", "trial,boundary,distance,throttle\na,ground,43,5,25\n", {}, InputRefused, "line 2: has 5 cells under 4 column names"),
     ("twice", "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n", {}, InputRefused, "'throttle' stands twice"),
@@ -204,6 +208,14 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
 def test_refusals(tmp_path: Path, text: str, changes: dict[str, Any], kind: type[Exception], match: str) -> None:
     with pytest.raises(kind, match=match):
         read(tmp_path, text, **changes)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\n\n", "\n  "])
+def test_a_last_line_without_its_end_is_told_for_it_may_be_cut(tmp_path: Path, end: str) -> None:
+    text = "trial,boundary,distance,throttle\na,ground,43,25\nb,ground,300,25"
+    assert read(tmp_path, text + end).notes == ()
+    (note,) = read(tmp_path, text[:-4] + ",25").notes
+    assert note.startswith("trials.csv ends within a line, 'b,ground,30,25': if it was cut off there, that row is wrong")
 
 
 def test_the_literal_table_is_refused_with_the_unit_that_fits(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
-from nearlift.errors import ManifestError
+from nearlift.errors import ManifestError, brief
 from nearlift.units import NUMBER
 
 #: What a cell without a value may hold.
@@ -92,9 +92,11 @@ def numbers(cells: Cells, *, blank: bool) -> NDArray[np.float64]:
         value = text.strip()
         if NUMBER.fullmatch(value):
             out[i] = float(value)
+            if math.isinf(out[i]):
+                raise ManifestError(cells.at(i), f"{brief(value)} is beyond what a number can hold", "mend it; the largest is 1.8e308")
         elif value.lower() in BLANK:
             if not blank:
-                raise ManifestError(cells.at(i), "is empty", "every trial needs this number")
+                raise ManifestError(cells.at(i), without(value), "every trial needs this number")
             out[i] = math.nan
         else:
             comma = (
@@ -102,8 +104,13 @@ def numbers(cells: Cells, *, blank: bool) -> NDArray[np.float64]:
                 if re.fullmatch(r"[-+]?\d+,\d+", value)
                 else "write a number; leave the cell empty where it is not known"
             )
-            raise ManifestError(cells.at(i), f"{text!r} is not a number", comma)
+            raise ManifestError(cells.at(i), f"{brief(repr(text))} is not a number", comma)
     return out
+
+
+def without(text: str) -> str:
+    """What is wrong with a cell that says no value."""
+    return f"{text.strip()!r} is no value" if text.strip() else "is empty"
 
 
 def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from nearlift import units
 from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused
 from nearlift.readers import scanner, table
-from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, force_channel, per_trial, source_of
+from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, force_channel, per_trial, source_of, unlisted
 from nearlift.units import NUMBER
 
 #: Files of one task; large enough that a task costs more than sending it.
@@ -36,7 +36,8 @@ def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
     there = per_trial(campaign, root, trials)
     names = list(there)
     chunks = [names[i : i + PER_PIECE] for i in range(0, len(names), PER_PIECE)]
-    return Plan(pieces=tuple(Piece(trials=tuple(chunk), paths=tuple(there[t][0] for t in chunk)) for chunk in chunks))
+    pieces = tuple(Piece(trials=tuple(chunk), paths=tuple(there[t][0] for t in chunk)) for chunk in chunks)
+    return Plan(pieces=pieces, notes=unlisted(campaign, root, trials))
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:

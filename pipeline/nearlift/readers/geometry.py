@@ -27,7 +27,8 @@ def distances(campaign: Campaign, cells: Cells | None, boundary: NDArray[np.obje
     for i in np.flatnonzero(np.isfinite(recorded) == free):
         if free[i]:
             raise ManifestError(cells.at(int(i)), "free air (boundary none) has no distance", "leave the cell empty")
-        raise ManifestError(cells.at(int(i)), "is empty", "every trial at a boundary needs its distance; free air is boundary none")
+        remedy = "every trial at a boundary needs its distance; free air is boundary none"
+        raise ManifestError(cells.at(int(i)), columns.without(cells.texts[int(i)]), remedy)
     unit = campaign.trials.units.get("distance")
     z_m = np.where(free, np.inf, columns.quantity(cells, BY_NAME["distance"], unit))
     for side in BOUNDARIES:

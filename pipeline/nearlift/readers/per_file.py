@@ -17,7 +17,7 @@ import numpy as np
 from nearlift import units
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.channel import AS_FORCE, UNITS, Channel, Contents, Malformed, pick
-from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, files_pattern, force_channel, inside, per_trial, source_of
+from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, files_pattern, force_channel, inside, per_trial, source_of, unlisted
 
 if TYPE_CHECKING:
     from nearlift.campaign import Campaign
@@ -90,12 +90,14 @@ def reader_of(form: Format) -> Reader:
 
     def plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
         form.checked_dialect(campaign.records.dialect)
+        notes: tuple[str, ...] = ()
         if _one_for_all(campaign):
             path = inside(root, files_pattern(campaign), "records.files")
             there = dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
         else:
             there = per_trial(campaign, root, trials)
-        return Plan(pieces=tuple(_pieces(there)))
+            notes = unlisted(campaign, root, trials)
+        return Plan(pieces=tuple(_pieces(there)), notes=notes)
 
     def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
         paths = piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials)

@@ -7,6 +7,7 @@ kept under its own name. Whether the distances can be true is `geometry`'s matte
 from __future__ import annotations
 
 import csv
+import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from nearlift import units
 from nearlift.campaign import Campaign
 from nearlift.declare import BOUNDARIES
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused, ManifestError, brief
 from nearlift.products import TRIALS
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, KNOWN, Cells
@@ -88,7 +89,8 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
         A column is missing, without a unit, or holds what it may not; two trials share an id.
     """
     path = schedule_file(campaign, root)
-    cells = _cells(campaign, path)
+    text = _text(path)
+    cells = _cells(campaign, path, text)
     given = campaign.trials.units
     _units_name_columns(given, list(cells))
     for name in REQUIRED:
@@ -108,7 +110,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
 
     covariates: dict[str, NDArray[Any]] = {}
     means: dict[str, NDArray[Any]] = {}
-    notes: list[str] = []
+    notes = _unended(path, text)
     for name, column in cells.items():
         known = BY_NAME.get(name)
         if name in REQUIRED:
@@ -173,20 +175,31 @@ def visits(boundary: NDArray[Any], z_m: FloatArray, approach: FloatArray | None 
     return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
 
 
-def _cells(campaign: Campaign, path: Path) -> dict[str, Cells]:
-    """Every column's texts, constants included, in the file's order."""
+def _text(path: Path) -> str:
     if not path.is_file():
         raise InputRefused(str(path), "is missing", "the schedule lists every trial; name it under [trials] file = ...")
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         raise InputRefused(str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8") from None
+
+
+def _unended(path: Path, text: str) -> list[str]:
+    """A note where the last line has no end: `300` that was cut to `30` reads as well."""
+    last = text[max(text.rfind("\n"), text.rfind("\r")) + 1 :]
+    if not last.strip():
+        return []
+    return [f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that row is wrong and more may be lost; end the line"]
+
+
+def _cells(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
+    """Every column's texts, constants included, in the file's order."""
     header: list[str] = []
     found: list[list[str]] = []
     lines: list[int] = []
     # what stands in many rows is kept once
     kept: dict[str, str] = {}
-    reader = csv.reader(text.splitlines(), strict=True)
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         for row in reader:
             if not any(cell.strip() for cell in row):

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import errno
 import functools
+import glob
 import stat
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from nearlift.readers.per_file import Format
 
 FloatArray = NDArray[np.float64]
+#: What stands for a trial's id in ``[records] files``.
+MARK = "{trial}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,7 +190,7 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
         A file leads outside the folder or is not a regular file.
     """
     pattern = files_pattern(campaign)
-    if "{trial}" not in pattern:
+    if MARK not in pattern:
         raise ManifestError(
             "records.files", f"{pattern!r} does not say where the trial's id stands", 'write {trial} in it, as in "trials/{trial}.csv"'
         )
@@ -195,10 +198,27 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
     for trial in trials:
         if any(c in trial for c in "/\\\0") or trial in (".", ".."):
             raise ManifestError(f"trial {trial!r}", "has an id that cannot stand in a file name", "use letters, digits, '-', '_' and '.'")
-        path, size = _checked(root, pattern.replace("{trial}", trial), "records.files")
+        path, size = _checked(root, pattern.replace(MARK, trial), "records.files")
         if size is not None:
             found[trial] = path, size
     return found
+
+
+def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[str, ...]:
+    """A note where files stand among the records that no trial of the schedule names: its row may be lost, or its id mistyped."""
+    pattern = files_pattern(campaign)
+    head, tail, times = pattern.partition(MARK)[0], pattern.rpartition(MARK)[2], pattern.count(MARK)
+    listed, names = set(trials), []
+    for path in root.glob(glob.escape(pattern).replace(MARK, "*")):
+        name = source_of(root, path)
+        length = (len(name) - len(pattern) + times * len(MARK)) // times
+        trial = name[len(head) : len(head) + length]
+        if name.endswith(tail) and pattern.replace(MARK, trial) == name and trial not in listed and path.is_file():
+            names.append(name)
+    if not names:
+        return ()
+    more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
+    return (f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a row lost, or an id mistyped?",)
 
 
 def source_of(root: Path, path: Path) -> str:

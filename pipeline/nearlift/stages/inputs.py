@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nearlift import store
 from nearlift.campaign import Campaign
 from nearlift.readers.seam import source_of
 from nearlift.stages import ingest
 from nearlift.stages.job import PIV_INPUT
+
+if TYPE_CHECKING:
+    from nearlift.piv_manifest import PivCase
 
 #: A file younger than this may change again without its time stamp telling, so its digest is not kept.
 RACY_NS = 2_000_000_000
@@ -50,19 +52,21 @@ def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, 
     own = list(dict.fromkeys((*ingest.inputs(root, campaign), *overlays)))
     look(own)
     result.update((name, fresh[name]["sha256"]) for name in own)
-    if campaign.piv is None:
-        return result, fresh
+    for case in campaign.piv.case if campaign.piv is not None else ():
+        # hundreds of files in one line: names and digests of all of them
+        label, files = listing(root, case)
+        look(files)
+        result[label] = store.listing_sha256({name: fresh[name]["sha256"] for name in files})
+    return result, fresh
+
+
+def listing(root: Path, case: PivCase) -> tuple[str, list[str]]:
+    """What the velocity grids of one case are called among the inputs, and their paths."""
+    # only campaigns with grids need the readers of grids
     from nearlift.readers.piv.cases import files_of
 
-    for case in campaign.piv.case:
-        # hundreds of files in one line: names and digests of all of them
-        listed = hashlib.sha256()
-        files = [source_of(root, path) for path in files_of(root, case)]
-        look(files)
-        for name in files:
-            listed.update(f"{name} {fresh[name]['sha256']}\n".encode())
-        result[f"{PIV_INPUT}{case.name} ({len(files)} files)"] = listed.hexdigest()
-    return result, fresh
+    files = [source_of(root, path) for path in files_of(root, case)]
+    return f"{PIV_INPUT}{case.name} ({len(files)} files)", files
 
 
 def remember(processed: Path, stamps: Stamps) -> None:

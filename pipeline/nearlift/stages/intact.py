@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 from nearlift import store
 from nearlift.errors import InputRefused
-from nearlift.lock import settled
-from nearlift.products import PROVENANCE
 from nearlift.stages.job import Job
-from nearlift.transaction import Homes
 
 #: A cut file younger than this may be one that an instrument is still writing, ns.
 WRITING_NS = 10_000_000_000
@@ -58,27 +54,3 @@ def moving(job: Job) -> Moving:
         elif abs(now - status.st_mtime_ns) < WRITING_NS:
             young.append(name)
     return Moving(changed=tuple(changed), young=tuple(young))
-
-
-def differences(root: Path, out: Path, name: str) -> tuple[int, list[str]]:
-    """Number of files that provenance.json knows of, and those that are not what it says, with what they are.
-
-    Raises
-    ------
-    ProductError
-        There is no provenance.json, or it is damaged.
-    """
-    homes = Homes.of(out, name)
-    settled(homes)
-    content = store.read_json(homes.processed / PROVENANCE.file)
-    files = {root / relative: entry["sha256"] for relative, entry in content["inputs"].items()}
-    for entry in content["stages"].values():
-        for relative, sha in entry["outputs"].items():
-            files[homes.place(relative)] = sha
-    found = []
-    for path, sha in files.items():
-        if not path.is_file():
-            found.append(f"{path}: is missing")
-        elif store.sha256(path) != sha:
-            found.append(f"{path}: is not what it was")
-    return len(files), found

@@ -1,0 +1,61 @@
+"""Whether every input and product of a campaign is still what provenance.json says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from nearlift import store
+from nearlift.campaign import Campaign
+from nearlift.errors import ProductError
+from nearlift.lock import settled
+from nearlift.products import PROVENANCE
+from nearlift.stages.inputs import listing
+from nearlift.stages.job import PIV_INPUT
+from nearlift.transaction import Homes
+
+
+def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[str]]:
+    """Number of entries that provenance.json has, and those that are not what it says, with what they are.
+
+    An entry is a file, or all velocity grids of one case.
+
+    Raises
+    ------
+    ProductError
+        There is no provenance.json, or it is damaged.
+    """
+    homes = Homes.of(out, campaign.name)
+    settled(homes)
+    path = homes.processed / PROVENANCE.file
+    inputs, outputs = _entries(store.read_json(path), str(path))
+    grids = {}
+    for case in campaign.piv.case if campaign.piv is not None else ():
+        label, files = listing(root, case)
+        grids[label] = store.listing_sha256({name: store.sha256(root / name) for name in files})
+    found = []
+    for name, sha in inputs.items():
+        if name.startswith(PIV_INPUT):
+            if grids.get(name) != sha:
+                found.append(f"{name}: {'are not what they were' if name in grids else 'are other files by now'}")
+        else:
+            found += _difference(root / name, sha)
+    for name, sha in outputs.items():
+        found += _difference(homes.place(name), sha)
+    return len(inputs) + len(outputs), found
+
+
+def _entries(content: dict[str, Any], where: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Digests of inputs and of products, by name."""
+    try:
+        inputs = {str(name): str(entry["sha256"]) for name, entry in content["inputs"].items()}
+        outputs = {str(name): str(sha) for stage in content["stages"].values() for name, sha in stage["outputs"].items()}
+    except (KeyError, TypeError, AttributeError):
+        raise ProductError(where, "is not what nearlift writes", "restore it from a copy, or delete it and run again") from None
+    return inputs, outputs
+
+
+def _difference(path: Path, sha: str) -> list[str]:
+    if not path.is_file():
+        return [f"{path}: is missing"]
+    return [] if store.sha256(path) == sha else [f"{path}: is not what it was"]
