@@ -59,4 +59,4 @@ Position = Annotated[tuple[Length, Length], Field(strict=False)]
 class Section(BaseModel):
     """A table of the manifest: immutable, without unknown keys."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, defer_build=True)

@@ -55,6 +55,8 @@ class Disk:
 disk = Disk()
 #: Name of a file that is not finished, of what it will be and of the process that writes it.
 _UNFINISHED = re.compile(r"\..+\.\d+\.tmp")
+#: Bytes of a file that are hashed at once, and files that a thread hashes before it takes more (at most).
+PART, PORTION = 1 << 20, 16
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -90,18 +92,25 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def sha256(path: Path) -> str:
+def sha256(path: str | Path) -> str:
     """SHA-256 of a file, streamed."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    digest = hashlib.sha256()
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - a path made of text takes longer than reading a record
+        while part := file.read(PART):
+            digest.update(part)
+    return digest.hexdigest()
 
 
-def sha256_of(paths: Sequence[Path]) -> list[str]:
+def sha256_of(paths: Sequence[str | Path]) -> list[str]:
     """SHA-256 of each file, a few at a time: hashing and reading leave the interpreter alone."""
-    if len(paths) < 2:
+    workers = min(os.cpu_count() or 1, 4)
+    if len(paths) < 2 or workers < 2:
         return [sha256(path) for path in paths]
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
-        return list(pool.map(sha256, paths))
+    # few files may be large ones; of many, handing over each would take as long as to hash it
+    many = min(max(len(paths) // (8 * workers), 1), PORTION)
+    portions = [paths[i : i + many] for i in range(0, len(paths), many)]
+    with ThreadPoolExecutor(workers) as pool:
+        return [digest for found in pool.map(lambda portion: [sha256(path) for path in portion], portions) for digest in found]
 
 
 def listing_sha256(digests: Mapping[str, str]) -> str:

@@ -247,7 +247,7 @@ def test_a_file_is_hashed_again_only_where_size_or_time_has_changed(place, monke
     inputs, stamps = digests(given.root, given.campaign, given.processed)
     remember(given.processed, stamps)
     hashed = []
-    monkeypatch.setattr(store, "sha256", lambda path: hashed.append(path.name) or "new")
+    monkeypatch.setattr(store, "sha256", lambda path: hashed.append(Path(path).name) or "new")
     assert digests(given.root, given.campaign, given.processed)[0] == inputs
     assert hashed == []
     os.utime(place / "raw" / "trials.csv", (1e9, 1e9 + 1))
