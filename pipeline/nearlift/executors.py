@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from nearlift import isolation
 from nearlift.errors import InputRefused, UsageError
 
 if TYPE_CHECKING:
@@ -76,7 +77,11 @@ class LastingProcesses(concurrent.futures.Executor):
             import multiprocessing
 
             spawn = multiprocessing.get_context("spawn")
-            process = self._mine.process = concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn, initializer=_one_thread)
+            with isolation.safe_path():
+                process = concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn, initializer=_begin)
+                # the first task starts the process, and with it the environment is settled
+                process.submit(os.getpid)
+            self._mine.process = process
             self._all.append(process)
         return process
 
@@ -90,8 +95,9 @@ class LastingProcesses(concurrent.futures.Executor):
         self._all.clear()
 
 
-def _one_thread() -> None:
-    """Linear algebra in one thread, unless the environment says otherwise: as many processes as cores leave no core for a second."""
+def _begin() -> None:
+    """A worker: it ends with its parent; linear algebra in one thread, unless the environment says otherwise, since every core has its worker."""
+    isolation.end_with_parent()
     for name in BLAS:
         os.environ.setdefault(name, "1")
 

@@ -11,12 +11,13 @@ import contextlib
 import ctypes
 import hashlib
 import importlib
-import os
 import platform
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from nearlift import isolation
 
 POINTER, TEXT, WHOLE, REAL = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_uint64, ctypes.c_double
 
@@ -58,25 +59,21 @@ class Kernel:
         source = hashlib.sha256(self.file.read_bytes()).hexdigest()
         about = [source, llvm.get_host_cpu_name(), features, platform.machine(), str(llvm.llvm_version_info)]
         name = f"{self.name}-{hashlib.sha256(' '.join(about).encode()).hexdigest()[:24]}.code"
-        for folder in self.folders():
+        folder = isolation.code_folder()
+        if folder is not None:
             with contextlib.suppress(OSError):
-                if (kept := checked((folder / name).read_bytes())) is not None:
+                if (kept := checked(isolation.private_bytes(folder / name))) is not None:
                     return self._linked(*kept)
         try:
             symbol, code = self.compiled()
         except AttributeError:
             # another numba keeps its machine code elsewhere: slower to start, the same answers
             return self._by_numba()
-        for folder in self.folders():
+        if folder is not None:
             with contextlib.suppress(OSError):
-                _keep(folder / name, symbol, code)
-                break
+                content = symbol.encode() + b"\n" + code
+                isolation.keep_private(folder / name, hashlib.sha256(content).digest() + content)
         return self._linked(symbol, code)
-
-    def folders(self) -> Iterator[Path]:
-        """Where machine code may be kept: beside Python's own, else in the user's cache."""
-        yield self.file.parent / "__pycache__"
-        yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "nearlift"
 
     def compiled(self) -> tuple[str, bytes]:
         """Symbol and machine code, which must ask for nothing outside itself.
@@ -86,7 +83,7 @@ class Kernel:
         AttributeError
             numba has no such thing, or its code calls something that a linker would have to find.
         """
-        import numba
+        from nearlift.compiler import numba
 
         source, signature, own = importlib.import_module(self.module).KERNELS[self.name]
         # wrappers would call Python; an error model of Python's would raise
@@ -123,7 +120,7 @@ class Kernel:
 
     def _by_numba(self) -> Call:
         """The same by numba's public road."""
-        import numba
+        from nearlift.compiler import numba
 
         source, signature, own = importlib.import_module(self.module).KERNELS[self.name]
         compiled = numba.cfunc(signature, error_model="numpy", **own)(source)
@@ -140,14 +137,6 @@ def address(values: Any) -> int:
     """Where an array's first number stands."""
     place: int = values.__array_interface__["data"][0]
     return place
-
-
-def _keep(path: Path, symbol: str, code: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    content = symbol.encode() + b"\n" + code
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.write_bytes(hashlib.sha256(content).digest() + content)
-    unfinished.replace(path)
 
 
 def checked(content: bytes) -> tuple[str, bytes] | None:

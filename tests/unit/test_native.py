@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nearlift import native
+from nearlift import isolation, native
 from nearlift.native import POINTER, REAL, WHOLE, Kernel
 from nearlift.readers import scanner
 
@@ -23,20 +23,19 @@ def found(text: bytes = TEXT) -> list[float] | None:
     return None if columns is None else columns[0].tolist()
 
 
-def steady(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> Kernel:
-    """A kernel that has not been made ready, kept in those folders."""
-    monkeypatch.setattr(Kernel, "folders", lambda self: iter(folders))
+def steady(monkeypatch: pytest.MonkeyPatch, folder: Path | None) -> Kernel:
+    """A kernel that has not been made ready, kept in that folder, or nowhere."""
+    monkeypatch.setattr(isolation, "code_folder", lambda: folder)
     return Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
 
 
 def test_it_is_kept_and_found_again_and_damage_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = []
     real = Kernel.compiled
-    (tmp_path / "no folder").touch()
     monkeypatch.setattr(Kernel, "compiled", lambda self: compiled.append(1) or real(self))
 
     def answer() -> int:
-        return steady(monkeypatch, tmp_path / "no folder", tmp_path)(native.address(CLOCK), len(CLOCK), 1000.0)
+        return steady(monkeypatch, tmp_path)(native.address(CLOCK), len(CLOCK), 1000.0)
 
     assert answer() == 1
     (kept,) = tmp_path.glob("steady-*.code")
@@ -47,14 +46,22 @@ def test_it_is_kept_and_found_again_and_damage_is_seen(tmp_path: Path, monkeypat
     kept.write_bytes(content)
     assert answer() == 1
     assert len(compiled) == 2
+    kept.chmod(0o640)
+    assert answer() == 1
+    assert len(compiled) == 3
     assert native.checked(kept.read_bytes()) is not None
+
+
+def test_what_cannot_be_kept_is_compiled_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder in (None, tmp_path / "missing"):
+        assert steady(monkeypatch, folder)(native.address(CLOCK), len(CLOCK), 1000.0) == 1
 
 
 def test_numbas_public_road_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     def moved(self: Kernel) -> tuple[str, bytes]:
         raise AttributeError("no such thing in this numba")
 
-    kernel = steady(monkeypatch)
+    kernel = steady(monkeypatch, None)
     monkeypatch.setattr(Kernel, "compiled", moved)
     assert kernel(native.address(CLOCK), len(CLOCK), 1000.0) == 1
     assert kernel(native.address(CLOCK), len(CLOCK), 900.0) == 0

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift import isolation
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget, gum, heights, inputs, noise, student
@@ -76,8 +78,8 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     NotConverged
         lmfit stopped for another reason than convergence, or the model has no value for some trial wherever it may start.
     """
-    import lmfit
-
+    # it imports matplotlib
+    lmfit = isolation.library("lmfit")
     declared = problem.model.parameters
     if not declared:
         return np.zeros(0)
@@ -87,15 +89,15 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         inset = 1e-9 * (p.bounds[1] - p.bounds[0])
         parameters.add(p.name, value=float(np.clip(value, p.bounds[0] + inset, p.bounds[1] - inset)), min=p.bounds[0], max=p.bounds[1])
 
-    def at(values: lmfit.Parameters) -> FloatArray:
+    def at(values: Any) -> FloatArray:
         return np.array([values[n].value for n in problem.names])
 
-    def residuals(values: lmfit.Parameters) -> FloatArray:
+    def residuals(values: Any) -> FloatArray:
         r = problem.residuals(at(values))
         # a step over a pole must cost more than any real misfit, or the optimiser would stop there
         return np.where(np.isfinite(r), r, 1e3)
 
-    def derivatives(values: lmfit.Parameters) -> FloatArray:
+    def derivatives(values: Any) -> FloatArray:
         return _finite_derivatives(problem, at(values)).T
 
     scale = np.array([max(abs(p.value), 0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10))) for p in declared])

@@ -12,6 +12,7 @@ import contextlib
 import functools
 import json
 import os
+import select
 import struct
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from typing import IO, Any, Self
 
 import numpy as np
 
+from nearlift import isolation
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, Malformed
 from nearlift.readers.per_file import Format, Names
@@ -111,7 +113,7 @@ class Child:
             package = str(Path(__file__).parents[2])
             environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)}
             # HDF5 would load filters from wherever this points
-            environment |= {"HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+            environment |= {isolation.SAFE_PATH: "1", "HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
             self.process = subprocess.Popen(
                 # -P: the current folder, which may be one of data, is no place to import from; -B: write nothing
                 [sys.executable, "-P", "-B", "-c", "from nearlift.readers.child import serve; serve()", str(self.memory)],
@@ -209,6 +211,7 @@ def serve() -> None:
     os.dup2(2, 1)
     from nearlift import readers  # noqa: F401 - before memory is counted
 
+    threading.Thread(target=_await_parents_end, daemon=True).start()
     _limit(int(sys.argv[1]))
     for line in sys.stdin.buffer:
         request = json.loads(line)
@@ -218,6 +221,17 @@ def serve() -> None:
             for array in values:
                 out.write(np.ascontiguousarray(array, dtype="<f8").tobytes())
             out.flush()
+
+
+def _await_parents_end() -> None:
+    """End with the parent, were it killed while a file is being read: nobody is left to stop the clock."""
+    # Windows has no such call; there the child ends with its answer, which nobody takes
+    if hasattr(select, "poll"):
+        lifeline = select.poll()
+        # the other end closed is told unasked
+        lifeline.register(sys.stdin.fileno(), 0)
+        lifeline.poll()
+        os._exit(1)
 
 
 def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:

@@ -21,11 +21,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
+
+from nearlift.compiler import inlined, numba
+
+types, intrinsic = numba.types, numba.extending.intrinsic
 
 U = np.uint64
 ZERO, ONE, TWO, EIGHT, NINE, TEN, SIXTEEN, ZERO_DIGIT = (U(i) for i in (0, 1, 2, 8, 9, 10, 16, 48))
@@ -46,11 +47,6 @@ ZEROS, TO_POINT, LIFT_TEN, LIFT_ONE, LIFTED = (U(0x0101010101010101 * b) for b i
 #: Factors that make one number of two neighbours, and where the sums then stand.
 TWO_DIGITS, TWO_PAIRS, TWO_FOURS = U(10 << 8 | 1), U(100 << 16 | 1), U(10000 << 32 | 1)
 PAIRS, FOURS, HALF, SEVEN_BYTES, HUNDRED_MILLION = U(0x00FF00FF00FF00FF), U(0x0000FFFF0000FFFF), U(32), U(56), U(10**8)
-
-
-def inlined(function: Callable[..., Any]) -> Any:
-    """A part that is set into the scanner wherever it is called."""
-    return numba.njit(inline="always")(function)
 
 
 def instruction(function: Callable[..., Any]) -> Any:
@@ -259,9 +255,9 @@ def scan(
     return np.int64(row)
 
 
-_BYTES: Any = types.CPointer(types.uint8)  # type: ignore[no-untyped-call]
-_NUMBERS: Any = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
-_WORDS: Any = types.CPointer(types.uint64)  # type: ignore[no-untyped-call]
+_BYTES: Any = types.CPointer(types.uint8)
+_NUMBERS: Any = types.CPointer(types.float64)
+_WORDS: Any = types.CPointer(types.uint64)
 _SCAN: Any = types.int64(_BYTES, *(types.uint64,) * 5, _NUMBERS, _NUMBERS, types.uint64, types.uint64, _NUMBERS, _WORDS)
 #: What `nearlift.native` compiles.
 KERNELS: dict[str, Any] = {"scan": (scan, _SCAN, {})}

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
-from numba import types
+
+from nearlift.compiler import inlined, numba
 
 #: Where each sum is put; means of batches follow.
 MEAN, SQUARES, TILT, LOW, HIGH, REPEATS, AT_LOW, AT_HIGH, FAR, SUMS = range(10)
@@ -67,7 +67,7 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: An
     return np.int64(0)
 
 
-@numba.njit(inline="always")
+@inlined
 def _median(values: Any, n: Any) -> Any:
     """The median of a few numbers, by counting what is below each: to sort them takes ten times as long, for the processor cannot guess."""
     median = values[0]
@@ -81,7 +81,7 @@ def _median(values: Any, n: Any) -> Any:
     return median
 
 
-@numba.njit(inline="always")
+@inlined
 def _spread(values: Any, n: Any, found: Any, at: Any) -> None:
     """Median, median absolute deviation and largest deviation of a few numbers, which become their deviations."""
     level = _median(values, n)
@@ -120,7 +120,8 @@ def steady(clock: Any, n: Any, rate_Hz: Any) -> Any:
     return np.int64(off == 0)
 
 
-_NUMBERS: Any = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+types = numba.types
+_NUMBERS: Any = types.CPointer(types.float64)
 #: What `nearlift.native` compiles.
 KERNELS: dict[str, Any] = {
     "stretch": (stretch, types.int64(_NUMBERS, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),

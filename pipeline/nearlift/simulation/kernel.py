@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.simulation.stream import GOLDEN, U, begin, compiled, fill, normal
+from nearlift.compiler import compiled
+from nearlift.simulation.stream import GOLDEN, U, begin, fill, normal
 
 #: Columns of a setting.
 Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT = range(9)

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 
+from nearlift.compiler import compiled
 from nearlift.declare import FloatArray
 
 U = np.uint64
@@ -37,14 +37,6 @@ def _layers() -> tuple[FloatArray, FloatArray]:
 
 
 EDGE, SURE = _layers()
-
-
-def compiled(function: Any, **how: Any) -> Any:
-    """The function compiled and cached on disk, or only compiled where no cache folder can be written."""
-    try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", **how)(function)
-    except RuntimeError:
-        return numba.njit(nogil=True, error_model="numpy", **how)(function)
 
 
 def _mix(x: Any) -> Any:

@@ -1,0 +1,160 @@
+"""Compiled code is kept where nobody else can write, or nowhere; workers and readers end with the process that started them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from nearlift import compiler, isolation
+from nearlift.executors import open_executor
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_the_folder_of_code_is_its_owners_alone(cache):
+    old = os.umask(0)
+    try:
+        folder = isolation.code_folder()
+    finally:
+        os.umask(old)
+    assert folder == cache / "nearlift" / "code"
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert isolation.code_folder() == folder
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o755, 0o1777])
+def test_a_folder_that_others_can_reach_is_not_used(cache, mode):
+    folder = isolation.code_folder()
+    folder.chmod(mode)
+    assert isolation.code_folder() is None
+
+
+def test_another_users_folder_is_not_used(cache, monkeypatch):
+    assert isolation.code_folder()
+    me = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: me + 1)
+    assert isolation.code_folder() is None
+
+
+def test_a_link_in_its_place_is_not_followed(cache, tmp_path):
+    folder = isolation.code_folder()
+    folder.rename(tmp_path / "elsewhere")
+    folder.symlink_to(tmp_path / "elsewhere")
+    assert isolation.code_folder() is None
+
+
+def test_a_folder_is_not_used_below_one_in_which_anybody_may_rename(cache):
+    assert isolation.code_folder()
+    cache.chmod(0o777)
+    assert isolation.code_folder() is None
+    # as /tmp is
+    cache.chmod(0o1777)
+    assert isolation.code_folder()
+
+
+def test_the_users_cache_may_be_a_link_of_the_users(cache, tmp_path):
+    (tmp_path / "scratch").mkdir()
+    cache.symlink_to(tmp_path / "scratch")
+    assert isolation.code_folder() == cache / "nearlift" / "code"
+
+
+@pytest.mark.parametrize("home", ["cache", "./cache", "/dev/null"])
+def test_without_a_place_of_the_users_own_nothing_is_kept(tmp_path, monkeypatch, home):
+    """A relative folder would lie in the current one."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", home)
+    assert isolation.code_folder() is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_kept_file_that_is_a_link_or_that_others_may_touch_is_not_read(tmp_path):
+    isolation.keep_private(tmp_path / "kept", b"code")
+    assert isolation.private_bytes(tmp_path / "kept") == b"code"
+    (tmp_path / "link").symlink_to(tmp_path / "kept")
+    with pytest.raises(OSError, match="link"):
+        isolation.private_bytes(tmp_path / "link")
+    (tmp_path / "kept").chmod(0o620)
+    with pytest.raises(PermissionError, match="not this user's alone"):
+        isolation.private_bytes(tmp_path / "kept")
+
+
+def twice(x):
+    return 2 * x
+
+
+def test_numba_keeps_code_there_and_nowhere_else(cache, tmp_path, monkeypatch):
+    """The user's own functions go on being kept where the user says."""
+    monkeypatch.setattr(compiler.config, "CACHE_DIR", str(tmp_path / "users"))
+    assert compiler.compiled(twice)(2) == 4
+    assert {path.suffix for path in isolation.code_folder().rglob("test_isolation.twice*")} == {".nbi", ".nbc"}
+    assert str(tmp_path / "users") == compiler.config.CACHE_DIR
+    assert not (tmp_path / "users").exists()
+
+
+def test_without_a_folder_numba_keeps_nothing(monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    function = compiler.compiled(twice)
+    assert function(2) == 4
+    assert not function.stats.cache_path
+
+
+def test_the_environment_is_as_it_was_after_a_process_has_started(monkeypatch):
+    monkeypatch.delenv(isolation.SAFE_PATH, raising=False)
+    with open_executor("processes:1") as pool:
+        assert pool.submit(os.getenv, isolation.SAFE_PATH).result() == "1"
+        assert isolation.SAFE_PATH not in os.environ
+
+
+POOL = """
+import os, sys, time
+from nearlift.executors import open_executor
+if __name__ == "__main__":
+    with open_executor("processes:2") as pool:
+        print(*{pool.submit(os.getpid).result() for _ in range(4)}, *[pool.submit(time.sleep, 600) and "" for _ in range(2)], flush=True)
+"""
+READER = """
+import sys
+from nearlift.readers.child import Child
+child = Child()
+print(child._started().pid, flush=True)
+next(child.ask({"reader": "mat", "path": sys.argv[1], "dialect": {}, "names": None}))
+"""
+
+
+def gone(pid: int) -> bool:
+    """Whether a process has ended; one that nobody has asked after yet has."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return True
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="tells the living from the dead by /proc")
+@pytest.mark.parametrize("program", [POOL, READER], ids=["workers", "reader"])
+def test_who_works_for_a_killed_process_ends(tmp_path, program):
+    """Workers in the midst of a task, and a reader whose file never comes."""
+    (tmp_path / "program.py").write_text(program)
+    os.mkfifo(tmp_path / "never.mat")
+    parent = subprocess.Popen([sys.executable, tmp_path / "program.py", tmp_path / "never.mat"], stdout=subprocess.PIPE, text=True)
+    pids = [int(word) for word in parent.stdout.readline().split()]
+    assert pids
+    assert not any(map(gone, pids))
+    time.sleep(0.5)
+    parent.send_signal(signal.SIGKILL)
+    parent.communicate()
+    deadline = time.monotonic() + 60
+    while not all(map(gone, pids)):
+        assert time.monotonic() < deadline, "they live on"
+        time.sleep(0.05)
