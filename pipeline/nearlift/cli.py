@@ -26,6 +26,7 @@ atexit.register(gc.freeze)
 
 from nearlift import __version__  # noqa: E402
 from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, UsageError  # noqa: E402
+from nearlift.stages.workspace import spare_raw, workspace  # noqa: E402
 
 if TYPE_CHECKING:
     from nearlift.stages.graph import Stage
@@ -51,8 +52,7 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--out",
             type=click.Path(path_type=Path, file_okay=False),
-            default=Path(),
-            show_default="the current folder",
+            show_default="the current folder, within raw/ the one that holds it",
             help="Folder that holds processed/ and reports/.",
         ),
         click.option("--executor", default="threads:2", show_default=True, help="serial, threads:N, processes:N or dask:ADDRESS."),
@@ -73,6 +73,8 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
             sys.exit(code)
 
         try:
+            if kwargs["out"] is None:
+                kwargs["out"] = workspace(kwargs["campaigns"] if "campaigns" in kwargs else [kwargs["campaign"]] if "campaign" in kwargs else [])
             command(*args, **kwargs)
         except NearliftError as refusal:
             end(refusal, refusal.exit_code, f"error: {refusal}")
@@ -148,6 +150,7 @@ def open_plan(campaign: Path, out: Path, seed: int, voice: Voice) -> Iterator[Jo
     from nearlift.stages.job import Job
 
     loaded = manifests.load(campaign)
+    spare_raw(campaign, out)
     processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
     with open_executor("serial") as pool:
         yield Job(root=campaign, campaign=loaded, processed=processed, reports=reports, executor=pool, seed=seed, say=voice.progress)

@@ -16,7 +16,7 @@ def test_this_machine_is_fit(tmp_path):
     told = small_run.nearlift("doctor", "--out", tmp_path)
     assert told.exit_code == 0, told.output
     assert "bad" not in told.output
-    assert f"{len(doctor.EXTRAS) + 7}" == str(len(told.output.splitlines()))
+    assert f"{len(doctor.EXTRAS) + 9}" == str(len(told.output.splitlines()))
 
 
 def test_a_package_that_is_missing_or_too_old_is_bad(tmp_path, monkeypatch):
@@ -55,6 +55,22 @@ def test_many_blas_threads_are_noted(tmp_path, monkeypatch):
     (finding,) = (f for f in doctor.examine(tmp_path) if f.what == "BLAS threads")
     assert finding.state == "note"
     assert "OMP_NUM_THREADS=8" in finding.found
+
+
+@pytest.mark.parametrize("entries", ["/plugins:", "lib:/plugins", "."])
+def test_an_entry_of_the_path_that_means_the_current_folder_is_noted(tmp_path, monkeypatch, entries):
+    monkeypatch.setenv("PYTHONPATH", "/plugins")
+    (finding,) = (f for f in doctor.examine(tmp_path) if f.what == "PYTHONPATH")
+    assert finding.state == "good"
+    monkeypatch.setenv("PYTHONPATH", entries)
+    (finding,) = (f for f in doctor.examine(tmp_path) if f.what == "PYTHONPATH")
+    assert finding.state == "note"
+
+
+def test_code_that_cannot_be_kept_is_noted(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    (finding,) = (f for f in doctor.examine(tmp_path) if f.what == "compiled code")
+    assert finding.state == "note"
 
 
 def test_a_folder_that_does_not_exist_yet_is_judged_by_the_one_above(tmp_path):

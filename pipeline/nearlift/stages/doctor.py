@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
+from nearlift import isolation
 from nearlift.executors import BLAS
 
 State = Literal["good", "note", "bad"]
@@ -103,6 +104,21 @@ def _machine() -> Iterator[Finding]:
         state="good" if single else "note",
         found=", ".join(f"{name}={value}" for name, value in threads.items()) or "left to the library",
         remedy="set them to 1: small fits are slowed down many times by threads that wait for each other",
+    )
+    entries = os.environ.get("PYTHONPATH", "")
+    here = [entry for entry in entries.split(os.pathsep) if not Path(entry).is_absolute()] if entries else []
+    yield Finding(
+        what="PYTHONPATH",
+        state="note" if here else "good",
+        found=f"{', '.join(map(repr, here))}: Python imports from the current folder" if here else "nothing is imported from the current folder",
+        remedy="write whole paths, and no empty entry: whoever fills a folder of data could put code there",
+    )
+    kept = isolation.code_folder()
+    yield Finding(
+        what="compiled code",
+        state="good" if kept else "note",
+        found=f"kept in {kept}" if kept else "not kept: there is no folder that only you can write, so every run compiles anew",
+        remedy="delete ~/.cache/nearlift/code if its mode is not 0700 or it is not yours, or set XDG_CACHE_HOME to a folder of your own",
     )
     compiler = shutil.which("cc") or shutil.which("gcc")
     yield Finding(what="C compiler", state="good" if compiler else "note", found=compiler or "none", remedy="only for checking exported C headers")

@@ -11,6 +11,7 @@ from nearlift.executors import open_executor
 from nearlift.lock import settled
 from nearlift.stages.inputs import digests, remember
 from nearlift.stages.job import Job, silent
+from nearlift.stages.workspace import spare_raw
 from nearlift.transaction import Homes
 
 
@@ -18,6 +19,7 @@ from nearlift.transaction import Homes
 def open_job(root: Path, out: Path, executor: str, seed: int, say: Callable[[str], None] = silent, keep: bool = True) -> Iterator[Job]:
     """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a finished job knows of its inputs for the next."""
     loaded = manifests.load(root)
+    spare_raw(root, out)
     homes = Homes.of(out, loaded.name)
     settled(homes)
     inputs, stamps = digests(root, loaded, homes.processed)
