@@ -390,6 +390,28 @@ def test_a_reader_that_takes_too_long_is_stopped(tmp_path: Path) -> None:
         read(path, {}, None)
 
 
+def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path: Path) -> None:
+    """Whether the files are then asked for in turn or not, and whether the child dies or not: a death costs one file at most."""
+    paths = [written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3)) for k in range(8)]
+    form = readers.reader("hdf5").format
+
+    def number(read: Any, path: Path) -> float:
+        try:
+            return float(read(path, {}, None).channels[0].values[0])
+        except Malformed as fault:
+            assert "crashed" in str(fault)
+            return -1.0
+
+    with child.lasting(form, paths) as read:
+        assert [number(read, path) for path in (paths[0], paths[1], paths[5], paths[6])] == [0.0, 1.0, 5.0, 6.0]
+    with child.lasting(form, paths) as read:
+        assert number(read, paths[0]) == 0.0
+        read.args[0].process.kill()
+        rest = [number(read, path) for path in paths[1:]]
+    assert sorted({*range(1, 8)} - {*rest}) == [k + 1 for k, found in enumerate(rest) if found == -1.0]
+    assert rest.count(-1.0) <= 1
+
+
 def test_a_child_imports_nothing_from_the_folder_of_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
     path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))

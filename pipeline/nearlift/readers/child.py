@@ -10,14 +10,18 @@ from __future__ import annotations
 import atexit
 import contextlib
 import functools
+import itertools
 import json
+import math
 import os
 import select
 import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -32,8 +36,10 @@ from nearlift.readers.seam import FloatArray
 #: Address space of the child, bytes, and time for one file, s.
 MEMORY = 2 << 30
 TIME_S = 120.0
-#: Files after which a lasting child is let go.
-FILES = 1000
+#: Files after which a lasting child is let go, and files that it is asked for before their turn, so that it reads while records are reduced.
+FILES, AHEAD = 1000, 3
+#: Bytes that may wait in the pipe, where the system grants as many: several records, so that the child need not wait at each.
+PIPE = 1 << 20
 _LENGTH = struct.Struct("<Q")
 
 Reading = Callable[[Path, Mapping[str, Any], Names], Contents]
@@ -47,26 +53,32 @@ def source(form: Format, time_s: float = TIME_S, memory: int = MEMORY) -> Iterat
         yield form.contents
         return
     with Child(time_s, memory) as child:
-        yield functools.partial(_contents, child, form.name)
+        yield functools.partial(_contents, child, form.name, deque())
 
 
-def _contents(child: Child, reader: str, path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
-    """The contents of one file; raises as `Child.ask` does."""
-    [(answer, values)] = child.ask({"reader": reader, "path": str(path), "dialect": dict(dialect), "names": names})
+def _contents(child: Child, reader: str, later: deque[Path], path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The contents of one file, before those of `later` ones; raises as `Child.ask` does."""
+    while path in later:
+        later.popleft()
+    about = {"reader": reader, "dialect": dict(dialect), "names": names}
+    [(answer, values)] = child.ask(*({**about, "path": str(p)} for p in (path, *itertools.islice(later, AHEAD))))
     channels = tuple(Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v) for c, v in zip(answer["channels"], values, strict=True))
     return Contents(channels=channels, kind=answer["kind"], codes=tuple(answer["codes"]), notes=tuple(answer["notes"]))
 
 
 @contextlib.contextmanager
-def lasting(form: Format) -> Iterator[Reading]:
-    """As `source`, by a child that is kept for whoever asks next; the last ones end with this process."""
+def lasting(form: Format, paths: Iterable[Path] = ()) -> Iterator[Reading]:
+    """As `source`, by a child that is kept for whoever asks next; the last ones end with this process.
+
+    `paths`: what it will be asked for, each once and in this order, with the same names.
+    """
     if not form.child:
         yield form.contents
         return
     with _lock:
         worker = _idle.pop() if _idle else Child()
     try:
-        yield functools.partial(_contents, worker, form.name)
+        yield functools.partial(_contents, worker, form.name, deque(paths))
     except InputRefused:
         # a file that is refused leaves its reader as it was
         with _lock:
@@ -101,6 +113,10 @@ class Child:
         self.time_s, self.memory = time_s, memory
         self.process: subprocess.Popen[bytes] | None = None
         self.files = 0
+        #: Requests that wait for their answers, and until when the first one's may take (time.monotonic).
+        self._sent: deque[bytes] = deque()
+        self._until = math.inf
+        self._ended = threading.Event()
 
     def __enter__(self) -> Self:
         return self
@@ -124,10 +140,24 @@ class Child:
                 # an interrupt at the terminal is the parent's to handle
                 start_new_session=True,
             )
+            with contextlib.suppress(ImportError, AttributeError, OSError):
+                import fcntl
+
+                assert self.process.stdout is not None
+                fcntl.fcntl(self.process.stdout, fcntl.F_SETPIPE_SZ, PIPE)
+            self._ended = threading.Event()
+            threading.Thread(target=self._watch, args=(self.process, self._ended), daemon=True).start()
         return self.process
 
-    def ask(self, request: Mapping[str, Any]) -> Iterator[Answer]:
-        """The answers to one request, as they come; one request at a time.
+    def _watch(self, process: subprocess.Popen[bytes], ended: threading.Event) -> None:
+        """Kill the process once an answer is overdue."""
+        while not ended.wait(min(max(self._until - time.monotonic(), 0.0), self.time_s)):
+            if time.monotonic() >= self._until:
+                process.kill()
+                return
+
+    def ask(self, request: Mapping[str, Any], *later: Mapping[str, Any]) -> Iterator[Answer]:
+        """The answers to one request, as they come; one request at a time. The child may begin with `later` ones, which are asked for next.
 
         Raises
         ------
@@ -137,10 +167,14 @@ class Child:
             As the reader itself does.
         """
         more = True
+        lines = [json.dumps(r).encode() + b"\n" for r in (request, *later)]
+        if self._sent and self._sent[0] != lines[0]:
+            # it is about to answer another question
+            self.end()
         try:
             while more:
-                answer, values = self._answer(request)
-                request, more = {}, answer.get("more", False)
+                answer, values = self._answer(lines)
+                lines, more = [], answer.get("more", False)
                 if "refused" in answer:
                     raise InputRefused(*answer["refused"])
                 if "malformed" in answer:
@@ -152,36 +186,37 @@ class Child:
             if more:
                 self.end()
 
-    def _answer(self, request: Mapping[str, Any]) -> Answer:
-        """Put a request, unless it is empty, and wait for the next answer."""
+    def _answer(self, lines: list[bytes]) -> Answer:
+        """Put those requests that have not been put yet, and wait for the next answer."""
         process = self._started()
         self.files += 1
         assert process.stdin is not None
         assert process.stdout is not None
-        late = threading.Event()
-
-        def stop() -> None:
-            late.set()
-            process.kill()
-
-        clock = threading.Timer(self.time_s, stop)
-        clock.start()
+        self._until = until = time.monotonic() + self.time_s
+        # a child that is dead may have answered before it died of a later file
+        with contextlib.suppress(OSError):
+            for line in lines[len(self._sent) :]:
+                self._sent.append(line)
+                process.stdin.write(line)
+            process.stdin.flush()
         try:
-            if request:
-                process.stdin.write(json.dumps(request).encode() + b"\n")
-                process.stdin.flush()
-            return _received(process.stdout)
+            answer, values = _received(process.stdout)
         except (OSError, EOFError, ValueError):
             self.end()
-            if late.is_set():
+            if time.monotonic() >= until:
                 raise Malformed(f"its reader was stopped after {self.time_s:g} s") from None
             raise Malformed(f"its reader crashed (exit code {process.returncode}), at most {self.memory >> 20} MiB of memory allowed") from None
         finally:
-            clock.cancel()
+            self._until = math.inf
+        if not answer.get("more"):
+            self._sent.popleft()
+        return answer, values
 
     def end(self) -> None:
         """Let the child go."""
         process, self.process, self.files = self.process, None, 0
+        self._sent.clear()
+        self._ended.set()
         if process is None:
             return
         process.kill()
@@ -219,7 +254,7 @@ def serve() -> None:
             head = json.dumps(answer | {"lengths": [len(v) for v in values]}).encode()
             out.write(_LENGTH.pack(len(head)) + head)
             for array in values:
-                out.write(np.ascontiguousarray(array, dtype="<f8").tobytes())
+                out.write(np.ascontiguousarray(array, dtype="<f8").data)
             out.flush()
 
 

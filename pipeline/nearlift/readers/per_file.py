@@ -7,7 +7,7 @@ Two layouts: a file for each trial (``files = "trials/{trial}.tdms"``), or one f
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -101,7 +101,9 @@ def reader_of(form: Format) -> Reader:
 
     def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
         paths = piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials)
-        with _source(form) as contents:
+        # a file for each trial: the next ones may be read while this one is reduced
+        later = filter(_filled, paths) if len(set(paths)) == len(paths) else ()
+        with _source(form, later) as contents:
             for trial, path in zip(piece.trials, paths, strict=True):
                 yield _record(form, contents, campaign, root, trial, path)
 
@@ -139,10 +141,17 @@ def _pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
         yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials), bytes=size)
 
 
-def _source(form: Format) -> Any:
+def _filled(path: Path) -> bool:
+    try:
+        return path.stat().st_size > 0
+    except OSError:
+        return False
+
+
+def _source(form: Format, later: Iterable[Path]) -> Any:
     from nearlift.readers import child
 
-    return child.lasting(form)
+    return child.lasting(form, later)
 
 
 def _record(form: Format, contents: Any, campaign: Campaign, root: Path, trial: str, path: Path) -> Record:
@@ -176,7 +185,15 @@ def _record(form: Format, contents: Any, campaign: Campaign, root: Path, trial: 
             )
         time_s = units.to_si(clock.unit, "time", "records.time.unit")[0] * own.values
     codes = found.codes if len(channel.values) else (*found.codes, "NO_DATA")
-    return Record(trial=trial, force_N=factor * (channel.values - zero), time_s=time_s, source=source, codes=codes, notes=found.notes)
+    counted = channel.values - zero if zero else channel.values
+    return Record(
+        trial=trial,
+        force_N=factor * counted,
+        time_s=time_s,
+        source=source,
+        codes=codes,
+        notes=found.notes,
+    )
 
 
 def _same_unit(channel: Channel, unit: str, dimension: str, key: str, where: str) -> None:
