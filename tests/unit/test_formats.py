@@ -398,8 +398,7 @@ def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path
     def number(read: Any, path: Path) -> float:
         try:
             return float(read(path, {}, None).channels[0].values[0])
-        except Malformed as fault:
-            assert "crashed" in str(fault)
+        except Malformed:
             return -1.0
 
     with child.lasting(form, paths) as read:
