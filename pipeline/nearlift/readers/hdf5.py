@@ -52,48 +52,51 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
 
 def datasets(group: Any, notes: list[str], above: str = "", deep: int = 0, seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
     """Path and dataset of everything below a group that stands in this file; what does not is noted."""
-    import h5py
+    from h5py import Dataset, Group, h5d, h5g, h5l, h5o
 
-    seen = {h5py.h5o.get_info(group.id).addr} if seen is None else seen
-    for key in group:
-        name = f"{above}/{key}"
-        link = group.get(key, getlink=True)
-        if isinstance(link, h5py.ExternalLink):
+    # by the library's lower half: the upper takes longer to look at a record's few links than to read its samples
+    seen = {h5o.get_info(group.id).addr} if seen is None else seen
+    for key in group.id:
+        name = f"{above}/{key.decode(errors='surrogateescape')}"
+        kind = group.id.links.get_info(key).type
+        if kind == h5l.TYPE_EXTERNAL:
             notes.append(f"{name} is a link to another file, and was not followed")
+        if kind != h5l.TYPE_HARD:
             continue
-        if not isinstance(link, h5py.HardLink):
-            continue
-        item = group[key]
-        where = h5py.h5o.get_info(item.id).addr
+        item = h5o.open(group.id, key)
+        where = h5o.get_info(item).addr
         # links may make circles
         if where in seen or deep > DEEPEST:
             continue
         seen.add(where)
-        if isinstance(item, h5py.Group):
-            yield from datasets(item, notes, name, deep + 1, seen)
-        elif isinstance(item, h5py.Dataset):
-            if item.is_virtual or item.external:
+        if isinstance(item, h5g.GroupID):
+            yield from datasets(Group(item), notes, name, deep + 1, seen)
+        elif isinstance(item, h5d.DatasetID):
+            stored = item.get_create_plist()
+            if stored.get_layout() == h5d.VIRTUAL or stored.get_external_count():
                 notes.append(f"{name} has its samples in another file, and was not read")
                 continue
-            yield name, item
+            yield name, Dataset(item)
 
 
 def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     """The channels of one dataset."""
-    attributes = {str(k).casefold(): item.attrs[k] for k in item.attrs}
+    # without samples there is no shape
+    dtype, shape = item.dtype, item.shape or ()
+    chosen: list[tuple[str, Any]] = []
+    if dtype.names:
+        chosen = [(f"{name}/{field}", item.fields(field)) for field in dtype.names if dtype[field].kind in "iuf" and len(shape) == 1]
+    elif dtype.kind in "iuf" and len(shape) in (1, 2):
+        chosen = list(columns(name, shape))
+    chosen = [(own, part) for own, part in chosen if names is None or wanted(own, names)]
+    if not chosen:
+        return
+    attributes = {str(key).casefold(): value for key, value in item.attrs.items()}
     unit = next((unit_word(text(attributes[k])) or text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
     rate = rate_from(attributes)
-    if item.dtype.names:
-        for field in item.dtype.names:
-            own = f"{name}/{field}"
-            if item.dtype[field].kind in "iuf" and item.ndim == 1 and (names is None or wanted(own, names)):
-                yield Channel(name=own, unit=unit, rate_Hz=rate, values=np.asarray(item[field], dtype=np.float64))
-        return
-    if item.dtype.kind not in "iuf" or item.ndim not in (1, 2):
-        return
-    for own, column in columns(name, item.shape):
-        if names is None or wanted(own, names):
-            yield Channel(name=own, unit=unit, rate_Hz=rate, values=series(item, column))
+    for own, part in chosen:
+        values = np.asarray(part[()], dtype=np.float64) if dtype.names else series(item, part)
+        yield Channel(name=own, unit=unit, rate_Hz=rate, values=values)
 
 
 def columns(name: str, shape: tuple[int, ...]) -> list[tuple[str, int | None]]:
