@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import BUILT_IN, csv_trial, parquet, reader, readers, scanner, table
+from nearlift.readers import BUILT_IN, child, csv_trial, parquet, reader, readers, scanner, table
+from nearlift.readers.channel import Malformed
 from nearlift.readers.seam import Record
+from nearlift.stages.inspection import inspect
 
 from .bench_campaign import manifest
 
@@ -301,7 +304,8 @@ def test_records_do_not_depend_on_the_files_layout(
         np.testing.assert_allclose(record.force_N, 1e-3 * want)
 
 
-def test_pieces_are_independent(tmp_path: Path) -> None:
+def test_pieces_are_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parquet, "ROWS", 5)
     names = [f"t{i}" for i in range(6) for _ in range(5)]
     write_table(tmp_path, {"trial": names, "force": np.arange(30)})
     given = manifest(**PARQUET)
@@ -348,6 +352,42 @@ def test_damage_is_refused(tmp_path: Path) -> None:
     content = (tmp_path / "records.parquet").read_bytes()
     (tmp_path / "records.parquet").write_bytes(content[: len(content) // 2])
     with pytest.raises(InputRefused, match="cannot be read as Parquet"):
+        records(tmp_path, ["a"])
+
+
+def test_a_column_whose_name_is_no_text_is_refused_by_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "records.parquet"
+    pq.write_table(pa.table({"trial": ["a"], "force": [1.0], "extra??": [1.0]}), path, store_schema=False)
+    path.write_bytes(path.read_bytes().replace(b"extra??", b"extra\xff\xfe"))
+    with pytest.raises(InputRefused, match="column 3: has a name that is no UTF-8 text"):
+        records(tmp_path, ["a"])
+    with pytest.raises(InputRefused, match="column 3: has a name that is no UTF-8 text"):
+        inspect(path)
+
+
+@pytest.fixture
+def small_child() -> Iterator[child.Child]:
+    child.dismiss()
+    with child.Child(memory=600 << 20) as small:
+        child._idle.append(small)
+        yield small
+        child.dismiss()
+
+
+def test_a_table_of_few_bytes_does_not_fill_the_memory(tmp_path: Path, small_child: child.Child) -> None:
+    million = pa.table({"trial": pa.array(["a"] * 1_000_000).dictionary_encode(), "force": pa.array(np.zeros(1_000_000, dtype=np.int8))})
+    with pq.ParquetWriter(tmp_path / "records.parquet", million.schema) as file:
+        for _ in range(60):
+            file.write_table(million)
+    assert (tmp_path / "records.parquet").stat().st_size < 400_000
+    with child.source(parquet.FORMAT, memory=600 << 20) as read, pytest.raises(Malformed, match="memory"):
+        read(tmp_path / "records.parquet", {}, None)
+
+
+def test_a_name_of_many_bytes_is_refused(tmp_path: Path, small_child: child.Child) -> None:
+    pq.write_table(pa.table({"trial": ["a" * (150 << 20)], "force": [1]}), tmp_path / "records.parquet", compression="zstd")
+    assert (tmp_path / "records.parquet").stat().st_size < 1_000_000
+    with pytest.raises(InputRefused, match="memory"):
         records(tmp_path, ["a"])
 
 

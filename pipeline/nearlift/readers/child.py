@@ -1,4 +1,4 @@
-"""Files that a C library parses (HDF5, MATLAB, netCDF) or that claim sizes of their own (TDMS) are read in a child process.
+"""Files that a C library parses (HDF5, MATLAB, netCDF, Parquet) or that claim sizes of their own (TDMS) are read in a child process.
 
 The child may use so much memory and time, may write no file, loads no code from the folder of the data, and speaks to its parent in
 JSON and plain float64: no pickle, so that even a child taken over by a file could send nothing but numbers. A child takes longer to
@@ -75,10 +75,17 @@ def lasting(form: Format, paths: Iterable[Path] = ()) -> Iterator[Reading]:
     if not form.child:
         yield form.contents
         return
+    with borrowed() as worker:
+        yield functools.partial(_contents, worker, form.name, deque(paths))
+
+
+@contextlib.contextmanager
+def borrowed() -> Iterator[Child]:
+    """A child that nobody else uses meanwhile."""
     with _lock:
         worker = _idle.pop() if _idle else Child()
     try:
-        yield functools.partial(_contents, worker, form.name, deque(paths))
+        yield worker
     except InputRefused:
         # a file that is refused leaves its reader as it was
         with _lock:
@@ -129,7 +136,8 @@ class Child:
             package = str(Path(__file__).parents[2])
             environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)}
             # HDF5 would load filters from wherever this points
-            environment |= {isolation.SAFE_PATH: "1", "HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+            environment |= {isolation.SAFE_PATH: "1", "HDF5_PLUGIN_PRELOAD": "::", "ARROW_DEFAULT_MEMORY_POOL": "system"}
+            environment |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
             self.process = subprocess.Popen(
                 # -P: the current folder, which may be one of data, is no place to import from; -B: write nothing
                 [sys.executable, "-P", "-B", "-c", "from nearlift.readers.child import serve; serve()", str(self.memory)],
@@ -270,9 +278,10 @@ def _await_parents_end() -> None:
 
 
 def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
-    name = request.get("piv") or request["reader"]
+    name = request.get("piv") or request.get("reader") or "Parquet"
     try:
-        yield from (_read_fields if "piv" in request else _read_contents)(name, Path(request["path"]), request)
+        read = _read_fields if "piv" in request else _read_table if "table" in request else _read_contents
+        yield from read(name, Path(request["path"]), request)
     except InputRefused as refusal:
         yield {"refused": [refusal.where, refusal.what, refusal.remedy]}, []
     except Malformed as fault:
@@ -301,6 +310,18 @@ def _read_fields(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[
     for raw in dialect(name).read(path):
         about = {key: getattr(raw, key) for key in ("length_unit", "velocity_unit", "scale_m", "frame_time_s")}
         yield {"field": about, "more": True}, [raw.x, raw.y, raw.u, raw.v, raw.good.astype(float)]
+    yield {"end": True}, []
+
+
+def _read_table(_: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+    from nearlift.readers import long_table
+
+    if request["table"] == "spans":
+        trials, rows, ends = long_table.spans(path, [(key, name) for key, name in request["columns"]])
+        yield {"trials": trials}, [rows[:, 0], rows[:, 1], ends]
+        return
+    for arrays in long_table.batches(path, request["columns"], request["first"], request["end"], request["size"]):
+        yield {"more": True}, arrays
     yield {"end": True}, []
 
 

@@ -26,7 +26,6 @@ WIDTH = 24
 FORCE_WORDS = ("thrust", "force fz", "lift", "load cell", "loadcell", "weight", "force", "kraft", "schub", "cell", "fz")
 CLOCK_UNITS = ("s", "ms", "us")
 HEAD = 1 << 16
-PARQUET_MAGIC = b"PAR1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,19 +63,16 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
     with path.open("rb") as file:
         head = file.read(HEAD)
     columns = 0
-    if head.startswith(PARQUET_MAGIC):
-        name, contents = "parquet", _parquet(path)
-    else:
-        form = recognised(head, path.name)
-        try:
-            name, contents = form.name, _contents(form, path, said)
-        except NoNames as refusal:
-            # numbers without names: shown under names that say so
-            columns = refusal.columns
-            name, contents = form.name, _contents(form, path, {**said, "columns": [f"column {i + 1}" for i in range(columns)]})
+    form = recognised(head, path.name)
+    try:
+        contents = _contents(form, path, said)
+    except NoNames as refusal:
+        # numbers without names: shown under names that say so
+        columns = refusal.columns
+        contents = _contents(form, path, {**said, "columns": [f"column {i + 1}" for i in range(columns)]})
     force = likely_force(contents)
     clock = likely_clock(contents, force)
-    return Found(path=path, reader=name, contents=contents, force=force, clock=clock, bytes=length, columns=columns, dialect=said)
+    return Found(path=path, reader=form.name, contents=contents, force=force, clock=clock, bytes=length, columns=columns, dialect=said)
 
 
 def dialect_of(text: str) -> dict[str, Any]:
@@ -113,23 +109,6 @@ def _contents(form: Format, path: Path, dialect: Mapping[str, Any]) -> Contents:
     if not found.channels:
         raise InputRefused(str(path), "holds no channel of numbers", "it has a header and no samples, or only text")
     return with_rate(found) if form is TEXT else found
-
-
-def _parquet(path: Path) -> Contents:
-    """The numeric columns of a Parquet table, and whether it is our long form."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from nearlift.readers.arrow import floats
-
-    try:
-        table = pq.read_table(path, page_checksum_verification=True)
-    except (pa.ArrowException, OSError) as fault:
-        raise InputRefused(str(path), f"cannot be read as Parquet: {str(fault).splitlines()[0]}", "copy it anew from the rig") from None
-    numeric = [f.name for f in table.schema if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)]
-    channels = tuple(Channel(name=name, values=floats(table[name].combine_chunks())) for name in numeric)
-    notes = () if "trial" in table.column_names else ('it has no column "trial", which reader = "parquet" needs',)
-    return with_rate(Contents(channels=channels, kind="Parquet", notes=notes))
 
 
 def likely_force(contents: Contents) -> Channel | None:
