@@ -127,6 +127,9 @@ def _several(two: list[Row], outside: list[Row], within: list[Row]) -> Iterator[
     yield from share("outside_faint", "outside the library, rho 0.2 to 0.4: given a name", faint, "named", Promise("<=", 0.30, 0.15))
     yield from share("outside_loud", "outside the library, rho >= 0.4: given a name", loud, "named", Promise("<=", 0.10, 0.03))
     yield from share("outside_seen", "outside the library: seen at all", outside, "claimed")
+    unnamed = [r for r in outside if r["verdict"] == "unexplained"]
+    yield from share("outside_cover_base", "... unexplained: the base fit's 90 % interval holds the coefficient", unnamed, "cover_base")
+    yield from share("outside_cover", "... with what is left carried", unnamed, "cover_union", Promise(">=", 0.82, 0.88))
     yield from share("within_seen", "motor heating within records (2 to 20 permille): named", within, lambda r: "motor_heating" in r["within"])
     yield from share("within_only", "... and nothing else claimed", within, lambda r: r["verdict"] == "adequate")
 

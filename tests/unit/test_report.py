@@ -381,6 +381,17 @@ def test_the_unexplained_names_covariate_and_shares_but_no_effect(make_job):
     assert "most of it along start (p = 3.7 × 10⁻⁵)" in words
     assert "In part it could be gain_drift (31 % of what exceeds the noise); none of these is the answer." in words
     assert "cannot tell it from" not in words
+    assert "random discrepancy" not in words
+
+
+def test_the_unexplained_says_along_what_it_is_carried_and_which_interval_to_believe(make_job):
+    def change(found):
+        found.update(verdict="unexplained", effects=[])
+        found["coefficients"]["carried"] = ["distance", "start"]
+
+    words, _ = said(make_job, change)
+    assert "with a random discrepancy along distance and start in the interval of its coefficients" in words
+    assert "with what is left carried, which is the one to believe" in words
 
 
 def test_drift_within_records_is_said_with_its_chance(make_job):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
+from nearlift.diagnosis import discrepancy
 from nearlift.diagnosis.candidate import WIDE, Candidate, Fitted, moments
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import Answer, Stage
@@ -88,8 +89,12 @@ def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -
     before = {n: {"value": v, "lo90": v - quantile * u, "hi90": v + quantile * u} for n, v, u in zip(names, base_value, base_u, strict=True)}
     best = answer.best
     value, u = spread(stage, best)
-    members = [(e.fitted, e.tube) for e in answer.accepted] or [(stage.base_fit, np.zeros((stage.data.n, 0)))]
+    # structure without a name is no noise: it is carried, and the base fit leans away from it
+    unnamed = discrepancy.columns(stage, answer.first) if answer.verdict == "unexplained" else np.zeros((stage.data.n, 0))
+    members = [(e.fitted, e.tube) for e in answer.accepted] or [(stage.base_fit, unnamed)]
     spans = [spread(stage, fitted, tube) for fitted, tube in members]
+    if answer.verdict == "unexplained":
+        value, u = spans[0]
     chosen = answer.accepted[0].effects if answer.accepted else ()
     tube = members[0][1]
     wide_value, wide_u = spread(stage, best, np.hstack([tube, constrained_columns(stage, chosen, declared)]))
@@ -103,7 +108,8 @@ def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -
             "conditional": [value[i] - quantile * u[i], value[i] + quantile * u[i]],
             "constrained": [wide_value[i] - quantile * wide_u[i], wide_value[i] + quantile * wide_u[i]],
         }
-    return {"before": before, "after": after}
+    carried = discrepancy.covariates(answer.first) if answer.verdict == "unexplained" else []
+    return {"before": before, "after": after, "carried": carried}
 
 
 def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:

@@ -22,7 +22,13 @@ LINEAR = 10.0
 CLIPPED = 5.0
 #: Behind numbers that stand on a line.
 PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.2}
-INTERVALS = {"base": "before", "union": "after, union", "conditional": "conditional", "constrained": "constrained"}
+INTERVALS = {
+    "base": "before",
+    "discrepancy": "what is left carried",
+    "union": "after, union",
+    "conditional": "conditional",
+    "constrained": "constrained",
+}
 
 
 def candidates(ax: Axes, rows: Rows) -> None:
@@ -116,7 +122,9 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
     y = np.arange(len(kinds))[::-1]
     for at, kind, when, value, low, high in zip(y, kinds, whens, values, lows, highs, strict=True):
         colour, marker = LOOKS[str(when)]
-        ax.plot([low, high], [at, at], color=colour, linewidth=2.2 if kind in ("base", "union") else 1.1, solid_capstyle="butt", zorder=2)
+        ax.plot(
+            [low, high], [at, at], color=colour, linewidth=2.2 if kind in ("base", "union", "discrepancy") else 1.1, solid_capstyle="butt", zorder=2
+        )
         for end, arrow in ((low, "<"), (high, ">")):
             outside = end < left or end > right
             inside = (0.02 if lone else 0.05) * (right - left)

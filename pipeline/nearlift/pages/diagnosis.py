@@ -41,6 +41,7 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
     return {
         "boundary": boundary,
         "kind": found["verdict"],
+        "carried": coefficients.get("carried", []),
         "verdict": WORDS.get(found["verdict"], found["verdict"]),
         "largest": loop_words.largest(evidence, boundary, found),
         "effects": loop_words.effects(evidence, boundary, found),

@@ -181,16 +181,19 @@ def _loop(evidence: Evidence) -> str:
         if not found:
             continue
         said = VERDICTS.get(found["verdict"], "")
+        corrected = [
+            f"${SYMBOLS.get(n, n)}$ = {plain(e['value'], 3)} (90 %: {plain(e['lo90'], 3)} to {plain(e['hi90'], 3)})"
+            for n, e in found.get("coefficients", {}).get("after", {}).items()
+        ]
         if found["verdict"] == "effect":
             said = _listed([f"{e['name'].replace('_', ' ')} {_cite(*keys(known[e['name']]))}" for e in found["effects"] if e["name"] in known])
             rivals = list(dict.fromkeys(r.replace(" + ", " with ") for e in found["effects"] for r in stand_ins(found, e)))
             said = f"what was left is accounted for by {said}" + (
                 f", which the design cannot tell from {_listed(rivals).replace('_', ' ')}" if rivals else ""
             )
-            said += "".join(
-                f", with which ${SYMBOLS.get(n, n)}$ = {plain(e['value'], 3)} (90 %: {plain(e['lo90'], 3)} to {plain(e['hi90'], 3)})"
-                for n, e in found.get("coefficients", {}).get("after", {}).items()
-            )
+            said += "".join(f", with which {c}" for c in corrected)
+        if corrected and found["coefficients"].get("carried"):
+            said += f"; carried as a random discrepancy along {_listed(found['coefficients']['carried'])}, it leaves {_listed(corrected)}"
         error = found.get("error")
         if error:
             after = f" to {plain(100 * error['after']['held_out_rmse'], 3)} %" if found["verdict"] == "effect" else ""

@@ -142,7 +142,7 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "verdict": verdict,
         "effects": [_effect(found, e) for e in found.get("effects", [])],
         "noise": "what repeats scatter" if source.startswith(REPEATS) else f"the {source}",
-        "superseded": found.get("verdict") == "effect",
+        "superseded": bool(_after(evidence, boundary, found)),
         "after": _after(evidence, boundary, found),
         "constrained": _constrained(evidence, boundary, names, found),
         "tone": tone,
@@ -155,8 +155,8 @@ def _effect(found: dict[str, Any], effect: dict[str, Any]) -> str:
 
 
 def _after(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> list[Quoted]:
-    """The coefficients once the named effects are in the model."""
-    if found.get("verdict") != "effect":
+    """The coefficients once the named effects are in the model, or what has no name is carried."""
+    if not (found.get("verdict") == "effect" or found.get("coefficients", {}).get("carried")):
         return []
     return [quote(evidence, DIAGNOSIS, "boundaries", boundary, "coefficients", "after", n) for n in found.get("coefficients", {}).get("after", {})]
 

@@ -100,7 +100,7 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
     found = _diagnosed(job, boundary)
     named = tuple(e for e in found.get("effects", [])) if found.get("verdict") == "effect" else ()
     flying = tuple(catalogue.effect(e["name"]) for e in named if catalogue.effect(e["name"]).belongs_to == "vehicle")
-    if named:
+    if named or found.get("coefficients", {}).get("carried"):
         values = dict(found["coefficients"]["after"])
         for e in named:
             if e["name"] in {f.name for f in flying}:

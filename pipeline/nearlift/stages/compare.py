@@ -36,7 +36,7 @@ class Entry:
     ----------
     campaign, vehicle, boundary, model, coefficient : str
     before, after : Estimate
-        By the fit, and after the loop (over its rivals, with their form uncertain; the same where nothing was found).
+        By the fit, and after the loop (over its rivals, with their form uncertain; what has no name carried; the same where nothing was found).
     verdict : str
         Of the loop; ``not_diagnosed`` where it has not run as well.
     parts : dict of str to float
@@ -100,7 +100,7 @@ def entries(folder: Path) -> list[Entry]:
                 model=base,
                 coefficient=name,
                 before=before,
-                after=_after(after, before) if after and loop["verdict"] == "effect" else before,
+                after=_after(after, before) if after and (loop["verdict"] == "effect" or loop["coefficients"].get("carried")) else before,
                 verdict=loop.get("verdict", NOT_DIAGNOSED),
                 parts=_shared_parts(model, name),
             )

@@ -171,6 +171,8 @@ def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any
         if found["verdict"] == "effect" and own:
             spans.append(("union", "after", own["value"], own["lo90"], own["hi90"]))
             spans += [("conditional", "after", own["value"], *own["conditional"])] if own.get("conditional") else []
+        if found["coefficients"].get("carried") and own:
+            spans.append(("discrepancy", "before", own["value"], own["lo90"], own["hi90"]))
         last = "after" if found["verdict"] == "effect" else "before"
         spans += [("constrained", last, own["value"], *own["constrained"])] if own.get("constrained") else []
         for kind, when, value, low, high in spans:

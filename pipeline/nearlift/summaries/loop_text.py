@@ -38,6 +38,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         parts.append(f"Held-out error ({_letters(table, 'error')}): visits that took no part in the search, 90 % intervals; dashed: noise floor.")
     if (table["part"] == "coefficient").any():
         more = "over all rivals, their form uncertain (union); given the best answer (conditional); " if after else ""
+        more += "with what is left carried as a random discrepancy (discrepancy); " if (table["kind"] == "discrepancy").any() else ""
         parts.append(
             f"Coefficients ({_letters(table, 'coefficient')}), 90 % intervals: by the base fit; {more}allowing for every effect too small to be seen "
             "(constrained; an arrow where it leaves the axis, its ends in figures)."
