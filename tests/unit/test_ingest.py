@@ -229,6 +229,11 @@ def test_records_without_a_tare_are_noted(root: Path, tmp_path: Path) -> None:
     assert set(job.read(TRIALS)["n"]) == {HEAD + LIVE}
 
 
+def test_short_tares_are_noted(root: Path, tmp_path: Path) -> None:
+    outcome, _ = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"tare": "0.04 s"}))
+    assert "the tares have 8 samples: too few to show damage of more than one of them (20 would)" in outcome.notes
+
+
 def test_raw_may_be_read_only(root: Path, tmp_path: Path) -> None:
     for path in [*root.rglob("*"), root]:
         path.chmod(0o555 if path.is_dir() else 0o444)

@@ -92,22 +92,27 @@ def _spread(values: Any, n: Any, found: Any, at: Any) -> None:
     found[at], found[at + 1], found[at + 2] = level, _median(values, n), farthest
 
 
-def look(values: Any, n: Any, every: Any, length: Any, work: Any, found: Any) -> Any:
-    """Median, median absolute deviation and largest deviation of every so many samples, and of the means of blocks of `length` samples.
+def look(values: Any, n: Any, every: Any, length: Any, work: Any, steps: Any, found: Any) -> Any:
+    """Median, median absolute deviation and largest deviation of every so many samples; the same of the means of blocks of `length`
+    samples, and of the steps between these.
 
-    There are at most as many of either as `work` has room for.
+    There are at most as many of each as `work` and `steps` have room for.
     """
     count = 0
     for i in range(0, n, every):
         work[count] = values[i]
         count += 1
     _spread(work, count, found, 0)
-    for k in range(n // length):
+    number = n // length
+    for k in range(number):
         total = 0.0
         for i in range(length):
             total += values[k * length + i]
         work[k] = total / length
-    _spread(work, n // length, found, 3)
+        if k > 0:
+            steps[k - 1] = work[k] - work[k - 1]
+    _spread(work, number, found, 3)
+    _spread(steps, number - 1, found, 6)
     return np.int64(0)
 
 
@@ -125,6 +130,6 @@ _NUMBERS: Any = types.CPointer(types.float64)
 #: What `nearlift.native` compiles.
 KERNELS: dict[str, Any] = {
     "stretch": (stretch, types.int64(_NUMBERS, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
-    "look": (look, types.int64(_NUMBERS, types.int64, types.int64, types.int64, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
+    "look": (look, types.int64(_NUMBERS, types.int64, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
     "steady": (steady, types.int64(_NUMBERS, types.int64, types.float64), {}),
 }

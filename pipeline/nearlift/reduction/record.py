@@ -43,6 +43,8 @@ FAR = 6.0
 #: Single samples of a tare are left out that move the zero by more than this share of the lift's u; a tare is refused that longer damage moves
 #: by more than u itself.
 MATTERS = 0.5
+#: Share of the lift by which a tare's ends may differ from its middle.
+ROTORS = 0.1
 HOUR_S = 3600.0
 
 
@@ -152,7 +154,7 @@ def reduce_record(
     variance = run.squares / (n - 1)
     sd = math.sqrt(variance)
     u2 = density / n + worth**2
-    zero, u2_tare, codes_of_tare = _zero(tare, rest, quiet, live, u2, rate_Hz)
+    zero, u2_tare, codes_of_tare = _zero(tare, rest, quiet, live, run, u2, rate_Hz)
     found += codes_of_tare
     lift = run.mean - zero
     slope, u_slope = _slope(run, density, rate_Hz)
@@ -202,7 +204,7 @@ def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool =
     means = found.batches
     # each mean is taken from the record's own mean, which shares 1/n of its variance
     # not by BLAS: a record that will be rejected may hold inf
-    return float(np.einsum("i,i", means, means)) / len(means) / (found.gain - 1.0 / n), found
+    return float(np.add.reduce(means * means)) / len(means) / (found.gain - 1.0 / n), found
 
 
 def _median(values: FloatArray) -> float:
@@ -256,10 +258,10 @@ def _without_strays(live: FloatArray, run: Stretch, range_N: float | None) -> tu
 
 def _far(live: FloatArray) -> NDArray[np.bool_]:
     """Mask of the few samples more than six standard deviations off, those aside that hide behind larger ones being found, too."""
-    far, half_step = np.zeros(len(live), dtype=bool), screening.step_of(live) / 2
+    far, hidden = np.zeros(len(live), dtype=bool), screening.HIDDEN * screening.step_of(live)
     for _ in range(5):
         rest = live[~far]
-        more = np.abs(live - rest.mean()) > FAR * max(float(rest.std()), half_step)
+        more = np.abs(live - rest.mean()) > FAR * max(float(rest.std()), hidden)
         if far.sum() == more.sum():
             break
         far = more
@@ -268,7 +270,9 @@ def _far(live: FloatArray) -> NDArray[np.bool_]:
     return far if far.mean() <= screening.LARGEST_SHARE else np.zeros(len(live), dtype=bool)
 
 
-def _zero(tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, u2_live: float, rate_Hz: float) -> tuple[float, float, list[str]]:
+def _zero(
+    tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, run: Stretch, u2_live: float, rate_Hz: float
+) -> tuple[float, float, list[str]]:
     """The tare's mean, its variance, and codes: single samples that stand apart are left out, a tare that is not one level is refused.
 
     Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the better one.
@@ -277,6 +281,7 @@ def _zero(tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, u2_li
         return rest.mean, 0.0, []
     zero, u2, found = rest.mean, quiet / rest.n, []
     single, uneven = screening.suspicious(tare, rest)
+    single = single and bool(screening.far_samples(tare, 0.0).any())
     step = screening.step_of(live) if single or uneven else 0.0
     if single and (far := screening.far_samples(tare, step)).any():
         density, kept = spectral_density_at_zero(tare[~far], rate_Hz, tone=False)
@@ -286,8 +291,11 @@ def _zero(tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, u2_li
             return zero, u2, ["TARE"]
         if abs(worth) > MATTERS * u and isolated:
             tare, zero, u2, found = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
-    if uneven and screening.moved_by_blocks(tare, step) > math.sqrt(u2_live + u2):
-        return zero, u2, ["TARE"]
+    if uneven:
+        damaged = screening.moved_by_segment(tare, step) > math.sqrt(u2_live + u2)
+        # rotors that run down or up need not have an edge
+        if damaged or screening.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
+            return zero, u2, ["TARE"]
     return zero, u2, found
 
 

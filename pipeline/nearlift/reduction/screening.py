@@ -9,57 +9,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.native import POINTER, WHOLE, Kernel, address
-from nearlift.reduction.steps import stepped
 from nearlift.reduction.stretch import Stretch
 
 FloatArray = NDArray[np.float64]
 
-LOOK = Kernel("nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER)
+LOOK = Kernel("nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER)
 #: Standard deviations of normal noise in one median absolute deviation.
 SD_PER_MAD = 1.4826
 #: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is uncertain, more are asked for.
-APART, FEW = 8.0, 18
-#: Share of that distance from which on samples are looked at one by one.
-SUSPECT = 0.75
-#: Samples of the first look.
-FIRST_LOOK = 64
-#: Blocks that a stretch is cut into, and samples that each has at least, and blocks that there must be.
-BLOCKS, SHORTEST_BLOCK, FEWEST_BLOCKS = 64, 8, 8
-#: Where no block lies farther from the median, half of them may stand on one level and half on another.
-TWO_LEVELS = 1.6
+APART, FEW = 6.5, 20
+#: Share of that distance at which samples stand apart if there are at least so many, of at least so many.
+NEARER, SEVERAL, MANY = 0.7, 3, 100
+#: Samples of the first look, and the standard deviations at which blocks are looked at again.
+FIRST_LOOK, UNEVEN = 64, 5.0
+#: Blocks that a stretch is cut into, and samples that each has at least, if there are enough; and the fewest that tell anything.
+BLOCKS, SHORTEST_BLOCK, FEWEST_BLOCKS = 32, 8, 10
 #: Single samples come in runs of so many at most, and are so large a share.
 LONGEST_RUN, LARGEST_SHARE = 5, 0.05
+#: Noise, in steps of the converter, that half of the samples on one code may hide.
+HIDDEN = 0.74
+#: Samples that a converter's step is taken from.
+ENOUGH_CODES = 2000
 
 
 def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
-    """Whether single samples, and whether blocks of them, may stand apart: a first look that costs next to nothing."""
+    """Whether single samples, and whether a segment, may stand apart: a first look that costs next to nothing."""
     n = len(values)
     length = _length(n)
     number = n // length
     values = np.ascontiguousarray(values, dtype=np.float64)
     room = 2 * max(FIRST_LOOK, BLOCKS)
-    work = np.empty(room + 6)
+    work = np.empty(2 * room + 9)
     place = address(work)
-    LOOK(address(values), n, max(1, n // FIRST_LOOK), length, place, place + 8 * room)
-    level, deviation, _, _, of_blocks, farthest = work[room:].tolist()
-    far = max(sums.high - level, level - sums.low) > SUSPECT * _apart(n) * SD_PER_MAD * deviation
-    scale = SD_PER_MAD * of_blocks
-    uneven = number >= FEWEST_BLOCKS and not TWO_LEVELS * scale <= farthest <= _apart(number) * scale
-    return far, uneven
+    LOOK(address(values), n, max(1, n // FIRST_LOOK), length, place, place + 8 * room, place + 16 * room)
+    level, deviation, _, _, _, farthest, _, of_steps, _ = work[2 * room :].tolist()
+    far = max(sums.high - level, level - sums.low) > NEARER * _apart(n) * SD_PER_MAD * deviation
+    return far, number >= FEWEST_BLOCKS and farthest > UNEVEN * SD_PER_MAD * of_steps / 2**0.5
 
 
 def step_of(values: FloatArray) -> float:
     """The step between a converter's codes; next to nothing where values are not coarse."""
-    steps = np.sort(np.diff(np.unique(values)))
+    steps = np.sort(np.diff(np.unique(values[:ENOUGH_CODES])))
     # a damaged sample need not stand on a code
     return float(steps[len(steps) // 10]) if len(steps) else 0.0
 
 
 def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
-    """Mask of the samples that stand apart; noise below a converter's `step` is taken for half of it."""
+    """Mask of the samples that stand apart, by the noise or by what a converter's `step` may hide of it."""
     away = np.abs(values - np.median(values))
-    far: NDArray[np.bool_] = away > _apart(len(values)) * max(SD_PER_MAD * float(np.median(away)), step / 2)
-    return far
+    limit = _apart(len(values)) * max(SD_PER_MAD * float(np.median(away)), HIDDEN * step)
+    nearer: NDArray[np.bool_] = away > NEARER * limit
+    return nearer if len(values) >= MANY and np.count_nonzero(nearer) >= SEVERAL else away > limit
 
 
 def are_single(mask: NDArray[np.bool_]) -> bool:
@@ -68,23 +68,51 @@ def are_single(mask: NDArray[np.bool_]) -> bool:
     return int(np.count_nonzero(mask)) <= max(1.0, LARGEST_SHARE * len(mask)) and int((edges[1::2] - edges[::2]).max(initial=0)) <= LONGEST_RUN
 
 
-def moved_by_blocks(values: FloatArray, step: float) -> float:
-    """By how much blocks of samples that stand apart from the others, or two levels, move the mean; 0 where there are none."""
+def moved_by_segment(values: FloatArray, step: float) -> float:
+    """By how much that segment moves the mean which stands out most from the rest, such as a block of damage or a second level; 0 if none does.
+
+    It is the one that explains most of the squares of the blocks' means. The noise about the two levels leaves out the two blocks that
+    fit worst, in which the segment may begin and end.
+    """
+    means, noise = _blocks(values, step)
+    n = len(means)
+    if n < FEWEST_BLOCKS:
+        return 0.0
+    first, end = np.triu_indices(n + 1, 1)
+    first, end = first[end - first < n], end[end - first < n]
+    inside = end - first
+    sums = np.concatenate([[0.0], np.cumsum(means - means.mean())])
+    best = int(np.argmax((sums[end] - sums[first]) ** 2 / (inside * (n - inside))))
+    chosen = np.zeros(n, dtype=bool)
+    chosen[first[best] : end[best]] = True
+    levels = float(np.median(means[chosen])), float(np.median(means[~chosen]))
+    left = np.sort(np.abs(means - np.where(chosen, *levels)))[:-2]
+    change = abs(levels[0] - levels[1])
+    if change <= _apart(n) * max(float(left @ left / (n - 4)) ** 0.5, noise):
+        return 0.0
+    return change * min(int(inside[best]), n - int(inside[best])) / n
+
+
+def ends_apart(values: FloatArray, step: float) -> float:
+    """By how much the first or the last block differs from the median one, where that is more than the noise between neighbours; else 0."""
+    means, noise = _blocks(values, step)
+    if len(means) < FEWEST_BLOCKS:
+        return 0.0
+    apart = float(np.abs(means[[0, -1]] - np.median(means)).max())
+    noise = max(noise, SD_PER_MAD * float(np.median(np.abs(np.diff(means)))) / 2**0.5)
+    return apart if apart > _apart(len(means)) * noise else 0.0
+
+
+def _blocks(values: FloatArray, step: float) -> tuple[FloatArray, float]:
+    """Means of blocks, and what a converter's `step` lets them scatter by."""
     length = _length(len(values))
     number = len(values) // length
-    if number < FEWEST_BLOCKS:
-        return 0.0
-    means = values[: number * length].reshape(number, length).mean(axis=1)
-    away = np.abs(means - np.median(means))
-    scale = max(SD_PER_MAD * float(np.median(away)), step / (2 * length**0.5))
-    far = away > _apart(number) * scale
-    if far.any():
-        return float(away[far].sum()) / number
-    return float(np.ptp(means)) / 2 if float(away.max()) < TWO_LEVELS * scale and stepped(means, step) else 0.0
+    return values[: number * length].reshape(number, length).mean(axis=1), HIDDEN * step / length**0.5
 
 
 def _length(n: int) -> int:
-    return max(n // BLOCKS, SHORTEST_BLOCK)
+    """Samples of a block."""
+    return max(n // BLOCKS, SHORTEST_BLOCK if n >= FEWEST_BLOCKS * SHORTEST_BLOCK else 1)
 
 
 def _apart(n: int) -> float:

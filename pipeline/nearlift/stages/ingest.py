@@ -23,6 +23,8 @@ from nearlift.reduction.record import Limits, Reduced, reduce_record
 from nearlift.stages import intact
 from nearlift.stages.job import Job, Outcome
 
+#: Samples of a tare that show whether it is one level.
+FEW_OF_TARE = 20
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
 
@@ -187,6 +189,9 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     told = [note if count == 1 else f"{note} ({count} records, such as {first})" for note, (count, first) in rows.notes.items()]
     if job.campaign.load_cell.tare == "none":
         told.append('the records have no tare: the zero of the force is unknown and wants an [[uncertainty]] on = "force"')
+    samples = round(job.campaign.tare_s * (job.campaign.load_cell.sample_rate or 0.0))
+    if 0 < samples < FEW_OF_TARE:
+        told.append(f"the tares have {samples} samples: too few to show damage of more than one of them ({FEW_OF_TARE} would)")
     return rows, [*notes, *told]
 
 
@@ -219,12 +224,15 @@ def reduce_piece(task: Task) -> list[Row]:
         The machine is at fault.
     """
     reader, piece = readers.reader(task.campaign.records.reader), task.piece
-    digests = dict(task.inputs)
+    choice, digests = task.campaign.quality, dict(task.inputs)
+    limits = Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=task.campaign.load_cell.range)
     rows: list[Row] = []
     while len(rows) < len(task.piece.trials):
         try:
-            for record in reader.read_piece(task.campaign, task.root, piece):
-                rows.append(_row(task, record, digests))
+            # damaged numbers may be anything
+            with np.errstate(over="ignore", invalid="ignore"):
+                for record in reader.read_piece(task.campaign, task.root, piece):
+                    rows.append(_row(task, record, limits, digests))
             break
         except Exception as fault:
             if len(rows) == len(task.piece.trials) or not _of_the_record(fault):
@@ -234,9 +242,9 @@ def reduce_piece(task: Task) -> list[Row]:
     return rows
 
 
-def _row(task: Task, record: Record, digests: dict[str, str]) -> Row:
+def _row(task: Task, record: Record, limits: Limits, digests: dict[str, str]) -> Row:
     """A record reduced."""
-    cell, choice = task.campaign.load_cell, task.campaign.quality
+    cell = task.campaign.load_cell
     reduced = reduce_record(
         record.force_N,
         rate_Hz=cell.sample_rate or 1.0,
@@ -244,7 +252,7 @@ def _row(task: Task, record: Record, digests: dict[str, str]) -> Row:
         settle_s=cell.settle,
         time_s=record.time_s,
         tare_after_N=task.tare_after_N.get(record.trial, np.nan),
-        limits=Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=cell.range),
+        limits=limits,
         codes=record.codes,
         where=f"{record.source}, trial {record.trial!r}",
     )
