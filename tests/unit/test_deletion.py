@@ -38,7 +38,8 @@ def test_the_closed_form_is_dense_least_squares_without_the_trial_or_the_visit(c
         without = estimated(found, np.arange(data.n) != i)
         np.testing.assert_allclose(moved.of_trial[i] / u, (without - whole) / u, rtol=1e-5, atol=1e-7)
     for v in (0, 5, 11):
-        without = estimated(found, data.visit != moved.visit[v])
+        apart = data.visit != moved.visit[v]
+        without = estimated(found, apart)
         np.testing.assert_allclose(moved.of_visit[v] / u, (without - whole) / u, rtol=1e-5, atol=1e-7)
 
 

@@ -331,3 +331,18 @@ def test_an_excluded_trial_that_is_not_in_the_schedule_is_refused_with_those_lik
         run_ingest(root, tmp_path, manifest(**GIVEN, quality={"exclude": ["t2"]}))
     assert refusal.value.exit_code == 2
     assert not (tmp_path / "processed" / TRIALS.file).exists()
+
+
+def test_a_trial_that_its_repeats_contradict_is_named_and_kept(tmp_path: Path) -> None:
+    folder = tmp_path / "raw"
+    folder.mkdir()
+    rows = ["trial,boundary,distance,throttle"]
+    for k in range(32):
+        lift = 100.0 * (1.3 if k == 9 else 1.0)
+        rows.append(f"t{k:02d},ground,{(30, 60, 120, 300)[k // 2 % 4]},{(50, 75)[k % 2]}")
+        write_record(folder, f"t{k:02d}", force_mN(lift * (1 + k % 2), seed=k))
+    outcome, job = run_ingest(write_schedule(folder, "\n".join(rows) + "\n"), tmp_path, manifest())
+    quality = job.read(TRIALS)["quality"]
+    assert [i for i, text in enumerate(quality) if "outlying" in text.split()] == [9]
+    assert outcome.rejected == ()
+    assert any(re.match(r"t09 lifts \+\d.* % against its repeats and neighbours, \d+ times their scatter", note) for note in outcome.notes)

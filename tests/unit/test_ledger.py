@@ -93,3 +93,28 @@ def test_the_page_shows_it_and_escapes_what_it_shows(make_job):
     assert "<script" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
     assert "put back one at a time" in text
+
+
+def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(make_job):
+    """t0050 lifts half too much, and nobody has marked it: fit.json, ledger and page name it, with the coefficient without it."""
+
+    def spoil(table):
+        table["lift_N"][50] *= 1.5
+
+    job = make_job(boundaries=("ground",), repeats=4, edit=spoil, simulated=True)
+    ledger.run(job)
+    fitted = store.read_json(job.processed / FIT.file)
+    entry, parameter = fitted["influence"]["ground"], fitted["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
+    (suspect,) = entry["suspects"]
+    assert (suspect["id"], suspect["outlying"]) == ("t0050", True)
+    assert suspect["without"]["u"] < 0.5 * parameter["u"]
+    assert suspect["shift"] == pytest.approx(suspect["without"]["value"] - parameter["value"])
+    assert entry["coefficients"]["K_b"]["trial"]["id"] == "t0050"
+    quality = store.read_json(job.processed / QUALITY.file)
+    assert next(t for t in quality["trials"] if t["trial"] == "t0050")["fitted"]
+    (left_out,) = quality["put_back"]["ground"]["left_out"]
+    assert left_out["value"] == suspect["without"]["value"]
+    assert left_out["change_in_u"] == pytest.approx(suspect["shift"] / parameter["u"])
+    text = page(report.gather(job), []).decode()
+    assert "t0050 stands beyond what noise allows: without it K_b = " in text
+    assert "t0050 left out" in text

@@ -110,6 +110,8 @@ class Influence:
         Labels, ascending.
     of_visit : (v, p)
         As `of_trial`.
+    chi2 : (v,)
+        Squared error of predicting the visit's trials from all others, in units of its covariance; nan likewise.
     """
 
     names: tuple[str, ...]
@@ -118,6 +120,7 @@ class Influence:
     residual: FloatArray
     visit: IntArray
     of_visit: FloatArray
+    chi2: FloatArray
 
 
 def influence(fit: Fit) -> Influence:
@@ -125,7 +128,7 @@ def influence(fit: Fit) -> Influence:
     data, p = fit.problem.data, len(fit.theta)
     fixed = [i for i, e in enumerate(fit.estimates.values()) if e.at_bound or not np.isfinite(e.u)]
     of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
-    labels, shifts = [], []
+    labels, shifts, squares = [], [], []
     for block in visits(fit):
         diagonal = np.diagonal(block.information, axis1=1, axis2=2)
         told = diagonal > DETERMINED * block.whole[:, None]
@@ -134,8 +137,10 @@ def influence(fit: Fit) -> Influence:
         of_trial[block.index] = -(block.gain * (block.weighed / safe)[:, None]).swapaxes(-1, -2)
         value, vector = np.linalg.eigh(block.information)
         told = value.min(axis=1) > DETERMINED * block.whole
-        turned = np.einsum("mij,mi->mj", vector, block.weighed) / np.where(told[:, None], value, np.nan)
-        shifts.append(-np.einsum("mpi,mij,mj->mp", block.gain, vector, turned))
+        turned = np.einsum("mij,mi->mj", vector, block.weighed)
+        value = np.where(told[:, None], value, np.nan)
+        shifts.append(-np.einsum("mpi,mij,mj->mp", block.gain, vector, turned / value))
+        squares.append((turned**2 / value).sum(axis=1))
         labels.append(data.visit[block.index[:, 0]])
     order = np.argsort(np.concatenate(labels), kind="stable")
     of_visit = np.concatenate(shifts)[order]
@@ -147,4 +152,5 @@ def influence(fit: Fit) -> Influence:
         residual=residual,
         visit=np.concatenate(labels)[order],
         of_visit=of_visit,
+        chi2=np.concatenate(squares)[order],
     )

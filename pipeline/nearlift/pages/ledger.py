@@ -45,6 +45,8 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
         rows.append({"what": "all that can be", "code": False, **_change(evidence, entry["all"], *path, "all")})
     for name, found in entry["codes"].items():
         rows.append({"what": name, "code": True, "meaning": code(name).meaning, **_change(evidence, found, *path, "codes", name)})
+    for i, without in enumerate(entry["left_out"]):
+        rows.append({"what": f"{without['what']} left out", "code": False, **_change(evidence, without, *path, "left_out", str(i))})
     single = [{"what": name, "code": False, **_change(evidence, found, *path, "trials", name)} for name, found in entry["trials"].items()]
     head, _, sub = entry["parameter"].partition("_")
     return {

@@ -64,7 +64,7 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
     model, entry = evidence.base(boundary)
     names = list(entry["parameters"])
     found = evidence.diagnosed(boundary)
-    said = []
+    said = [str(s["text"]) for s in evidence.document(FIT)["influence"][boundary]["suspects"]]
     if reason := evidence.not_diagnosed(boundary):
         said.append(f"not diagnosed, so an effect of any size may be in the coefficient: {reason}")
     if goodness(evidence, boundary)[0]:

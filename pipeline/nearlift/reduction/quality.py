@@ -81,6 +81,7 @@ CODES = (
     ),
     Code(name="unsettled", rejects=False, meaning="the first samples averaged differ from the rest: `settle` may be too short"),
     Code(name="other_throttle", rejects=False, meaning="the lift is that of another throttle at this distance: is the label wrong?"),
+    Code(name="outlying", rejects=False, meaning="the lift stands farther from its repeats and neighbours than noise allows"),
     Code(name="not_rising", rejects=False, meaning="far from the boundary, this throttle lifts no more than the next lower one"),
 )
 _BY_NAME = {c.name: c for c in CODES}

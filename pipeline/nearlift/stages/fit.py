@@ -15,7 +15,7 @@ from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
 from nearlift.products import FIT, PROFILES, TRIALS
 from nearlift.results import Estimate, Observations
-from nearlift.stages import accounts, beside
+from nearlift.stages import accounts, beside, screening
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
@@ -83,6 +83,9 @@ def run(job: Job) -> Outcome:
             if model is base:
                 for key, entry in beside.ask(job.campaign, result).items():
                     content.setdefault(key, {})[boundary] = entry
+                screened = screening.ask(result, parts, trials)
+                content.setdefault("influence", {})[boundary] = screened
+                notes += screening.notes(boundary, screened)
             try:
                 found = posteriors.add(result, base=model is base)
             except NotConverged as fault:

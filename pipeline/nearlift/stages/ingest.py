@@ -18,7 +18,7 @@ from nearlift.executors import ordered
 from nearlift.products import TRIALS
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import Piece, Reader, Record, source_of
-from nearlift.reduction import plausibility, quality
+from nearlift.reduction import outliers, plausibility, quality
 from nearlift.reduction.record import Limits, Reduced, reduce_record
 from nearlift.stages import intact
 from nearlift.stages.job import Job, Outcome
@@ -423,6 +423,8 @@ def _judge(table: store.Table, campaign: Campaign) -> list[str]:
     _mark(table, "NO_LIFT", plausibility.without_lift(table))
     _mark(table, "other_throttle", plausibility.other_throttle(table))
     notes = [*_same(table), *plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
+    for side in dict.fromkeys(table["boundary"].tolist()):
+        notes += _outlying(table, side)
     for side, lower, upper, below, above in plausibility.not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         far = here & (table["z_hat"] == table["z_hat"][here].max())
@@ -431,3 +433,18 @@ def _judge(table: store.Table, campaign: Campaign) -> list[str]:
         step = f"{below:.4g} N at {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} %"
         notes.append(f"{place} the lift does not rise with throttle: {step} (battery, order of the sweep, or a wrong label?)")
     return notes
+
+
+def _outlying(table: store.Table, side: str) -> list[str]:
+    """Mark the trials at one boundary that repeats and neighbours contradict, and say of each how far off it is."""
+    mine = np.flatnonzero((table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0))
+    z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
+    found = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
+    mask = np.zeros(len(table["quality"]), dtype=bool)
+    mask[mine[found.outlying]] = True
+    _mark(table, "outlying", mask)
+    return [
+        f"{table['trial'][mine[i]]} lifts {100 * np.expm1(found.departure[i]):+.3g} % against its repeats and neighbours, "
+        f"{abs(found.sigmas[i]):.0f} times their scatter: noise does not reach so far; look at its record and its row"
+        for i in np.flatnonzero(found.outlying)
+    ]

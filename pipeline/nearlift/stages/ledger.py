@@ -1,7 +1,7 @@
 """ledger: every trial from raw byte to figure, and what each exclusion is worth, to quality.json.
 
 What it is worth is found by putting the excluded trials back and fitting the base model again, with the noise of the accepted ones: all of
-them, those of each quality code, and, for the first few, one at a time.
+them, those of each quality code, and, for the first few, one at a time. What a trial named by the fit is worth is a fit without it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def run(job: Job) -> Outcome:
             },
             "codes": codes,
             "trials": entries,
-            "put_back": {b: _put_back(job, trials, b, out) for b in boundaries(trials)},
+            "put_back": {b: _put_back(job, trials, b, out) | {"left_out": _left_out(fitted, b)} for b in boundaries(trials)},
         },
     )
     return Outcome()
@@ -80,6 +80,18 @@ def _entry(trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str])
         "figures": [] if out else ["fig2"] if outside else ["fig2", "residuals"],
         "why": reason(text, str(trials["fault"][i]) if "fault" in trials else "") or outside,
     }
+
+
+def _left_out(fitted: dict[str, Any], boundary: Boundary) -> list[dict[str, Any]]:
+    """The headline coefficient without each trial or visit that the fit named, all of which are in it."""
+    base = fitted["boundaries"][boundary][fitted["base"][boundary]]
+    u = next((e["u"] for e in base["parameters"].values()), None)
+    return [
+        {"what": s["id"] if s["kind"] == "trial" else f"visit {s['id']}", "trials": len(s["trials"]), "why_not": s["text"]}
+        | {"value": s["without"] and s["without"]["value"], "u": s["without"] and s["without"]["u"]}
+        | {"change": s["shift"], "change_in_u": s["shift"] / u if u and s["without"] else None}
+        for s in fitted["influence"][boundary]["suspects"]
+    ]
 
 
 def _put_back(job: Job, trials: Table, boundary: Boundary, out: NDArray[np.bool_]) -> dict[str, Any]:

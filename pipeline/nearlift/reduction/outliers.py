@@ -1,0 +1,211 @@
+"""Outlying trials: lifts that stand farther from their repeats and neighbours than noise allows, before any model.
+
+A trial is compared with the other trials of its (distance, throttle) cell; what remains, with that of the other trials of its visit. What
+moves a whole visit (its height, a drift, a gain) cancels, and so does what moves a whole cell (the curve, a rotor that stalls): an effect that
+nobody declared is no outlier. The scale is the median absolute deviation over the campaign. How far noise reaches is not assumed to be
+normal: Student's t is fitted to the larger part of the contrasts, its degrees of freedom unknown and integrated over, the largest contrasts
+only counted, so that an outlier does not widen the tail that it is judged by.
+
+Sources: Hampel 1974, J. Am. Stat. Assoc. 69, 383 (median and its deviation); Rosner 1983, Technometrics 25, 165 (several outliers at once).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+
+#: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of freedom carries an outlying trial.
+FAMILY_WISE = 0.01
+#: Fewer trials with repeats or neighbours than this say nothing of how far noise reaches.
+LEAST_TRIALS = 20
+#: With fewer trials than this a throttle borrows the scale of all.
+OWN_SCALE = 8
+#: Robust standard deviations beyond which a trial is odd: no outlier yet, but two such may hide each other in a fit.
+ODD = 4.0
+#: A relative scatter that is rounding.
+SMALLEST_SCALE = 1e-9
+#: Standard deviations in a median absolute deviation of normal noise.
+SIGMA_PER_MAD = 1.4826
+#: The tail's shape is learnt from contrasts beyond this quantile; the `COUNTED` largest are only counted.
+BODY = 0.7
+COUNTED = 4
+#: 1 / (degrees of freedom) lies between these, with an exponential prior of mean `TAIL_PRIOR`, by simulation
+#: (docs/decisions/0011-screening.md). No campaign shows that its noise is normal as far out as a family-wise rate asks.
+TAIL_LIGHTEST, TAIL_HEAVIEST, TAIL_PRIOR = 1 / 6, 1 / 2, 0.04
+#: More quantiles than this of a long campaign tell nothing more of its tail.
+QUANTILES = 300
+#: Neighbours in distance that stand in for repeats once a curve is taken off.
+NEAREST = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Screen:
+    """What the screen makes of n trials.
+
+    Attributes
+    ----------
+    outlying : (n,) bool
+        Beyond what noise allows at the rate of `FAMILY_WISE` for all trials together.
+    departure : (n,)
+        Log lift less that of repeats and neighbours; nan for a trial that has none.
+    sigmas : (n,)
+        The same over its robust scale.
+    why_not : str
+        Why nothing could be screened; empty where it could.
+    """
+
+    outlying: NDArray[np.bool_]
+    departure: FloatArray
+    sigmas: FloatArray
+    why_not: str = ""
+
+    @property
+    def unscreened(self) -> int:
+        """Trials without repeats or neighbours to compare with."""
+        return int(np.isnan(self.sigmas).sum())
+
+
+def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: NDArray[np.int64], *, curve_removed: bool = False) -> Screen:
+    """Compare each trial of one boundary with its repeats and neighbours.
+
+    Parameters
+    ----------
+    log_lift : (n,)
+        Natural logarithm of lift; or, with `curve_removed`, what a fitted curve leaves of it.
+    z_hat, throttle, visit : (n,)
+        Distance over rotor radius (inf in free air), throttle, and stop of the traverse.
+    curve_removed : bool
+        A trial without repeats or visit mates is then compared with those nearest in distance at its throttle.
+
+    Returns
+    -------
+    Screen
+        One that takes part in a median which another outlier spoils is judged anew without that one.
+    """
+    n = len(log_lift)
+    out, departure, sigmas = np.zeros(n, dtype=bool), np.full(n, np.nan), np.full(n, np.nan)
+    level = np.unique(throttle, return_inverse=True)[1].ravel()
+    cell = np.unique(np.stack([np.where(np.isfinite(z_hat), z_hat, -1.0), throttle]), axis=1, return_inverse=True)[1].ravel()
+    while True:
+        comparisons = _contrasts(np.where(out, np.nan, log_lift), z_hat, level, cell, visit, curve_removed)
+        contrast, scaled, why_not = _scaled(comparisons, level)
+        departure[~out], sigmas[~out] = contrast[~out], scaled[~out]
+        if why_not:
+            return Screen(outlying=out, departure=departure, sigmas=sigmas, why_not="" if out.any() else why_not)
+        size = np.abs(np.nan_to_num(scaled))
+        beyond = _tail(np.abs(scaled[np.isfinite(scaled)]), size) * np.isfinite(scaled).sum() < FAMILY_WISE
+        # only the worst among those that enter each other's medians: the rest are looked at again without it
+        for group in (cell, visit):
+            worst = np.zeros(group.max(initial=0) + 1)
+            np.maximum.at(worst, group, size)
+            beyond &= size >= worst[group]
+        if not beyond.any():
+            return Screen(outlying=out, departure=departure, sigmas=sigmas)
+        out |= beyond
+
+
+def _contrasts(
+    value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64], cell: NDArray[np.int64], visit: NDArray[np.int64], curve_removed: bool
+) -> list[FloatArray]:
+    """Each value (nan: left out) less that of its repeats and neighbours, by every comparison there is, the sharpest first; nan without."""
+    by_cell = value - _median_of_others(value, cell)
+    by_throttle = value - _median_of_others(value, level)
+    # what a distance does to lift is common to its visits: without repeats, only visit mates can take it off
+    comparisons = [by_cell - _median_of_others(by_cell, visit), by_throttle - _median_of_others(by_throttle, visit), by_cell]
+    return [*comparisons, value - _median_of_nearest(value, z_hat, level)] if curve_removed else comparisons
+
+
+def _scaled(comparisons: list[FloatArray], level: NDArray[np.int64]) -> tuple[FloatArray, FloatArray, str]:
+    """Each trial's sharpest contrast, the same over its robust scale, and why there is none.
+
+    A comparison's scale is that of all trials to which it could be applied, or of those at the same throttle where that is larger.
+    """
+    contrast, scaled = (np.full(len(level), np.nan) for _ in range(2))
+    for comparison in comparisons:
+        known = np.isfinite(comparison)
+        mine = known & np.isnan(contrast)
+        if not mine.any():
+            continue
+        scale = np.full(len(level), SIGMA_PER_MAD * np.median(np.abs(comparison[known])))
+        for throttle in np.unique(level[mine]):
+            here = known & (level == throttle)
+            if here.sum() >= OWN_SCALE:
+                scale[here] = np.maximum(scale[here], SIGMA_PER_MAD * np.median(np.abs(comparison[here])))
+        contrast[mine] = comparison[mine]
+        if known.sum() >= LEAST_TRIALS and np.all(scale > SMALLEST_SCALE):
+            scaled[mine] = (comparison / scale)[mine]
+    if np.isfinite(scaled).sum() >= LEAST_TRIALS:
+        return contrast, scaled, ""
+    with_others = np.isfinite(contrast).sum()
+    if with_others < LEAST_TRIALS:
+        return contrast, scaled, f"{with_others} trials have repeats or neighbours to compare with; at least {LEAST_TRIALS} are wanted"
+    return contrast, scaled, "most trials repeat exactly, so nothing shows how far noise reaches"
+
+
+def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray:
+    """Median of the other values of each one's group; nan with fewer than two others, and nan values are left out."""
+    result = np.full(len(value), np.nan)
+    known = np.flatnonzero(np.isfinite(value))
+    order = known[np.lexsort((value[known], group[known]))]
+    for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        m = len(members)
+        if m < 3:
+            continue
+        ranked, rank = value[members], np.arange(m)
+        # the k-th of the others is the k-th of all, or the next where oneself stands before it
+        low, high = ((m - 2) // 2, (m - 1) // 2)
+        result[members] = (ranked[low + (low >= rank)] + ranked[high + (high >= rank)]) / 2
+    return result
+
+
+def _median_of_nearest(value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64]) -> FloatArray:
+    """Median of the `NEAREST` other values at one's throttle that are nearest in rank of distance; nan with fewer than two."""
+    result = np.full(len(value), np.nan)
+    known = np.flatnonzero(np.isfinite(value))
+    order = known[np.lexsort((z_hat[known], level[known]))]
+    for members in np.split(order, np.flatnonzero(np.diff(level[order])) + 1):
+        m = len(members)
+        if m < 3:
+            continue
+        width = min(NEAREST, m - 1)
+        first = np.clip(np.arange(m) - width // 2, 0, m - 1 - width)
+        around = first[:, None] + np.arange(width + 1)
+        others = around[around != np.arange(m)[:, None]].reshape(m, width)
+        result[members] = np.median(value[members][others], axis=1)
+    return result
+
+
+def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
+    """Chance that noise with the tail of `reference` (absolute values) exceeds each `size`.
+
+    Student's t beyond the `BODY` quantile, over a grid of degrees of freedom and scales weighed by likelihood and prior.
+    """
+    from scipy.special import gammaln, stdtr
+
+    ordered = np.sort(reference)
+    n, low = len(ordered), int(BODY * len(ordered))
+    body, start, end = ordered[low : n - COUNTED], ordered[low], ordered[n - COUNTED - 1]
+    weight = max(len(body) / QUANTILES, 1.0)
+    if weight > 1:
+        body = np.quantile(body, (np.arange(QUANTILES) + 0.5) / QUANTILES)
+    inverse = np.linspace(TAIL_LIGHTEST, TAIL_HEAVIEST, 15)[:, None]
+    dof = 1 / inverse
+    scale = ordered[n // 2] * SIGMA_PER_MAD * np.exp(np.linspace(-1.5, 1.0, 41))
+    x = body / scale[:, None]
+    density = gammaln((dof + 1) / 2) - gammaln(dof / 2) - 0.5 * np.log(dof * np.pi) - np.log(scale)
+    inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]]) + len(body) * (density + np.log(2))
+    begins = np.maximum(2 * stdtr(dof, -start / scale), 1e-300)
+    beyond = np.maximum(2 * stdtr(dof, -end / scale), 1e-300)
+    # only what lies beyond the start speaks of the tail, given that it does
+    log_weight = weight * inside + COUNTED * np.log(beyond) - (weight * len(body) + COUNTED) * np.log(begins) - inverse / TAIL_PRIOR
+    chance = np.exp(log_weight - log_weight.max())
+    chance /= chance.sum() * begins
+    # nothing nearer can be beyond a family-wise limit
+    far = size > end
+    result = np.ones(len(size))
+    result[far] = [float((chance * 2 * stdtr(dof, -x / scale)).sum()) * (n - low) / n for x in size[far]]
+    return result

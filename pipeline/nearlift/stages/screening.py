@@ -1,0 +1,70 @@
+"""What single trials and visits are worth to the base fit: the screen's entry in fit.json, and its notes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from nearlift.fitting import influential
+from nearlift.fitting.budget import Component
+from nearlift.fitting.influential import Screening, Suspect
+from nearlift.fitting.least_squares import Fit
+from nearlift.reduction import outliers
+from nearlift.rounding import plus_minus
+from nearlift.store import Table
+
+
+def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, Any]:
+    """The entry of one boundary: the largest shift of each coefficient, and every trial or visit named, in words too."""
+    problem, data = fitted.problem, fitted.problem.data
+    left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
+    # trials without repeats could not be compared before there was a curve
+    seen = outliers.screen(left, data.z_hat, data.throttle, data.visit, curve_removed=True)
+    marked = {str(t) for t, text in zip(trials["trial"], trials["quality"], strict=True) if "outlying" in text.split()}
+    outlying = marked.union(data.trial[seen.outlying]) & {*data.trial}
+    odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD]}
+    found = influential.screen(fitted, parts, outlying, odd)
+    why_not = found.why_not or seen.why_not
+    return {
+        "coefficients": {
+            name: {"trial": asdict(found.trial[name]), "visit": asdict(found.visit[name])} for name in found.trial if name in found.visit
+        },
+        "suspects": [asdict(s) | {"text": text} for s, text in zip(found.suspects, words(fitted, found), strict=True)],
+        "without_all": asdict(found.without_all) if found.without_all else None,
+        "unscreened": seen.unscreened,
+        "why_not": why_not,
+    }
+
+
+def words(fitted: Fit, found: Screening) -> list[str]:
+    """A sentence for each suspect: what the headline is without it, and what it is with it."""
+    name = fitted.names[0] if fitted.names else ""
+    headline = fitted.estimates[name] if name else None
+
+    def said(s: Suspect) -> str:
+        what = s.id if s.kind == "trial" else f"visit {s.id} ({s.trials[0]} to {s.trials[-1]})"
+        if s.without is None or headline is None:
+            return f"{what} stands out, and without it the base model does not fit"
+        alone = s.kind == "visit" or abs(s.shift) > min(headline.u, s.without.u)
+        moves = f"moves {name} by more than its uncertainty{'' if alone else ', with others that stand out'}"
+        why = "stands beyond what noise allows" if s.outlying else moves
+        beside = " and the trials named" if s.kind == "visit" and any(o.kind == "trial" for o in found.suspects) else ""
+        value, without = (plus_minus(e.value, e.u) for e in (headline, s.without))
+        return f"{what} {why}: without it{beside} {name} = {without}, with it {value}"
+
+    return [said(s) for s in found.suspects]
+
+
+def notes(boundary: str, entry: dict[str, Any]) -> Iterable[str]:
+    """What the console says of an entry, with the remedy."""
+    for suspect in entry["suspects"]:
+        ids = ", ".join(f'"{t}"' for t in suspect["trials"])
+        yield f"{boundary}: {suspect['text']}; it stays in unless [quality] exclude = [{ids}] leaves it out"
+    if entry["without_all"]:
+        both = entry["without_all"]
+        yield f"{boundary}: without all the trials named {plus_minus(both['value'], both['u'])}"
+    if entry["why_not"]:
+        yield f"{boundary}: trials were not screened: {entry['why_not']}"
