@@ -17,10 +17,10 @@ from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.executors import ordered
 from nearlift.products import TRIALS
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
-from nearlift.readers.seam import Piece, Reader, Record, source_of
+from nearlift.readers.seam import MARK, Piece, Reader, Record, source_of
 from nearlift.reduction import outliers, plausibility, quality
 from nearlift.reduction.record import Limits, Reduced, reduce_record
-from nearlift.stages import intact
+from nearlift.stages import intact, sums
 from nearlift.stages.job import Job, Outcome
 
 #: Samples of a tare that show whether it is one level.
@@ -82,9 +82,16 @@ class Rows:
             count, first = self.notes.get(note, (0, row.source))
             self.notes[note] = count + 1, first
 
+    def reject(self, faults: Mapping[str, str]) -> None:
+        """Make the trials of these files MALFORMED, with what is wrong with each."""
+        for i, source in enumerate(self.source.tolist() if faults else ()):
+            if source in faults:
+                self.codes[i] = tuple(dict.fromkeys((*self.codes[i], "MALFORMED")))
+                self.fault[i] = faults[source]
+
 
 def inputs(root: Path, campaign: Campaign) -> list[str]:
-    """Every file that trials.parquet is made from, relative to the campaign's folder: manifest, schedule, records.
+    """Every file that trials.parquet is made from, relative to the campaign's folder: manifest, schedule, lists of sums, records.
 
     Raises
     ------
@@ -94,7 +101,7 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
     records = reader.files(campaign, root, list(schedule.trial))
-    return [source_of(root, path) for path in (root / "campaign.toml", schedule_file(campaign, root), *records)]
+    return [source_of(root, path) for path in (root / "campaign.toml", schedule_file(campaign, root), *sums.files(root, campaign), *records)]
 
 
 def run(job: Job) -> Outcome:
@@ -110,12 +117,14 @@ def run(job: Job) -> Outcome:
     intact.not_rotten(job)
     schedule = read_schedule(campaign, job.root)
     _known(campaign.quality.exclude, schedule)
-    notes = list(schedule.notes)
+    checked = _checked(job)
+    notes = [*schedule.notes, *checked.notes]
     if reader.series:
         rows, more = _from_records(job, reader, schedule)
         notes += more
     else:
         rows = _from_means(job, schedule)
+    rows.reject(checked.faults)
     _settle(job, rows)
     table = _table(schedule, rows, campaign)
     notes += _judge(table, campaign)
@@ -137,6 +146,16 @@ def run(job: Job) -> Outcome:
     faults = np.flatnonzero(quality.faulty(table["quality"]))
     rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i])) for i in faults)
     return Outcome(rejected=rejected, notes=tuple(notes))
+
+
+def _checked(job: Job) -> sums.Checked:
+    """What SHA256SUMS says against the files, where there is one."""
+    lists = {source_of(job.root, path) for path in sums.files(job.root, job.campaign)}
+    if not lists:
+        return sums.Checked()
+    names = [name for name in inputs(job.root, job.campaign) if name not in lists]
+    each = MARK in (job.campaign.records.files or "")
+    return sums.check(job, names[:2] if each else names, names[2:] if each else [])
 
 
 def _known(exclude: Mapping[str, str], schedule: Schedule) -> None:

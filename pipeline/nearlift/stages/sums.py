@@ -1,0 +1,131 @@
+"""SHA256SUMS, as `sha256sum * > SHA256SUMS` writes it beside the manifest or the records, held against every file that is read.
+
+Most formats have no check sum of their own: what a copy, a disk or a colleague changed between the rig and the first ingest shows only here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from nearlift import store
+from nearlift.campaign import Campaign
+from nearlift.errors import InputRefused, brief
+from nearlift.readers.seam import MARK, inside, source_of
+from nearlift.stages.job import Job
+
+NAME = "SHA256SUMS"
+#: A hundred thousand names.
+MOST_BYTES = 16 << 20
+_ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """What is wrong with records that are one trial's each, by file, and what the user should know."""
+
+    faults: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def files(root: Path, campaign: Campaign) -> list[Path]:
+    """The lists of sums that there are: in the campaign's folder, and in that of the records where it is the same for all of them."""
+    folder = PurePosixPath((campaign.records.files or "").partition(MARK)[0] + "x").parent
+    places = dict.fromkeys((NAME, (folder / NAME).as_posix()))
+    return [path for place in places if (path := inside(root, place, NAME)).is_file()]
+
+
+def stated(root: Path, path: Path) -> dict[str, str]:
+    """Relative path to the SHA-256 that a list states.
+
+    Raises
+    ------
+    InputRefused
+        A line is none of `sha256sum`, names a file outside the campaign's folder, or says another sum than an earlier one.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise InputRefused(str(path), f"has more than {MOST_BYTES >> 20} MB", "list the campaign's own files")
+    found: dict[str, str] = {}
+    folder = PurePosixPath(source_of(root, path)).parent
+    text = path.read_bytes().decode("utf-8-sig", "surrogateescape")
+    for number, line in enumerate(text.split("\n"), start=1):
+        line = line.removesuffix("\r")
+        if not line.strip():
+            continue
+        where = f"{path}, line {number}"
+        plain = line.removeprefix("\\")
+        sha, mark, name = plain[:64].lower(), plain[64:66], plain[66:]
+        if mark not in ("  ", " *") or not name or len(sha) != 64 or sha.strip("0123456789abcdef"):
+            raise InputRefused(where, f"is no line of sha256sum: {brief(repr(line), 100)}", f"write it anew: sha256sum * > {NAME}")
+        source = (folder / (_unescaped(name) if line.startswith("\\") else name)).as_posix()
+        inside(root, source, where)
+        if found.setdefault(source, sha) != sha:
+            raise InputRefused(where, f"states another sum for {source} than a line above", f"write it anew: sha256sum * > {NAME}")
+    # written into the folder that it lists, it lists itself, empty
+    found.pop(source_of(root, path), None)
+    return found
+
+
+def _unescaped(name: str) -> str:
+    """A name as it is on the disk; a backslash before anything else stands for itself."""
+    parts, i = [], 0
+    while i < len(name):
+        pair = name[i : i + 2]
+        parts.append(_ESCAPES.get(pair, name[i]))
+        i += 2 if pair in _ESCAPES else 1
+    return "".join(parts)
+
+
+def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> Checked:
+    """Hold what is to be read against the sums that are stated. Digests that the job has are not made again.
+
+    Parameters
+    ----------
+    shared : sequence of str
+        Files that many trials rest on; so do velocity grids, of which the job knows.
+    records : sequence of str
+        Files that are one trial's each: a wrong one costs that trial.
+
+    Raises
+    ------
+    InputRefused
+        A list cannot be read, a file that is not one trial's is not what it says, or most records are not.
+    """
+    faults: dict[str, str] = {}
+    notes: list[str] = []
+    alone = set(records)
+    for path in files(job.root, job.campaign):
+        name, sums = source_of(job.root, path), stated(job.root, path)
+        digests = _digests(job, [source for source in sums if source in alone or source in job.stamps or source in shared])
+        wrong = [source for source, sha in digests.items() if sha != sums[source]]
+        remedy = f"copy it anew from the rig; if it was changed on purpose, write {name} anew"
+        for source in wrong:
+            if source not in alone:
+                raise InputRefused(str(job.root / source), f"is not what {name} states", remedy)
+            faults[source] = f"{source} is not what {name} states; {remedy}"
+        listed = [source for source in digests if source in alone]
+        if 2 * len(wrong) > len(listed):
+            remedy = "were they copied as text, which changes line ends? copy them anew from the rig, or write the list anew"
+            what = f"states other sums for {len(wrong)} of {len(listed)} records, such as {wrong[0]}"
+            raise InputRefused(
+                str(path), what, "were they copied as text, which changes line ends? copy them anew from the rig, or write the list anew"
+            )
+        missing = [source for source in sums if not (job.root / source).is_file()]
+        notes += _note(missing, f"{name} lists", "missing: copy anew from the rig")
+        folder = PurePosixPath(name).parent
+        beside = [source for source in (*shared, *records) if PurePosixPath(source).parent == folder and source != name]
+        notes += _note([source for source in beside if source not in sums], f"{name} does not list", "read all the same, and unchecked")
+    return Checked(faults=faults, notes=tuple(notes))
+
+
+def _digests(job: Job, sources: Sequence[str]) -> dict[str, str]:
+    known = {s: job.stamps[s]["sha256"] if s in job.stamps else job.inputs.get(s, "") for s in sources}
+    unknown = [s for s, sha in known.items() if not sha]
+    return known | dict(zip(unknown, store.sha256_of([job.root / s for s in unknown]), strict=True))
+
+
+def _note(sources: Sequence[str], begin: str, end: str) -> list[str]:
+    """One note about some files; none about none."""
+    more = f" and {len(sources) - 3} more" if len(sources) > 3 else ""
+    return [f"{begin} {', '.join(sources[:3])}{more}: {end}"] if sources else []
