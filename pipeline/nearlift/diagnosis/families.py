@@ -13,8 +13,8 @@ from nearlift.declare import FloatArray
 from nearlift.diagnosis.setting import varies
 from nearlift.results import Observations
 
-#: A family may not take more than this share of the trials as degrees of freedom.
-LARGEST_SHARE = 1 / 8
+#: A family may not take more than this share of the trials as degrees of freedom, nor more than so many: smooth ones see what it would.
+LARGEST_SHARE, LARGEST = 1 / 8, 256
 #: Positions at which a step in time is looked for.
 STEPS = 40
 STEP = "time, step"
@@ -69,14 +69,18 @@ def families(data: Observations) -> tuple[Family, ...]:
     additive = (np.median(known["lift_inf_N"]) / known["lift_inf_N"])[:, None]
     few_levels = len(data.levels) <= 8
     levels = indicators(data.throttle)[:, 1:] if few_levels else powers(data.throttle, 3)
-    distances = len(np.unique(data.z_hat))
+    distances, sessions = (len(np.unique(x)) for x in (data.z_hat, data.session))
+    most = max(min(LARGEST_SHARE * n, LARGEST), 1)
     smooth_z = powers(log_z, min(4, max(distances - 1, 1)))
     # what changes within a visit cannot be told from noise that neighbours share, so time is resolved to visits and no finer
     visits = len(np.unique(data.visit))
     slow = cosines(known["run_order"], min(8, visits))
     fast = cosines(known["run_order"], max(min(32, n // 12, visits // 4 - 8), 0), first=9)
-    found = [
-        Family(name="distance", covariate="distance", columns=indicators(data.z_hat)),
+    # indicators are not even made where they would be too many: their size is trials times groups
+    found = []
+    if distances <= most:
+        found.append(Family(name="distance", covariate="distance", columns=indicators(data.z_hat)))
+    found += [
         Family(name="distance smooth", covariate="distance", columns=smooth_z),
         Family(name="distance x throttle", covariate="throttle", columns=times(smooth_z, levels)),
         Family(name="time, slow", covariate="start", columns=slow),
@@ -87,10 +91,10 @@ def families(data: Observations) -> tuple[Family, ...]:
         Family(name="previous throttle", covariate="previous_throttle", columns=_previous(data, few_levels)),
         Family(name="previous distance", covariate="previous_distance", columns=_previous_distance(data)),
     ]
-    if few_levels:
+    if few_levels and distances * len(data.levels) <= most:
         cells = times(indicators(data.z_hat), indicators(data.throttle))
         found.append(Family(name="distance x throttle, cells", covariate="throttle", columns=cells))
-    if data.session.max() > 0:
+    if data.session.max() > 0 and sessions <= most:
         found.append(Family(name="session", covariate="session", columns=indicators(data.session)))
         found.append(Family(name="session, additive", covariate="session", columns=indicators(data.session) * additive))
     if varies(data, "since_start_s"):
@@ -109,7 +113,7 @@ def families(data: Observations) -> tuple[Family, ...]:
     for name in sorted(known.keys() - SPOKEN_FOR):
         if varies(data, name):
             found.append(Family(name=name, covariate=name, columns=powers(known[name], 3)))
-    kept = [f for f in found if 0 < f.columns.shape[1] <= max(LARGEST_SHARE * n, 1) and _tells(f.columns, data)]
+    kept = [f for f in found if 0 < f.columns.shape[1] <= most and _tells(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
 
 

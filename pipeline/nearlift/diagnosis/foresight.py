@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter
 from nearlift.diagnosis import structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, moments, search
-from nearlift.diagnosis.loop import LEAST_TRIALS, could_act
+from nearlift.diagnosis.loop import LEAST_FREEDOM, LEAST_TRIALS, could_act
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import CREDIT, FORM_SD, RIVAL, SILENT, Options, Stage, prepare, visibility
 from nearlift.diagnosis.setting import derive
@@ -35,8 +35,6 @@ DRAWS = 1000
 LIMIT_POWER = 0.8
 #: Campaigns drawn to learn how the noise floor of a plan would come out.
 REHEARSALS = 3
-#: Degrees of freedom beyond families and effects that a noise floor wants at the least.
-LEAST_FREEDOM = 10
 #: A power curve has so many sizes, up to so many times the one whose visible part has a length of four standard deviations.
 STEPS, REACH = 16, 3.0
 VISIBLE_LENGTH = 4.0

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from nearlift import catalogue
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, noise_floor, separation
-from nearlift.diagnosis.candidate import Fitted
-from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, run, settle
+from nearlift.diagnosis.candidate import Candidate, Fitted
+from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, flexible, prepare, run, settle
 from nearlift.diagnosis.setting import derive, missing
 from nearlift.diagnosis.within_trial import heating
 from nearlift.errors import NotConverged
@@ -22,10 +22,14 @@ from nearlift.fitting import budget, inputs
 from nearlift.fitting.heights import Plan
 from nearlift.fitting.least_squares import fit
 from nearlift.fitting.problem import usable
+from nearlift.randomness import generator
 from nearlift.results import Observations
 
-#: Fewer trials than this beyond the unknowns, and a noise floor cannot be told from structure.
-LEAST_TRIALS = 40
+#: Fewer trials than this beyond the unknowns, and a noise floor cannot be told from structure; nor with fewer degrees of freedom than this
+#: beside all that is flexible.
+LEAST_TRIALS, LEAST_FREEDOM = 40, 10
+#: With more sessions than this no effect has a size of its own in each: such an effect's unknowns times the trials would not fit into memory.
+MOST_SESSIONS = 400
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,18 +146,60 @@ def set_up(
 ) -> tuple[Stage, tuple[Effect, ...], list[dict[str, Any]]]:
     """The search's ground: usable trials with derived covariates, testable effects, base fit, noise floor."""
     kept = data.take(usable(base, data))
+    where = f"diagnosis of the {data.boundary}"
+    if kept.n and not np.isfinite(kept.z_hat).any():
+        raise NotConverged(where, "all trials are in free air", "at least two visits near the boundary are wanted")
+    if len(np.unique(kept.visit)) == 1 < kept.n:
+        raise NotConverged(where, "all trials belong to one visit", "at least two visits are wanted, to leave one out")
     wanted = LEAST_TRIALS + len(kept.levels) + len(base.parameters)
     if kept.n < wanted:
-        raise NotConverged(
-            f"diagnosis of the {data.boundary}", f"{kept.n} usable trials", f"at least {wanted} are wanted to tell a noise floor from structure"
-        )
+        raise NotConverged(where, f"{kept.n} usable trials", f"at least {wanted} are wanted to tell a noise floor from structure")
     first = fit(base, kept, parts, plan=Plan())
     kept = derive(kept, np.array([first.levels[float(t)].value for t in kept.levels]))
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if "drift_hat" not in e.needs)
     stage = prepare(kept, base, between, inputs.acting(parts, base, first.theta), first.theta, options)
+    _insist_on_freedom(stage)
     return stage, known, untestable
+
+
+def _insist_on_freedom(stage: Stage) -> None:
+    """Refuse trials that every covariate and effect together nearly use up: no noise floor is left to test against."""
+    data, freedom = stage.data, int(stage.noise.dof)
+    if freedom >= LEAST_FREEDOM:
+        return
+    where, what = f"diagnosis of the {data.boundary}", f"{data.n} usable trials leave {max(freedom, 0)} degrees of freedom"
+    what += " beside all that may have moved them (covariates, sessions, effects)"
+    # what is asked for is more than the least: another run of a schedule differs in what it happens to vary
+    tried = (int(data.n * 1.2**i) for i in range(1, 14))
+    enough = next((n for n in tried if _freedom_of(stage, n) >= 3 * LEAST_FREEDOM), None)
+    if enough is None:
+        remedy = "more of the same schedule would not help: leave columns out of it, or run several trials in each session and at each throttle"
+        raise NotConverged(where, what, remedy)
+    raise NotConverged(where, what, f"{enough} trials of the same schedule would be enough, or fewer columns in it")
+
+
+def _freedom_of(stage: Stage, n: int) -> int:
+    """Degrees of freedom that `n` trials would leave: the same visits again, in another order and in new sessions, as often as it takes."""
+    rng = generator(stage.options.seed, "freedom", str(n))
+    visits = np.split(np.arange(stage.data.n), np.flatnonzero(np.diff(stage.data.visit)) + 1)
+    runs = [np.arange(stage.data.n)]
+    while sum(map(len, runs)) < n:
+        runs.append(np.concatenate([visits[i] for i in rng.permutation(len(visits))]))
+    index, again = np.concatenate(runs)[:n], np.arange(n) // stage.data.n
+    data = stage.data.take(index)
+    levels = np.array([data.covariates["lift_inf_N"][data.level == k][0] for k in range(len(data.levels))])
+    # what was logged is dealt anew: copies would seem to say less than trials do
+    known = {name: rng.permutation(values) for name, values in data.covariates.items()}
+    if "start_s" in known:
+        start = stage.data.covariates["start_s"]
+        known["start_s"] = start[np.arange(n) % stage.data.n] + again * 1.01 * np.ptp(start)
+    visit, session = (x + again * (int(x.max()) + 1) for x in (data.visit, data.session))
+    data = derive(dataclasses.replace(data, visit=visit, session=session, covariates=known), levels)
+    candidate = Candidate(base=stage.base, effects=(), data=data)
+    columns = flexible(candidate, stage.theta, stage.effects)
+    return int(n - noise_floor.orthonormal(columns).shape[1])
 
 
 def could_act(data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None) -> tuple[tuple[Effect, ...], list[dict[str, Any]]]:
@@ -167,7 +213,8 @@ def could_act(data: Observations, base: LiftModel, effects: tuple[Effect, ...] |
     if "spacing_hat" not in data.geometry:
         # what rotors do to each other is not missing information where there is only one
         library = tuple(e for e in library if "spacing_hat" not in e.needs)
-    needs = {e.name: missing(e, data) for e in library}
+    many = len(np.unique(data.session)) > MOST_SESSIONS
+    needs = {e.name: ("session",) if many and any(p.per == "session" for p in e.parameters) else missing(e, data) for e in library}
     untestable = [{"effect": e.name, "needs": list(needs[e.name]), "log_next_time": list(e.log_next_time)} for e in library if needs[e.name]]
     return tuple(e for e in library if not needs[e.name]), untestable
 

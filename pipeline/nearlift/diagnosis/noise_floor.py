@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
 from nearlift.fitting.covariance import serial_block, visits_by_size
 from nearlift.fitting.noise import ENOUGH, trial_covariance
 from nearlift.results import IntArray, Noise, Observations
@@ -22,6 +23,8 @@ CLIP = 3.5
 #: Noise shared by neighbours is looked for over these numbers of trials, and believed beyond so many standard errors.
 SERIAL_LENGTHS = (1.0, 3.0, 10.0, 30.0)
 BEYOND_DOUBT = 3.5
+#: Trials whose part of a score is worked out at once.
+AT_ONCE = 2000
 #: No component grows beyond this many times what scoring began with.
 LARGEST = 1e3
 
@@ -59,7 +62,13 @@ class _Components:
 
         inverse, log_det = self._precision(sizes)
         vx = self._times(inverse, basis)
-        triangle = np.linalg.cholesky(basis.T @ vx)
+        try:
+            triangle = np.linalg.cholesky(basis.T @ vx)
+        except np.linalg.LinAlgError as fault:
+            what = (
+                f"the variances of trials differ by a factor of {self.own.max() / self.own.min():.0e} and more: beside some, others count for nothing"
+            )
+            raise NotConverged("noise floor", what, "look for lifts in another unit, near zero, or with a wrong standard error") from fault
         u: FloatArray = solve_triangular(triangle, vx.T, lower=True, check_finite=False).T
         return inverse, u, log_det + 2 * float(np.log(np.diag(triangle)).sum())
 
@@ -76,21 +85,26 @@ class _Components:
         parts = [*self.parts, *further]
         inverse, u, _ = self.projector(basis, sizes)
         py = self._times(inverse, y) - u @ (u.T @ y)
-        scaled = [[w @ a for w, a in zip(inverse, part, strict=True)] for part in parts]
-        au = [self._times(part, u) for part in parts]
-        wau = [self._times(inverse, x) for x in au]
-        uau = [u.T @ x for x in au]
-        gradient = np.array(
-            [
-                py @ self._times(part, py) - sum(float(np.trace(b, axis1=1, axis2=2).sum()) for b in whole) + float(np.trace(inner))
-                for part, whole, inner in zip(parts, scaled, uau, strict=True)
-            ]
-        )
-        information = np.empty((len(parts), len(parts)))
-        for i in range(len(parts)):
-            for j in range(i + 1):
-                blocks = sum(float(np.sum(a * b.swapaxes(1, 2))) for a, b in zip(scaled[i], scaled[j], strict=True))
-                information[i, j] = information[j, i] = blocks - 2 * float(np.vdot(au[i], wau[j])) + float(np.vdot(uau[i], uau[j]))
+        count, k = len(parts), u.shape[1]
+        traces, information, uau = np.zeros(count), np.zeros((count, count)), np.zeros((count, k, k))
+        for index, whole, *own in zip(self.index, inverse, *parts, strict=True):
+            # some visits at a time: U is as large as anything here, and every product with it as large again
+            at_once = max(AT_ONCE // index.shape[1], 1)
+            for first in range(0, len(index), at_once):
+                some = slice(first, first + at_once)
+                here, w = u[index[some]], whole[some]
+                scaled, of_u = [w @ a[some] for a in own], [a[some] @ here for a in own]
+                for j, of_one in enumerate(of_u):
+                    traces[j] += float(np.trace(scaled[j], axis1=1, axis2=2).sum())
+                    uau[j] += here.reshape(-1, k).T @ of_one.reshape(-1, k)
+                    weighed = w @ of_one
+                    for i in range(j, count):
+                        blocks = float(np.sum(scaled[i] * scaled[j].swapaxes(1, 2)))
+                        information[i, j] += blocks - 2 * float(np.vdot(of_u[i], weighed))
+        gradient = np.array([py @ self._times(a, py) - t + float(np.trace(x)) for a, t, x in zip(parts, traces, uau, strict=True)])
+        for j in range(count):
+            for i in range(j, count):
+                information[i, j] = information[j, i] = information[i, j] + float(np.vdot(uau[i], uau[j]))
         return gradient, information
 
 
@@ -170,7 +184,7 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     if not x.shape[1]:
         return np.zeros((len(columns), 0))
     x = x / np.linalg.norm(x, axis=0)
-    q, r, _ = qr(x, mode="economic", pivoting=True, check_finite=False)
+    q, r, _ = qr(x, mode="economic", pivoting=True, check_finite=False, overwrite_a=True)
     diagonal = np.abs(np.diag(r))
     rank = int((diagonal > 1e-8 * diagonal[0]).sum())
     result: FloatArray = q[:, :rank]

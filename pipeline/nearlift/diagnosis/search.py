@@ -314,6 +314,16 @@ def library_columns(base: LiftModel, effects: tuple[Effect, ...], data: Observat
     return found
 
 
+def flexible(candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]) -> FloatArray:
+    """All that the noise floor is orthogonal to, side by side: levels, a fit's Jacobian, families, library; (n, k) of any rank."""
+    data, theta = candidate.data, vector[: len(candidate.base.parameters)]
+    columns = [np.eye(len(data.levels))[data.level], candidate.jacobian(vector)]
+    # single steps add nothing smooth, and together they would use up the visits that a height error shows in
+    columns += [f.columns for f in families(data) if f.name != STEP]
+    columns += [c for _, c in library_columns(candidate.base, effects, data, theta)]
+    return np.hstack(columns)
+
+
 def prepare(
     data: Observations,
     base: LiftModel,
@@ -331,13 +341,9 @@ def prepare(
     candidate, vector = (Candidate(base=base, effects=(), data=data), theta) if about is None else (about.candidate, about.vector)
     log_ratio = candidate.log_ratio(vector)
     theta = vector[: len(theta)]
-    level = np.eye(len(data.levels))[data.level]
-    flexible = [level, candidate.jacobian(vector)]
-    # single steps add nothing smooth, and together they would use up the visits that a height error shows in
-    flexible += [f.columns for f in families(data) if f.name != STEP]
-    flexible += [c for _, c in library_columns(base, effects, data, theta)]
+    columns = flexible(candidate, vector, effects)
     slope = height_slope(base, data, dict(zip((p.name for p in base.parameters), theta, strict=True)))
-    noise, target = noise_floor.estimate(data, np.log(data.lift_N) - log_ratio, np.hstack(flexible), slope)
+    noise, target = noise_floor.estimate(data, np.log(data.lift_N) - log_ratio, columns, slope)
     return Stage(data=data, base=base, effects=effects, parts=parts, noise=noise, log_lift=target + log_ratio, theta=theta, options=options)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fitting import student
 from nearlift.fitting.least_squares import parameter_covariance
+from nearlift.fitting.noise import MOST_CELLS
 from nearlift.fitting.problem import Problem
 
 CONFIDENCE = 0.95
@@ -206,7 +207,7 @@ def cells(problem: Problem, freedom: Freedom) -> FTest | None:
     data = problem.data
     distance = np.unique(data.z_hat, return_inverse=True)[1]
     both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
-    if len(data.levels) < 2 or both.max() + 1 >= data.n:
+    if len(data.levels) < 2 or both.max() + 1 >= min(data.n, MOST_CELLS + 1):
         return None
     (common, left), (each, rest) = (_left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both))
     extra = each.shape[1] - common.shape[1]

@@ -137,6 +137,14 @@ def visits_by_size(visit: IntArray) -> list[NDArray[np.int64]]:
     return [order[first[count == size][:, None] + np.arange(size)] for size in np.unique(count)]
 
 
+def group_sums(x: FloatArray, label: IntArray) -> FloatArray:
+    """Sums of x (..., n) over the trials of each group, (..., groups); labels are 0, 1, ... without a gap."""
+    order = np.argsort(label, kind="stable")
+    first = np.flatnonzero(np.diff(label[order], prepend=-1))
+    result: FloatArray = np.add.reduceat(x[..., order], first, axis=-1)
+    return result
+
+
 def serial_block(size: int, length: float) -> FloatArray:
     """exp(-|i - j| / length), (size, size)."""
     i = np.arange(size)

@@ -15,8 +15,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fitting import budget, student
-from nearlift.fitting.budget import GROUPED, INPUTS, Component, columns, groups
-from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, serial_block, visits_by_size
+from nearlift.fitting.budget import GROUPED, INPUTS, Component, groups
+from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, group_sums, serial_block, visits_by_size
 from nearlift.fitting.problem import Problem
 from nearlift.results import Noise, Observations
 
@@ -201,8 +201,7 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
     dof = {name: np.full(len(g), known.get(name, scatter.dof)) for name in ("relative", "force_N", "height_m", "serial")}
     per_force = 1 / data.lift_N
     blocks = [(index, serial_block(index.shape[1], scatter.serial_length)) for index in visits_by_size(data.visit)]
-    visits = np.unique(data.visit, return_inverse=True)[1]
-    by_visit = (g * slope) @ np.eye(visits.max() + 1)[visits]
+    by_visit = group_sums(g * slope, np.unique(data.visit, return_inverse=True)[1])
     common: FloatArray = sum((np.einsum("pmi,ij,qmj->pq", g[:, i], b, g[:, i]) for i, b in blocks), np.zeros((len(g), len(g))))
     rms = float(np.sqrt(np.mean(record**2)))
     return [
@@ -244,7 +243,9 @@ def _independent(data: Observations, part: Component, slope: FloatArray) -> Floa
 
 def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatArray) -> Line:
     never = np.full(len(g), np.inf)
-    shared = g @ columns(data, part, slope)
+    grouped = part.scope in GROUPED
+    size = g * part.sensitivity(data, slope)
+    shared = group_sums(size, groups(data, part.scope)) if grouped else np.zeros((len(g), 0))
     covariance = shared @ shared.T + (g * _independent(data, part, slope)) @ g.T
     line = _line(part.name, "B", part.distribution, part.scope, part.standard, UNITS[part.on], covariance, never)
     if shared.shape[1] == 1 and part.standard > 0:

@@ -17,9 +17,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
-from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance
+from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, group_sums
 from nearlift.fitting.problem import height_slope, need
 from nearlift.results import IntArray, Noise, Observations
 
@@ -32,6 +33,8 @@ UNSEEN = "what the trials of a visit have in common cannot be told"
 OFF_ZERO, FEW = 0.5, 30
 #: Few visits are not asked to tell a scatter of stops beyond this part of the least distance.
 WORST_STOP = 0.1
+#: Cells whose means are taken away at most: what that costs grows with trials times cells.
+MOST_CELLS = 400
 #: Trials over which noise common to a visit fades: not at all.
 WHOLE_VISIT = 1e6
 
@@ -83,6 +86,9 @@ def estimate(
     """
     from scipy.optimize import minimize
 
+    if (some := _most_visited(data)) is not None:
+        few = None if shared is None else shared[some]
+        return estimate(data.take(some), model, parameters, None, few, np.broadcast_to(extra, data.n)[some])
     slope = height_slope(model, data, parameters)
     log_lift = np.log(data.lift_N)
     layout = _layout(data, jacobian)
@@ -191,25 +197,24 @@ class _Layout:
 
 
 def _layout(data: Observations, jacobian: FloatArray | None) -> _Layout:
-    cell, visit = _basis(np.eye(cells(data).max() + 1)[cells(data)]), np.unique(data.visit, return_inverse=True)[1]
-    repeats = data.n - cell.shape[1]
-    several = visit.max() + 1 < data.n
+    label, visit = cells(data), np.unique(data.visit, return_inverse=True)[1]
+    repeats, again = _repeats(label, visit)
+    about_cells = f"scatter of repeats about cell means ({repeats} degrees of freedom)"
+    many = label.max() >= MOST_CELLS
+    if repeats >= ENOUGH and again >= ENOUGH and not many:
+        return _Layout(mean=_basis(np.eye(label.max() + 1)[label]), model_free=True, repeated=True, between=again, source=about_cells)
     curve = np.eye(len(data.levels))[data.level]
     if jacobian is not None:
         curve = np.hstack([curve, jacobian])
     curve = _basis(curve)
-    about_cells = f"scatter of repeats about cell means ({repeats} degrees of freedom)"
-    again = _gained(cell, visit) if several else np.inf
-    if repeats >= ENOUGH and again >= ENOUGH:
-        return _Layout(mean=cell, model_free=True, repeated=True, between=again, source=about_cells)
     about_curve = "scatter about the fitted model (too few repeats)"
-    if not several:
+    if not np.isfinite(again):
         return _Layout(mean=curve, model_free=False, repeated=False, between=np.inf, source=about_curve)
     between = _gained(curve, visit)
-    if repeats >= ENOUGH:
+    if repeats >= ENOUGH and not many:
         # what throttles make of a distance stays free; how far distances lie apart is the curve's to say
         distance = np.unique(data.z_hat, return_inverse=True)[1]
-        share = _basis(np.eye(distance.max() + 1)[distance])
+        share, cell = (_basis(np.eye(x.max() + 1)[x]) for x in (distance, label))
         wider = _basis(np.hstack([curve, cell - share @ (share.T @ cell)]))
         # unless visits of a distance ran other throttles, when it would take what tells of visits
         if _gained(wider, visit) == between:
@@ -222,11 +227,38 @@ def _layout(data: Observations, jacobian: FloatArray | None) -> _Layout:
     return _Layout(mean=curve, model_free=False, repeated=repeats >= ENOUGH, between=between, source=f"{about_curve}; {told}")
 
 
+def _repeats(cell: IntArray, visit: IntArray) -> tuple[int, float]:
+    """Degrees of freedom within cells, and those between visits that cell means leave; inf where no two trials share a visit."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    n, count, visits = len(cell), int(cell.max()) + 1, int(visit.max()) + 1
+    if visits == n:
+        return n - count, np.inf
+    # what the two sets of indicators span in common: the indicators of what neither of them parts
+    met = csr_array((np.ones(n), (cell, count + visit)), shape=(count + visits, count + visits))
+    return n - count, float(visits - connected_components(met, directed=False)[0])
+
+
+def _most_visited(data: Observations) -> NDArray[np.bool_] | None:
+    """The trials of the stations visited most, where the cells of all are more than `MOST_CELLS` and repeats at those tell enough."""
+    label = cells(data)
+    if label.max() < MOST_CELLS:
+        return None
+    station = np.unique(data.z_hat, return_inverse=True)[1]
+    visits, each = (np.bincount(np.unique(np.stack([station, of]), axis=1)[0]) for of in (data.visit, label))
+    order = np.argsort(-visits, kind="stable")
+    some = np.isin(station, order[np.cumsum(each[order]) <= MOST_CELLS])
+    if not some.any():
+        return None
+    repeats, again = _repeats(*(np.unique(x[some], return_inverse=True)[1] for x in (label, data.visit)))
+    return some if repeats >= ENOUGH and again >= ENOUGH else None
+
+
 def _gained(mean: FloatArray, visit: IntArray) -> float:
-    """Degrees of freedom between visits that a mean leaves."""
-    each = np.eye(visit.max() + 1)[visit]
-    left = each - mean @ (mean.T @ each)
-    return float((np.linalg.eigvalsh(left.T @ left) > 1e-9 * np.bincount(visit).max()).sum())
+    """Degrees of freedom between visits that a mean (an orthonormal basis) leaves."""
+    along = group_sums(mean.T, visit) / np.sqrt(np.bincount(visit))
+    return float(visit.max() + 1 - (np.linalg.eigvalsh(along @ along.T) > 1 - 1e-9).sum())
 
 
 #: Step in the logarithm of a size by which the deviance's curvature is taken.
