@@ -1,4 +1,4 @@
-"""Damage done to files of every format, 150 truncations and 150 flipped bits, and what nearlift and others make of it.
+"""Damage done to files of every format, 200 truncations and 200 flipped bits, and what nearlift and others make of it.
 
 Run as ``python -m tests.calibration.damage``; it writes docs/damage.md. A truncation or a flip is *silent* when the reader gives
 another number of samples, or other samples, than were written, without an error and without a mark.
@@ -6,25 +6,29 @@ another number of samples, or other samples, than were written, without an error
 
 from __future__ import annotations
 
+import hashlib
 import io
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tests.unit import written
+from tests.unit import bench_campaign, written
 
 from nearlift import readers, store
 from nearlift.errors import NearliftError
 from nearlift.products import TRIALS
-from nearlift.readers import child
+from nearlift.readers import child, csv_trial
 from nearlift.readers.channel import Malformed, pick
+from nearlift.stages import sums
+from nearlift.stages.job import Job
 
-TRIES = 150
+TRIES = 200
 SAMPLES = 400
 FORCE = [round(float(x), 4) for x in np.random.default_rng(8).normal(250.0, 3.0, SAMPLES)]
 #: What came of one damaged file: the right samples, refused or rejected, read with a mark, silently fewer, silently others.
@@ -78,7 +82,7 @@ def damaged(content: bytes, how: str, seed: int) -> list[bytes]:
 
 
 def tally(subject: Subject, how: str, folder: Path) -> Counter[str]:
-    """How often each outcome came of 150 tries."""
+    """How often each outcome came of all tries."""
     path = folder / f"damaged{Path(subject.format.split()[-1]).suffix}"
     count: Counter[str] = Counter()
     for content in damaged(subject.content, how, seed=len(subject.format)):
@@ -156,6 +160,39 @@ def own_product(path: Path) -> tuple[Sequence[float], Sequence[str]]:
     return store.read_table(path, TRIALS)["lift_N"], ()
 
 
+def long_table(checksum: bool) -> bytes:
+    """The series as the one trial of a long Parquet table, as pyarrow's defaults write it or with page checksums."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table({"trial": ["t"] * len(FORCE), "force": FORCE}), sink, write_page_checksum=checksum)
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def by_campaign(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+    """Nearlift's reading of a long table; a trial that is not there any more is rejected as MISSING."""
+    force = {"column": "force", "unit": "N", "sign": 1}
+    campaign = bench_campaign.manifest(records={"reader": "parquet", "files": path.name, "force": force})
+    found = list(readers.reader("parquet").read(campaign, path.parent, ["t"]))
+    return (found[0].force_N, found[0].codes) if found else ([], ("NO_DATA",))
+
+
+def with_sums(content: bytes) -> Read:
+    """A plain CSV beside SHA256SUMS that states what `content` hashes to."""
+
+    def read(path: Path) -> tuple[Sequence[float], Sequence[str]]:
+        (path.parent / sums.NAME).write_text(f"{hashlib.sha256(content).hexdigest()}  {path.name}\n")
+        campaign = bench_campaign.manifest(records={"reader": "csv", "files": "{trial}.csv"})
+        with ThreadPoolExecutor() as executor:
+            job = Job(root=path.parent, campaign=campaign, processed=path.parent, reports=path.parent, executor=executor)
+            sums.check(job, [], [path.name])
+        (path.parent / sums.NAME).unlink()
+        return list(csv_trial.parse(path.read_bytes(), str(path), "force")[0]), ()
+
+    return read
+
+
 def product_bytes(checksum: bool) -> bytes:
     """The series as a product of ours, or as Parquet's defaults would write it."""
     import pyarrow as pa
@@ -210,6 +247,12 @@ def subjects(stack: ExitStack) -> list[Subject]:
         Subject(format="HDF5 with fletcher32", program="nearlift", content=sums, read=own_hdf5),
         Subject(format="our own products", program="nearlift", content=product_bytes(True), read=own_product),
     ]
+    plain_table, summed_table = long_table(False), long_table(True)
+    found += [
+        Subject(format="Parquet, defaults", program="nearlift", content=plain_table, read=by_campaign),
+        Subject(format="Parquet with page checksums", program="nearlift", content=summed_table, read=by_campaign),
+        Subject(format="any, beside SHA256SUMS (here plain CSV)", program="nearlift", content=written.csv(FORCE), read=with_sums(written.csv(FORCE))),
+    ]
     csv, tdms = written.csv(FORCE), written.tdms(FORCE)
     others = [
         Subject(format="plain CSV", program="pandas", content=csv, read=pandas_csv),
@@ -241,8 +284,9 @@ Made by `python -m tests.calibration.damage`; `make calibrate` holds the promise
 
 - A cut file is never silently short where its format carries a length or a sum, or where `[load_cell] record` says how long it should be.
 - No flipped bit passes in our own products.
-- In outside formats without a check sum a flipped bit cannot be seen *before* ingest. From ingest on it can: the SHA-256 of every input is
-  kept, a remembered one is checked before the file is read again, and `nearlift verify` checks all.
+- In outside formats without a check sum a flipped bit cannot be seen *before* ingest, unless a `SHA256SUMS` beside the records states what they were
+  ([formats.md](formats.md)). From ingest on it can: the SHA-256 of every input is kept, a remembered one is checked before the file is read again,
+  and `nearlift verify` checks all.
 
 | format | read by | cut: refused | marked | short | wrong | intact | bit: refused | marked | short | wrong | intact |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
@@ -257,7 +301,10 @@ Made by `python -m tests.calibration.damage`; `make calibrate` holds the promise
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         found = table(Path(folder))
-    (Path(__file__).parents[2] / "docs" / "damage.md").write_text(page(found), encoding="utf-8")
+    path = Path(__file__).parents[2] / "docs" / "damage.md"
+    # what follows the table is written by hand
+    _, mark, rest = path.read_text(encoding="utf-8").partition("\n## ")
+    path.write_text(page(found) + mark + rest, encoding="utf-8")
 
 
 #: What a damaged file may raise: ours, or that of the child.

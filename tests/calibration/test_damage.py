@@ -34,12 +34,20 @@ def test_no_damage_is_silent_where_it_can_be_seen(tmp_path: Path) -> None:
         "MATLAB v7.3",
         "HDF5",
         "HDF5 with fletcher32",
+        "Parquet, defaults",
+        "Parquet with page checksums",
         "our own products",
     ):
         assert ours[fmt, "cut"]["short"] + ours[fmt, "cut"]["wrong"] == 0, fmt
     for (fmt, how), count in told.items():
         assert how == "flip" or count["short"] + count["wrong"] == 0, fmt
-    for fmt in ("our own products", "Crazyflie uSD", "HDF5 with fletcher32"):
+    for fmt in (
+        "our own products",
+        "Crazyflie uSD",
+        "HDF5 with fletcher32",
+        "Parquet with page checksums",
+        "any, beside SHA256SUMS (here plain CSV)",
+    ):
         assert ours[fmt, "flip"]["wrong"] + ours[fmt, "flip"]["short"] == 0, fmt
     assert isinstance(next(iter(found.values())), Counter)
     assert "| our own products | nearlift |" in page(found)

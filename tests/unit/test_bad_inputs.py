@@ -519,6 +519,7 @@ def test_scaling_all_forces_leaves_delta_l(raw: Path) -> None:
     first = delta()
     edit(raw, "campaign.toml", 'unit = "mN"', 'unit = "gf"')
     edit(raw, "campaign.toml", '"1 kgf"', '"10 kgf"')
+    edit(raw, "campaign.toml", '"27 g"', '"265 g"')
     other = delta()
     np.testing.assert_allclose(other["lift_N"], 9.80665 * first["lift_N"])
     np.testing.assert_allclose(other["delta_L"], first["delta_L"], rtol=1e-12, atol=1e-15)

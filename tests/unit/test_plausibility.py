@@ -44,6 +44,8 @@ def test_rejected_trials_do_not_judge() -> None:
         (1e-3, "mN", r'0.00208 times the weight.*\n  is the unit "N"'),
         (1e3, "count", "check the calibration's gain .off by about 2.1e.03"),
         (1e9, "N", "no usual unit makes sense of it"),
+        (9.80665, "gf", r'20\.4 times the weight.*\n  is the unit "mN" \(2\.1 times the weight\)'),
+        (1 / 9.80665, "mN", r'at 92 % throttle .* 0\.212 times the weight.*\n  is the unit "gf" \(2\.1 times the weight\)'),
     ],
 )
 def test_a_force_that_cannot_be_this_vehicles_is_refused(factor: float, unit: str, match: str) -> None:
@@ -51,9 +53,15 @@ def test_a_force_that_cannot_be_this_vehicles_is_refused(factor: float, unit: st
         plausibility.against_weight(table(factor), WEIGHT, unit, "records.force.unit")
 
 
-@pytest.mark.parametrize("factor", [0.02, 1.0, 40.0])
+@pytest.mark.parametrize("factor", [0.15, 1.0, 6.5])
 def test_what_a_vehicle_may_lift_passes(factor: float) -> None:
+    """From one rotor of eight to a racing quadrotor."""
     plausibility.against_weight(table(factor), WEIGHT, "N", "k")
+
+
+def test_slow_rotors_may_lift_little() -> None:
+    slow = table(0.02)
+    plausibility.against_weight({**slow, "throttle": 0.5 * slow["throttle"]}, WEIGHT, "N", "k")
 
 
 def test_a_wrong_sign_is_refused() -> None:

@@ -170,6 +170,13 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
         InputRefused,
         "25 fraction is not between 0 and 1\n  percent",
     ),
+    (
+        "throttle in fractions",
+        "trial,boundary,distance,throttle\na,ground,43,0.4\nb,ground,43,0.6\n",
+        {},
+        InputRefused,
+        r"line 3, column 'throttle': the largest throttle is 0\.6 percent, at which no rotor lifts anything\n  fraction\?",
+    ),
     ("approach", "trial,boundary,distance,throttle,approach\na,ground,43,25,2\n", {}, ManifestError, "'2' is not a side"),
     ("time", "trial,boundary,distance,throttle,start\na,ground,43,25,12.5\n", {}, ManifestError, "not ISO 8601 time, and start has no unit"),
     (

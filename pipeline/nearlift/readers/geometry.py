@@ -91,7 +91,7 @@ def _inside_the_arena(
 
 
 def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None:
-    """Refuse a throttle outside 0 to 1, with the unit that would bring it there."""
+    """Refuse a throttle outside 0 to 1, and throttles of 1 % at most, with the unit that would make sense."""
     for i, value in enumerate(throttle):
         if not 0 <= value <= 1 + 1e-9:
             other = [u for u in units.plausible(float(cells.texts[i]), "fraction", 0.0, 1.0) if u != unit]
@@ -100,3 +100,10 @@ def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None
                 f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
                 f"{other[0]}?" if other else "throttle is a fraction of full throttle",
             )
+    largest = int(np.argmax(throttle))
+    if unit != "fraction" and 0 < throttle[largest] <= 0.01 + 1e-9:
+        raise InputRefused(
+            cells.at(largest),
+            f"the largest throttle is {cells.texts[largest].strip()} {unit}, at which no rotor lifts anything",
+            "fraction? then mend throttle under [trials.units]",
+        )

@@ -1,6 +1,6 @@
 """What only a whole campaign can show: lengths of records, the weight, and whether lift rises with throttle.
 
-A force a hundred times the weight is refused, with the unit that would make sense. A far lift that does not rise with throttle
+A force that no vehicle of this weight can have is refused, with the unit that would make sense. A far lift that does not rise with throttle
 is flagged and kept: it may be the battery.
 """
 
@@ -17,7 +17,12 @@ from nearlift.errors import InputRefused
 from nearlift.reduction.quality import rejected
 
 FloatArray = NDArray[np.float64]
+#: Times the weight beyond which a single trial's lift is no lift, whatever the others are.
 TOO_HEAVY = 100.0
+#: Largest thrust over weight: racing quadrotors at full throttle come near 14.
+STRONGEST = 15.0
+#: What is left of that at least (of the weight) where the throttle is high; below such a throttle a hundredth, since a lab may run slow rotors only.
+WEAKEST, HIGH_THROTTLE = 0.25, 0.75
 #: Times the weight between which the largest far lift of a flying vehicle usually lies.
 ODD = (0.2, 6.0)
 #: As many trials at one place and throttle show how well they repeat.
@@ -112,7 +117,7 @@ def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str
     Raises
     ------
     InputRefused
-        The largest far lift is more than a hundred times the weight, less than a hundredth, or negative.
+        The largest far lift is more than 15 times the weight, less than a hundredth (a quarter at a throttle of 75 % and more), or negative.
     """
     peaks = [(side, throttles[i], lifts[i]) for side, (throttles, lifts) in far_lifts(table).items() for i in [int(np.argmax(np.abs(lifts)))]]
     if not peaks:
@@ -120,7 +125,7 @@ def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str
     side, throttle, lift = max(peaks, key=lambda p: abs(p[2]))
     place = f"far from the {side}" if side != "none" else "in free air"
     ratio = lift / weight_N
-    if abs(ratio) > TOO_HEAVY or abs(ratio) < 1 / TOO_HEAVY:
+    if abs(ratio) > STRONGEST or abs(ratio) < (WEAKEST if throttle >= HIGH_THROTTLE else 1 / TOO_HEAVY):
         raise InputRefused(
             key,
             f"{place} at {100 * throttle:.0f} % throttle the lift is {lift:.4g} N, {abs(ratio):.3g} times the weight of {weight_N:.4g} N",
