@@ -34,6 +34,8 @@ $(READY): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	# pip compiles what it installs, but not what it leaves in its place
+	$(BIN)/python -m compileall -q pipeline/nearlift
 	touch $(READY)
 
 clean:                    ## the environment, the caches and the demo; never a campaign's products

@@ -177,6 +177,11 @@ def _arrow_type(values: NDArray[Any]) -> Any:
     return pa.int64() if values.dtype.kind in "iu" else pa.float64()
 
 
+def ready() -> None:
+    """Import what tables are written with, where the time for it is there anyway."""
+    import pyarrow.parquet  # noqa: F401
+
+
 def table_bytes(table: Mapping[str, NDArray[Any]], product: Product) -> bytes:
     """A table product as Parquet: schema checked, pages checksummed."""
     import pyarrow as pa

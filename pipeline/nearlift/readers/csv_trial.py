@@ -45,7 +45,9 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
     clock = campaign.records.time
     tick = units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0
     for trial, path in zip(piece.trials, piece.paths, strict=True):
-        content = path.read_bytes()
+        # without a buffer, which would only be copied
+        with path.open("rb", buffering=0) as file:
+            content = file.readall()
         force, time, codes = _parsed(content, str(path), force_channel(campaign).column, clock.column if clock else None)
         yield Record(
             trial=trial,
@@ -91,12 +93,21 @@ def _parsed(content: bytes, where: str, force: str, time: str | None) -> tuple[F
         if not content:
             return nothing, blank, ("NO_DATA", "truncated")
     body = content.find(b"\n") + 1
-    header = _header(content[:body], where)
+    header = _usual_header(content[:body]) or _header(content[:body], where)
     wanted = [_place(header, name, key, where) for name, key in ((force, "records.force.column"), (time, "records.time.column")) if name is not None]
     if not content[body : body + 80].strip() and not content[body:].strip():
         return nothing, blank, (*codes, "NO_DATA")
     found = scanner.scan(content, body, len(header), wanted) or table.read(content[body:], where, 2, header, wanted)
     return found[0], found[1] if time is not None else None, codes
+
+
+@functools.lru_cache(maxsize=8)
+def _usual_header(line: bytes) -> list[str]:
+    """What `_header` gives: a campaign's records begin alike. Empty where there is something to say of the line, with the file's name."""
+    try:
+        return _header(line, "")
+    except InputRefused:
+        return []
 
 
 def _header(line: bytes, where: str) -> list[str]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from nearlift import units
 from nearlift.errors import InputRefused
 from nearlift.reduction.quality import rejected
+from nearlift.reduction.stretch import median
 
 FloatArray = NDArray[np.float64]
 #: Times the weight beyond which a single trial's lift is no lift, whatever the others are.
@@ -49,7 +50,7 @@ def lengths(
     whole = n[n > 0]
     if len(whole) == 0:
         return
-    usual = float(np.median(whole))
+    usual = median(whole)
     for i, samples in enumerate(n):
         if 0 < samples < (1 - missing) * usual:
             codes[i].append("SHORT" if samples < 0.5 * usual or "truncated" in codes[i] else "short")
@@ -75,7 +76,7 @@ def planned_length(samples: NDArray[np.int64], record_s: float, rate_Hz: float, 
     whole = samples[samples > 0]
     if len(whole) == 0:
         return
-    usual, planned = float(np.median(whole)), record_s * rate_Hz
+    usual, planned = median(whole), record_s * rate_Hz
     if abs(usual - planned) > missing * planned:
         raise InputRefused(
             "load_cell.sample_rate",
@@ -97,7 +98,7 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, 
         lifts = np.empty(len(throttles))
         for i, throttle in enumerate(throttles):
             level = here & (table["throttle"] == throttle)
-            lifts[i] = np.median(table["lift_N"][level & (table["z_hat"] == table["z_hat"][level].max())])
+            lifts[i] = median(table["lift_N"][level & (table["z_hat"] == table["z_hat"][level].max())])
         found[side] = throttles, lifts
     return found
 
@@ -195,7 +196,7 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     for throttle in np.unique(table["throttle"]):
         here = table["throttle"] == throttle
         if (good & here).any():
-            usual[here] = np.median(lift[good & here])
+            usual[here] = median(lift[good & here])
     with np.errstate(invalid="ignore"):
         found: NDArray[np.bool_] = good & ((lift <= 0) | (lift < STOPPED * usual))
     return found
@@ -216,8 +217,8 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     for here in np.split(good[np.argsort(place, kind="stable")], ends):
         throttle = table["throttle"][here]
         levels = [t for t in np.unique(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT]
-        medians = np.array([np.median(lift[here][throttle == t]) for t in levels])
-        scatter = np.array([1.4826 * np.median(np.abs(lift[here][throttle == t] - m)) for t, m in zip(levels, medians, strict=True)])
+        medians = np.array([median(lift[here][throttle == t]) for t in levels])
+        scatter = np.array([1.4826 * median(np.abs(lift[here][throttle == t] - m)) for t, m in zip(levels, medians, strict=True)])
         for k, level in enumerate(levels):
             own = here[throttle == level]
             off = np.abs(lift[own, None] - medians)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import screening
 from nearlift.reduction.steps import stepped
-from nearlift.reduction.stretch import Stretch, steady, stretch
+from nearlift.reduction.stretch import Stretch, median, steady, stretch
 
 FloatArray = NDArray[np.float64]
 
@@ -166,8 +166,8 @@ def reduce_record(
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
     if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
         # the median and its scatter, for a head of stopped rotors takes several batches and would hide behind its own spread
-        level = _median(batches)
-        scatter = 1.4826 * _median(np.abs(batches - level))
+        level = median(batches)
+        scatter = 1.4826 * median(np.abs(batches - level))
         if abs(batches[0] - level) > max(0.1 * abs(lift), 6 * scatter):
             found.append("unsettled")
     return Reduced(
@@ -205,13 +205,6 @@ def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool =
     # each mean is taken from the record's own mean, which shares 1/n of its variance
     # not by BLAS: a record that will be rejected may hold inf
     return float(np.add.reduce(means * means)) / len(means) / (found.gain - 1.0 / n), found
-
-
-def _median(values: FloatArray) -> float:
-    """The median of a few values; numpy's takes ten times as long to look at its arguments."""
-    middle = len(values) // 2
-    ranked = np.sort(values)
-    return float(ranked[middle] if len(values) % 2 else (ranked[middle - 1] + ranked[middle]) / 2)
 
 
 def _slope(run: Stretch, density: float, rate_Hz: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.native import POINTER, WHOLE, Kernel, address
-from nearlift.reduction.stretch import Stretch
+from nearlift.reduction.stretch import Stretch, median
 
 FloatArray = NDArray[np.float64]
 
@@ -56,8 +56,8 @@ def step_of(values: FloatArray) -> float:
 
 def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
     """Mask of the samples that stand apart, by the noise or by what a converter's `step` may hide of it."""
-    away = np.abs(values - np.median(values))
-    limit = _apart(len(values)) * max(SD_PER_MAD * float(np.median(away)), HIDDEN * step)
+    away = np.abs(values - median(values))
+    limit = _apart(len(values)) * max(SD_PER_MAD * median(away), HIDDEN * step)
     nearer: NDArray[np.bool_] = away > NEARER * limit
     return nearer if len(values) >= MANY and np.count_nonzero(nearer) >= SEVERAL else away > limit
 
@@ -85,7 +85,7 @@ def moved_by_segment(values: FloatArray, step: float) -> float:
     best = int(np.argmax((sums[end] - sums[first]) ** 2 / (inside * (n - inside))))
     chosen = np.zeros(n, dtype=bool)
     chosen[first[best] : end[best]] = True
-    levels = float(np.median(means[chosen])), float(np.median(means[~chosen]))
+    levels = median(means[chosen]), median(means[~chosen])
     left = np.sort(np.abs(means - np.where(chosen, *levels)))[:-2]
     change = abs(levels[0] - levels[1])
     if change <= _apart(n) * max(float(left @ left / (n - 4)) ** 0.5, noise):
@@ -98,8 +98,8 @@ def ends_apart(values: FloatArray, step: float) -> float:
     means, noise = _blocks(values, step)
     if len(means) < FEWEST_BLOCKS:
         return 0.0
-    apart = float(np.abs(means[[0, -1]] - np.median(means)).max())
-    noise = max(noise, SD_PER_MAD * float(np.median(np.abs(np.diff(means)))) / 2**0.5)
+    apart = float(np.abs(means[[0, -1]] - median(means)).max())
+    noise = max(noise, SD_PER_MAD * median(np.abs(np.diff(means))) / 2**0.5)
     return apart if apart > _apart(len(means)) * noise else 0.0
 
 

@@ -205,6 +205,8 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
         if 2 * len(refusals) > recorded:
             raise refusals[0]
         job.say(f"ingest {done} of {len(schedule)} trials")
+        # while others reduce
+        store.ready()
     told = [note if count == 1 else f"{note} ({count} records, such as {first})" for note, (count, first) in rows.notes.items()]
     if job.campaign.load_cell.tare == "none":
         told.append('the records have no tare: the zero of the force is unknown and wants an [[uncertainty]] on = "force"')
