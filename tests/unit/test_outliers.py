@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift.readers.schedule import visits
-from nearlift.reduction.outliers import LEAST_TRIALS, screen
+from nearlift.reduction.outliers import LEAST_TRIALS, screen, student_tail
 
 THROTTLES = np.array([0.25, 0.5, 0.75, 0.92])
 
@@ -100,3 +100,10 @@ def test_what_cannot_be_screened_says_why():
     none = screen(*(np.zeros(0) for _ in range(3)), np.zeros(0, dtype=np.int64))
     assert none.why_not
     assert not few.outlying.any() | exact.outlying.any() | none.outlying.any()
+
+
+def test_student_s_tail_is_scipy_s():
+    from scipy.special import stdtr
+
+    dof, x = np.linspace(2.0, 6.0, 9)[:, None], np.logspace(-2, 5, 50)
+    np.testing.assert_allclose(student_tail(dof, x), stdtr(dof, -x), rtol=1e-12)

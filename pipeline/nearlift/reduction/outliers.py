@@ -11,12 +11,14 @@ Sources: Hampel 1974, J. Am. Stat. Assoc. 69, 383 (median and its deviation); Ro
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
+from nearlift.reduction.stretch import median
 
 #: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of freedom carries an outlying trial.
 FAMILY_WISE = 0.01
@@ -130,11 +132,11 @@ def _scaled(comparisons: list[FloatArray], level: NDArray[np.int64]) -> tuple[Fl
         mine = known & np.isnan(contrast)
         if not mine.any():
             continue
-        scale = np.full(len(level), SIGMA_PER_MAD * np.median(np.abs(comparison[known])))
+        scale = np.full(len(level), SIGMA_PER_MAD * median(np.abs(comparison[known])))
         for throttle in np.unique(level[mine]):
             here = known & (level == throttle)
             if here.sum() >= OWN_SCALE:
-                scale[here] = np.maximum(scale[here], SIGMA_PER_MAD * np.median(np.abs(comparison[here])))
+                scale[here] = np.maximum(scale[here], SIGMA_PER_MAD * median(np.abs(comparison[here])))
         contrast[mine] = comparison[mine]
         if known.sum() >= LEAST_TRIALS and np.all(scale > SMALLEST_SCALE):
             scaled[mine] = (comparison / scale)[mine]
@@ -184,8 +186,6 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
 
     Student's t beyond the `BODY` quantile, over a grid of degrees of freedom and scales weighed by likelihood and prior.
     """
-    from scipy.special import gammaln, stdtr
-
     ordered = np.sort(reference)
     n, low = len(ordered), int(BODY * len(ordered))
     body, start, end = ordered[low : n - COUNTED], ordered[low], ordered[n - COUNTED - 1]
@@ -196,10 +196,10 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
     dof = 1 / inverse
     scale = ordered[n // 2] * SIGMA_PER_MAD * np.exp(np.linspace(-1.5, 1.0, 41))
     x = body / scale[:, None]
-    density = gammaln((dof + 1) / 2) - gammaln(dof / 2) - 0.5 * np.log(dof * np.pi) - np.log(scale)
+    density = np.log(_student_peak(dof) / np.sqrt(dof)) - np.log(scale)
     inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]]) + len(body) * (density + np.log(2))
-    begins = np.maximum(2 * stdtr(dof, -start / scale), 1e-300)
-    beyond = np.maximum(2 * stdtr(dof, -end / scale), 1e-300)
+    begins = np.maximum(2 * student_tail(dof, start / scale), 1e-300)
+    beyond = np.maximum(2 * student_tail(dof, end / scale), 1e-300)
     # only what lies beyond the start speaks of the tail, given that it does
     log_weight = weight * inside + COUNTED * np.log(beyond) - (weight * len(body) + COUNTED) * np.log(begins) - inverse / TAIL_PRIOR
     chance = np.exp(log_weight - log_weight.max())
@@ -207,5 +207,23 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
     # nothing nearer can be beyond a family-wise limit
     far = size > end
     result = np.ones(len(size))
-    result[far] = [float((chance * 2 * stdtr(dof, -x / scale)).sum()) * (n - low) / n for x in size[far]]
+    result[far] = [float((chance * 2 * student_tail(dof, x / scale)).sum()) * (n - low) / n for x in size[far]]
     return result
+
+
+def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
+    """Chance that Student's t with `dof` >= 2 degrees of freedom exceeds `x` > 0, to 14 digits.
+
+    With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x, which Gauss and Legendre integrate over the fourth
+    root of a: all that is wanted of scipy here takes longer to load than a thousand records to reduce.
+    """
+    root, weight = np.polynomial.legendre.leggauss(32)
+    v, weight = (root + 1) / 2, weight / 2
+    angle, power = np.arctan2(np.sqrt(dof), x)[..., None], dof[..., None]
+    inside = 4 * v ** (4 * power - 1) * np.sinc(angle * v**4 / np.pi) ** (power - 1)
+    return np.asarray(_student_peak(dof) * angle[..., 0] ** dof * (inside @ weight))
+
+
+def _student_peak(dof: FloatArray) -> FloatArray:
+    """The density of Student's t at zero times the root of the degrees of freedom."""
+    return np.array([math.exp(math.lgamma((d + 1) / 2) - math.lgamma(d / 2)) for d in dof.ravel()]).reshape(dof.shape) / math.sqrt(math.pi)
