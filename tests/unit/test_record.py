@@ -221,6 +221,15 @@ def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
     assert "SATURATED" in reduced(clean + 20.1, tare_s=0.2, limits=Limits(range_N=9.8)).codes
 
 
+@pytest.mark.parametrize(("first", "size"), [(700, 64), (1136, 64), (500, 30)])
+def test_a_block_of_the_live_part_that_is_no_lift(first: int, size: int) -> None:
+    """A sector zeroed: too long for single samples, too short for a second throttle."""
+    force = record(np.random.default_rng(23), tare=200, live=1000, tone=2e-3)
+    force[first : first + size] = 0.0
+    got = reduced(force, tare_s=0.2)
+    assert "MIXED" in got.codes or ("spikes" in got.codes and abs(got.lift_N - 0.2) < 1e-3)
+
+
 def test_no_number_overflows() -> None:
     force = record(np.random.default_rng(19))
     for damage in (np.s_[:], np.s_[2000:], np.s_[2500:2600], np.s_[100:164], np.s_[::2]):

@@ -46,7 +46,11 @@ CODES = (
     Code(name="STUCK", rejects=True, meaning="the channel stood still: it repeats one value"),
     Code(name="GAPS", rejects=True, meaning="the clock column shows that too many samples are missing"),
     Code(name="DRIFT", rejects=True, meaning="the force drifts within the record by more than the limit"),
-    Code(name="MIXED", rejects=True, meaning="the force steps from one level to another in the middle of the record: two throttles in one trial"),
+    Code(
+        name="MIXED",
+        rejects=True,
+        meaning="the force steps from one level to another in the middle of the record: two throttles in one trial, or samples of it are damaged",
+    ),
     Code(name="HEIGHT", rejects=True, meaning="the traverse did not reach the distance of the schedule"),
     Code(
         name="TARE",

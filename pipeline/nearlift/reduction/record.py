@@ -160,8 +160,11 @@ def reduce_record(
     slope, u_slope = _slope(run, density, rate_Hz)
     found += _stuck(live, run)
     batches = run.batches
-    if stepped(batches, limits.drift * abs(lift)):
-        found.append("MIXED")
+    if len(batches) and float(batches.max() - batches.min()) > limits.drift * abs(lift):
+        moved, at_start = screening.moved_by_segment(live, screening.step_of(live))
+        # rotors that still spin up are unsettled
+        if stepped(batches, limits.drift * abs(lift)) or (moved > math.sqrt(u2) and not at_start):
+            found.append("MIXED")
     found += _clipped(live, run)
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
     if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
@@ -285,7 +288,7 @@ def _zero(
         if abs(worth) > MATTERS * u and isolated:
             tare, zero, u2, found = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
     if uneven:
-        damaged = screening.moved_by_segment(tare, step) > math.sqrt(u2_live + u2)
+        damaged = screening.moved_by_segment(tare, step)[0] > math.sqrt(u2_live + u2)
         # rotors that run down or up need not have an edge
         if damaged or screening.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
             return zero, u2, ["TARE"]

@@ -68,8 +68,10 @@ def are_single(mask: NDArray[np.bool_]) -> bool:
     return int(np.count_nonzero(mask)) <= max(1.0, LARGEST_SHARE * len(mask)) and int((edges[1::2] - edges[::2]).max(initial=0)) <= LONGEST_RUN
 
 
-def moved_by_segment(values: FloatArray, step: float) -> float:
+def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     """By how much that segment moves the mean which stands out most from the rest, such as a block of damage or a second level; 0 if none does.
+
+    Also whether it stands at the beginning.
 
     It is the one that explains most of the squares of the blocks' means. The noise about the two levels leaves out the two blocks that
     fit worst, in which the segment may begin and end.
@@ -77,7 +79,7 @@ def moved_by_segment(values: FloatArray, step: float) -> float:
     means, noise = _blocks(values, step)
     n = len(means)
     if n < FEWEST_BLOCKS:
-        return 0.0
+        return 0.0, False
     first, end = np.triu_indices(n + 1, 1)
     first, end = first[end - first < n], end[end - first < n]
     inside = end - first
@@ -89,8 +91,9 @@ def moved_by_segment(values: FloatArray, step: float) -> float:
     left = np.sort(np.abs(means - np.where(chosen, *levels)))[:-2]
     change = abs(levels[0] - levels[1])
     if change <= _apart(n) * max(float(left @ left / (n - 4)) ** 0.5, noise):
-        return 0.0
-    return change * min(int(inside[best]), n - int(inside[best])) / n
+        return 0.0, False
+    size = min(int(inside[best]), n - int(inside[best]))
+    return change * size / n, bool(chosen[0]) == (size == inside[best])
 
 
 def ends_apart(values: FloatArray, step: float) -> float:
