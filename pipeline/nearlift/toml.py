@@ -66,6 +66,6 @@ def _bounded(text: str, where: str) -> None:
             dots = 0
         if max(brackets, dots) >= DEEPEST:
             raise ManifestError(f"{where}, line {line}", f"is nested more than {DEEPEST} deep", "no key of a manifest is")
-        if len(token) > MOST_DIGITS and token.lstrip("+-")[0].isdigit():
+        if len(token) > MOST_DIGITS and token.lstrip("+-")[:1].isdigit():
             raise ManifestError(f"{where}, line {line}", f"holds a number of {len(token)} digits", "17 digits say all that there is to say")
         line += token.count("\n")

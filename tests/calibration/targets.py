@@ -13,12 +13,13 @@ from tests.unit import written
 from tests.unit.written import MANIFEST
 
 import nearlift.campaign as manifests
-from nearlift import units
+from nearlift import toml, units
 from nearlift.errors import NearliftError
 from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text, usd
 from nearlift.readers.channel import Malformed
 from nearlift.readers.piv import DIALECTS, Setting, settle
 from nearlift.readers.schedule import read_schedule
+from nearlift.stages import sums
 
 #: In memory where there is such a place.
 SCRATCH = Path("/dev/shm") if Path("/dev/shm").is_dir() else Path(tempfile.gettempdir())
@@ -68,11 +69,14 @@ def deck(data: bytes) -> None:
 
 
 def manifest(data: bytes) -> None:
-    try:
-        raw = tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError):
-        return
-    manifests.parse(raw)
+    manifests.parse(toml.loads(data, "f"))
+
+
+def listed(data: bytes) -> None:
+    folder = SCRATCH / f"nearlift-fuzz-{os.getpid()}.s"
+    folder.mkdir(exist_ok=True)
+    (folder / sums.NAME).write_bytes(data)
+    sums.stated(folder, folder / sums.NAME)
 
 
 def schedule(data: bytes) -> None:
@@ -123,6 +127,7 @@ TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
     "deck": (deck, (written.usd(FORCE), written.usd(FORCE, version=1))),
     "manifest": (manifest, (MANIFEST.encode(),)),
     "grids": (grids, tuple(_grid(*form) for form in GRIDS)),
+    "sums": (listed, (b"0" * 64 + b"  a.csv\n\\" + b"F" * 64 + b" *b\\nc\n",)),
     "schedule": (schedule, (b"trial,boundary,distance,throttle\na,ground,30,50\nb,none,,50\n",)),
 }
 

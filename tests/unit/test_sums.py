@@ -91,7 +91,15 @@ def test_names_outside_the_folder_are_refused(root: Path, tmp_path: Path, name: 
 
 
 @pytest.mark.parametrize(
-    "bad", ["SHA256 (trials.csv) = " + "0" * 64, "0" * 63 + "  trials.csv", "g" * 64 + "  trials.csv", "0" * 64 + " trials.csv", "0" * 64 + "  "]
+    "bad",
+    [
+        "SHA256 (trials.csv) = " + "0" * 64,
+        "0" * 63 + "  trials.csv",
+        "g" * 64 + "  trials.csv",
+        "0" * 64 + " trials.csv",
+        "0" * 64 + "  ",
+        "0" * 64 + "  a\0",
+    ],
 )
 def test_a_line_of_another_form_is_named(root: Path, tmp_path: Path, bad: str) -> None:
     edit(root, "", lambda text: text + bad + "\n")

@@ -56,7 +56,7 @@ def stated(root: Path, path: Path) -> dict[str, str]:
         where = f"{path}, line {number}"
         plain = line.removeprefix("\\")
         sha, mark, name = plain[:64].lower(), plain[64:66], plain[66:]
-        if mark not in ("  ", " *") or not name or len(sha) != 64 or sha.strip("0123456789abcdef"):
+        if mark not in ("  ", " *") or not name or "\0" in name or len(sha) != 64 or sha.strip("0123456789abcdef"):
             raise InputRefused(where, f"is no line of sha256sum: {brief(repr(line), 100)}", f"write it anew: sha256sum * > {NAME}")
         source = (folder / (_unescaped(name) if line.startswith("\\") else name)).as_posix()
         inside(root, source, where)
