@@ -18,6 +18,7 @@ from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.setting import SCHEDULE_WORDS
 from nearlift.diagnosis.structure import Hypothesis, Structure
 from nearlift.fitting import budget
+from nearlift.fitting.frame import framed
 from nearlift.fitting.noise import trial_covariance
 from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Noise, Observations
@@ -162,7 +163,7 @@ class Stage:
         named = [(f.name, f.covariate, f.columns) for f in found]
         named += [(f"{EFFECT}{e.name}", e.varies_with, columns) for e, columns in self.library]
         white = [self.space.project(c.T).T for _, _, c in named]
-        basis = orthonormal(np.hstack([self.base_fit.jacobian, *white]))
+        basis = framed(orthonormal(np.hstack([self.base_fit.jacobian, *white])))
         reduced = tuple(
             Hypothesis(name=n, covariate=SCHEDULE_WORDS.get(c, c), columns=basis.T @ (orthonormal(w) if w.shape[1] > 1 else w))
             for (n, c, _), w in zip(named, white, strict=True)
@@ -188,7 +189,7 @@ class Stage:
         outside = both - basis @ (basis.T @ both)
         scale = np.linalg.norm(both, axis=0)
         outside = outside[:, np.linalg.norm(outside, axis=0) > 1e-6 * np.maximum(scale, 1e-300)]
-        extra = orthonormal(outside) if outside.shape[1] else np.zeros((self.data.n, 0))
+        extra = framed(orthonormal(outside)) if outside.shape[1] else np.zeros((self.data.n, 0))
 
         def reduce(x: FloatArray) -> FloatArray:
             return np.concatenate([basis.T @ x, extra.T @ x])

@@ -20,6 +20,8 @@ DRAWS = 1500
 CHUNKS = 5
 #: Decades beyond the union bound's threshold at which a finding needs no draws.
 CLEAR = 1.0
+#: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the first in order stands before.
+SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +60,7 @@ class Structure:
         """The smallest log10 p-value of each covariate and the family or effect that has it, most significant first."""
         best: dict[str, tuple[float, str]] = {}
         for name, covariate, value in zip(self.names, self.covariates, self.log10_p, strict=True):
-            if covariate not in best or value < best[covariate][0]:
+            if covariate not in best or value < best[covariate][0] * (1 + SAME):
                 best[covariate] = (float(value), name)
         return dict(sorted(best.items(), key=lambda item: item[1][0]))
 
@@ -145,8 +147,8 @@ def _table(rank: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _least(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
-    """The smallest log10 p-value of each draw (m, d), from tables and in single precision: draws are random anyway."""
-    chi2 = _chi2(draws.astype(np.float32), stacked.astype(np.float32), ranks)
+    """The smallest log10 p-value of each draw (m, d), from tables."""
+    chi2 = _chi2(draws, stacked, ranks)
     least = np.zeros(len(draws))
     for rank in np.unique(ranks):
         # of hypotheses with equal freedom the largest chi-square is the most significant
@@ -203,10 +205,13 @@ def examine(
             threshold=least_threshold if clear else float(np.log10(rate)),
         )
     least = np.zeros(0)
+    # what only decides is drawn in single precision; a threshold that is published has the same digits on every processor
+    kind = np.float64 if exact else np.float32
+    columns: FloatArray = np.asarray(stacked, dtype=kind)
     for _ in range(CHUNKS):
         draws = rng.standard_normal((DRAWS // CHUNKS, len(scores)), dtype=np.float32).astype(float)
         scale = np.sqrt(dof / rng.chisquare(dof, size=(len(draws), 1)))
-        least = np.append(least, _least(draws * scale, stacked, ranks))
+        least = np.append(least, _least(np.asarray(draws * scale, dtype=kind), columns, ranks))
         exceeded = int((least <= observed.min()).sum())
         if not exact and exceeded > rate * DRAWS + 1:
             # whatever the other draws show, the finding will not be among the extreme ones

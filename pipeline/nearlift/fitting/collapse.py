@@ -14,6 +14,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fitting import student
+from nearlift.fitting.frame import framed
 from nearlift.fitting.least_squares import parameter_covariance
 from nearlift.fitting.noise import MOST_CELLS
 from nearlift.fitting.problem import Problem
@@ -160,7 +161,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
-    found = least_squares(residuals, start, bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
+    found = least_squares(residuals, start, jac="3-point", bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
     whole = np.zeros(len(start))
     for i in range(len(start)):
         step = np.zeros(len(start))
@@ -213,7 +214,7 @@ def cells(problem: Problem, freedom: Freedom) -> FTest | None:
     extra = each.shape[1] - common.shape[1]
     if extra <= 0:
         return None
-    apart = np.linalg.svd(each - common @ (common.T @ each), full_matrices=False)[0][:, :extra]
+    apart = framed(np.linalg.svd(each - common @ (common.T @ each), full_matrices=False)[0][:, :extra])
     return f_test(left - rest, extra, student.several(freedom(problem.covariance.unwhiten(apart.T))))
 
 

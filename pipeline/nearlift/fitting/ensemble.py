@@ -21,6 +21,8 @@ from nearlift.fitting.density import Density
 from nearlift.fitting.importance import peak
 
 BLOCK = 200
+#: Places for walkers to start from per standard deviation, about: a power of two.
+LATTICE = 4096
 #: An autocorrelation time is believed once the chain is this many times as long.
 LENGTHS = 50
 #: So many autocorrelation times are left out at the start.
@@ -62,13 +64,17 @@ def walkers(p: int, wanted: int) -> int:
 
 
 def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
-    """Where the walkers start, (w, p): twice as widely spread about the peak as the posterior is to first order."""
-    root = 2 * np.linalg.cholesky(density.spread())
+    """Where the walkers start, (w, p): twice as widely spread about the peak as the posterior is to first order.
+
+    On a lattice: walkers move by each other's differences, so a last bit of where they start grows until it moves them all.
+    """
+    spread = density.spread()
+    root, step = 2 * np.linalg.cholesky(spread), 2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE
     mean = peak(density)
     p = len(mean)
     found = np.empty((0, p))
     for attempt in range(200):
-        some = mean + rng.standard_normal((count, p)) @ root.T / (1 + attempt / 10)
+        some = step * np.round((mean + rng.standard_normal((count, p)) @ root.T / (1 + attempt / 10)) / step)
         found = np.vstack([found, some[np.isfinite(density(some))]])
         if len(found) >= count:
             return found[:count]

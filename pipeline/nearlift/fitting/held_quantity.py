@@ -196,7 +196,7 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
 
     size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
-    found = least_squares(residuals, start, bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
+    found = least_squares(residuals, start, jac="3-point", bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
     chi2 = min(2 * float(found.cost), float(problem.chi2(theta)))
     information = (found.jac * size).T @ (found.jac * size)
     at_bound = np.any(found.x - low < 1e-4 * size) or np.any(high - found.x < 1e-4 * size)

@@ -138,9 +138,11 @@ def estimate(
     # a component at the bottom of its range is indistinguishable from none
     at_floor = found.x <= np.array([b[0] for b in bounds.values()]) + 0.5
     seen = [i for i in range(len(guess)) if not at_floor[i]]
-    spread = _log_covariance(deviance, np.where(at_floor, -np.inf, found.x), seen)
+    inside = [i for i in seen if found.x[i] < list(bounds.values())[i][1] - SMALL]
+    best = _settled(lambda x: with_slope(x)[1], np.asarray(found.x, dtype=np.float64), inside)
+    spread = _log_covariance(deviance, np.where(at_floor, -np.inf, best), seen)
     return replace(
-        noise_of(np.where(at_floor, 0.0, np.exp(found.x))),
+        noise_of(np.where(at_floor, 0.0, np.exp(best))),
         source=layout.source,
         dof=float(dof),
         sizes=tuple(name for i, name in enumerate(guess) if i in seen),
@@ -259,6 +261,29 @@ def _gained(mean: FloatArray, visit: IntArray) -> float:
     """Degrees of freedom between visits that a mean (an orthonormal basis) leaves."""
     along = group_sums(mean.T, visit) / np.sqrt(np.bincount(visit))
     return float(visit.max() + 1 - (np.linalg.eigvalsh(along @ along.T) > 1 - 1e-9).sum())
+
+
+#: A step in the logarithm of a size that may be a last one.
+SMALL = 0.05
+
+
+def _settled(gradient: Callable[[FloatArray], FloatArray], at: FloatArray, inside: list[int]) -> FloatArray:
+    """Newton's steps in the log sizes named by `inside` from a minimum to where the gradient vanishes.
+
+    A search stops where the deviance, a large number, no longer falls, and where exactly depends on the processor.
+    """
+    if not inside:
+        return at
+    unit = np.eye(len(at))[inside] * 1e-4
+    curved = np.array([(gradient(at + u) - gradient(at - u))[inside] for u in unit]) / 2e-4
+    if np.linalg.eigvalsh(curved + curved.T).min() <= 0:
+        return at
+    for _ in range(3):
+        step = np.linalg.solve(curved, -gradient(at)[inside])
+        if not np.abs(step).max() < SMALL:
+            break
+        at = at + step @ np.eye(len(at))[inside]
+    return at
 
 
 #: Step in the logarithm of a size by which the deviance's curvature is taken.

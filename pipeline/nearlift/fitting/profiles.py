@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fitting import batched, heights, student
@@ -27,6 +28,8 @@ NEAR, NEAR_POINTS = 1.5, 31
 #: First reach in standard uncertainties; widened while the profile stays below what the widest interval wants.
 REACH = 4.0
 WIDENINGS = 5
+#: Values nearer than this part of a standard uncertainty are one.
+SAME = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +88,7 @@ def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
     centre = float(np.clip(fit.theta[i], low, high))
     ends = max(centre - REACH * sd[i], low), min(centre + REACH * sd[i], high)
     near = np.clip(centre + NEAR * sd[i] * np.linspace(-1, 1, NEAR_POINTS), low, high)
-    value = np.unique(np.r_[np.linspace(*ends, POINTS), near])
+    value = _apart(np.r_[np.linspace(*ends, POINTS), near], sd[i])[0]
     chi2 = _along(fit, i, value, sd)
     if fit.marginal:
         # the mean over the height error is not where the profile is lowest
@@ -114,8 +117,15 @@ def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
 
 def _with(fit: Fit, i: int, sd: FloatArray, value: FloatArray, chi2: FloatArray, more: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The profile with further values, ascending."""
-    whole, first = np.unique(np.r_[value, more], return_index=True)
+    whole, first = _apart(np.r_[value, more], sd[i])
     return whole, np.r_[chi2, _along(fit, i, more, sd)][first]
+
+
+def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Values in ascending order and their indices; of those that only rounding parts, between which a parabola would be noise, one."""
+    order = np.argsort(value, kind="stable")
+    kept = order[np.diff(value[order], prepend=-np.inf) > SAME * sd]
+    return value[kept], kept
 
 
 def _vertex(value: FloatArray, chi2: FloatArray) -> float:
