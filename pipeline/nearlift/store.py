@@ -13,7 +13,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -59,12 +59,23 @@ _UNFINISHED = re.compile(r"\..+\.\d+\.tmp")
 PART, PORTION = 1 << 20, 16
 
 
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """A fault of the disk that names no file names this one."""
+    try:
+        yield
+    except OSError as fault:
+        if fault.filename is None:
+            fault.filename = str(path)
+        raise
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Replace `path` by `content` in one step that survives a crash."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        with temporary.open("wb") as file:
+        with naming(path), temporary.open("wb") as file:
             disk.write(file, content)
             disk.sync(file.fileno())
         disk.rename(temporary, path)
@@ -87,7 +98,8 @@ def sync_folder(folder: Path) -> None:
     """Wait until the names in a folder are on the disk."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        disk.sync(descriptor)
+        with naming(folder):
+            disk.sync(descriptor)
     finally:
         os.close(descriptor)
 

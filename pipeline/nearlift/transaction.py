@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from nearlift import store
 from nearlift.errors import ProductError
@@ -59,7 +59,7 @@ class Homes:
         """
         kind, *rest = PurePosixPath(name).parts or ("",)
         folder = {"processed": self.processed, "reports": self.reports}.get(kind)
-        if folder is None or not rest or ".." in rest:
+        if folder is None or not rest or ".." in rest or "\0" in name:
             raise ProductError(str(self.journal), f"names {name!r}, which is no product", "delete it and run again")
         return folder, PurePosixPath(*rest)
 
@@ -88,17 +88,18 @@ class Homes:
         journal = store.read_json(self.journal)
         if journal.get("schema") != SCHEMA:
             raise ProductError(str(self.journal), f"has schema {journal.get('schema', 'none')}, not {SCHEMA}", "delete it and run again")
-        places = []
-        for name in journal["put"]:
-            places.append(self.place(name))
+        lists: list[Any] = [journal.get("put"), journal.get("remove")]
+        if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists):
+            raise ProductError(str(self.journal), "does not list what is to be put and removed", "delete it and run again")
+        put, remove = ([(self.staged(name), self.place(name)) for name in names] for names in lists)
+        for staged, place in put:
             # what is no longer staged has its place already
-            if self.staged(name).is_file():
-                places[-1].parent.mkdir(parents=True, exist_ok=True)
-                store.disk.rename(self.staged(name), places[-1])
-        for name in journal["remove"]:
-            places.append(self.place(name))
-            store.disk.unlink(places[-1])
-        self.sync(places)
+            if staged.is_file():
+                place.parent.mkdir(parents=True, exist_ok=True)
+                store.disk.rename(staged, place)
+        for _, place in remove:
+            store.disk.unlink(place)
+        self.sync(place for _, place in put + remove)
         # while the journal stands, so that whoever completes a commit does this too
         shutil.rmtree(self.unfinished, ignore_errors=True)
         store.disk.unlink(self.journal)
@@ -140,7 +141,7 @@ class Transaction:
         """Stage a file."""
         path = self.homes.staged(name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb") as file:
+        with store.naming(self.homes.place(name)), path.open("wb") as file:
             store.disk.write(file, content)
             store.disk.sync(file.fileno())
         self.written[name] = hashlib.sha256(content).hexdigest()

@@ -185,10 +185,19 @@ def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
 def test_a_journal_that_names_other_files_is_refused(tmp_path):
     there = Homes.of(tmp_path, "c")
     there.processed.mkdir(parents=True)
-    for name in ("processed/../../stray", "stray", "/etc/stray", "processed"):
+    for name in ("processed/../../stray", "stray", "/etc/stray", "processed", "processed/stray\0"):
         there.journal.write_text(json.dumps({"schema": "nearlift.commit/1", "put": [name], "remove": []}))
         with pytest.raises(ProductError, match="which is no product"):
             settled(there)
+
+
+@pytest.mark.parametrize("lists", [{"put": []}, {"put": "reports", "remove": []}, {"put": [1], "remove": []}, {"put": [], "remove": None}])
+def test_a_journal_that_lists_nothing_is_refused_and_nothing_moves(tmp_path, lists):
+    there = Homes.of(tmp_path, "c")
+    there.processed.mkdir(parents=True)
+    there.journal.write_text(json.dumps({"schema": "nearlift.commit/1", **lists}))
+    with pytest.raises(ProductError, match="does not list what is to be put and removed"):
+        settled(there)
 
 
 def test_a_full_disk_ends_with_4_and_old_products(tmp_path, monkeypatch):
@@ -198,7 +207,7 @@ def test_a_full_disk_ends_with_4_and_old_products(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "disk", Faulty(1))
     found = nearlift("ingest", raw, "--out", tmp_path)
     assert found.exit_code == 4
-    assert "no space left on device" in found.stderr.lower()
+    assert f"{tmp_path / 'processed' / 'means' / 'trials.parquet'}: no space left on device" in found.stderr
     assert state(tmp_path / "processed") == before
 
 
