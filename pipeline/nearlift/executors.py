@@ -6,6 +6,7 @@ the tasks whatever the executor, the number of workers, or the order in which th
 
 from __future__ import annotations
 
+import asyncio
 import concurrent.futures
 import contextlib
 import functools
@@ -117,16 +118,48 @@ def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
             with LastingProcesses(workers) as lasting:
                 yield lasting
     elif kind == "dask" and rest:
-        try:
-            import distributed
-        except ImportError:
-            raise UsageError("--executor", f"{text!r} needs the package distributed", 'pip install "nearlift[dask]"') from None
-        cluster: Any = distributed.Client
-        with cluster(rest) as client:
+        with _client(rest, text) as client:
             # pure=False: dask would otherwise return one cached result for equal calls
             yield client.get_executor(pure=False, retries=2)
     else:
         raise UsageError("--executor", f"{text!r} is not an executor", "use serial, threads:N, processes:N or dask:ADDRESS")
+
+
+#: Time for a scheduler to answer, s.
+ANSWER_S = 10.0
+
+
+def _client(address: str, whole: str) -> Any:
+    """The connection to a dask scheduler.
+
+    Raises
+    ------
+    UsageError
+        The package is missing, or nobody answers.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise UsageError("--executor", f"{whole!r} needs the package distributed", 'pip install "nearlift[dask]"') from None
+
+    library: Any = distributed
+
+    async def answer() -> None:
+        arguments = library.Security().get_connection_args("client")
+        link = await asyncio.wait_for(library.comm.connect(address, timeout=ANSWER_S, **arguments), ANSWER_S)
+        link.abort()
+
+    try:
+        # asked first, since a client that could not connect goes on complaining; in a thread, since a notebook has a loop of its own
+        with concurrent.futures.ThreadPoolExecutor(1) as one:
+            one.submit(lambda: asyncio.run(answer())).result()
+        return library.Client(address)
+    except (OSError, ValueError, TypeError) as fault:
+        raise UsageError(
+            "--executor",
+            f"no dask scheduler answers at {address!r}: {str(fault) or f'nothing came within {ANSWER_S:g} s'}",
+            "start one (dask scheduler) and give the address that it prints: dask:tcp://HOST:8786",
+        ) from None
 
 
 def _count(text: str, whole: str) -> int:

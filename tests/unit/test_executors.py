@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import concurrent.futures
-import json
 import os
-import subprocess
+import socket
 import sys
 import threading
 import time
@@ -238,26 +237,15 @@ def test_a_task_that_kills_every_process_is_refused(deadly):
         list(ordered(pool, deadly.die, [0]))
 
 
-@pytest.fixture
-def cluster(tmp_path):
-    """A real dask scheduler with two worker processes on loopback."""
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:port", "http://127.0.0.1:1", "silent"])
+def test_a_scheduler_that_does_not_answer_is_told_as_such(address, monkeypatch):
     pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
-    file = tmp_path / "scheduler.json"
-    dask = [sys.executable, "-m", "dask"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    started = [subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)], **quiet)]
-    worker = [*dask, "worker", "--scheduler-file", str(file), "--no-nanny", "--nthreads", "1", "--no-dashboard"]
-    started += [subprocess.Popen([*worker, "--name", name], env=os.environ | {"PYTHONPATH": str(tmp_path)}, **quiet) for name in "ab"]
-    try:
-        deadline = time.monotonic() + 60
-        while not (file.exists() and file.stat().st_size):
-            assert time.monotonic() < deadline, "the scheduler did not start"
-            time.sleep(0.1)
-        yield json.loads(file.read_text())["address"], started[1:]
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
+    monkeypatch.setattr("nearlift.executors.ANSWER_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        # somebody listens, who is no scheduler
+        address = address.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        with pytest.raises(UsageError, match=f"no dask scheduler answers at '{address}'.*\\n  start one"), open_executor(f"dask:{address}"):
+            pass
 
 
 def test_a_killed_worker_of_a_cluster_changes_no_result(cluster, deadly, tmp_path):

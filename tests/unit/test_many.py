@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -52,6 +54,28 @@ def test_whole_campaigns_in_processes_give_the_same_products(alone, folders, tmp
     assert told.exit_code == 0, told.output
     assert len(products(tmp_path)) == 2 * len(KEPT)
     assert products(tmp_path) == products(alone[0])
+
+
+def everything(out):
+    """All but the wall times in provenance.json, and the stamps of the inputs."""
+    files = [p for p in sorted(out.rglob("*")) if p.is_file() and not p.name.startswith(("provenance", "inputs-cache", "."))]
+    return {p.relative_to(out).as_posix(): p.read_bytes() for p in files}
+
+
+def test_a_cluster_gives_the_same_bytes(alone, folders, tmp_path, monkeypatch, cluster, plain_pictures):
+    """Scheduler and workers stand in other folders than the command; whole campaigns, then the records of one, go to them."""
+    address, _ = cluster
+    (tmp_path / "desk").mkdir()
+    monkeypatch.chdir(tmp_path / "desk")
+    given = [os.path.relpath(folder) for folder in folders]
+    told = small_run.nearlift("run", *given, "--executor", f"dask:{address}")
+    assert told.exit_code == 0, told.output
+    assert everything(Path()).keys() == everything(alone[0]).keys()
+    assert [name for name, content in everything(Path()).items() if content != everything(alone[0])[name]] == []
+    told = small_run.nearlift("ingest", given[0], "--out", "one", "--executor", f"dask:{address}")
+    assert told.exit_code == 0, told.output
+    trials = Path("processed", small_run.NAME, "trials.parquet")
+    assert Path("one", trials).read_bytes() == (alone[0] / trials).read_bytes()
 
 
 def test_again_there_is_nothing_to_do(alone, folders):

@@ -70,7 +70,9 @@ def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[
     """
     _distinct(roots)
     apart = executor.startswith(("processes", "dask"))
-    specs = [Spec(root=str(root), out=str(out), executor="serial" if apart else executor, seed=seed) for root in roots]
+    # the workers of a cluster have current folders of their own
+    there = Path.absolute if executor.startswith("dask") else Path
+    specs = [Spec(root=str(there(root)), out=str(there(out)), executor="serial" if apart else executor, seed=seed) for root in roots]
     if apart:
         with open_executor(executor) as pool:
             yield from ordered(pool, run_one, specs, ahead=max(len(specs), 1))

@@ -18,6 +18,9 @@ from nearlift.transaction import Homes
 @contextlib.contextmanager
 def open_job(root: Path, out: Path, executor: str, seed: int, say: Callable[[str], None] = silent, keep: bool = True) -> Iterator[Job]:
     """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a finished job knows of its inputs for the next."""
+    if executor.startswith("dask"):
+        # the workers of a cluster have current folders of their own
+        root = root.absolute()
     loaded = manifests.load(root)
     spare_raw(root, out)
     homes = Homes.of(out, loaded.name)
