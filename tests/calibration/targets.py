@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from tests.unit import written
 from tests.unit.written import MANIFEST
 
@@ -19,6 +20,7 @@ from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmar
 from nearlift.readers.channel import Malformed
 from nearlift.readers.piv import DIALECTS, Setting, settle
 from nearlift.readers.schedule import read_schedule
+from nearlift.reduction.record import Limits, reduce_record
 from nearlift.stages import sums
 
 #: In memory where there is such a place.
@@ -33,6 +35,16 @@ def _file(data: bytes) -> Path:
 
 def csv(data: bytes) -> None:
     csv_trial.parse(data, "f", "force", "t")
+
+
+def reduction(data: bytes) -> None:
+    """Any numbers at all as a record, with and without a clock."""
+    numbers = np.frombuffer(data[: len(data) // 8 * 8], dtype="<f8")
+    half = len(numbers) // 2
+    for range_N in (None, 9.8):
+        limits = Limits(range_N=range_N)
+        reduce_record(numbers, rate_Hz=100.0, tare_s=0.5, settle_s=0.1, limits=limits)
+        reduce_record(numbers[:half], rate_Hz=100.0, tare_s=0.5, time_s=numbers[half : 2 * half], limits=limits)
 
 
 def dialects(data: bytes) -> None:
@@ -119,6 +131,7 @@ FORCE = [1.5, -2.25, 3.125]
 #: Target -> its function and what it starts from.
 TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
     "csv": (csv, (written.csv(FORCE), b"t,force\n0,OVER\n1,2")),
+    "reduction": (reduction, tuple(np.random.default_rng(n).normal(0.2, 2e-3, n).tobytes() for n in (8, 80, 500))),
     "dialects": (dialects, (written.german(FORCE), b"a;b\n1,5;2\n", b"# x\na b\n1 2\n", b"t,F,\ns,mN,\n1,2,\n")),
     "recipe": (recipe, (b"START\r\n1, 2\r\n3, 4\r\n", b"1,5;2,5\n")),
     "labels": (labels, (b"T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n",)),

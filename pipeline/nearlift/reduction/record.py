@@ -333,6 +333,8 @@ def _longest_run(at: NDArray[np.intp]) -> int:
     return int(np.diff(breaks).max())
 
 
+# a damaged clock may hold anything: it then has no steady rate
+@np.errstate(over="ignore", invalid="ignore")
 def _clock(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
     """Gaps and stumbles of a clock column; refuses one that runs at another rate."""
     if steady(time_s, rate_Hz):
