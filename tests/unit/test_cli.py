@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from nearlift import campaign as manifests
-from nearlift import store
+from nearlift import console, store
 from nearlift.cli import STAGE_NAMES, main
 from nearlift.errors import ManifestError
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
@@ -386,3 +386,14 @@ def test_the_demo_finds_what_is_in_it_and_says_that_it_is_simulated(demo):
     assert K_b["lo90"] < 2.0 < K_b["hi90"]
     assert {found[side]["verdict"] for side in ("ceiling", "sidewall")} == {"adequate"}
     assert "simulated" in (demo / "reports/demo/index.html").read_text().lower()
+
+
+def test_an_interrupt_while_modules_are_loaded_ends_in_words(monkeypatch, capsys):
+    def load() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("nearlift.cli.main", load)
+    with pytest.raises(SystemExit) as end:
+        console.main()
+    assert end.value.code == 130
+    assert capsys.readouterr().err == "interrupted; nothing was begun\n"
