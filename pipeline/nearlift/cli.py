@@ -138,7 +138,7 @@ def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice, 
     """The campaign as a job that speaks with this voice."""
     from nearlift.stages import opening
 
-    with opening.open_job(campaign, out, executor, seed, voice.progress, keep) as job:
+    with opening.open_job(campaign, out, executor, seed, voice.progress, keep, voice.line) as job:
         yield job
 
 

@@ -10,7 +10,7 @@ from nearlift import catalogue
 from nearlift.diagnosis import loop
 from nearlift.fitting import collapse, gum, least_squares, predictive, profiles
 from nearlift.fitting.noise import MOST_CELLS, estimate
-from nearlift.stages import beside
+from nearlift.stages import beside, expense
 
 from .simulated import campaign
 
@@ -64,3 +64,17 @@ def test_where_cells_are_too_many_repeats_are_taken_from_the_stations_visited_mo
     assert "scatter of repeats" in noise.source
     assert noise.dof <= data.n - MOST_CELLS
     assert noise.relative == pytest.approx(0.004, rel=0.25)
+
+
+@pytest.mark.parametrize("law", [expense.FIT, expense.DIAGNOSE])
+def test_what_takes_long_is_told_with_trials_time_and_memory(law):
+    told = []
+    usual, large = campaign(4, visits=30), campaign(4, visits=900)
+    expense.announce(told.append, "fit ground", law, usual)
+    assert told == []
+    expense.announce(told.append, "fit ground", law, large)
+    [line] = told
+    seconds, megabytes = law.of(large)
+    assert line == f"fit ground: 36000 trials, about {seconds:.0f} s and {megabytes / 1000:.1f} GB"
+    # where no two trials share a distance, the model is asked at every trial
+    assert law.of(dataclasses.replace(large, z_hat=np.geomspace(1.2, 12, large.n)))[0] >= seconds

@@ -11,6 +11,7 @@ from nearlift.diagnosis.search import Options
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget
 from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, NOT_DIAGNOSED, TRIALS
+from nearlift.stages import expense
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
@@ -26,9 +27,11 @@ def run(job: Job) -> Outcome:
     notes = []
     for boundary in boundaries(trials):
         job.say(f"diagnose {boundary}")
+        data = observe(trials, job.campaign, boundary)
+        expense.announce(job.announce, f"diagnose {boundary}", expense.DIAGNOSE, data, "; several times as long if there is structure to name")
         base, _ = choice(job.campaign, boundary)
         try:
-            found = diagnose(observe(trials, job.campaign, boundary), base, parts, options)
+            found = diagnose(data, base, parts, options)
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"
             findings[boundary] = {"verdict": NOT_DIAGNOSED, "reason": reason, "base_model": base.name, "effects": [], "structure": []}

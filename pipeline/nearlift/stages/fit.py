@@ -15,7 +15,7 @@ from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
 from nearlift.products import FIT, PROFILES, TRIALS
 from nearlift.results import Estimate, Observations
-from nearlift.stages import accounts, beside, screening
+from nearlift.stages import accounts, beside, expense, screening
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
@@ -55,6 +55,7 @@ def run(job: Job) -> Outcome:
         raise InputRefused(job.campaign.name, "no trial was accepted, so there is nothing to fit", "trials.parquet gives the reason for each")
     for boundary in present:
         data = observe(trials, job.campaign, boundary)
+        expense.announce(job.announce, f"fit {boundary}", expense.FIT, data)
         base, rivals = choice(job.campaign, boundary)
         fits: dict[str, Any] = {}
         held_out: dict[str, HeldOut] = {}

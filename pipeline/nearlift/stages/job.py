@@ -40,6 +40,8 @@ class Job:
     executor : Executor
     say : callable
         Takes a short progress text, such as ``"ingest 120 of 3600 trials"``.
+    announce : callable
+        Takes a line that is to be read, and not only while it is so.
     overrides : mapping of str to value
         What the command line put in place of the manifest, by option.
     change : Transaction or None
@@ -56,6 +58,7 @@ class Job:
     stamps: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
     say: Callable[[str], None] = silent
+    announce: Callable[[str], None] = silent
     overrides: Mapping[str, Any] = field(default_factory=dict)
     change: Transaction | None = None
 

@@ -16,7 +16,15 @@ from nearlift.transaction import Homes
 
 
 @contextlib.contextmanager
-def open_job(root: Path, out: Path, executor: str, seed: int, say: Callable[[str], None] = silent, keep: bool = True) -> Iterator[Job]:
+def open_job(
+    root: Path,
+    out: Path,
+    executor: str,
+    seed: int,
+    say: Callable[[str], None] = silent,
+    keep: bool = True,
+    announce: Callable[[str], None] = silent,
+) -> Iterator[Job]:
     """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a finished job knows of its inputs for the next."""
     if executor.startswith("dask"):
         # the workers of a cluster have current folders of their own
@@ -37,6 +45,7 @@ def open_job(root: Path, out: Path, executor: str, seed: int, say: Callable[[str
             stamps=stamps,
             seed=seed,
             say=say,
+            announce=announce,
         )
     if keep:
         remember(homes.processed, stamps)
