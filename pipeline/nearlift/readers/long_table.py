@@ -1,7 +1,7 @@
 """A long Parquet table as the reading child sees it: whose rows are whose, then the numbers in batches.
 
 The trial column is read first, alone (dictionary encoded it costs next to nothing). Samples are then read in batches, from the row group
-in which the first one wanted stands, so that memory does not depend on the size of the file or of its row groups.
+in which the first one wanted stands, so that memory does not depend on the size of the file.
 """
 
 from __future__ import annotations
