@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift.readers.schedule import visits
-from nearlift.reduction.outliers import LEAST_TRIALS, screen, student_tail
+from nearlift.reduction.outliers import LEAST_TRIALS, odd_visits, screen, student_tail
 
 THROTTLES = np.array([0.25, 0.5, 0.75, 0.92])
 
@@ -107,3 +107,12 @@ def test_student_s_tail_is_scipy_s():
 
     dof, x = np.linspace(2.0, 6.0, 9)[:, None], np.logspace(-2, 5, 50)
     np.testing.assert_allclose(student_tail(dof, x), stdtr(dof, -x), rtol=1e-12)
+
+
+def test_a_visit_that_is_off_as_a_whole_is_odd_and_none_of_its_trials_is_outlying():
+    log_lift, z, throttle, visit = bench(5)
+    before = odd_visits(log_lift, z, throttle, visit).tolist()
+    log_lift[visit == 17] += 0.08
+    assert set(odd_visits(log_lift, z, throttle, visit)) - set(before) == {17}
+    assert not screen(log_lift, z, throttle, visit).outlying.any()
+    assert odd_visits(log_lift[:4], z[:4], throttle[:4], visit[:4]).tolist() == []

@@ -23,7 +23,10 @@ from nearlift.results import Estimate
 #: Relative variance of a trial that is no scatter but the floor under none.
 EXACT = 1.1e-12
 #: A trial is fitted without if the closed form says that the headline would move by this part of its standard uncertainty.
-LOOK = 0.7
+LOOK = 0.6
+#: The part of its standard uncertainty by which a trial must move the headline to be named. Below one, since a glitch moves the headline by
+#: more than leaving the trial out does: what the trial would have said is lost too.
+MOVES = 0.8
 #: Most trials, and most visits, that are named; and most that are fitted without for each name.
 MOST, TRIES = 10, 4
 
@@ -85,8 +88,14 @@ class Screening:
     why_not: str = ""
 
 
-def screen(found: Fit, parts: tuple[Component, ...], outlying: Collection[str] = (), odd: Collection[str] = ()) -> Screening:
-    """Name the trials that are outlying or move the headline by more than its standard uncertainty, and the visits that do the latter.
+def screen(
+    found: Fit,
+    parts: tuple[Component, ...],
+    outlying: Collection[str] = (),
+    odd: Collection[str] = (),
+    odd_visits: Collection[int] | NDArray[np.int64] = (),
+) -> Screening:
+    """Name the trials that are outlying or move the headline by `MOVES` of its standard uncertainty, and the visits that do the latter.
 
     Parameters
     ----------
@@ -98,6 +107,9 @@ def screen(found: Fit, parts: tuple[Component, ...], outlying: Collection[str] =
         Trials that repeats and neighbours contradict (`reduction.outliers`).
     odd : collection of str
         Trials that stand far off, if not farther than noise allows. Together they may hide each other, so they are left out together, too.
+
+    odd_visits : collection of int
+        Visits that stand far off: as a visit's scatter is learnt from few visits, the closed form says too little of them.
 
     Returns
     -------
@@ -128,7 +140,7 @@ def screen(found: Fit, parts: tuple[Component, ...], outlying: Collection[str] =
         kept[i] = False
         named.append(i)
     suspects = [search.alone(i, str(data.trial[i]) in outlying) for i in named[:MOST]]
-    suspects += search.visits(clean, kept)
+    suspects += search.visits(clean, kept, odd_visits)
     return replace(whole, suspects=tuple(suspects), without_all=_headline(clean) if len(named) > 1 else None)
 
 
@@ -178,10 +190,11 @@ class _Search:
             single[i] = again is None or _moves(base, again)
         return single if single.any() else odd
 
-    def visits(self, clean: Fit, kept: NDArray[np.bool_]) -> list[Suspect]:
+    def visits(self, clean: Fit, kept: NDArray[np.bool_], odd: Collection[int] | NDArray[np.int64]) -> list[Suspect]:
         """The visits of several trials that move the headline by more than its standard uncertainty, the trials named left aside."""
         data, moved, suspects = self.found.problem.data, influence(clean), []
-        for j in _far(moved.of_visit[:, 0], moved.chi2, clean):
+        far = _far(moved.of_visit[:, 0], moved.chi2, clean)
+        for j in [*far, *np.setdiff1d(np.flatnonzero(np.isin(moved.visit, list(odd))), far)[:TRIES]]:
             members = (data.visit == moved.visit[j]) & kept
             again = self.without(members | ~kept) if members.sum() > 1 else None
             if again and _moves(clean, again):
@@ -220,8 +233,8 @@ def _far(shift: FloatArray, chi2: FloatArray, clean: Fit) -> list[int]:
 
 
 def _moves(clean: Fit, again: Fit) -> bool:
-    """Whether the headline differs by more than the smaller of its standard uncertainties."""
-    return bool(abs(again.theta[0] - clean.theta[0]) > min(_headline(clean).u, _headline(again).u))
+    """Whether the headline differs by more than `MOVES` of the smaller of its standard uncertainties."""
+    return bool(abs(again.theta[0] - clean.theta[0]) > MOVES * min(_headline(clean).u, _headline(again).u))
 
 
 def _largest(names: tuple[str, ...], ids: NDArray[np.generic], shift: FloatArray) -> dict[str, Shift]:

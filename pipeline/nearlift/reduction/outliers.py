@@ -91,7 +91,7 @@ def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit:
     n = len(log_lift)
     out, departure, sigmas = np.zeros(n, dtype=bool), np.full(n, np.nan), np.full(n, np.nan)
     level = np.unique(throttle, return_inverse=True)[1].ravel()
-    cell = np.unique(np.stack([np.where(np.isfinite(z_hat), z_hat, -1.0), throttle]), axis=1, return_inverse=True)[1].ravel()
+    cell = _cells(z_hat, throttle)
     while True:
         comparisons = _contrasts(np.where(out, np.nan, log_lift), z_hat, level, cell, visit, curve_removed)
         contrast, scaled, why_not = _scaled(comparisons, level)
@@ -108,6 +108,26 @@ def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit:
         if not beyond.any():
             return Screen(outlying=out, departure=departure, sigmas=sigmas)
         out |= beyond
+
+
+def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Labels of the visits whose trials together stand more than `ODD` robust standard deviations off their repeats in other visits.
+
+    No outliers yet: a drift nobody declared does as much. Arguments as for `screen`.
+    """
+    off = log_lift - _median_of_others(log_lift, _cells(z_hat, throttle))
+    known = np.flatnonzero(np.isfinite(off))
+    order = known[np.argsort(visit[known], kind="stable")]
+    labels, first = np.unique(visit[order], return_index=True)
+    common = np.array([np.median(part) for part in np.split(off[order], first[1:])]) if len(labels) else np.zeros(0)
+    scale = SIGMA_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
+    result: NDArray[np.int64] = labels[np.abs(common) > max(ODD * scale, SMALLEST_SCALE)]
+    return result
+
+
+def _cells(z_hat: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
+    """Index of each trial's (distance, throttle) cell."""
+    return np.unique(np.stack([np.where(np.isfinite(z_hat), z_hat, -1.0), throttle]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
 
 
 def _contrasts(

@@ -26,7 +26,8 @@ def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, A
     marked = {str(t) for t, text in zip(trials["trial"], trials["quality"], strict=True) if "outlying" in text.split()}
     outlying = marked.union(data.trial[seen.outlying]) & {*data.trial}
     odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD]}
-    found = influential.screen(fitted, parts, outlying, odd)
+    odd_visits = outliers.odd_visits(left, data.z_hat, data.throttle, data.visit)
+    found = influential.screen(fitted, parts, outlying, odd, odd_visits)
     why_not = found.why_not or seen.why_not
     return {
         "coefficients": {
@@ -48,8 +49,9 @@ def words(fitted: Fit, found: Screening) -> list[str]:
         what = s.id if s.kind == "trial" else f"visit {s.id} ({s.trials[0]} to {s.trials[-1]})"
         if s.without is None or headline is None:
             return f"{what} stands out, and without it the base model does not fit"
-        alone = s.kind == "visit" or abs(s.shift) > min(headline.u, s.without.u)
-        moves = f"moves {name} by more than its uncertainty{'' if alone else ', with others that stand out'}"
+        alone = s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u)
+        ratio = f"{abs(s.shift) / min(headline.u, s.without.u):.2g}"
+        moves = f"moves {name} by {ratio} standard uncertainties" if alone else f"moves {name} with others that stand out"
         why = "stands beyond what noise allows" if s.outlying else moves
         beside = " and the trials named" if s.kind == "visit" and any(o.kind == "trial" for o in found.suspects) else ""
         value, without = (plus_minus(e.value, e.u) for e in (headline, s.without))
