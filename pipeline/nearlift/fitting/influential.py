@@ -27,6 +27,8 @@ LOOK = 0.6
 #: The part of its standard uncertainty by which a trial must move the headline to be named. Below one, since a glitch moves the headline by
 #: more than leaving the trial out does: what the trial would have said is lost too.
 MOVES = 0.8
+#: The same for a visit that stands off as a whole.
+LOOK_AT_ODD = 0.25
 #: Most trials, and most visits, that are named; and most that are fitted without for each name.
 MOST, TRIES = 10, 4
 
@@ -193,8 +195,8 @@ class _Search:
     def visits(self, clean: Fit, kept: NDArray[np.bool_], odd: Collection[int] | NDArray[np.int64]) -> list[Suspect]:
         """The visits of several trials that move the headline by more than its standard uncertainty, the trials named left aside."""
         data, moved, suspects = self.found.problem.data, influence(clean), []
-        far = _far(moved.of_visit[:, 0], moved.chi2, clean)
-        for j in [*far, *np.setdiff1d(np.flatnonzero(np.isin(moved.visit, list(odd))), far)[:TRIES]]:
+        look = np.where(np.isin(moved.visit, list(odd)), LOOK_AT_ODD, LOOK)
+        for j in _far(moved.of_visit[:, 0], moved.chi2, clean, look):
             members = (data.visit == moved.visit[j]) & kept
             again = self.without(members | ~kept) if members.sum() > 1 else None
             if again and _moves(clean, again):
@@ -221,15 +223,15 @@ def _headline(found: Fit) -> Estimate:
     return found.estimates[found.names[0]]
 
 
-def _far(shift: FloatArray, chi2: FloatArray, clean: Fit) -> list[int]:
+def _far(shift: FloatArray, chi2: FloatArray, clean: Fit, look: FloatArray | float = LOOK) -> list[int]:
     """The few largest shifts of the headline that are worth a fit, the largest first.
 
     What an outlier adds to the scatter widens the uncertainty that it is held against; its part of chi2 says by how much.
     """
     narrower = np.sqrt(np.clip(1 - chi2 / max(clean.chi2, clean.dof), 0.0, 1.0))
-    ratio = np.abs(shift) / (_headline(clean).u * np.maximum(narrower, 1e-3))
+    ratio = np.abs(shift) / (look * _headline(clean).u * np.maximum(narrower, 1e-3))
     order = np.argsort(-np.nan_to_num(ratio), kind="stable")[:TRIES]
-    return [int(i) for i in order if ratio[i] > LOOK]
+    return [int(i) for i in order if ratio[i] > 1]
 
 
 def _moves(clean: Fit, again: Fit) -> bool:

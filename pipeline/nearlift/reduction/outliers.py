@@ -26,8 +26,8 @@ FAMILY_WISE = 0.01
 LEAST_TRIALS = 20
 #: With fewer trials than this a throttle borrows the scale of all.
 OWN_SCALE = 8
-#: Robust standard deviations beyond which a trial is odd: no outlier yet, but two such may hide each other in a fit.
-ODD = 4.0
+#: Robust standard deviations beyond which a trial, or a visit as a whole, is odd: no outlier yet, but two such may hide each other in a fit.
+ODD_TRIAL, ODD_VISIT = 5.0, 4.0
 #: A relative scatter that is rounding.
 SMALLEST_SCALE = 1e-9
 #: Standard deviations in a median absolute deviation of normal noise.
@@ -111,7 +111,7 @@ def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit:
 
 
 def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Labels of the visits whose trials together stand more than `ODD` robust standard deviations off their repeats in other visits.
+    """Labels of the visits whose trials together stand more than `ODD_VISIT` robust standard deviations off their repeats in other visits.
 
     No outliers yet: a drift nobody declared does as much. Arguments as for `screen`.
     """
@@ -121,7 +121,7 @@ def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, vi
     labels, first = np.unique(visit[order], return_index=True)
     common = np.array([np.median(part) for part in np.split(off[order], first[1:])]) if len(labels) else np.zeros(0)
     scale = SIGMA_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
-    result: NDArray[np.int64] = labels[np.abs(common) > max(ODD * scale, SMALLEST_SCALE)]
+    result: NDArray[np.int64] = labels[np.abs(common) > max(ODD_VISIT * scale, SMALLEST_SCALE)]
     return result
 
 

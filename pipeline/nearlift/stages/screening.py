@@ -25,7 +25,7 @@ def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, A
     seen = outliers.screen(left, data.z_hat, data.throttle, data.visit, curve_removed=True)
     marked = {str(t) for t, text in zip(trials["trial"], trials["quality"], strict=True) if "outlying" in text.split()}
     outlying = marked.union(data.trial[seen.outlying]) & {*data.trial}
-    odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD]}
+    odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD_TRIAL]}
     odd_visits = outliers.odd_visits(left, data.z_hat, data.throttle, data.visit)
     found = influential.screen(fitted, parts, outlying, odd, odd_visits)
     why_not = found.why_not or seen.why_not
