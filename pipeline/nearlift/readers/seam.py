@@ -138,7 +138,7 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
     try:
         # the folder's own links are followed once for all its files; a file is followed only if it is a link itself
         status = path.lstat()
-        if stat.S_ISREG(status.st_mode) and _holds(root, path.parent):
+        if stat.S_ISREG(status.st_mode) and _holds(root.absolute(), path.parent.absolute()):
             return path, status.st_size
         resolved = path.resolve()
         status = resolved.stat()
@@ -147,7 +147,7 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
     except (OSError, RuntimeError) as fault:  # Python before 3.13 raises RuntimeError on a loop of links
         what = "is a loop of symbolic links" if isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP else f"cannot be read: {fault.strerror}"
         raise InputRefused(f"{key} = {relative!r}", what, "put a readable file into the campaign's folder") from None
-    if not resolved.is_relative_to(_resolved(root)) or ".." in path.parts[len(root.parts) :]:
+    if not resolved.is_relative_to(_resolved(root.absolute())) or ".." in path.parts[len(root.parts) :]:
         raise InputRefused(f"{key} = {relative!r}", f"leads outside the campaign's folder, to {resolved}", "put the file itself into the folder")
     if status is not None and not stat.S_ISREG(status.st_mode):
         raise InputRefused(str(path), "is not a regular file", "a record is a plain file, no folder, pipe or device")
