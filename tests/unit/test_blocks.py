@@ -40,7 +40,8 @@ def test_blocks_run(page, workspace, monkeypatch):
 def test_reasons_are_reasons():
     spared = [b for page in pages() for b in blocks(page) if b.why_not]
     assert all(len(b.why_not) > 15 for b in spared)
-    assert len(spared) <= 6
+    # one more than there are would be a habit: the last of them needs several machines
+    assert len(spared) <= 7
 
 
 def block(kind: str, body: str) -> Block:
