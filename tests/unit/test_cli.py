@@ -215,6 +215,16 @@ def test_5_for_a_base_model_that_cannot_be_fitted(tmp_path):
 
 
 @pytest.mark.usefixtures("plain_pictures")
+def test_a_base_model_without_a_free_coefficient_goes_all_the_way(tmp_path):
+    root = small_run.write(tmp_path / "raw", form="parquet")
+    manifest = root / "campaign.toml"
+    manifest.write_text(manifest.read_text() + '\n[fit.ground]\nbase = "sanchez_cuevas_published"\n')
+    found = nearlift("run", root, "--out", tmp_path)
+    assert found.exit_code == 0, found.output
+    assert (tmp_path / "reports/small/index.html").is_file()
+
+
+@pytest.mark.usefixtures("plain_pictures")
 def test_130_for_an_interrupt_after_which_the_same_command_goes_on(raw, tmp_path, monkeypatch):
     def interrupted(_):
         raise KeyboardInterrupt

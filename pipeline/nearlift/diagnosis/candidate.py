@@ -129,6 +129,8 @@ class Candidate:
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
         """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one broadcast call."""
+        if not self.size:
+            return np.zeros((*vector.shape[:-1], self.data.n, 0))
         low, high = self.bounds
         _, sd = self.prior
         width = np.where(np.isfinite(sd), sd, np.minimum(high - low, 10.0))

@@ -33,6 +33,8 @@ def run(job: Job) -> Outcome:
     fitted = job.read_json(FIT)
     out = rejected(trials["quality"])
     beyond = {(b, e["trial"]): e["reason"] for b, models in fitted["boundaries"].items() for e in models[fitted["base"][b]].get("excluded", ())}
+    # a model without a free coefficient has no headline that a trial could move
+    asked = [b for b in boundaries(trials) if choice(job.campaign, b)[0].parameters]
     entries = [_entry(trials, i, bool(out[i]), beyond) for i in range(len(out))]
     words = [set(text.split()) for text in trials["quality"]]
     codes = {c.name: {"trials": n, "rejects": c.rejects, "meaning": c.meaning} for c in CODES if (n := sum(c.name in w for w in words))}
@@ -53,7 +55,7 @@ def run(job: Job) -> Outcome:
             },
             "codes": codes,
             "trials": entries,
-            "put_back": {b: _put_back(job, trials, b, out) | {"left_out": _left_out(fitted, b)} for b in boundaries(trials)},
+            "put_back": {b: _put_back(job, trials, b, out) | {"left_out": _left_out(fitted, b)} for b in asked},
         },
     )
     return Outcome()
