@@ -29,12 +29,12 @@ docs: $(READY)            ## the reference pages from the declarations, and the 
 	$(BIN)/python docs/build_reference.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+# pip compiles what it installs, but not what it leaves in its place
 $(READY): requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nearlift needs Python 3.11 or newer; say make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
-	# pip compiles what it installs, but not what it leaves in its place
 	$(BIN)/python -m compileall -q pipeline/nearlift
 	touch $(READY)
 
