@@ -188,7 +188,7 @@ def test_saturation_by_range_and_by_rail() -> None:
     assert reduced(force, limits=Limits(range_N=9.8)).codes == ()
     assert reduced(force, limits=Limits(range_N=0.25)).codes == ("SATURATED",)
     assert reduced(np.minimum(force, 0.29)).codes == ("SATURATED",)
-    assert reduced(np.maximum(force, 0.12)).codes == ("SATURATED",)
+    assert reduced(np.maximum(force, 0.12)).codes == ("STUCK", "SATURATED")
     assert reduced(force - 1.0, limits=Limits(range_N=0.8)).codes == ("SATURATED",)
 
 
@@ -279,6 +279,39 @@ def test_a_tare_that_is_not_one_level_is_refused(tare: int, damage: Any) -> None
     assert reduced(force, tare_s=tare / RATE).codes == ("TARE",)
 
 
+@pytest.mark.parametrize("tare", [2000, 400, 200])
+@pytest.mark.parametrize(
+    "shape",
+    [lambda x: x, lambda x: -x, lambda x: np.sin(np.pi * x), lambda x: -np.sin(np.pi * x), lambda x: np.clip(2 * x - 1, 0, 1)],
+    ids=["rises", "falls", "bump", "dent", "rises late"],
+)
+def test_a_zero_that_wanders_within_the_tare_is_told_and_carried(tare: int, shape: Any) -> None:
+    """By 6 mN, three times the noise of a sample, without an edge: the trial's zero may be half of that from the mean, and u says so."""
+    clean = record(np.random.default_rng(24), tare=tare, live=1000)
+    force = clean.copy()
+    force[:tare] += 6e-3 * shape(np.arange(tare) / tare)
+    got = reduced(force, tare_s=tare / RATE)
+    assert got.codes == ("TARE",) or (got.codes == ("drift",) and got.u_lift_N > 2e-3)
+    force[:tare] = clean[:tare] + 0.05 * shape(np.arange(tare) / tare)
+    assert not {"DRIFT", "TARE"}.isdisjoint(reduced(force, tare_s=tare / RATE).codes)
+
+
+def test_a_long_segment_shows_a_small_change() -> None:
+    """A second level 3.5 mN away, where blocks of samples scatter by 0.6 mN."""
+    force = record(np.random.default_rng(25), tare=400, live=1000)
+    force[258:400] -= 3.5e-3
+    assert reduced(force, tare_s=0.4).codes == ("TARE",)
+
+
+@pytest.mark.parametrize("part", [slice(0, 400), slice(100, 300)], ids=["all of it", "half of it"])
+def test_a_dead_channel_in_the_tare(part: slice) -> None:
+    force = record(np.random.default_rng(26), tare=400, live=1000, tone=0.01)
+    force[part] = 0.007
+    assert reduced(force, tare_s=0.4).codes == ("STUCK",)
+    coarse = 0.01 * np.round(record(np.random.default_rng(26), tare=400, live=1000, tone=0.01, noise=1e-3) / 0.01)
+    assert "STUCK" not in reduced(coarse, tare_s=0.4).codes
+
+
 def test_a_tare_of_ordinary_noise_is_its_plain_mean() -> None:
     """White, slow, humming, coarse: nothing is told of 1200 tares, which are drawn so that none would be by chance in 99 % of seeds."""
     rng = np.random.default_rng(22)
@@ -290,7 +323,7 @@ def test_a_tare_of_ordinary_noise_is_its_plain_mean() -> None:
                 if "step" in given:
                     force = given["step"] * np.round(force / given["step"] + rng.random())
                 got = reduced(force, tare_s=tare / RATE)
-                assert not {"TARE", "spikes"} & set(got.codes)
+                assert not {"TARE", "STUCK", "drift", "spikes"} & set(got.codes)
                 assert got.lift_N == pytest.approx(force[tare:].mean() - force[:tare].mean(), rel=1e-12)
 
 

@@ -45,6 +45,10 @@ FAR = 6.0
 MATTERS = 0.5
 #: Share of the lift by which a tare's ends may differ from its middle.
 ROTORS = 0.1
+#: Share of the samples that repeat the one before from which on a channel may stand still.
+FEWEST_REPEATS = 0.1
+#: Steps of the converter that a live part scatters by, from which on a tare would show some noise, too.
+COARSE = 100.0
 HOUR_S = 3600.0
 
 
@@ -154,7 +158,7 @@ def reduce_record(
     variance = run.squares / (n - 1)
     sd = math.sqrt(variance)
     u2 = density / n + worth**2
-    zero, u2_tare, codes_of_tare = _zero(tare, rest, quiet, live, run, u2, rate_Hz)
+    zero, u2_tare, codes_of_tare = _zero(tare, rest, quiet, live, run, u2, rate_Hz, limits)
     found += codes_of_tare
     lift = run.mean - zero
     slope, u_slope = _slope(run, density, rate_Hz)
@@ -267,15 +271,18 @@ def _far(live: FloatArray) -> NDArray[np.bool_]:
 
 
 def _zero(
-    tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, run: Stretch, u2_live: float, rate_Hz: float
+    tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, run: Stretch, u2_live: float, rate_Hz: float, limits: Limits
 ) -> tuple[float, float, list[str]]:
     """The tare's mean, its variance, and codes: single samples that stand apart are left out, a tare that is not one level is refused.
 
-    Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the better one.
+    Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the better one. Where the level wanders
+    from its middle, so far may the trial's zero be from the mean: that is in the variance.
     """
     if rest.n == 0:
         return rest.mean, 0.0, []
     zero, u2, found = rest.mean, quiet / rest.n, []
+    if _dead(tare, rest, live, run):
+        return zero, u2, ["STUCK"]
     single, uneven = screening.suspicious(tare, rest)
     single = single and bool(screening.far_samples(tare, 0.0).any())
     step = screening.step_of(live) if single or uneven else 0.0
@@ -292,7 +299,16 @@ def _zero(
         # rotors that run down or up need not have an edge
         if damaged or screening.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
             return zero, u2, ["TARE"]
+    if (away := screening.wander(tare, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (away := screening.wander(tare, screening.step_of(live))):
+        found, u2 = [*found, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"], u2 + away**2
     return zero, u2, found
+
+
+def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:
+    """Whether the tare, or a part of it, repeats one value, and not because the converter is too coarse to show any noise."""
+    if rest.n < screening.FEW or rest.repeats < FEWEST_REPEATS * rest.n:
+        return False
+    return bool(_stuck(tare, rest)) and math.sqrt(run.squares / (run.n - 1)) > COARSE * screening.step_of(live)
 
 
 def _stuck(live: FloatArray, run: Stretch) -> list[str]:
@@ -301,7 +317,7 @@ def _stuck(live: FloatArray, run: Stretch) -> list[str]:
     if run.high == run.low:
         return ["STUCK"]
     # a coarse cell repeats itself all the time: then a long run means nothing
-    if run.repeats > 0.1 * n:
+    if run.repeats > FEWEST_REPEATS * n:
         changes = np.flatnonzero(live[1:] != live[:-1])
         longest = int(np.diff(np.concatenate([[-1], changes, [n - 1]])).max())
         elsewhere = len(changes) / max(n - longest, 1)

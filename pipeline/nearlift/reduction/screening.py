@@ -5,6 +5,8 @@ Median and deviation hold out against damage to nearly half of the samples, wher
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,8 @@ NEARER, SEVERAL, MANY = 0.7, 3, 100
 FIRST_LOOK, UNEVEN = 64, 5.0
 #: Blocks that a stretch is cut into, and samples that each has at least, if there are enough; and the fewest that tell anything.
 BLOCKS, SHORTEST_BLOCK, FEWEST_BLOCKS = 32, 8, 10
+#: A trend is a cubic that explains so many times what noise would, by the blocks' means; of few, more is asked for.
+CUBIC, TREND = 3, 12.0
 #: Single samples come in runs of so many at most, and are so large a share.
 LONGEST_RUN, LARGEST_SHARE = 5, 0.05
 #: Noise, in steps of the converter, that half of the samples on one code may hide.
@@ -73,8 +77,8 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
 
     Also whether it stands at the beginning.
 
-    It is the one that explains most of the squares of the blocks' means. The noise about the two levels leaves out the two blocks that
-    fit worst, in which the segment may begin and end.
+    It is the one that explains most of the squares of the blocks' means: the longer, the smaller a change shows. The noise about the two levels
+    leaves out the two blocks that fit worst, in which the segment may begin and end.
     """
     means, noise = _blocks(values, step)
     n = len(means)
@@ -85,15 +89,19 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     inside = end - first
     sums = np.concatenate([[0.0], np.cumsum(means - means.mean())])
     best = int(np.argmax((sums[end] - sums[first]) ** 2 / (inside * (n - inside))))
+    members = int(inside[best])
     chosen = np.zeros(n, dtype=bool)
     chosen[first[best] : end[best]] = True
     levels = median(means[chosen]), median(means[~chosen])
-    left = np.sort(np.abs(means - np.where(chosen, *levels)))[:-2]
+    left = means - np.where(chosen, *levels)
+    inner = np.sort(np.abs(left))[:-2]
     change = abs(levels[0] - levels[1])
-    if change <= _apart(n) * max(float(left @ left / (n - 4)) ** 0.5, noise):
+    # a long segment shows a small change, unless neighbours are alike anyway
+    longer = max(1.0, (members * (n - members) / n / _memory(left)) ** 0.5) if len(values) >= n * SHORTEST_BLOCK else 1.0
+    if change * longer <= _apart(n) * max(float(inner @ inner / (n - 4)) ** 0.5, noise):
         return 0.0, False
-    size = min(int(inside[best]), n - int(inside[best]))
-    return change * size / n, bool(chosen[0]) == (size == inside[best])
+    size = min(members, n - members)
+    return change * size / n, bool(chosen[0]) == (size == members)
 
 
 def ends_apart(values: FloatArray, step: float) -> float:
@@ -104,6 +112,39 @@ def ends_apart(values: FloatArray, step: float) -> float:
     apart = float(np.abs(means[[0, -1]] - median(means)).max())
     noise = max(noise, SD_PER_MAD * median(np.abs(np.diff(means))) / 2**0.5)
     return apart if apart > _apart(len(means)) * noise else 0.0
+
+
+def wander(values: FloatArray, step: float) -> float:
+    """How far the level goes up or down from its middle, by a cubic through the blocks' means, where that is more than noise; else 0.
+
+    A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes for noise.
+    """
+    means, noise = _blocks(values, step)
+    n = len(means)
+    if n < FEWEST_BLOCKS or len(values) < n * SHORTEST_BLOCK:
+        return 0.0
+    curves = _cubic(n)
+    weights = curves.T @ means
+    curve = curves @ weights
+    left = means - means.mean() - curve
+    least = max(float(left @ left) / (n - 1 - CUBIC), noise**2) * _memory(left)
+    if float(weights @ weights) <= TREND * (1 + (FEW / n) ** 2) ** 2 * CUBIC * least:
+        return 0.0
+    return float(curve.max() - curve.min()) / 2
+
+
+def _memory(left: FloatArray) -> float:
+    """How many times the variance of a sum grows because neighbours resemble one another, at least 1."""
+    squares = float(left @ left)
+    alike = min(max(float(left[1:] @ left[:-1]) / squares, 0.0), 0.9) if squares > 0 else 0.0
+    return (1 + alike) / (1 - alike)
+
+
+@functools.lru_cache(maxsize=32)
+def _cubic(n: int) -> FloatArray:
+    """Orthonormal polynomials of degree 1 to 3 at n places, (n, 3)."""
+    curves: FloatArray = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), CUBIC + 1, increasing=True))[0]
+    return np.ascontiguousarray(curves[:, 1:])
 
 
 def _blocks(values: FloatArray, step: float) -> tuple[FloatArray, float]:
