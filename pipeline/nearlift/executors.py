@@ -6,7 +6,6 @@ the tasks whatever the executor, the number of workers, or the order in which th
 
 from __future__ import annotations
 
-import asyncio
 import concurrent.futures
 import contextlib
 import functools
@@ -137,6 +136,8 @@ def _client(address: str, whole: str) -> Any:
     UsageError
         The package is missing, or nobody answers.
     """
+    import asyncio
+
     try:
         import distributed
     except ImportError:

@@ -411,6 +411,16 @@ def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path
     assert rest.count(-1.0) <= 1
 
 
+def test_a_child_started_beforehand_is_the_one_that_reads() -> None:
+    child.dismiss()
+    child.start()
+    [ready] = child._idle
+    process = ready.begin()
+    with child.borrowed() as reading:
+        assert reading.begin() is process
+    assert process.poll() is None
+
+
 def test_a_child_imports_nothing_from_the_folder_of_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
     path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))

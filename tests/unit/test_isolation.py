@@ -127,7 +127,7 @@ READER = """
 import sys
 from nearlift.readers.child import Child
 child = Child()
-print(child._started().pid, flush=True)
+print(child.begin().pid, flush=True)
 next(child.ask({"reader": "mat", "path": sys.argv[1], "dialect": {}, "names": None}))
 """
 

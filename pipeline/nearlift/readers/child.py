@@ -105,6 +105,14 @@ _lock = threading.Lock()
 _idle: list[Child] = []
 
 
+def start() -> None:
+    """Start a child for whoever asks first: it takes as long to be ready as to read a hundred files, and the caller has something else to do."""
+    worker = Child()
+    worker.begin()
+    with _lock:
+        _idle.append(worker)
+
+
 @atexit.register
 def dismiss() -> None:
     """Let the children go that nobody uses."""
@@ -131,7 +139,8 @@ class Child:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def _started(self) -> subprocess.Popen[bytes]:
+    def begin(self) -> subprocess.Popen[bytes]:
+        """The process, started unless it runs."""
         if self.process is None:
             package = str(Path(__file__).parents[2])
             environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)}
@@ -196,7 +205,7 @@ class Child:
 
     def _answer(self, lines: list[bytes]) -> Answer:
         """Put those requests that have not been put yet, and wait for the next answer."""
-        process = self._started()
+        process = self.begin()
         self.files += 1
         assert process.stdin is not None
         assert process.stdout is not None

@@ -72,8 +72,9 @@ def datasets(group: Any, notes: list[str], above: str = "", deep: int = 0, seen:
         if isinstance(item, h5g.GroupID):
             yield from datasets(Group(item), notes, name, deep + 1, seen)
         elif isinstance(item, h5d.DatasetID):
-            stored = item.get_create_plist()
-            if stored.get_layout() == h5d.VIRTUAL or stored.get_external_count():
+            # samples in one stretch of this file have a place in it; how others are stored takes longer to ask
+            stored = item.get_create_plist() if item.get_offset() is None else None
+            if stored is not None and (stored.get_layout() == h5d.VIRTUAL or stored.get_external_count()):
                 notes.append(f"{name} has its samples in another file, and was not read")
                 continue
             yield name, Dataset(item)
@@ -91,7 +92,8 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     chosen = [(own, part) for own, part in chosen if names is None or wanted(own, names)]
     if not chosen:
         return
-    attributes = {str(key).casefold(): value for key, value in item.attrs.items()}
+    # most have none, and to look for them takes as long as to open a dataset
+    attributes = {str(key).casefold(): value for key, value in item.attrs.items()} if len(item.attrs) else {}
     unit = next((unit_word(text(attributes[k])) or text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
     rate = rate_from(attributes)
     for own, part in chosen:

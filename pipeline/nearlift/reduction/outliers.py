@@ -11,6 +11,7 @@ Sources: Hampel 1974, J. Am. Stat. Assoc. 69, 383 (median and its deviation); Ro
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -237,11 +238,17 @@ def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
     With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x, which Gauss and Legendre integrate over the fourth
     root of a: all that is wanted of scipy here takes longer to load than a thousand records to reduce.
     """
-    root, weight = np.polynomial.legendre.leggauss(32)
-    v, weight = (root + 1) / 2, weight / 2
+    v, weight = _gauss_legendre()
     angle, power = np.arctan2(np.sqrt(dof), x)[..., None], dof[..., None]
     inside = 4 * v ** (4 * power - 1) * np.sinc(angle * v**4 / np.pi) ** (power - 1)
     return np.asarray(_student_peak(dof) * angle[..., 0] ** dof * (inside @ weight))
+
+
+@functools.cache
+def _gauss_legendre() -> tuple[FloatArray, FloatArray]:
+    """Nodes and weights on the interval from 0 to 1."""
+    root, weight = np.polynomial.legendre.leggauss(32)
+    return (root + 1) / 2, weight / 2
 
 
 def _student_peak(dof: FloatArray) -> FloatArray:

@@ -104,6 +104,15 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     return [source_of(root, path) for path in (root / "campaign.toml", schedule_file(campaign, root), *sums.files(root, campaign), *records)]
 
 
+def soon(campaign: Campaign) -> None:
+    """Start the process that will read the records, if one will: it becomes ready while they are digested."""
+    form = readers.reader(campaign.records.reader).format
+    if form is not None and form.child:
+        from nearlift.readers import child
+
+        child.start()
+
+
 def run(job: Job) -> Outcome:
     """Write trials.parquet.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,11 +26,11 @@ CACHE = "inputs-cache.json"
 Stamps = dict[str, Any]
 
 
-def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, str], Stamps]:
+def digests(root: Path, campaign: Campaign, processed: Path, meanwhile: Callable[[], None] = lambda: None) -> tuple[dict[str, str], Stamps]:
     """Relative path to SHA-256 of every raw input, in a fixed order, and what `remember` takes. Writes nothing.
 
     Digests of files whose size and modification time are as before are taken from the cache beside the products; a damaged
-    cache is no cache.
+    cache is no cache. `meanwhile` is called where several must be read: what it starts becomes ready while they are.
     """
     folder = root.as_posix()
     cache: Stamps = store.read_json_if_whole(processed / CACHE)
@@ -48,6 +48,8 @@ def digests(root: Path, campaign: Campaign, processed: Path) -> tuple[dict[str, 
             racy = time.time_ns() - status.st_mtime_ns <= RACY_NS
             fresh[name] = {"stamp": stamp, "sha256": known["sha256"] if known and remembered else "", "remembered": remembered, "racy": racy}
             unknown += [] if remembered else [name]
+        if len(unknown) > 1:
+            meanwhile()
         for name, sha in zip(unknown, store.sha256_of([f"{folder}/{name}" for name in unknown]), strict=True):
             fresh[name]["sha256"] = sha
 

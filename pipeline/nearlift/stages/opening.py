@@ -9,6 +9,7 @@ from pathlib import Path
 from nearlift import campaign as manifests
 from nearlift.executors import open_executor
 from nearlift.lock import settled
+from nearlift.stages import ingest
 from nearlift.stages.inputs import digests, remember
 from nearlift.stages.job import Job, silent
 from nearlift.stages.workspace import spare_raw
@@ -33,7 +34,13 @@ def open_job(
     spare_raw(root, out)
     homes = Homes.of(out, loaded.name)
     settled(homes)
-    inputs, stamps = digests(root, loaded, homes.processed)
+
+    def meanwhile() -> None:
+        # other processes start readers of their own
+        if keep and executor.startswith(("serial", "threads")):
+            ingest.soon(loaded)
+
+    inputs, stamps = digests(root, loaded, homes.processed, meanwhile)
     with open_executor(executor) as pool:
         yield Job(
             root=root,
