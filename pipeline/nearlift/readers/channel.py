@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import re
 import unicodedata
 from collections.abc import Sequence
@@ -105,6 +106,7 @@ class Contents:
     notes: tuple[str, ...] = ()
 
 
+@functools.lru_cache(maxsize=1024)
 def fold(text: str) -> str:
     """A name as it is compared: compatible letters folded (both micro signs, all product signs), lower case, single blanks."""
     plain = unicodedata.normalize("NFKC", text).translate(_PRODUCT).casefold()
