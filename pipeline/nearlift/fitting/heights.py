@@ -107,7 +107,9 @@ def measure(problem: Problem, theta: FloatArray, parts: Sequence[Component], sca
     together = float(np.sqrt(sum(c.standard**2 for c in alone)))
     found += [judge(c.name, c.standard, first.get(c.name, nothing), "exact", together) for c in alone]
     spread = float(np.sqrt(sum(s**2 for _, s in several)))
-    found += [judge(name, s, first.get(name, nothing), "slope" if guessed else "mean", spread) for name, s in several]
+    # nor is there a mean over heights at which the model has no value; a single lift that is wrong can make the scatter so large
+    mean = bool(several) and not guessed and bool(np.isfinite(replace(problem, blur_m=spread).log_ratio(theta)).all())
+    found += [judge(name, s, first.get(name, nothing), "mean" if mean else "slope", spread) for name, s in several]
     exact = {m.component for m in found if m.treatment == "exact"}
     return Plan(
         shared=tuple(c for c in alone if c.name in exact), blur_m=spread if any(m.treatment == "mean" for m in found) else 0.0, measures=tuple(found)
