@@ -60,6 +60,10 @@ class ThrottleMap(Section):
         return np.asarray(np.interp(throttle, known[:, 0], known[:, 1], left=np.nan, right=np.nan), dtype=np.float64)
 
 
+#: Spacing over radius beyond which one of the two is wrong; acceleration of free fall in m/s^2, with room for rounding.
+WIDEST, GRAVITY = 20.0, (9.7, 9.9)
+
+
 class Vehicle(Section):
     """What hangs from the load cell. Lengths in m, mass in kg."""
 
@@ -76,6 +80,11 @@ class Vehicle(Section):
     def _rotors_do_not_overlap(self) -> Self:
         if self.rotor_spacing is not None and self.rotor_spacing < 2 * self.rotor_radius:
             raise ValueError(f"rotor_spacing {self.rotor_spacing:g} m is less than two radii: neighbouring rotors would overlap")
+        if self.rotor_spacing is not None and self.rotor_spacing > WIDEST * self.rotor_radius:
+            raise ValueError(
+                f"rotor_spacing {self.rotor_spacing:g} m is {self.rotor_spacing / self.rotor_radius:.3g} radii of {self.rotor_radius:g} m; "
+                "no vehicle is so wide: mend one of them, or its unit"
+            )
         if self.rotor_diagonal is not None and self.rotor_spacing is not None and self.rotor_diagonal < self.rotor_spacing:
             raise ValueError(
                 f"rotor_diagonal {self.rotor_diagonal:g} m is less than rotor_spacing {self.rotor_spacing:g} m; "
@@ -128,6 +137,10 @@ class Rig(Section):
         for datum in self.distance_datum.values() if isinstance(self.distance_datum, dict) else (self.distance_datum,):
             if datum not in allowed:
                 raise ValueError(f"distance_datum {datum!r} is none of {', '.join(allowed)}")
+        if not GRAVITY[0] <= self.gravity <= GRAVITY[1]:
+            raise ValueError(
+                f'gravity {self.gravity:g} m/s^2 is nowhere on Earth: it is 9.76 to 9.84 there; write "9.80665 m/s^2", or your own value'
+            )
         return self
 
     def offset(self, boundary: Boundary) -> float:
@@ -270,6 +283,10 @@ class Uncertainty(Section):
         value = units.quantity(self.value, dimension, f"uncertainty {self.name!r}: value")
         if value < 0:
             raise ManifestError(f"uncertainty {self.name!r}: value", f"{self.value!r} is negative", "an uncertainty is a size, not a correction")
+        if value >= 1 and (self.relative or self.on in ("gain", "exponent")):
+            raise ManifestError(
+                f"uncertainty {self.name!r}: value", f"{self.value!r} is as large as what it is of", 'percent? one per cent is "1 percent"'
+            )
         return value / math.sqrt(3) if self.distribution == "uniform" else value
 
 

@@ -171,10 +171,12 @@ def quantity(text: object, dimension: str, where: str) -> float:
     value, unit = measure(text)
     if value is None or (not unit and dimension != "fraction"):
         raise ManifestError(where, f"{brief(repr(text))} is not a number with a unit", f'write it as "{example}"')
+    if unit[:1] == "," and unit[1:2].isdigit():
+        raise ManifestError(where, f"{brief(repr(text))} has a decimal comma", "write decimals with a point")
     factor, offset = to_si(unit or "fraction", dimension, where)
     result = factor * value + offset
     if not math.isfinite(result):
-        raise ManifestError(where, f"{brief(repr(text))} is not finite")
+        raise ManifestError(where, f"{brief(repr(text))} is not finite", "write a number that can be meant")
     return result
 
 

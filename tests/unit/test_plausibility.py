@@ -129,3 +129,11 @@ def test_a_lift_of_another_throttle_is_marked_where_repeats_show_it() -> None:
     # one trial each says nothing, nor does a label where two throttles lift alike within the scatter
     assert not plausibility.other_throttle(repeated(FAR, 1, 0.01)).any()
     assert not plausibility.other_throttle(repeated({0.50: 0.239, 0.51: 0.241}, 20, 0.01)).any()
+
+
+def test_a_campaign_that_never_leaves_the_ground_is_told_so() -> None:
+    near = table(z_hat=np.tile([0.9, 1.3], 4))
+    assert plausibility.only_near(near) == [("ground", 1.3)]
+    assert plausibility.only_near(table()) == []
+    near["boundary"][0] = "none"
+    assert plausibility.only_near(near) == []

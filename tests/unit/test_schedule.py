@@ -193,6 +193,15 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
         ManifestError,
         'belongs to reader = "means"',
     ),
+    (
+        "unseen",
+        "trial,boundary,distance,throttle\na\u202eb,ground,43,25\n",
+        {},
+        ManifestError,
+        r"'a\\u202eb' holds a character that does not show",
+    ),
+    ("metres as mm", "trial,boundary,distance,throttle\na,ground,0.02,25\nb,ground,0.3,25\n", {}, InputRefused, r"0.3 mm is the farthest .* m\?\n"),
+    ("no distance", "trial,boundary,distance,throttle\na,ground,1e-300,25\nb,ground,300,25\n", {}, InputRefused, "on the ground itself"),
     ("result's name", "trial,boundary,distance,throttle,z_hat\na,ground,43,25,1\n", {}, ManifestError, "'z_hat' has the name of a result"),
     (
         "constant beside column",
@@ -223,6 +232,14 @@ def test_a_last_line_without_its_end_is_told_for_it_may_be_cut(tmp_path: Path, e
     assert read(tmp_path, text + end).notes == ()
     (note,) = read(tmp_path, text[:-4] + ",25").notes
     assert note.startswith("trials.csv ends within a line, 'b,ground,30,25': if it was cut off there, that row is wrong")
+
+
+def test_a_start_before_the_row_above_is_noted(tmp_path: Path) -> None:
+    rows = "".join(
+        f"t{i},ground,43,25,{start},{session}\n" for i, (start, session) in enumerate([(0, "a"), (9e9, "a"), (20, "a"), ("", "a"), (3, "b")])
+    )
+    (note,) = read(tmp_path, f"trial,boundary,distance,throttle,start,session\n{rows}", trials=units(start="s")).notes
+    assert note == "trials.csv, line 4, column 'start': 20 lies before the row above: rows stand in the order in which they were run"
 
 
 def test_the_literal_table_is_refused_with_the_unit_that_fits(tmp_path: Path) -> None:

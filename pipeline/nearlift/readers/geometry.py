@@ -17,6 +17,9 @@ from nearlift.readers.columns import BY_NAME, Cells
 
 FloatArray = NDArray[np.float64]
 
+#: Distance over radius that is none.
+NEAREST = 1e-4
+
 
 def distances(campaign: Campaign, cells: Cells | None, boundary: NDArray[np.object_]) -> FloatArray:
     """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air; refuses what cannot be."""
@@ -81,12 +84,21 @@ def _inside_the_arena(
             "mend distance under [trials.units], the schedule, or [rig] arena",
         )
     worst = int(here[np.argmin(z_m[here])])
-    if z_m[worst] <= 0:
+    if z_m[worst] <= NEAREST * r:
         raise InputRefused(
             cells.at(worst),
             f"{cells.texts[worst].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the rotor "
             + (f"{-1e3 * z_m[worst]:.3g} mm into the {side}" if z_m[worst] < 0 else f"on the {side} itself"),
             "mend [rig] distance_datum and distance_offset, or the schedule",
+        )
+    worst = int(here[np.argmax(z_m[here])])
+    if z_m[worst] < r / 50:
+        fitting = [u for u in units.plausible(float(recorded[worst]), "length", r, arena or 100 * r) if u != unit]
+        raise InputRefused(
+            cells.at(worst),
+            f"{cells.texts[worst].strip()} {unit} is the farthest from the {side}, {z_m[worst] / r:.2g} of a rotor's radius"
+            + (f"; {' or '.join(fitting)}?" if fitting else ""),
+            "mend distance under [trials.units], or the schedule",
         )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +31,8 @@ from nearlift.readers.seam import inside
 FloatArray = NDArray[np.float64]
 REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
-_CONTROL = "".join(chr(c) for c in range(32))
+#: Kinds of characters that do not show: control, direction, ends of lines.
+_UNSEEN = ("Cc", "Cf", "Zl", "Zp")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,6 +146,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
             f'the column {next(n for n in MEANS if n in cells)!r} belongs to reader = "means"',
             f"rename it; here the lift comes from the {campaign.records.reader} records",
         )
+    notes += _backwards(cells["start"], covariates["start_s"], covariates.get("session")) if "start_s" in covariates else []
     reached = covariates.pop("reached_m", None)
     approach = covariates.get("approach")
     if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
@@ -283,6 +286,19 @@ def _only_free_air(cells: Mapping[str, Cells]) -> tuple[str, ...]:
     return ("distance",) if boundary is not None and all(t.strip() == "none" for t in boundary.texts) else ()
 
 
+def _backwards(cells: Cells, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
+    """A note on trials of a session that began before the one above them."""
+    known = np.flatnonzero(np.isfinite(start_s))
+    earlier = np.diff(start_s[known]) < 0
+    if session is not None:
+        earlier &= session[known][1:] == session[known][:-1]
+    if not earlier.any():
+        return []
+    row = int(known[1:][earlier][0])
+    others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
+    return [f"{cells.at(row)}: {cells.texts[row].strip()} lies before the row above{others}: rows stand in the order in which they were run"]
+
+
 def _reserved() -> set[str]:
     return {c.name for c in TRIALS.columns} | {k.inside for k in KNOWN} | {"u_height_m"}
 
@@ -291,9 +307,11 @@ def _ids(cells: Cells) -> NDArray[Any]:
     first: dict[str, int] = {}
     for i, text in enumerate(cells.texts):
         name = text.strip()
-        if not name or any(c in _CONTROL for c in name):
+        if not name or any(unicodedata.category(c) in _UNSEEN for c in name):
             raise ManifestError(
-                cells.at(i), "holds no trial id" if not name else f"{name!r} holds a control character", "give every trial an id of its own"
+                cells.at(i),
+                "holds no trial id" if not name else f"{name!a} holds a character that does not show",
+                "give every trial an id of its own",
             )
         if name in first:
             raise ManifestError(

@@ -26,6 +26,8 @@ STRONGEST = 15.0
 WEAKEST, HIGH_THROTTLE = 0.25, 0.75
 #: Times the weight between which the largest far lift of a flying vehicle usually lies.
 ODD = (0.2, 6.0)
+#: Distance over radius from which on ground and ceiling leave a rotor alone, to some per cent.
+REACH = 2.0
 #: As many trials at one place and throttle show how well they repeat.
 FEWEST_TO_REPEAT = 5
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
@@ -186,6 +188,14 @@ def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, floa
             if far < 0.5 * farthest and level not in free:
                 found.append((str(side), float(level), far, farthest))
     return found
+
+
+def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
+    """Ground and ceiling from which no trial is farther than `REACH` radii, if none is in free air: (boundary, its farthest z_hat)."""
+    good = ~rejected(table["quality"])
+    sides = [str(side) for side in ("ground", "ceiling") if (good & (table["boundary"] == side)).any()]
+    farthest = {side: float(table["z_hat"][good & (table["boundary"] == side)].max()) for side in sides}
+    return [] if (good & (table["boundary"] == "none")).any() else [(side, far) for side, far in farthest.items() if far < REACH]
 
 
 def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:

@@ -23,6 +23,15 @@ from nearlift.reduction.record import Limits, Reduced, reduce_record
 from nearlift.stages import intact, sums
 from nearlift.stages.job import Job, Outcome
 
+#: What a manifest says wrong if all records carry a code.
+MISDESCRIBED = {
+    "NO_DATA": "; mend tare, settle or sample_rate under [load_cell]",
+    "TOO_SHORT": "; mend tare, settle or sample_rate under [load_cell]",
+    "TARE": "; is tare too long, or sample_rate wrong, under [load_cell]?",
+    "MIXED": "; is tare too short, or sample_rate wrong, under [load_cell]?",
+    "SATURATED": "; mend range under [load_cell], or the unit under [records] force",
+    "STUCK": '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s", and settle for its head',
+}
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
 #: Characters of a fault that are kept.
@@ -150,7 +159,9 @@ def run(job: Job) -> Outcome:
         told = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
         reasons = ", ".join(f"{code} {count}" for code, count in told.most_common())
         worst = quality.code(told.most_common(1)[0][0])
-        raise InputRefused(str(job.root), f"all {len(bad)} trials are rejected ({reasons})", f"{worst.name}: {worst.meaning}")
+        raise InputRefused(
+            str(job.root), f"all {len(bad)} trials are rejected ({reasons})", f"{worst.name}: {worst.meaning}{MISDESCRIBED.get(worst.name, '')}"
+        )
     job.write(TRIALS, table)
     faults = np.flatnonzero(quality.faulty(table["quality"]))
     rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i])) for i in faults)

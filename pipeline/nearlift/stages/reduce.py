@@ -36,6 +36,11 @@ def run(job: Job) -> Outcome:
     table["boundary"] = np.concatenate([np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()])
     covariance = _block_diagonal([c.covariance for c in found.values()])
     wanted, notes = job.campaign.quality.near_reference, []
+    for side, far in plausibility.only_near(trials):
+        notes.append(
+            f"{side}: no trial is farther than z_hat = {far:.3g}, where the {side} still acts, so Delta L is against that; "
+            "measure farther away, or in free air; or is the unit of distance wrong?"
+        )
     for side, level, far, farthest in plausibility.without_reference(trials):
         if not wanted:
             lacking = (table["boundary"] == side) & (table["throttle"] == level)
