@@ -103,7 +103,7 @@ LIFT = Product(
 LIFT_COVARIANCE = Product(
     file="lift_covariance.parquet",
     title="Covariance of delta_L",
-    row="a cell of lift.parquet, in the same order; column c0, c1, ... its covariance with cell 0, 1, ...",
+    row="a cell of lift.parquet, in the same order; column c0, c1, ... its covariance with cell 0, 1, ...; empty beyond 2000 cells",
     open_ended=True,
 )
 FIT = Product(file="fit.json", title="Fits: least squares and posterior", row="boundary, then model")

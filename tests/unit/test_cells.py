@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from nearlift.campaign import boundaries_of
+from nearlift.products import LIFT, LIFT_COVARIANCE
 from nearlift.reduction.cells import OWN_SCATTER, Cells, reduce
+from nearlift.stages import reduce as stage
 
 STATIONS = (1.1, 1.5, 3.0, 11.0)
 L_INF = {0.25: 0.1, 0.5: 0.25, 0.92: 0.55}
@@ -51,9 +55,9 @@ def test_the_farthest_station_is_exactly_nothing_with_exactly_no_variance(seed):
     found, _ = cells(seed, visits=8, height=0.02)
     far = found.z_hat == STATIONS[-1]
     assert (found.delta_L[far] == 0).all()
-    assert (found.covariance[far] == 0).all()
-    assert (found.covariance[:, far] == 0).all()
-    assert (np.diag(found.covariance)[~far] > 0).all()
+    assert (found.covariance()[far] == 0).all()
+    assert (found.covariance()[:, far] == 0).all()
+    assert (np.diag(found.covariance())[~far] > 0).all()
 
 
 def test_free_air_is_the_reference_where_there_is_any():
@@ -64,7 +68,7 @@ def test_free_air_is_the_reference_where_there_is_any():
         mine = found.throttle == t
         assert found.delta_L[mine] == pytest.approx(found.lift_N[mine] / air - 1)
     # the farthest station is now an ordinary cell
-    assert (np.diag(found.covariance)[found.z_hat == STATIONS[-1]] > 0).all()
+    assert (np.diag(found.covariance())[found.z_hat == STATIONS[-1]] > 0).all()
 
 
 def test_a_throttle_that_never_ran_in_free_air_keeps_its_farthest_station():
@@ -85,7 +89,7 @@ def test_cells_of_one_throttle_share_L_inf_and_others_nothing():
         block = np.outer(m[k], m[k]) / m[k, -1] ** 4 * u2[k, -1] + np.diag(u2[k] / m[k, -1] ** 2)
         block[-1], block[:, -1] = 0, 0
         expected[4 * k : 4 * k + 4, 4 * k : 4 * k + 4] = block
-    assert found.covariance == pytest.approx(expected, rel=1e-10, abs=1e-20)
+    assert found.covariance() == pytest.approx(expected, rel=1e-10, abs=1e-20)
 
 
 @pytest.mark.parametrize("height", [0.0, 0.1])
@@ -99,7 +103,7 @@ def test_the_covariance_is_that_of_campaigns_simulated_again_and_again(height):
     found = [reduce(**trials(rng, visits=10, height=height)) for _ in range(many)]
     near = found[0].z_hat < STATIONS[-1]
     sample = np.cov(np.array([f.delta_L[near] for f in found]).T)
-    stated = np.mean([f.covariance[np.ix_(near, near)] for f in found], axis=0)
+    stated = np.mean([f.covariance()[np.ix_(near, near)] for f in found], axis=0)
     scale = np.outer(np.diag(sample), np.diag(sample))
     assert (np.abs(sample - stated) < 4.5 * np.sqrt((sample**2 + scale) / many) + 0.02 * np.sqrt(scale)).all()
     across = (sample / np.sqrt(scale))[0, 3]  # one station, two throttles
@@ -120,8 +124,8 @@ def test_a_visits_height_is_seen_only_where_every_throttle_was_run_at_each():
     # by hand: each station's own visits, and those of the farthest through L_inf
     far, m = (whole.lift_N[[np.flatnonzero((whole.z_hat == z) & (whole.throttle == t))[0] for t in (0.25, 0.92)]] for z in (11.0, 1.1))
     through_far = m.prod() / far.prod() ** 2 * joint(11.0)
-    assert whole.covariance[i, j] == pytest.approx(joint(1.1) / far.prod() + through_far, rel=1e-9)
-    assert part.covariance[i, j] == pytest.approx(through_far, rel=1e-9)
+    assert whole.covariance()[i, j] == pytest.approx(joint(1.1) / far.prod() + through_far, rel=1e-9)
+    assert part.covariance()[i, j] == pytest.approx(through_far, rel=1e-9)
     assert abs(joint(1.1) / far.prod()) > 2 * abs(through_far)
 
 
@@ -150,12 +154,26 @@ def test_one_trial_per_cell_has_its_records_error_and_no_more():
 
 
 def test_the_covariance_is_one():
-    """Symmetric, and no combination of cells has a negative variance."""
-    for visits in (1, 3, 9):
-        found, _ = cells(visits=visits, height=0.05, u=1e-4)
-        assert (found.covariance == found.covariance.T).all()
-        assert np.linalg.eigvalsh(found.covariance).min() > -1e-12 * np.trace(found.covariance)
+    """Symmetric, its diagonal the squared uncertainties, and no combination of cells has a negative variance."""
+    for visits, air in product((1, 3, 9), ((), (np.inf,))):
+        found, _ = cells(visits=visits, height=0.05, u=1e-4, stations=(*STATIONS, *air))
+        assert np.diag(found.covariance()) == pytest.approx(found.u_delta_L**2, rel=1e-12)
+        assert (found.covariance() == found.covariance().T).all()
+        assert np.linalg.eigvalsh(found.covariance()).min() > -1e-12 * np.trace(found.covariance())
 
 
 def test_boundaries_keep_the_houses_order():
     assert boundaries_of(np.array(["sidewall", "none", "ground", "sidewall"], dtype=object)) == ["ground", "sidewall"]
+
+
+def test_beyond_so_many_cells_the_covariance_is_left_empty_and_said_so(remake, monkeypatch):
+    """Its size grows with the square of the cells; what each one's uncertainty is stays, to the last bit."""
+    job = remake()
+    usual = job.read(LIFT)
+    assert len(job.read(LIFT_COVARIANCE)) == len(usual["delta_L"])
+    monkeypatch.setattr(stage, "MOST_CELLS", len(usual["delta_L"]) - 1)
+    [note] = [n for n in stage.run(job).notes if "covariance" in n]
+    assert note.startswith(f"{len(usual['delta_L'])} cells: their covariance would be ")
+    assert job.read(LIFT_COVARIANCE) == {}
+    for name, column in job.read(LIFT).items():
+        np.testing.assert_array_equal(column, usual[name])

@@ -11,6 +11,9 @@ from nearlift.reduction import cells, plausibility
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 
+#: With more cells than this no covariance is written: a column of numbers for every cell, it grows with their square (34 MB here).
+MOST_CELLS = 2000
+
 
 def run(job: Job) -> Outcome:
     """Average the accepted trials of each (boundary, distance, throttle); write the cells and the covariance of Delta L.
@@ -31,28 +34,34 @@ def run(job: Job) -> Outcome:
     if not found:
         remedy = "trials.parquet stands; a change of lift wants trials at some distance to a ground, ceiling or sidewall"
         raise InputRefused(job.campaign.trials.file, "has no good trial near a boundary, only in free air", remedy)
-    columns = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L")
+    columns = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L")
     table = {name: np.concatenate([getattr(c, name) for c in found.values()]) for name in columns}
     table["boundary"] = np.concatenate([np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()])
-    covariance = _block_diagonal([c.covariance for c in found.values()])
     wanted, notes = job.campaign.quality.near_reference, []
     for side, far in plausibility.only_near(trials):
         notes.append(
             f"{side}: no trial is farther than z_hat = {far:.3g}, where the {side} still acts, so Delta L is against that; "
             "measure farther away, or in free air; or is the unit of distance wrong?"
         )
+    lacking = np.zeros(len(table["z_hat"]), dtype=bool)
     for side, level, far, farthest in plausibility.without_reference(trials):
         if not wanted:
-            lacking = (table["boundary"] == side) & (table["throttle"] == level)
-            table["delta_L"][lacking] = covariance[lacking] = covariance[:, lacking] = np.nan
+            lacking |= (table["boundary"] == side) & (table["throttle"] == level)
         notes.append(
             f"{side}: at {100 * level:.4g} % throttle no trial is farther than z_hat = {far:.3g}, where others reach {farthest:.3g}: "
             + ("its Delta L rests on a lift that the boundary changes, as asked" if wanted else "it has no L_inf, hence no Delta L")
             + "; measure it far away, or in free air"
             + ("" if wanted else ", or say near_reference = true under [quality]")
         )
-    table["u_delta_L"] = np.sqrt(np.maximum(np.diag(covariance), 0))
+    table["delta_L"][lacking] = table["u_delta_L"][lacking] = np.nan
     job.write(LIFT, table)
+    if len(lacking) > MOST_CELLS:
+        size = f"{8e-6 * len(lacking) ** 2:.0f} MB"
+        notes.append(f"{len(lacking)} cells: their covariance would be {size}, and {LIFT_COVARIANCE.file} is left empty; u_delta_L is in {LIFT.file}")
+        job.write(LIFT_COVARIANCE, {})
+        return Outcome(notes=tuple(notes))
+    covariance = _block_diagonal([c.covariance() for c in found.values()])
+    covariance[lacking] = covariance[:, lacking] = np.nan
     job.write(LIFT_COVARIANCE, {f"c{i}": column for i, column in enumerate(covariance.T)})
     return Outcome(notes=tuple(notes))
 

@@ -94,7 +94,7 @@ class Reduction(Finding):
     cells : DataFrame
         Change of lift per boundary, distance and throttle: ``lift.parquet``.
     covariance : (n, n) DataFrame
-        Of `delta_L`, in the order of `cells` along both axes. Cells share `L_inf`, so it is not diagonal.
+        Of `delta_L`, in the order of `cells` along both axes. Cells share `L_inf`, so it is not diagonal. Empty beyond 2000 cells.
     """
 
     trials: pd.DataFrame = field(repr=False, compare=False)

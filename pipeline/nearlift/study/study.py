@@ -55,7 +55,8 @@ class Study:
         told = self._bring("reduce")
         cells, covariance = self.read(LIFT), self.read(LIFT_COVARIANCE)
         names = list(zip(cells["boundary"], cells["z_hat"], cells["throttle"], strict=True))
-        covariance.index = covariance.columns = _cells(names)
+        if len(covariance):
+            covariance.index = covariance.columns = _cells(names)
         return Reduction(**told, trials=self.read(TRIALS), cells=cells, covariance=covariance)
 
     def fit(self) -> Fit:
