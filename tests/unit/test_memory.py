@@ -1,4 +1,4 @@
-"""What a fit and a diagnosis hold at once grows with the trials, not with their square."""
+"""What a reduction to cells, a fit and a diagnosis hold at once grows with the trials, not with their square."""
 
 import dataclasses
 import tracemalloc
@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis import loop
+from nearlift.diagnosis import loop, search
+from nearlift.diagnosis.candidate import Candidate
 from nearlift.fitting import collapse, gum, least_squares, predictive, profiles
 from nearlift.fitting.noise import MOST_CELLS, estimate
+from nearlift.reduction import cells
 from nearlift.stages import beside, expense
 
 from .simulated import campaign
@@ -34,6 +36,10 @@ def fitted(data):
     collapse.examine(*beside.linearised(found), lambda g: gum.freedom(found.problem, g, found.parts, found.noise, found.slope))
 
 
+def reduced(data):
+    cells.reduce(data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit)
+
+
 def diagnosed(data):
     stage, _, _ = loop.set_up(data, GROUND, (), loop.Options())
     assert stage.nothing_added[0].p_value > 0
@@ -48,13 +54,39 @@ def peak(work, data):
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("work", [fitted, diagnosed])
+@pytest.mark.parametrize("work", [reduced, fitted, diagnosed])
 @pytest.mark.parametrize("place", [lambda data: data, scattered], ids=["stations", "scattered heights"])
 def test_four_times_the_trials_take_no_more_than_five_times_the_memory(work, place):
     few, many = (place(campaign(2, visits=visits)) for visits in (15, 15 * SEVERAL))
     # what is imported, compiled or tabulated once belongs to neither
     work(few)
     assert peak(work, many) < LINEAR * peak(work, few)
+
+
+def in_sessions(sessions):
+    data = campaign(6, visits=15, gain=lambda known: (known["supply_V"] / 4) ** 0.5)
+    return dataclasses.replace(data, session=np.arange(data.n) * sessions // data.n)
+
+
+def test_the_gains_of_all_sessions_are_differentiated_in_one_pass():
+    """The derivatives, (trials, sessions), are the largest thing made; and they are those of one session at a time."""
+    candidate = Candidate(base=GROUND, effects=(catalogue.effect("session_gain"),), data=in_sessions(60))
+    vector = np.r_[2.0, np.random.default_rng(7).normal(0, 0.01, 60)]
+    jacobian = candidate.jacobian(vector)
+    assert peak(lambda _: candidate.jacobian(vector), None) < 3 * jacobian.nbytes
+    steps = 1e-5 * np.eye(61)
+    by_hand = (candidate.log_ratio(vector + steps) - candidate.log_ratio(vector - steps)).T / 2e-5
+    assert jacobian == pytest.approx(by_hand, rel=1e-6, abs=1e-9)
+
+
+def test_what_a_search_keeps_of_a_candidate_grows_with_the_trials_and_not_with_trials_times_sessions():
+    effects = tuple(catalogue.effect(name) for name in ("session_gain", "supply_sag"))
+    stage, _, _ = loop.set_up(in_sessions(30), GROUND, (), loop.Options(), effects)
+    singles = search.run(stage).singles
+    assert {e.name for e in singles} == {"session_gain", "supply_sag"}
+    for kept in (*singles, *(e.fitted for e in singles)):
+        arrays = [x for x in (getattr(kept, f.name) for f in dataclasses.fields(kept)) if isinstance(x, np.ndarray)]
+        assert all(x.size <= stage.data.n for x in arrays)
 
 
 def test_where_cells_are_too_many_repeats_are_taken_from_the_stations_visited_most():

@@ -28,9 +28,9 @@ def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[d
     found = []
     for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
         best = answer.accepted[0].fitted
-        part = stage.space.project(best.candidate.contribution(best.vector, effect))
+        part, jacobian = stage.space.project(best.candidate.contribution(best.vector, effect)), best.jacobian
         for i, parameter in enumerate(stage.base.parameters):
-            slope = best.jacobian[:, i]
+            slope = jacobian[:, i]
             lengths = float(np.linalg.norm(part) * np.linalg.norm(slope))
             r = float(part @ slope) / lengths if lengths > 0 else 0.0
             before, after = (coefficients[k][parameter.name]["value"] for k in ("before", "after"))
@@ -53,10 +53,11 @@ def limits(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
 
 def unknowable(stage: Stage, best: Fitted) -> list[dict[str, Any]]:
     """The same about any fit; also about one to trials that are only planned."""
-    beside = orthonormal(np.delete(best.jacobian, np.arange(len(stage.theta)), axis=1))
+    jacobian = best.jacobian
+    beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
     found: list[dict[str, Any]] = []
     for i, parameter in enumerate(stage.base.parameters):
-        slope = best.jacobian[:, i] - beside @ (beside.T @ best.jacobian[:, i])
+        slope = jacobian[:, i] - beside @ (beside.T @ jacobian[:, i])
         whole = float(slope @ slope)
         if whole <= 0:
             continue
@@ -69,8 +70,8 @@ def unknowable(stage: Stage, best: Fitted) -> list[dict[str, Any]]:
         for label, values in levelled:
             levels = stage.space.project(np.eye(len(np.unique(values)))[np.unique(values, return_inverse=True)[1]].T).T
             basis = orthonormal(levels)
-            left = best.jacobian[:, i] - basis @ (basis.T @ best.jacobian[:, i])
-            share = float(left @ left) / float(best.jacobian[:, i] @ best.jacobian[:, i])
+            left = jacobian[:, i] - basis @ (basis.T @ jacobian[:, i])
+            share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
             if share < max(SILENT, 0.01) and len(np.unique(values)) > 1:
                 text = (
                     f"A gain of its own for every {label} (session_gain) would absorb {parameter.name} altogether: these trials cannot tell the two "

@@ -128,19 +128,27 @@ class Candidate:
         return np.concatenate([np.zeros(0, dtype=int), *(np.arange(s.start, s.stop) for s in self.slots if s.effect == effect)]).astype(int)
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
-        """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one broadcast call."""
+        """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one broadcast call.
+
+        Entries that differ by session step together: each moves the trials of its own session and no others.
+        """
         if not self.size:
             return np.zeros((*vector.shape[:-1], self.data.n, 0))
         low, high = self.bounds
         _, sd = self.prior
         width = np.where(np.isfinite(sd), sd, np.minimum(high - low, 10.0))
         step = np.maximum(1e-4 * np.abs(vector), 1e-3 * width)
-        eye = np.eye(self.size, dtype=bool)
         up, down = np.minimum(vector + step, high), np.maximum(vector - step, low)
-        ends = [np.where(eye, end[..., None, :], vector[..., None, :]).reshape(-1, self.size) for end in (up, down)]
+        moved = np.array([[s.start <= i < s.stop for i in range(self.size)] for s in self.slots]).reshape(-1, self.size)
+        ends = [np.where(moved, end[..., None, :], vector[..., None, :]).reshape(-1, self.size) for end in (up, down)]
         above, below = np.split(self.log_ratio(np.concatenate(ends)), 2)
-        result: FloatArray = ((above - below) / (up - down).reshape(-1, 1)).reshape(*vector.shape, -1).swapaxes(-1, -2)
-        return np.nan_to_num(result)
+        change = (above - below).reshape(*vector.shape[:-1], len(self.slots), self.data.n)
+        trials = np.arange(self.data.n)
+        result = np.zeros((*vector.shape[:-1], self.data.n, self.size))
+        for i, s in enumerate(self.slots):
+            entry = s.start + (self.data.session if s.parameter.per == "session" else np.zeros_like(trials))
+            result[..., trials, entry] = change[..., i, :] / (up - down)[..., entry]
+        return np.nan_to_num(result, copy=False)
 
     def shapes(self) -> Iterator[FloatArray]:
         """Vectors at the null with every combination of the shapes' grid values."""
@@ -205,13 +213,18 @@ def moments(parameter: Parameter) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """A candidate at its best: `residual` is whitened with L_inf removed, `penalty` the prior's part of the objective."""
+    """A candidate at its best: `residual` is whitened with L_inf removed (by `space`), `penalty` the prior's part of the objective."""
 
     candidate: Candidate
+    space: Problem
     vector: FloatArray
     residual: FloatArray
-    jacobian: FloatArray
     penalty: float
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """D residual / d vector but for its sign, (n, P); made when asked for, since a search keeps every candidate that it tried."""
+        return self.space.project(self.candidate.jacobian(self.vector).T).T
 
     @property
     def at_bound(self) -> bool:
@@ -272,8 +285,7 @@ def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: Float
             damping = max(damping * 20, 1e-6)
         if gained < 1e-3:
             break
-    jacobian = space.project(candidate.jacobian(vector).T).T
-    return Fitted(candidate=candidate, vector=vector, residual=r, jacobian=jacobian, penalty=best - float(np.sum(r**2)))
+    return Fitted(candidate=candidate, space=space, vector=vector, residual=r, penalty=best - float(np.sum(r**2)))
 
 
 def _step(normal: FloatArray, gradient: FloatArray, length: FloatArray, vector: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

@@ -123,8 +123,9 @@ def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict
 
     if not stage.base.parameters:
         return []
-    basis = orthonormal(stage.base_fit.jacobian)
-    information = stage.base_fit.jacobian.T @ stage.base_fit.jacobian
+    jacobian = stage.base_fit.jacobian
+    basis = orthonormal(jacobian)
+    information = jacobian.T @ jacobian
     covariance = _inverse(information)
     found = []
     for effect in effects:
@@ -134,7 +135,7 @@ def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict
         share = visibility(stage, effect)
         white = stage.space.project(columns[0].T).T[:, 0]
         left = white - basis @ (basis.T @ white)
-        shift = covariance @ stage.base_fit.jacobian.T @ white / np.sqrt(np.diag(covariance))
+        shift = covariance @ jacobian.T @ white / np.sqrt(np.diag(covariance))
         most = int(np.argmax(np.abs(shift)))
         prior_size = _size(effect)
         hidden = share < limit

@@ -302,16 +302,17 @@ class Foresight:
         """Log evidence with some entries integrated over their priors, others free, and the form uncertain."""
         basis = self._space[0]
         mean, sd = fitted.candidate.prior
-        u, s, _ = np.linalg.svd(basis.T @ np.hstack([fitted.jacobian[:, integrated] * sd[integrated], tube]), full_matrices=False)
+        jacobian = fitted.jacobian
+        u, s, _ = np.linalg.svd(basis.T @ np.hstack([jacobian[:, integrated] * sd[integrated], tube]), full_matrices=False)
         shrink = 1 - 1 / np.sqrt(1 + s**2)
 
         def deform(x: FloatArray) -> FloatArray:
             result: FloatArray = x - (x @ u * shrink) @ u.T
             return result
 
-        residual = fitted.residual + fitted.jacobian[:, integrated] @ (fitted.vector - mean)[integrated]
+        residual = fitted.residual + jacobian[:, integrated] @ (fitted.vector - mean)[integrated]
         scores = deform(draws + basis.T @ residual)
-        gone = orthonormal(deform((basis.T @ fitted.jacobian[:, free]).T).T) if len(free) else np.zeros((basis.shape[1], 0))
+        gone = orthonormal(deform((basis.T @ jacobian[:, free]).T).T) if len(free) else np.zeros((basis.shape[1], 0))
         result: FloatArray = -0.5 * (np.sum(scores**2, axis=1) - np.sum((scores @ gone) ** 2, axis=1) + float(np.log1p(s**2).sum()))
         return result
 

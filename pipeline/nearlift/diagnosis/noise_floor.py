@@ -126,6 +126,8 @@ def estimate(data: Observations, log_lift: FloatArray, columns: FloatArray, slop
     Noise, (n,) array
     """
     basis = orthonormal(columns)
+    # as large as all that follows, and done with
+    del columns
     dof = data.n - basis.shape[1]
     y = log_lift
     relative2 = max(float(np.sum((y - basis @ (basis.T @ y)) ** 2)) / max(dof, 1), 1e-14)
@@ -179,16 +181,17 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     """An orthonormal basis of the columns' span, rank found by pivoting; (n, rank)."""
     from scipy.linalg import qr
 
-    length = np.linalg.norm(columns, axis=0)
-    x = columns[:, length > 1e-12 * max(length.max(initial=0.0), 1e-300)]
-    if not x.shape[1]:
+    length = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    kept = length > 1e-12 * max(length.max(initial=0.0), 1e-300)
+    if not kept.any():
         return np.zeros((len(columns), 0))
-    x = x / np.linalg.norm(x, axis=0)
+    # one copy, laid out so that the factorisation works in its place
+    x = np.array(columns[:, kept], order="F", copy=None)
+    np.divide(x, [float(np.sqrt(np.sum(column**2))) for column in x.T], out=x)
     q, r, _ = qr(x, mode="economic", pivoting=True, check_finite=False, overwrite_a=True)
     diagonal = np.abs(np.diag(r))
     rank = int((diagonal > 1e-8 * diagonal[0]).sum())
-    result: FloatArray = q[:, :rank]
-    return result
+    return np.asarray(q[:, :rank], dtype=np.float64)
 
 
 def _diagonal(model: _Components, sizes: FloatArray) -> FloatArray:

@@ -67,10 +67,10 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """One candidate after the whole test was run again on what it leaves."""
+    """One candidate after the whole test was run again on what it leaves, its form uncertain by `form_sd`."""
 
     fitted: Fitted
-    tube: FloatArray
+    form_sd: float
     left: Structure
     gain: float
     log_evidence: float
@@ -93,6 +93,11 @@ class Explanation:
     def possible(self) -> bool:
         """Whether it may stand beside one that was accepted: it leaves nothing and is likelier than no effect, if not by enough to be named."""
         return self.accepted or (self.confirmed is None and not self.left.present and self.over_none > 0 and not self.fitted.at_bound)
+
+    @property
+    def tube(self) -> FloatArray:
+        """Columns (n, t) of its form's uncertainty."""
+        return self.fitted.candidate.tube(self.fitted.vector, self.form_sd)
 
     @property
     def name(self) -> str:
@@ -159,14 +164,16 @@ class Stage:
     @cached_property
     def hypotheses(self) -> tuple[tuple[Hypothesis, ...], FloatArray]:
         """Families and library in the reduced space, and the space's orthonormal basis (n, d)."""
-        found = families(self.data)
-        named = [(f.name, f.covariate, f.columns) for f in found]
+        named = [(f.name, f.covariate, f.columns) for f in families(self.data)]
         named += [(f"{EFFECT}{e.name}", e.varies_with, columns) for e, columns in self.library]
-        white = [self.space.project(c.T).T for _, _, c in named]
+        words = [(name, SCHEDULE_WORDS.get(c, c)) for name, c, _ in named]
+        # thousands of trials by hundreds of columns: what is done with is let go
+        white = [self.space.project(columns.T).T for _, _, columns in named]
+        del named
         basis = framed(orthonormal(np.hstack([self.base_fit.jacobian, *white])))
         reduced = tuple(
-            Hypothesis(name=n, covariate=SCHEDULE_WORDS.get(c, c), columns=basis.T @ (orthonormal(w) if w.shape[1] > 1 else w))
-            for (n, c, _), w in zip(named, white, strict=True)
+            Hypothesis(name=name, covariate=covariate, columns=basis.T @ (orthonormal(w) if w.shape[1] > 1 else w))
+            for (name, covariate), w in zip(words, white, strict=True)
         )
         return reduced, basis
 
@@ -179,12 +186,12 @@ class Stage:
         hypotheses, basis = self.hypotheses
         p = len(self.theta)
         mean, sd = fitted.candidate.prior
-        white_tube = self.space.project(tube.T).T if tube.shape[1] else tube
+        jacobian, white_tube = fitted.jacobian, self.space.project(tube.T).T if tube.shape[1] else tube
         # an entry held at its bound is known, not free on both sides
         low, high = fitted.candidate.bounds
         free = np.flatnonzero((fitted.vector > low) & (fitted.vector < high) & (np.arange(len(mean)) >= p))
-        model, unknown = fitted.jacobian[:, :p], np.hstack([fitted.jacobian[:, free] * sd[free], white_tube])
-        residual = fitted.residual + fitted.jacobian[:, free] @ (fitted.vector - mean)[free]
+        model, unknown = jacobian[:, :p], np.hstack([jacobian[:, free] * sd[free], white_tube])
+        residual = fitted.residual + jacobian[:, free] @ (fitted.vector - mean)[free]
         both = np.hstack([model, unknown])
         outside = both - basis @ (basis.T @ both)
         scale = np.linalg.norm(both, axis=0)
@@ -207,9 +214,9 @@ class Stage:
         session = np.array([i for i in free if fitted.candidate.by_session[i]], dtype=int)
         own = np.array([i for i in free if not fitted.candidate.by_session[i]], dtype=int)
         marginal = -0.5 * (float(scores @ scores) + float(residual @ residual) - float(raw @ raw) + deform.log_det)
-        residual = fitted.residual + fitted.jacobian[:, session] @ (fitted.vector - mean)[session]
-        deform = _Deform(reduce(np.hstack([fitted.jacobian[:, session] * sd[session], white_tube])))
-        absorbed = deform(reduce(np.hstack([model, fitted.jacobian[:, own]])))
+        residual = fitted.residual + jacobian[:, session] @ (fitted.vector - mean)[session]
+        deform = _Deform(reduce(np.hstack([jacobian[:, session] * sd[session], white_tube])))
+        absorbed = deform(reduce(np.hstack([model, jacobian[:, own]])))
         remove = orthonormal(absorbed) if absorbed.shape[1] else np.zeros((len(absorbed), 0))
         raw = reduce(residual)
         scores = deform(raw)
@@ -231,7 +238,7 @@ class Stage:
         left, log_evidence, plausibility = self.structure(fitted, tube, self.options.second_rate, purpose)
         return Explanation(
             fitted=fitted,
-            tube=tube,
+            form_sd=self.options.form_sd,
             left=left,
             gain=self.base_fit.chi2 - fitted.chi2,
             log_evidence=log_evidence,
@@ -261,7 +268,8 @@ class Stage:
         steps = [h.columns for h in hypotheses if h.name == STEP]
         if not steps:
             return 0.0
-        model = orthonormal(basis.T @ self.base_fit.jacobian) if self.base_fit.jacobian.shape[1] else np.zeros((basis.shape[1], 0))
+        jacobian = basis.T @ self.base_fit.jacobian
+        model = orthonormal(jacobian) if jacobian.shape[1] else np.zeros((basis.shape[1], 0))
         columns = np.hstack(steps)
         columns = columns - model @ (model.T @ columns)
         along = columns.T @ (basis.T @ self.base_fit.residual)
@@ -342,20 +350,23 @@ def prepare(
     candidate, vector = (Candidate(base=base, effects=(), data=data), theta) if about is None else (about.candidate, about.vector)
     log_ratio = candidate.log_ratio(vector)
     theta = vector[: len(theta)]
-    columns = flexible(candidate, vector, effects)
     slope = height_slope(base, data, dict(zip((p.name for p in base.parameters), theta, strict=True)))
-    noise, target = noise_floor.estimate(data, np.log(data.lift_N) - log_ratio, columns, slope)
+    noise, target = noise_floor.estimate(data, np.log(data.lift_N) - log_ratio, flexible(candidate, vector, effects), slope)
     return Stage(data=data, base=base, effects=effects, parts=parts, noise=noise, log_lift=target + log_ratio, theta=theta, options=options)
 
 
 def settle(stage: Stage) -> Answer:
     """Search; where the structure is large beside the noise, take the noise floor about the best explanation and search again."""
+    # a search keeps what it worked out; a copy of the stage, so that it goes with the search
+    stage = dataclasses.replace(stage)
     answer = run(stage)
     for _ in range(2):
         tried = answer.accepted or sorted((*answer.singles, *answer.pairs), key=lambda e: -e.log_evidence)
         if not tried or tried[0].gain < LARGE * stage.data.n:
             break
-        stage = prepare(stage.data, stage.base, stage.effects, stage.parts, stage.theta, stage.options, about=tried[0].fitted)
+        ground, about = (stage.data, stage.base, stage.effects, stage.parts, stage.theta, stage.options), tried[0].fitted
+        del answer, tried, stage
+        stage = prepare(*ground, about=about)
         answer = run(stage)
     return answer
 
@@ -480,24 +491,22 @@ def second_look(stage: Stage, tried: tuple[Explanation, ...]) -> tuple[Explanati
     for e in tried:
         enough = e.gain >= max(NEARLY_ALL * stage.excess, stage.best_step) and e.over_none > PLAIN
         if enough and not e.fitted.candidate.by_session.any():
-            tube = e.fitted.candidate.tube(e.fitted.vector, LOOSER * stage.options.form_sd)
-            left, log_evidence, plausibility = stage.structure(e.fitted, tube, stage.options.second_rate, 1)
+            e = dataclasses.replace(e, form_sd=LOOSER * stage.options.form_sd)
+            left, log_evidence, plausibility = stage.structure(e.fitted, e.tube, stage.options.second_rate, 1)
             over = log_evidence - stage.nothing_added[1]
-            e = dataclasses.replace(
-                e, tube=tube, left=left, log_evidence=log_evidence, over_none=over, plausibility=plausibility, confirmed=over > PLAIN
-            )
+            e = dataclasses.replace(e, left=left, log_evidence=log_evidence, over_none=over, plausibility=plausibility, confirmed=over > PLAIN)
         found.append(e)
     return tuple(found)
 
 
 def visibility(stage: Stage, effect: Effect) -> float:
     """Largest share of the energy of an effect's columns that theta and L_inf leave, over its shapes."""
-    shares = []
+    shares, jacobian = [], stage.base_fit.jacobian
     for e, columns in stage.library:
         if e.name == effect.name:
             whole = stage.space.covariance.whiten(columns.T).T
             white = stage.space.project(columns.T).T
-            basis = orthonormal(stage.base_fit.jacobian) if stage.base_fit.jacobian.shape[1] else np.zeros((len(white), 0))
+            basis = orthonormal(jacobian) if jacobian.shape[1] else np.zeros((len(white), 0))
             left = white - basis @ (basis.T @ white)
             shares.append(float(np.sum(left**2) / max(np.sum(whole**2), 1e-300)))
     return max(shares, default=0.0)
