@@ -53,8 +53,8 @@ class Disk:
 
 
 disk = Disk()
-#: Name of a file that is not finished, of what it will be and of the process that writes it.
-_UNFINISHED = re.compile(r"\..+\.\d+\.tmp")
+#: How the name of a file ends that is not finished: with the process that writes it; a dot and what it will be stand before.
+_UNFINISHED = re.compile(r"\.\d+\.tmp\Z")
 #: Bytes of a file that are hashed at once, and files that a thread hashes before it takes more (at most).
 PART, PORTION = 1 << 20, 16
 
@@ -90,7 +90,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 def sweep(folder: Path) -> None:
     """Take away what a killed run left unfinished in a folder and its subfolders; links are not followed."""
     for path in folder.rglob(".*.tmp"):
-        if _UNFINISHED.fullmatch(path.name) and path.is_file() and not path.is_symlink():
+        if path.name.startswith(".") and _UNFINISHED.search(path.name, 2) and path.is_file() and not path.is_symlink():
             path.unlink(missing_ok=True)
 
 

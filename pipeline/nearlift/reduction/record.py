@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.errors import InputRefused
-from nearlift.reduction import screening
+from nearlift.reduction import contamination
 from nearlift.reduction.steps import stepped
 from nearlift.reduction.stretch import Stretch, median, steady, stretch
 
@@ -165,7 +165,7 @@ def reduce_record(
     found += _stuck(live, run)
     batches = run.batches
     if len(batches) and float(batches.max() - batches.min()) > limits.drift * abs(lift):
-        moved, at_start = screening.moved_by_segment(live, screening.step_of(live))
+        moved, at_start = contamination.moved_by_segment(live, contamination.step_of(live))
         # rotors that still spin up are unsettled
         if stepped(batches, limits.drift * abs(lift)) or (moved > math.sqrt(u2) and not at_start):
             found.append("MIXED")
@@ -258,7 +258,7 @@ def _without_strays(live: FloatArray, run: Stretch, range_N: float | None) -> tu
 
 def _far(live: FloatArray) -> NDArray[np.bool_]:
     """Mask of the few samples more than six standard deviations off, those aside that hide behind larger ones being found, too."""
-    far, hidden = np.zeros(len(live), dtype=bool), screening.HIDDEN * screening.step_of(live)
+    far, hidden = np.zeros(len(live), dtype=bool), contamination.HIDDEN * contamination.step_of(live)
     for _ in range(5):
         rest = live[~far]
         more = np.abs(live - rest.mean()) > FAR * max(float(rest.std()), hidden)
@@ -267,7 +267,7 @@ def _far(live: FloatArray) -> NDArray[np.bool_]:
         far = more
     # rotors that still spin up are no stray samples
     far[: int(np.argmin(far))] = False
-    return far if far.mean() <= screening.LARGEST_SHARE else np.zeros(len(live), dtype=bool)
+    return far if far.mean() <= contamination.LARGEST_SHARE else np.zeros(len(live), dtype=bool)
 
 
 def _zero(
@@ -283,32 +283,34 @@ def _zero(
     zero, u2, found = rest.mean, quiet / rest.n, []
     if _dead(tare, rest, live, run):
         return zero, u2, ["STUCK"]
-    single, uneven = screening.suspicious(tare, rest)
-    single = single and bool(screening.far_samples(tare, 0.0).any())
-    step = screening.step_of(live) if single or uneven else 0.0
-    if single and (far := screening.far_samples(tare, step)).any():
+    single, uneven = contamination.suspicious(tare, rest)
+    single = single and bool(contamination.far_samples(tare, 0.0).any())
+    step = contamination.step_of(live) if single or uneven else 0.0
+    if single and (far := contamination.far_samples(tare, step)).any():
         density, kept = spectral_density_at_zero(tare[~far], rate_Hz, tone=False)
         worth, u = zero - kept.mean, math.sqrt(u2_live + density / kept.n)
-        isolated = screening.are_single(far)
+        isolated = contamination.are_single(far)
         if abs(worth) > u and not isolated:
             return zero, u2, ["TARE"]
         if abs(worth) > MATTERS * u and isolated:
             tare, zero, u2, found = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
     if uneven:
-        damaged = screening.moved_by_segment(tare, step)[0] > math.sqrt(u2_live + u2)
+        damaged = contamination.moved_by_segment(tare, step)[0] > math.sqrt(u2_live + u2)
         # rotors that run down or up need not have an edge
-        if damaged or screening.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
+        if damaged or contamination.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
             return zero, u2, ["TARE"]
-    if (away := screening.wander(tare, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (away := screening.wander(tare, screening.step_of(live))):
+    if (away := contamination.wander(tare, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
+        away := contamination.wander(tare, contamination.step_of(live))
+    ):
         found, u2 = [*found, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"], u2 + away**2
     return zero, u2, found
 
 
 def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:
     """Whether the tare, or a part of it, repeats one value, and not because the converter is too coarse to show any noise."""
-    if rest.n < screening.FEW or rest.repeats < FEWEST_REPEATS * rest.n:
+    if rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n:
         return False
-    return bool(_stuck(tare, rest)) and math.sqrt(run.squares / (run.n - 1)) > COARSE * screening.step_of(live)
+    return bool(_stuck(tare, rest)) and math.sqrt(run.squares / (run.n - 1)) > COARSE * contamination.step_of(live)
 
 
 def _stuck(live: FloatArray, run: Stretch) -> list[str]:
