@@ -32,6 +32,9 @@ CUBIC, TREND = 3, 12.0
 LONGEST_RUN, LARGEST_SHARE = 5, 0.05
 #: Noise, in steps of the converter, that half of the samples on one code may hide.
 HIDDEN = 0.74
+#: How far beyond one block's limit a long segment must stand, being the best of many: the largest of 54,000 clean tares of 100 to 2000 samples,
+#: white with half as much noise of memory 0.9, was 1.4.
+OF_MANY = 1.6
 #: Samples that a converter's step is taken from.
 ENOUGH_CODES = 2000
 
@@ -97,8 +100,8 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     inner = np.sort(np.abs(left))[:-2]
     change = abs(levels[0] - levels[1])
     # a long segment shows a small change, unless neighbours are alike anyway
-    longer = max(1.0, (members * (n - members) / n / _memory(left)) ** 0.5) if len(values) >= n * SHORTEST_BLOCK else 1.0
-    if change * longer <= _apart(n) * max(float(inner @ inner / (n - 4)) ** 0.5, noise):
+    longer = (members * (n - members) / n / _memory(left)) ** 0.5 / OF_MANY if len(values) >= n * SHORTEST_BLOCK else 1.0
+    if change * max(longer, 1.0) <= _apart(n) * max(float(inner @ inner / (n - 4)) ** 0.5, noise):
         return 0.0, False
     size = min(members, n - members)
     return change * size / n, bool(chosen[0]) == (size == members)
