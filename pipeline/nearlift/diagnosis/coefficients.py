@@ -90,10 +90,11 @@ def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -
     best = answer.best
     value, u = spread(stage, best)
     # structure without a name is no noise: it is carried, and the base fit leans away from it
-    unnamed = discrepancy.columns(stage, answer.first) if answer.verdict == "unexplained" else np.zeros((stage.data.n, 0))
+    carried = discrepancy.covariates(answer.first) if answer.verdict == "unexplained" else []
+    unnamed = discrepancy.columns(stage, carried) if carried else np.zeros((stage.data.n, 0))
     members = [(e.fitted, e.tube) for e in answer.accepted] or [(stage.base_fit, unnamed)]
     spans = [spread(stage, fitted, tube) for fitted, tube in members]
-    if answer.verdict == "unexplained":
+    if carried:
         value, u = spans[0]
     chosen = answer.accepted[0].effects if answer.accepted else ()
     tube = members[0][1]
@@ -108,7 +109,6 @@ def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -
             "conditional": [value[i] - quantile * u[i], value[i] + quantile * u[i]],
             "constrained": [wide_value[i] - quantile * wide_u[i], wide_value[i] + quantile * wide_u[i]],
         }
-    carried = discrepancy.covariates(answer.first) if answer.verdict == "unexplained" else []
     return {"before": before, "after": after, "carried": carried}
 
 

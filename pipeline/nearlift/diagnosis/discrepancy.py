@@ -24,9 +24,8 @@ from nearlift.results import Observations
 SHAPES, TIMES = 2, 4
 
 
-def columns(stage: Stage, structure: Structure) -> FloatArray:
-    """The discrepancy as columns (n, t) of log lift with unknowns of unit variance; `structure` is what the base model leaves."""
-    flagged = covariates(structure)
+def columns(stage: Stage, flagged: list[str]) -> FloatArray:
+    """The discrepancy as columns (n, t) of log lift with unknowns of unit variance; `flagged` are the covariates in which structure was found."""
     carried = [f for f in families(stage.data) if SCHEDULE_WORDS.get(f.covariate, f.covariate) in flagged]
     shapes = [*(f.columns for f in carried), _moving(stage.data), _by_throttle(stage)]
     return np.hstack([np.zeros((stage.data.n, 0)), *(_sized(stage, columns) for columns in shapes)])

@@ -132,6 +132,7 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     if found:
         verdict = WORDS.get(found["verdict"], found["verdict"])
         tone = {"adequate": "good", "effect": "fair"}.get(found["verdict"], "bad")
+    after = _after(evidence, boundary, found)
     return {
         "boundary": boundary,
         "model": model.title,
@@ -142,8 +143,8 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "verdict": verdict,
         "effects": [_effect(found, e) for e in found.get("effects", [])],
         "noise": "what repeats scatter" if source.startswith(REPEATS) else f"the {source}",
-        "superseded": bool(_after(evidence, boundary, found)),
-        "after": _after(evidence, boundary, found),
+        "superseded": bool(after),
+        "after": after,
         "constrained": _constrained(evidence, boundary, names, found),
         "tone": tone,
     }

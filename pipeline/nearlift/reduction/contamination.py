@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.native import POINTER, WHOLE, Kernel, address
-from nearlift.reduction.stretch import Stretch, median
+from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median
 
 FloatArray = NDArray[np.float64]
 
 LOOK = Kernel("nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER)
-#: Standard deviations of normal noise in one median absolute deviation.
-SD_PER_MAD = 1.4826
 #: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is uncertain, more are asked for.
 APART, FEW = 6.5, 20
 #: Share of that distance at which samples stand apart if there are at least so many, of at least so many.

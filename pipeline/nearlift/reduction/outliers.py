@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.reduction.stretch import median
+from nearlift.reduction.stretch import SD_PER_MAD, median
 
 #: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of freedom carries an outlying trial.
 FAMILY_WISE = 0.01
@@ -31,8 +31,6 @@ OWN_SCALE = 8
 ODD_TRIAL, ODD_VISIT = 5.0, 4.0
 #: A relative scatter that is rounding.
 SMALLEST_SCALE = 1e-9
-#: Standard deviations in a median absolute deviation of normal noise.
-SIGMA_PER_MAD = 1.4826
 #: The tail's shape is learnt from contrasts beyond this quantile; the `COUNTED` largest are only counted.
 BODY = 0.7
 COUNTED = 4
@@ -121,7 +119,7 @@ def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, vi
     order = known[np.argsort(visit[known], kind="stable")]
     labels, first = np.unique(visit[order], return_index=True)
     common = np.array([np.median(part) for part in np.split(off[order], first[1:])]) if len(labels) else np.zeros(0)
-    scale = SIGMA_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
+    scale = SD_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
     result: NDArray[np.int64] = labels[np.abs(common) > max(ODD_VISIT * scale, SMALLEST_SCALE)]
     return result
 
@@ -153,11 +151,11 @@ def _scaled(comparisons: list[FloatArray], level: NDArray[np.int64]) -> tuple[Fl
         mine = known & np.isnan(contrast)
         if not mine.any():
             continue
-        scale = np.full(len(level), SIGMA_PER_MAD * median(np.abs(comparison[known])))
+        scale = np.full(len(level), SD_PER_MAD * median(np.abs(comparison[known])))
         for throttle in np.unique(level[mine]):
             here = known & (level == throttle)
             if here.sum() >= OWN_SCALE:
-                scale[here] = np.maximum(scale[here], SIGMA_PER_MAD * median(np.abs(comparison[here])))
+                scale[here] = np.maximum(scale[here], SD_PER_MAD * median(np.abs(comparison[here])))
         contrast[mine] = comparison[mine]
         if known.sum() >= LEAST_TRIALS and np.all(scale > SMALLEST_SCALE):
             scaled[mine] = (comparison / scale)[mine]
@@ -169,15 +167,18 @@ def _scaled(comparisons: list[FloatArray], level: NDArray[np.int64]) -> tuple[Fl
     return contrast, scaled, "most trials repeat exactly, so nothing shows how far noise reaches"
 
 
+def _groups(value: FloatArray, group: NDArray[np.int64], rank_by: FloatArray) -> list[NDArray[np.intp]]:
+    """Places of the known values of each group of three or more, in ascending order of `rank_by`."""
+    known = np.flatnonzero(np.isfinite(value))
+    order = known[np.lexsort((rank_by[known], group[known]))]
+    return [members for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(members) > 2]
+
+
 def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray:
     """Median of the other values of each one's group; nan with fewer than two others, and nan values are left out."""
     result = np.full(len(value), np.nan)
-    known = np.flatnonzero(np.isfinite(value))
-    order = known[np.lexsort((value[known], group[known]))]
-    for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+    for members in _groups(value, group, value):
         m = len(members)
-        if m < 3:
-            continue
         ranked, rank = value[members], np.arange(m)
         # the k-th of the others is the k-th of all, or the next where oneself stands before it
         low, high = ((m - 2) // 2, (m - 1) // 2)
@@ -188,12 +189,8 @@ def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray
 def _median_of_nearest(value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64]) -> FloatArray:
     """Median of the `NEAREST` other values at one's throttle that are nearest in rank of distance; nan with fewer than two."""
     result = np.full(len(value), np.nan)
-    known = np.flatnonzero(np.isfinite(value))
-    order = known[np.lexsort((z_hat[known], level[known]))]
-    for members in np.split(order, np.flatnonzero(np.diff(level[order])) + 1):
+    for members in _groups(value, level, z_hat):
         m = len(members)
-        if m < 3:
-            continue
         width = min(NEAREST, m - 1)
         first = np.clip(np.arange(m) - width // 2, 0, m - 1 - width)
         around = first[:, None] + np.arange(width + 1)
@@ -215,7 +212,7 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
         body = np.quantile(body, (np.arange(QUANTILES) + 0.5) / QUANTILES)
     inverse = np.linspace(TAIL_LIGHTEST, TAIL_HEAVIEST, 15)[:, None]
     dof = 1 / inverse
-    scale = ordered[n // 2] * SIGMA_PER_MAD * np.exp(np.linspace(-1.5, 1.0, 41))
+    scale = ordered[n // 2] * SD_PER_MAD * np.exp(np.linspace(-1.5, 1.0, 41))
     x = body / scale[:, None]
     density = np.log(_student_peak(dof) / np.sqrt(dof)) - np.log(scale)
     inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]]) + len(body) * (density + np.log(2))

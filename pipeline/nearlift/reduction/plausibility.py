@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from nearlift import units
 from nearlift.errors import InputRefused
 from nearlift.reduction.quality import rejected
-from nearlift.reduction.stretch import median
+from nearlift.reduction.stretch import SD_PER_MAD, median
 
 FloatArray = NDArray[np.float64]
 #: Times the weight beyond which a single trial's lift is no lift, whatever the others are.
@@ -228,7 +228,7 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
         throttle = table["throttle"][here]
         levels = [t for t in np.unique(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT]
         medians = np.array([median(lift[here][throttle == t]) for t in levels])
-        scatter = np.array([1.4826 * median(np.abs(lift[here][throttle == t] - m)) for t, m in zip(levels, medians, strict=True)])
+        scatter = np.array([SD_PER_MAD * median(np.abs(lift[here][throttle == t] - m)) for t, m in zip(levels, medians, strict=True)])
         for k, level in enumerate(levels):
             own = here[throttle == level]
             off = np.abs(lift[own, None] - medians)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination
 from nearlift.reduction.steps import stepped
-from nearlift.reduction.stretch import Stretch, median, steady, stretch
+from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median, steady, stretch
 
 FloatArray = NDArray[np.float64]
 
@@ -174,7 +174,7 @@ def reduce_record(
     if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
         # the median and its scatter, for a head of stopped rotors takes several batches and would hide behind its own spread
         level = median(batches)
-        scatter = 1.4826 * median(np.abs(batches - level))
+        scatter = SD_PER_MAD * median(np.abs(batches - level))
         if abs(batches[0] - level) > max(0.1 * abs(lift), 6 * scatter):
             found.append("unsettled")
     return Reduced(

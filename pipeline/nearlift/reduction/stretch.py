@@ -16,6 +16,8 @@ STRETCH = Kernel("nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, 
 STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
 #: Sums that the kernel gives before the batches' means.
 SUMS = 9
+#: Standard deviations of normal noise in one median absolute deviation.
+SD_PER_MAD = 1.4826
 
 
 class Stretch(NamedTuple):

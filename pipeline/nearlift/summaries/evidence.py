@@ -83,13 +83,18 @@ class Evidence:
 
     def diagnosed(self, boundary: str) -> dict[str, Any]:
         """The loop's findings at a boundary; empty where there are none, as where it could not be diagnosed."""
-        entry: dict[str, Any] = self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {}) if self.has(DIAGNOSIS) else {}
+        entry = self._block(boundary)
         return {} if entry.get("verdict") == NOT_DIAGNOSED else entry
 
     def not_diagnosed(self, boundary: str) -> str:
         """Why a boundary could not be diagnosed; empty where it was, or where nobody tried."""
-        entry: dict[str, Any] = self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {}) if self.has(DIAGNOSIS) else {}
+        entry = self._block(boundary)
         return str(entry["reason"]) if entry.get("verdict") == NOT_DIAGNOSED else ""
+
+    def _block(self, boundary: str) -> dict[str, Any]:
+        """A boundary's block of diagnosis.json; empty where there is none."""
+        entry: dict[str, Any] = self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {}) if self.has(DIAGNOSIS) else {}
+        return entry
 
     def known(self, boundary: Boundary, model: LiftModel) -> dict[str, Any]:
         """What `model` needs besides its parameters, one value for a whole curve: geometry, else the covariate's median."""
