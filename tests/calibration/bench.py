@@ -7,6 +7,7 @@ with nearlift.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,6 +59,7 @@ class Bench:
     """
 
     boundary: str
+    radius_m: float
     z_hat: np.ndarray
     throttle: np.ndarray
     level: np.ndarray
@@ -119,33 +121,39 @@ def build(
     visits: int = 15,
     sessions: int = 6,
     throttles: tuple[float, ...] = THROTTLES,
-    reverse: float = 0.2,
     every: int = 1,
     distances: int | None = None,
+    order: str = "random",
+    radius_m: float = RADIUS,
 ) -> Bench:
     """A bench with its whole campaign planned and logged.
 
     Parameters
     ----------
-    reverse : float
-        Share of visits that overshoot and come back, so that approach is not a function of distance at the ends.
     every : int
         Takes every so-manieth station, the farthest among them.
     distances : int or None
         Takes that many instead, from the nearest to the farthest.
+    order : str
+        "random": stations in random order, and a fifth of the visits overshoots and comes back, so that approach is not a function of distance at
+        the ends; "swept": from the nearest to the farthest, again and again; "scattered": every trial at a height of its own, log-uniform.
     """
     rng = stream(seed, "bench", boundary)
     planned = stations(boundary, design)
     z_stations = planned[::-every][::-1] if distances is None else planned[np.linspace(0, len(planned) - 1, distances).round().astype(int)]
-    path = shuffled(rng, len(z_stations), visits)
-    n_visits, k = len(path), len(throttles)
+    k = 1 if order == "scattered" else len(throttles)
+    if order == "scattered":
+        low, high = np.log(z_stations[[0, -1]])
+        z_visit = np.exp(rng.uniform(low, high, len(z_stations) * visits * len(throttles)))
+    else:
+        z_visit = z_stations[np.tile(np.arange(len(z_stations)), visits) if order == "swept" else shuffled(rng, len(z_stations), visits)]
+    n_visits = len(z_visit)
     n = n_visits * k
     visit = np.repeat(np.arange(n_visits), k)
-    level = np.concatenate([rng.permutation(k) for _ in range(n_visits)])
+    level = rng.integers(len(throttles), size=n) if k == 1 else np.concatenate([rng.permutation(k) for _ in range(n_visits)])
     throttle = np.array(throttles)[level]
-    z_visit = z_stations[path]
-    move = np.diff(z_visit, prepend=z_stations[-1] * 0.5) * RADIUS
-    away = np.where(move >= 0, 1.0, -1.0) * np.where(rng.random(n_visits) < reverse, -1.0, 1.0)
+    move = np.diff(z_visit, prepend=z_stations[-1] * 0.5) * radius_m
+    away = np.where(move >= 0, 1.0, -1.0) * np.where(rng.random(n_visits) < (0.0 if order == "swept" else 0.2), -1.0, 1.0)
 
     cuts = np.sort(np.round(np.arange(1, sessions) * n_visits / sessions + rng.uniform(-4, 4, sessions - 1)).astype(int))
     session_of_visit = np.searchsorted(cuts, np.arange(n_visits), side="right")
@@ -184,8 +192,16 @@ def build(
         "coin": np.full(n, float(rng.random() < 0.5)),
         "phase": np.full(n, rng.uniform(0, 2 * np.pi)),
         "bump_at": np.full(n, rng.uniform(0.2, 0.5)),
-        "bump_level": np.full(n, float(rng.integers(k))),
+        "bump_level": np.full(n, float(rng.integers(len(throttles)))),
         "levelling": np.full(n, np.radians(rng.uniform(1, 3)) * rng.choice([-1, 1])),
+    }
+    # drawn apart, so that what was there before stays as it was
+    later = stream(seed, "later", boundary)
+    unit |= {
+        "reader": _taken_in_turn(later, n_visits, 30, lambda i: (-1.0) ** i)[visit],
+        "seating": _taken_in_turn(later, n_visits, 9, lambda _: later.exponential())[visit],
+        "draught": _taken_in_turn(later, n_visits, 5, lambda i: i % 2)[visit],
+        "range_at": np.full(n, later.uniform(0.35, 0.65)),
     }
     reading = {
         "supply_V": supply + rng.normal(0, 0.003, n),
@@ -194,6 +210,7 @@ def build(
     }
     return Bench(
         boundary=boundary,
+        radius_m=radius_m,
         z_hat=z_visit[visit],
         throttle=throttle,
         level=level,
@@ -221,6 +238,12 @@ def build(
 def levels_N(rng: np.random.Generator, throttles: tuple[float, ...]) -> np.ndarray:
     """Lift of the whole vehicle far from every boundary, per throttle; rigs differ by some per cent."""
     return np.interp(throttles, _PWM, _GRAM) * 1e-3 * GRAVITY * (1 + rng.normal(0, 0.03, len(throttles)))
+
+
+def _taken_in_turn(rng: np.random.Generator, visits: int, mean: float, value: Callable[[int], float]) -> np.ndarray:
+    """A value for each turn, and turns of random length (geometric, in visits)."""
+    turn = np.cumsum(rng.random(visits) < 1 / mean)
+    return np.array([value(i) for i in range(turn[-1] + 1)], dtype=float)[turn]
 
 
 def _centred(x: np.ndarray) -> np.ndarray:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.stats import beta, binom
-from tests.calibration.draws import KINDS, STRONG
-from tests.calibration.forms import NAMED
+from tests.calibration.forms import NAMED, STRANGE
+from tests.calibration.kinds import KINDS, STRONG, Promise
 from tests.calibration.peers import PEERS
 
 Row = dict[str, Any]
@@ -19,14 +19,6 @@ BY_TIME = frozenset(
     {"approach_backlash", "session_gain", "gain_drift", "warm_up", "supply_sag", "air_density", "zero_drift", "zero_temperature", "cell_creep"}
 )
 DISTANCE = frozenset(NAMED) - BY_TIME
-
-
-class Promise(NamedTuple):
-    """What is to be reached: ">=" or "<=" `must`, better `aim`; sense "" where nothing is promised."""
-
-    sense: str = ""
-    must: float | None = None
-    aim: float | None = None
 
 
 NONE = Promise()
@@ -51,6 +43,11 @@ class Figure:
         if self.promise.must is None:
             return None
         return self.hi95 >= self.promise.must if self.promise.sense == ">=" else self.lo95 <= self.promise.must
+
+    @property
+    def brief(self) -> str:
+        """A share as "k of n (95 % interval in per cent)"."""
+        return f"{self.k} of {self.n} ({100 * self.lo95:.0f}-{100 * self.hi95:.0f})"
 
 
 def clopper_pearson(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
@@ -79,16 +76,82 @@ def quantile(key: str, title: str, values: list[float], q: float = 0.5, promise:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Fact:
+    """What is counted in campaigns of every kind: among which of a kind's rows, and what; words for the head of a column."""
+
+    words: str
+    among: Callable[[Row], bool]
+    counts: Callable[[Row], bool]
+
+
+def _empty(r: Row) -> bool:
+    return not r["truth"]
+
+
+def _effect(r: Row) -> bool:
+    return bool(r["truth"]) and not STRANGE.keys() & {*r["truth"]}
+
+
+def _strange(r: Row) -> bool:
+    return bool(STRANGE.keys() & {*r["truth"]})
+
+
+FACTS: dict[str, Fact] = {
+    "undiagnosed": Fact(words="not diagnosed", among=lambda r: True, counts=lambda r: bool(r["undiagnosed"])),
+    "null_claimed": Fact(words="null: any claim", among=_empty, counts=lambda r: r["claimed"]),
+    "null_named": Fact(words="null: a name", among=_empty, counts=lambda r: r["named"]),
+    "named_right": Fact(words="effect: best name right", among=_effect, counts=lambda r: r["right"]),
+    "named_inside": Fact(words="within the set", among=_effect, counts=lambda r: r["inside"]),
+    "named_wrong": Fact(words="single and wrong", among=_effect, counts=lambda r: r["single_wrong"]),
+    "seen": Fact(words="outside: seen", among=_strange, counts=lambda r: r["claimed"]),
+    "given_a_name": Fact(words="given a name", among=_strange, counts=lambda r: r["named"]),
+    "covered": Fact(words="90 % interval covers", among=lambda r: "cover_union" in r, counts=lambda r: r["cover_union"]),
+    "covered_oracle": Fact(words="true model's covers", among=lambda r: True, counts=lambda r: r["cover_oracle"]),
+}
+RECORDS = frozenset(k.name for k in KINDS.values() if k.group == "records")
+
+
+def _asked(done: list[Row]) -> Iterator[Figure]:
+    """What each kind asks for."""
+    for kind in KINDS.values():
+        for key, promise in kind.asks.items():
+            fact = FACTS[key]
+            mine = [r for r in done if r["kind"] == kind.name and fact.among(r)]
+            yield from share(f"{kind.name}_{key}", f"{kind.name}: {fact.words}", mine, fact.counts, promise)
+
+
+def by_kind(rows: list[Row]) -> list[dict[str, Any]]:
+    """Every fact of every kind but those of records, as "k of n (95 % interval)", and the interval's width over the true model's."""
+    table = []
+    for kind in (k for k in KINDS.values() if k.name not in RECORDS):
+        run = [r for r in rows if r["kind"] == kind.name and "failed" in r]
+        if not run:
+            continue
+        done = [r for r in run if r["failed"] == ""]
+        raised = len(run) - len(done)
+        wide = [r["width_union"] / r["oracle_width"] for r in done if "width_union" in r]
+        entry: dict[str, Any] = {"kind": kind.name, "n": len(run), "raised": str(raised) if raised else ""}
+        for fact in FACTS.values():
+            entry[fact.words] = next((f.brief for f in share("", "", [r for r in done if fact.among(r)], fact.counts)), "")
+        quantiles = np.quantile(wide, [0.5, 0.9]) if wide else None
+        entry["width / true model's (90th percentile)"] = "" if quantiles is None else "{:.2f} ({:.2f})".format(*quantiles)
+        entry["CPU s"] = float(np.median([r["cpu_s"] for r in done])) if done else math.nan
+        table.append(entry)
+    return table
+
+
 def figures(rows: list[Row]) -> list[Figure]:
     """Every figure that these rows have something to say about."""
     done = [r for r in rows if r.get("failed") == ""]
     of = {kind: [r for r in done if r["kind"] == kind] for kind in KINDS}
     return [
         *share("failed", "diagnoses that raised", [r for r in rows if "failed" in r], lambda r: r["failed"] != "", Promise("<=", 0.0, 0.0)),
+        *_asked(done),
         *_null(of["null"]),
         *_single(of["weak"], of["one"]),
         *_several(of["two"], of["outside"], of["within"]),
-        *_held_out(done, of["one"]),
+        *_held_out([r for r in done if r["kind"] in RECORDS], of["one"]),
         *_coverage(of["null"], of["one"]),
         *quantile("time", "CPU seconds per boundary with held-out folds: median", [r["cpu_s"] for r in done], promise=Promise("<=", 10.0, 2.0)),
         *quantile("time_p95", "... 95th percentile", [r["cpu_s"] for r in done], 0.95),
@@ -227,7 +290,8 @@ def markdown(rows: list[Row]) -> str:
         must, aim = (f"{f.promise.sense} {show(v)}" if v is not None else "" for v in (f.promise.must, f.promise.aim))
         mark = {None: "", True: "holds", False: "**fails**"}[f.passed]
         lines.append(f"| {f.title} | {show(f.value)} | {show(f.lo95)} to {show(f.hi95)} | {f.n} | {must} | {aim} | {mark} |")
-    for title, table in (("Per effect", by_effect(rows)), ("Rival methods", peer_table(rows) if any("peers" in r for r in rows) else [])):
+    peers = peer_table(rows) if any("peers" in r for r in rows) else []
+    for title, table in (("Per kind", by_kind(rows)), ("Per effect", by_effect(rows)), ("Rival methods", peers)):
         if table:
             lines += ["", f"## {title}", "", "| " + " | ".join(table[0]) + " |", "|---" * len(table[0]) + "|"]
             lines += ["| " + " | ".join(f"{v:.2f}" if isinstance(v, float) else str(v) for v in entry.values()) + " |" for entry in table]

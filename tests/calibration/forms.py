@@ -7,7 +7,7 @@ one, the `foreign` form has the same cause and another shape. A form is scaled b
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -21,18 +21,19 @@ HEADLINE = {"ground": "K_b", "ceiling": "alpha", "sidewall": "a"}
 BOUNDARIES = ("ground", "ceiling", "sidewall")
 
 
-def sanchez_cuevas(z: Array, K_b: float, *, single: float = 1.0, neighbours: float = 1.0, body: float = B) -> Array:
+def sanchez_cuevas(z: Array, K_b: float, *, single: float = 1.0, neighbours: float = 1.0, spacing: float = D, body: float | None = None) -> Array:
     """Four rotors over a plane, original form: one image below each, two beside, one across, and the fountain under the body."""
+    body = np.sqrt(2) * spacing if body is None else body
     below = 1 / (16 * z**2)
-    beside = z / np.sqrt((D**2 + 4 * z**2) ** 3) + 0.5 * z / np.sqrt((2 * D**2 + 4 * z**2) ** 3)
+    beside = z / np.sqrt((spacing**2 + 4 * z**2) ** 3) + 0.5 * z / np.sqrt((2 * spacing**2 + 4 * z**2) ** 3)
     fountain = 2 * K_b * z / np.sqrt((body**2 + 4 * z**2) ** 3)
     return 1 / (1 - single * below - neighbours * beside - fountain)
 
 
-def ratio(boundary: str, z: Array, theta: dict[str, float]) -> Array:
-    """Lift over lift far away of the base model."""
+def ratio(boundary: str, z: Array, theta: dict[str, float], spacing: float = D) -> Array:
+    """Lift over lift far away of the base model; `spacing` is that of adjacent rotors over the radius."""
     if boundary == "ground":
-        return sanchez_cuevas(z, theta["K_b"])
+        return sanchez_cuevas(z, theta["K_b"], spacing=spacing)
     if boundary == "ceiling":
         return 0.5 + 0.5 * np.sqrt(1 + theta["alpha"] / z**2)
     return 1 - theta["a"] * np.exp(-z / theta["lambda_"])
@@ -67,13 +68,14 @@ class Form:
 
     `apply` takes (what it acts on, setting, amplitude): z_hat for `height`, L / L_inf for `ratio`, nothing (None) for `gain`,
     where it returns the logarithm of a factor, lift in N for `force`. `most` bounds the amplitude by what is physically
-    possible, per boundary.
+    possible, per boundary. `because` is what happens in the laboratory, where no catalogue says it.
     """
 
     place: Place
     apply: Callable[..., Array]
     most: dict[str, float]
     signed: bool = True
+    because: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,8 +148,8 @@ def _before(s: Setting, steps: int) -> Array:
 KINDS = (
     Kind(
         name="height_offset",
-        own=_form("height", lambda z, s, x: z + x / RADIUS, {"ground": 5e-3, "ceiling": 1e-3, "sidewall": 1.5e-3}),
-        foreign=_form("height", lambda z, s, x: z + x / RADIUS * _coning(s), {"ground": 5e-3, "ceiling": 0.8e-3, "sidewall": 1e-3}),
+        own=_form("height", lambda z, s, x: z + x / s.bench.radius_m, {"ground": 5e-3, "ceiling": 1e-3, "sidewall": 1.5e-3}),
+        foreign=_form("height", lambda z, s, x: z + x / s.bench.radius_m * _coning(s), {"ground": 5e-3, "ceiling": 0.8e-3, "sidewall": 1e-3}),
     ),
     Kind(
         name="height_scale",
@@ -156,10 +158,12 @@ KINDS = (
     ),
     Kind(
         name="approach_backlash",
-        own=_form("height", lambda z, s, x: z - s.bench.approach * 0.5 * x / RADIUS, {"ground": 0.8e-3, "ceiling": 0.5e-3, "sidewall": 0.8e-3}),
+        own=_form(
+            "height", lambda z, s, x: z - s.bench.approach * 0.5 * x / s.bench.radius_m, {"ground": 0.8e-3, "ceiling": 0.5e-3, "sidewall": 0.8e-3}
+        ),
         foreign=_form(
             "height",
-            lambda z, s, x: z - s.bench.approach * 0.5 * x / RADIUS * (1 - np.exp(-s.bench.move_m / 0.005)),
+            lambda z, s, x: z - s.bench.approach * 0.5 * x / s.bench.radius_m * (1 - np.exp(-s.bench.move_m / 0.005)),
             {"ground": 0.8e-3, "ceiling": 0.5e-3, "sidewall": 0.8e-3},
         ),
     ),
@@ -266,8 +270,8 @@ KINDS = (
     ),
     Kind(
         name="tether_stiffness",
-        own=_form("force", lambda lift, s, x: lift + x * RADIUS * s.bench.z_hat, 0.04),
-        foreign=_form("force", lambda lift, s, x: lift + x * RADIUS * np.maximum(s.bench.z_hat - np.median(s.bench.z_hat), 0) ** 1.5, 0.04),
+        own=_form("force", lambda lift, s, x: lift + x * s.bench.radius_m * s.bench.z_hat, 0.04),
+        foreign=_form("force", lambda lift, s, x: lift + x * s.bench.radius_m * np.maximum(s.bench.z_hat - np.median(s.bench.z_hat), 0) ** 1.5, 0.04),
     ),
 )
 
@@ -303,8 +307,84 @@ NAMED: dict[str, Kind] = {k.name: k for k in KINDS}
 UNNAMED: dict[str, Form] = {name: _form("gain", apply, 0.05, signed=False) for name, apply in OUTSIDE}
 
 
+def _travelled(s: Setting) -> Array:
+    """Way up that the traverse has gone since it was homed in the morning, m."""
+    bench = s.bench
+    way = np.cumsum(np.where((bench.order == 0) & (np.diff(bench.z_hat, prepend=bench.z_hat[0]) > 0), bench.move_m, 0.0))
+    return way - np.array([way[bench.session == k].min() for k in range(bench.session.max() + 1)])[bench.session]
+
+
+def _dragged(s: Setting) -> Array:
+    """A loop of cable that follows the traverse up to its Coulomb limit, -1 to 1: play of 4 mm."""
+    pull, last, z = np.zeros(s.bench.n), 0.0, s.bench.z_hat * s.bench.radius_m / 0.004
+    for i, step in enumerate(np.diff(z, prepend=z[0]).tolist()):
+        pull[i] = last = min(max(last + step, -1.0), 1.0)
+    return pull
+
+
+def _autorange(lift: Array, s: Setting, x: float) -> Array:
+    """The threshold lies within what the throttle nearest to the middle goes through."""
+    level = s.bench.level == np.unique(s.bench.level)[len(s.levels_N) // 2]
+    here = (s.inf_N * s.curve(s.bench.z_hat))[level]
+    return lift * (1 + x * (lift > np.quantile(here, s.bench.unit["range_at"][0])))
+
+
+def _strange(place: Place, apply: Callable[..., Array], most: float | dict[str, float], because: str) -> Form:
+    return replace(_form(place, apply, most, signed=place != "gain"), because=because)
+
+
+#: Outside every library too, as laboratories go: none is a step in time, a ripple, or periodic.
+STRANGE: dict[str, Form] = {
+    "lost_steps": _strange(
+        "height",
+        lambda z, s, x: z - x * _travelled(s) / s.bench.radius_m,
+        {"ground": 4e-3, "ceiling": 1e-3},
+        "The stepper loses a few steps on each way up, always in the same direction, until it is homed the next morning.",
+    ),
+    "parallax": _strange(
+        "height",
+        lambda z, s, x: z + x * s.bench.unit["reader"] / s.bench.radius_m,
+        {"ground": 5e-3, "ceiling": 0.8e-3, "sidewall": 2e-3},
+        "Two people take turns at setting the distance by eye, and each reads the scale with a parallax of his own.",
+    ),
+    "cable_drag": _strange(
+        "force",
+        lambda lift, s, x: lift + x * _dragged(s),
+        0.02,
+        "A loop of the cable sticks to the guide: it pulls one way or the other up to a limit, by where the traverse came from.",
+    ),
+    "contact_resistance": _strange(
+        "gain",
+        lambda _, s, x: -x * s.bench.unit["seating"] * s.bench.current_A / s.bench.current_A.max(),
+        0.1,
+        "Each battery's plug seats anew, and its contact robs the motors of voltage in proportion to current, behind the voltmeter.",
+    ),
+    "spool_up": _strange(
+        "gain",
+        lambda _, s, x: -x * np.maximum(s.bench.throttle - s.bench.throttle[s.bench.previous], 0.0),
+        0.3,
+        "The record begins a fixed moment after the command, so that a trial after a slower one still spools up.",
+    ),
+    "multiplexer": _strange(
+        "force",
+        lambda lift, s, x: lift + x * s.bench.tilt_rad,
+        0.5,
+        "The converter settles incompletely between channels, and force carries a little of the inclinometer's voltage.",
+    ),
+    "autorange": _strange("force", _autorange, 0.05, "The amplifier changes its range at a certain force, and the two ranges differ in gain."),
+    "draught": _strange(
+        "gain",
+        lambda _, s, x: -x * s.bench.unit["draught"] * s.bench.z_hat / (s.bench.z_hat + 2.0),
+        0.06,
+        "A ventilation comes and goes as it likes, and its draught blows into the wake of rotors that no boundary shelters.",
+    ),
+}
+
+
 def form(kind: str, foreign: bool) -> Form:
     """The form of a named or an unnamed effect."""
+    if kind in STRANGE:
+        return STRANGE[kind]
     if kind in UNNAMED:
         return UNNAMED[kind]
     return NAMED[kind].foreign if foreign else NAMED[kind].own

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 from tests.calibration import forms
-from tests.calibration.simulator import Campaign, Whitener, log_lift
+from tests.calibration.simulator import Campaign, log_lift
 
 LIMITS = {"K_b": (-10.0, 20.0), "alpha": (1e-3, 3.0), "a": (-0.5, 0.5), "lambda_": (0.05, 20.0)}
 CLIP = 3.5
@@ -41,9 +41,7 @@ def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | 
     rows = np.arange(campaign.data.n) if rows is None else rows
     log_inf = np.log(setting.levels_N)[setting.bench.level]
     y = np.log(campaign.data.lift_N)
-    white = campaign.whitener
-    if len(rows) < campaign.data.n:
-        white = Whitener(white.sd[rows] ** 2, (white.q * white.sd)[rows], campaign.data.visit[rows])
+    white = campaign.whitener if len(rows) == campaign.data.n else campaign.whitener.of(rows)
 
     def predict(p: Array) -> Array:
         at = replace(setting, theta=dict(zip(names, p[: len(names)].tolist(), strict=True)))

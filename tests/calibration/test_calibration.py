@@ -12,9 +12,9 @@ from functools import partial
 import pytest
 from scipy.stats import binomtest
 from tests.calibration.assess import engine
-from tests.calibration.draws import REPORTED
 from tests.calibration.figures import markdown
 from tests.calibration.harness import score
+from tests.calibration.kinds import KINDS, REPORTED
 
 pytestmark = pytest.mark.calibration
 N = int(os.environ.get("NEARLIFT_CALIBRATION_N", "201"))
@@ -25,6 +25,7 @@ PROMISED = {
     "two": ("two_inside", "worse"),
     "outside": ("outside_faint", "outside_loud", "worse"),
     "within": ("worse",),
+    **{k.name: tuple(f"{k.name}_{asked}" for asked in k.asks) for k in KINDS.values() if k.asks},
 }
 
 

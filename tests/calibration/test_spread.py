@@ -44,11 +44,11 @@ def test_kept_rows_are_not_run_again(tmp_path):
 def test_the_command_writes_rows_and_goes_on(tmp_path):
     """Peers and yardstick alone, which take a second."""
     out = tmp_path / "found.json"
-    given = ["--kinds", "null", "--boundaries", "ground", "--only-peers", "--out", str(out), "--executor", "processes:2"]
-    harness.main([*given, "--n", "1"])
+    given = ["null", "--boundaries", "ground", "--only-peers", "--out", str(out), "--executor", "processes:2"]
+    harness.main([*given, "--count", "1"])
     first = out.with_suffix(".jsonl").read_text()
-    harness.main([*given, "--n", "2", "--resume"])
+    harness.main([*given, "--count", "2", "--resume"])
     log = out.with_suffix(".jsonl").read_text()
     assert log.startswith(first)
-    assert [json.loads(line)["seed"] for line in log.splitlines()] == [600_000, 600_003]
+    assert [json.loads(line)["seed"] for line in log.splitlines()] == [600_000, 600_001]
     assert json.loads(out.read_text())["command"]["executor"] == "processes:2"
