@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from nearlift.errors import InputRefused
-from nearlift.readers import table, text
+from nearlift.readers import dialect, table, text
 from nearlift.readers.dialect import HEAD, Given, NoRows, sniff
 
 
@@ -46,6 +48,28 @@ def read(tmp_path: Path, content: bytes, dialect: Any = None, names: Any = None)
 def test_one_dialect_fits(content: str, names: tuple[str, ...], separator: str, decimal: str, spoken: str) -> None:
     found = layout(content)
     assert (found.names, found.cells.separator, found.cells.decimal, found.spoken()) == (names, separator, decimal, spoken)
+
+
+@given(st.data())
+def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObject) -> None:
+    separator = data.draw(st.sampled_from("\t;,| "))
+    number = st.sampled_from(["1", "12", "1.5", "2,5", "1,234", "nan", "", "-3e2", "x"])
+    usual = data.draw(st.lists(number, min_size=1, max_size=3).map(lambda cells: separator.join(cells)))
+    header = separator.join("abc"[: usual.count(separator) + 1])
+    lines = ["a log"] * data.draw(st.sampled_from([0, 2, 85, 120])) + [header] + [usual] * 150
+    for at in data.draw(st.lists(st.integers(0, len(lines) - 1), max_size=4)):
+        lines[at] = separator.join(data.draw(st.lists(number, min_size=1, max_size=3)))
+
+    def answer() -> object:
+        try:
+            return layout("\n".join([*lines, ""]))
+        except InputRefused as refusal:
+            return str(refusal)
+
+    quick = answer()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(dialect, "SHORT", 10**9)
+        assert answer() == quick
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ FORCE = [float(x) for x in np.round(np.linspace(0.1, 3, 60), 3)]
 def test_every_format_is_recognised_and_its_block_names_the_reader_and_the_force(tmp_path, name):
     write, column, unit, suffix = written.WRITERS[name]
     found = inspect(written.put(tmp_path, f"a.{suffix}", write(FORCE)))
-    assert found.reader == ("text" if name == "csv" else name)
+    assert found.reader == name
     assert found.force is not None
     assert found.force.name.split(" (")[0].split("[")[0] in (column, "force", column.split(" (")[0])
     answer = nearlift("inspect", tmp_path / f"a.{suffix}")
@@ -34,6 +34,26 @@ def test_every_format_is_recognised_and_its_block_names_the_reader_and_the_force
         assert block["records"]["force"]["unit"] == unit
     if name in ("lvm", "tdms", "hdf5", "crazyflie-usd", "text"):
         assert float(block["load_cell"]["sample_rate"].split()[0]) == pytest.approx(1000)
+
+
+@pytest.mark.parametrize(
+    ("content", "reader"),
+    [
+        (b"t,F\n0.1,2\n0.2,3\n", "csv"),
+        (b"F\n1\n2\n", "csv"),
+        (b"t;F\n0.1;2\n0.2;3\n", "text"),
+        (b"a log of 12:30\nt,F\n0.1,2\n0.2,3\n", "text"),
+        (b"# t,F\n0.1,2\n0.2,3\n", "text"),
+        (b"t,F\n s,N\n0.1,2\n0.2,3\n", "text"),
+    ],
+)
+def test_plain_csv_gets_the_reader_of_plain_csv_and_all_other_text_that_of_text(tmp_path, content, reader):
+    assert inspect(written.put(tmp_path, "a.csv", content)).reader == reader
+    both = [written.put(tmp_path, "rig/a.csv", content), written.put(tmp_path, "rig/b.csv", b"t,F\n0.1,2\n0.2,3\n")]
+    if b"t" in content:
+        # one reader for all
+        assert nearlift("new", tmp_path / "campaign", "--from", *both).exit_code == 0
+        assert tomllib.loads((tmp_path / "campaign" / "campaign.toml").read_text())["records"]["reader"] == reader
 
 
 def test_a_table_of_parquet(tmp_path):

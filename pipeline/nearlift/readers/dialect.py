@@ -2,7 +2,8 @@
 
 A dialect is an encoding, a separator, a decimal sign, lines above the header, a header, perhaps a row of units, perhaps a
 separator at the end of every line. Each pair of separator and decimal sign is tried on the first lines; a pair fits if every
-line from the first row of numbers on has the same number of cells, numeric where the first row's are, under a header of as many names. Two
+line from the first row of numbers on has the same number of cells, numeric where the first row's are, under a header of as many names. What
+fits a hundred lines alone is tried on the others of the first 64 kB; where it fails there, every pair is tried on all of them. Two
 pairs that fit and read different numbers are ambiguous, and so is a comma that may part thousands. What the manifest says under
 ``[records] dialect`` is not guessed.
 """
@@ -14,16 +15,19 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nearlift.errors import InputRefused
+from nearlift.readers import table
 from nearlift.readers.channel import split_unit, unit_word
 from nearlift.readers.table import BLANKS, NONE, Cells, label, row_of
 from nearlift.readers.words import value_of
 from nearlift.units import NUMBER
 
-#: As many bytes as the sniffer looks at.
-HEAD = 1 << 16
+#: As many bytes as the sniffer looks at, and as many lines at first: whatever fits all of the bytes fits those.
+HEAD, SHORT = 1 << 16, 100
+#: Rows in which two dialects must read the same numbers, or the file is ambiguous.
+READ = 20
 SEPARATORS = ("\t", ";", ",", "|", BLANKS, NONE)
 SPOKEN = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", BLANKS: "blanks", NONE: "line ends"}
 #: How a manifest may call a separator.
@@ -143,6 +147,26 @@ def sniff(head: bytes, where: str, given: Given = Given(), *, whole: bool = True
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     # what follows the last line feed may be cut off
     lines = lines[:-1] if len(lines) > 1 or not whole else lines
+    if len(lines) > SHORT:
+        try:
+            found = _found(lines[:SHORT], where, given)
+        except InputRefused:
+            # it may be another dialect's, and a refusal is to tell what is wrong with the whole
+            pass
+        else:
+            if found.first + READ <= SHORT and _reads(found, lines, where):
+                return replace(found, encoding=encoding)
+    return replace(_found(lines, where, given), encoding=encoding)
+
+
+def _found(lines: Sequence[str], where: str, given: Given) -> Layout:
+    """The one dialect that fits these lines, its encoding left open.
+
+    Raises
+    ------
+    InputRefused
+        As `sniff`.
+    """
     fits, failed = _tried(lines, where, given)
     readings = {reading for _, reading in fits}
     if not fits:
@@ -154,15 +178,17 @@ def sniff(head: bytes, where: str, given: Given = Given(), *, whole: bool = True
         )
     found = fits[0][0]
     _no_thousands(found, lines, where, given)
-    return Layout(
-        encoding=encoding,
-        cells=found.cells,
-        names=found.names,
-        units=found.units,
-        first=found.first,
-        preamble=found.preamble,
-        texts=found.texts,
-    )
+    return found
+
+
+def _reads(layout: Layout, lines: Sequence[str], where: str) -> bool:
+    """Whether every line from the first row on has the layout's cells, with numbers in its columns of numbers."""
+    body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
+    try:
+        table.read(body, where, layout.first, layout.names, [i for i in range(len(layout.names)) if i not in layout.texts], layout.cells)
+    except InputRefused:
+        return False
+    return True
 
 
 #: Names and numbers of the first rows: what two dialects must agree on.
@@ -245,7 +271,7 @@ def _fit(lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict
                 at - start,
                 InputRefused(place, f"{found[bad]!r} in column {names[bad]!r} is not a number", "mend the line, or say the dialect under [records]"),
             )
-        if len(reading) < 20:
+        if len(reading) < READ:
             reading.append(tuple(0.5 if value != value else value for value in values))
     above = tuple(line for line in lines[: top - 1] if line.strip() and line.strip() not in cells.ignore)
     layout = Layout(encoding="", cells=cells, names=tuple(names), units=tuple(units), first=start + 1, preamble=above, texts=texts)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import shutil
 import unicodedata
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from nearlift.errors import InputRefused, UsageError
+from nearlift.readers.csv_trial import CSV
+from nearlift.readers.text import TEXT
 from nearlift.stages.inspection import inspect, records_block
 
 MANIFEST = """\
@@ -108,6 +111,9 @@ def write_from(folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] |
             raise UsageError(str(folder / name), "is there already", "name a new folder; nothing is ever overwritten")
     files = [file for path in files for file in (_within(path) if path.is_dir() else (path,))]
     found = [inspect(path, dialect) for path in files]
+    if {f.reader for f in found} == {CSV.name, TEXT.name}:
+        # one reader for all: the one that reads plain CSV as well
+        found = [replace(f, reader=TEXT.name) for f in found]
     for other in found[1:]:
         if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {c.name for c in found[0].contents.channels}:
             raise InputRefused(
