@@ -23,6 +23,11 @@ NEAR = 1e-6
 DAMPING_MIN, DAMPING, DAMPING_MAX = 1e-8, 1e-3, 1e10
 #: A problem counts as converged where an undamped step would be smaller than this part of every parameter's scale.
 CONVERGED = 1e-4
+#: Last steps at most, and the least ratio of singular values of a direction in which they go by the slopes alone.
+LAST_STEPS, DETERMINED = 20, 1e-9
+#: Step of the differences that give chi2's curvature, in units of what moves chi2 by 1, and the least curvature, in units of that without
+#: misfit, that is a minimum's: rounding puts 1e-11 into it.
+CURVATURE_STEP, CURVED = 1e-3, 1e-6
 
 IntArray = NDArray[np.int64]
 Residuals = Callable[[FloatArray, IntArray], FloatArray]
@@ -113,6 +118,64 @@ def minimise(
     # what a bound stops is as good as still
     reached = np.clip(theta[:, which] + left * scale[which], *(b[which] for b in bounds))
     return Minima(theta=theta, chi2=chi2, converged=whole & (np.abs((reached - theta[:, which]) / scale[which]).max(axis=1) <= CONVERGED))
+
+
+def settled(linearised: Linearised, theta: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Newton's steps from each of m minima to where the gradient of chi2 vanishes, until they shrink no more.
+
+    A search by trial stops where chi2, a large number, no longer falls: at a step of 1e-8 of its root, and where exactly depends on the
+    processor. Gauss and Newton's steps, which leave the residuals' own curvature out, hardly shrink beside a large misfit, so that is taken by
+    differences; where it shows no minimum (a direction that the data do not determine), they serve.
+
+    Parameters
+    ----------
+    linearised : callable
+        As `minimise` takes it.
+    theta : (m, p)
+    bounds : pair of (p,)
+
+    Returns
+    -------
+    (m, p)
+        Unchanged in rows without a finite chi2.
+    """
+    low, high = bounds
+
+    def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        r, slopes = linearised(theta, rows)
+        slopes = np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+        return r, slopes, (slopes @ np.nan_to_num(r)[:, :, None])[..., 0]
+
+    every = np.arange(len(theta))
+    r, slopes, gradient = at(theta, every)
+    least, size = _chi2(r), np.linalg.norm(slopes, axis=2)
+    unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 0.0)
+    moves = np.eye(theta.shape[1])[:, None, :] * CURVATURE_STEP * unit
+    bent = np.stack([at(theta + h, every)[2] - at(theta - h, every)[2] for h in moves], axis=2) * unit[:, :, None] / (2 * CURVATURE_STEP)
+    bent = (bent + bent.swapaxes(1, 2)) / 2
+    r, best, before, active = r.copy(), theta, np.full(len(theta), np.inf), np.isfinite(least)
+    for _ in range(LAST_STEPS):
+        rows = np.flatnonzero(active)
+        if not len(rows):
+            break
+        step = np.zeros((len(rows), theta.shape[1]))
+        for k, row in enumerate(rows):
+            g = gradient[row]
+            free = (size[row] > 0) & ~((best[row] <= low) & (g > 0)) & ~((best[row] >= high) & (g < 0))
+            own, down = bent[row][np.ix_(free, free)], -(g * unit[row])[free]
+            if np.linalg.eigvalsh(own).min(initial=np.inf) > CURVED:
+                step[k, free] = np.linalg.solve(own, down) * unit[row, free]
+            else:
+                step[k, free] = np.linalg.lstsq((slopes[row, free] * unit[row, free, None]).T, -r[row], rcond=DETERMINED)[0] * unit[row, free]
+        trial = np.clip(best[rows] + step, low, high)
+        moved = np.max(np.abs(trial - best[rows]) * size[rows], axis=1, initial=0.0)
+        new_r, new_slopes, new_gradient = at(trial, rows)
+        good = (moved < before[rows] / 2) & (_chi2(new_r) <= (1 + 1e-9) * least[rows])
+        ahead = rows[good]
+        best = best.copy()
+        best[ahead], before[ahead], r[ahead], slopes[ahead], gradient[ahead] = (x[good] for x in (trial, moved, new_r, new_slopes, new_gradient))
+        active[rows] = good & (moved > 0)
+    return best
 
 
 def _chosen(found: tuple[FloatArray, FloatArray], which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:

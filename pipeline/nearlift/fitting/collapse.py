@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fitting import student
+from nearlift.fitting import batched, student
 from nearlift.fitting.frame import framed
 from nearlift.fitting.least_squares import parameter_covariance
 from nearlift.fitting.noise import MOST_CELLS
 from nearlift.fitting.problem import Problem
+from nearlift.results import IntArray
 
 CONFIDENCE = 0.95
 #: Data as even as that come once in a thousand.
@@ -158,18 +159,26 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
         # a step over a pole must cost more than any real misfit
         return np.where(np.isfinite(r), r, 1e3)
 
+    def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
+        each = np.column_stack([x[0, :k], np.broadcast_to(x[0, k:], (k, len(x[0]) - k))])
+        slopes = problem.slopes(each)[data.level, :, np.arange(data.n)]
+        columns = np.hstack([np.eye(k)[data.level] * slopes[:, :1], slopes[:, 1:]])
+        return (target - problem.project(log_ratio(x[0])))[None], -problem.project(columns.T)[None]
+
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
     found = least_squares(residuals, start, jac="3-point", bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
+    best = batched.settled(linearised, found.x[None], (low, high))
+    _, slopes = linearised(best, np.zeros(1, dtype=np.int64))
     whole = np.zeros(len(start))
     for i in range(len(start)):
         step = np.zeros(len(start))
         step[i] = 1e-4 * size[i]
         whole[i] = np.linalg.norm(problem.covariance.whiten(log_ratio(start + step) - log_ratio(start))) / step[i]
-    covariance, determined = parameter_covariance(np.asarray(found.jac, dtype=np.float64).T, whole)
+    covariance, determined = parameter_covariance(np.nan_to_num(slopes[0]), whole)
     covariance[~determined, ~determined] = np.inf
-    return np.asarray(found.x[:k]), covariance[:k, :k], 2 * float(found.cost)
+    return best[0, :k], covariance[:k, :k], float(np.sum(residuals(best[0]) ** 2))
 
 
 def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> FloatArray:

@@ -173,12 +173,13 @@ def at_exponents(problem: Problem, theta: FloatArray, exponents: Sequence[float]
     found = batched.minimise(
         residuals, np.tile(theta, (len(n), 1)), (low, high), np.where(u > 0, u, 1.0), np.ones(len(theta), dtype=bool), linearised
     )
+    best = batched.settled(linearised, found.theta, (low, high))
     answers = []
     for k in np.flatnonzero(found.converged):
-        jacobian = n[k] * problem.slopes(found.theta[k])
+        jacobian = n[k] * problem.slopes(best[k])
         covariance, determined = parameter_covariance(problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1))
         own = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
-        answers.append(AtExponent(n=float(n[k]), value=float(found.theta[k, 0]), u=own, chi2=float(found.chi2[k])))
+        answers.append(AtExponent(n=float(n[k]), value=float(best[k, 0]), u=own, chi2=float(found.chi2[k])))
     return tuple(answers)
 
 
@@ -194,15 +195,25 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
         r = _raised(problem, float(x[-1])).residuals(x[:-1])
         return np.where(np.isfinite(r), r, 1e3)
 
+    target = problem.project(np.log(problem.data.lift_N))
+
+    def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
+        at, n = x[:, :-1], x[:, -1:]
+        ratio = problem.log_ratio(at)
+        slopes = np.concatenate([n[:, :, None] * problem.slopes(at), ratio[:, None]], axis=1)
+        return target - problem.project(n * ratio), -problem.project(slopes)
+
     size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
     found = least_squares(residuals, start, jac="3-point", bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
-    chi2 = min(2 * float(found.cost), float(problem.chi2(theta)))
-    information = (found.jac * size).T @ (found.jac * size)
-    at_bound = np.any(found.x - low < 1e-4 * size) or np.any(high - found.x < 1e-4 * size)
+    best = batched.settled(linearised, found.x[None], (low, high))
+    r, slopes = (x[0] for x in linearised(best, np.zeros(1, dtype=np.int64)))
+    best, chi2 = best[0], min(float(r @ r), float(problem.chi2(theta)))
+    information = (slopes * size[:, None]) @ (slopes * size[:, None]).T
+    at_bound = np.any(best - low < 1e-4 * size) or np.any(high - best < 1e-4 * size)
     if at_bound or np.linalg.cond(information) > 1e12:
         return float("nan"), float("nan"), chi2
-    return float(found.x[-1]), float(np.sqrt(np.linalg.inv(information)[-1, -1]) * size[-1]), chi2
+    return float(best[-1]), float(np.sqrt(np.linalg.inv(information)[-1, -1]) * size[-1]), chi2
 
 
 def logged(data: Observations) -> dict[str, FloatArray]:

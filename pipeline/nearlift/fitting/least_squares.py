@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nearlift import isolation
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget, gum, heights, inputs, noise, student
+from nearlift.fitting import batched, budget, gum, heights, inputs, noise, student
 from nearlift.fitting.degeneracy import Degeneracy, degeneracies
 from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
@@ -19,8 +19,6 @@ from nearlift.results import Estimate, IntArray, Noise, Observations
 NEAR_GROUND = (1.0, 3.0)
 #: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say nothing of it.
 VAGUE = 1e6
-#: So many last steps at most, and the least ratio of singular values of a direction in which they go.
-LAST_STEPS, DETERMINED = 20, 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,28 +105,8 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         raise NotConverged(
             f"fit of {problem.model.name}", f"lmfit stopped: {found.message}", "look at the residuals, or tighten the parameters' bounds"
         )
-    return _settled(problem, at(found.params))
-
-
-def _settled(problem: Problem, theta: FloatArray) -> FloatArray:
-    """Gauss and Newton's steps from a minimum until they shrink no more.
-
-    A search by trial stops where chi2, a large number, no longer falls: at 1e-8 of it, and where exactly depends on the processor.
-    """
-    low, high = (np.array([p.bounds[end] for p in problem.model.parameters]) for end in (0, 1))
-    best, least, before = theta, float(problem.chi2(theta)), np.inf
-    for _ in range(LAST_STEPS):
-        r, slopes = problem.residuals(theta), _finite_derivatives(problem, theta)
-        size = np.linalg.norm(slopes, axis=1)
-        uphill = slopes @ r
-        free = (size > 0) & ~((theta <= low) & (uphill > 0)) & ~((theta >= high) & (uphill < 0))
-        step = np.zeros(len(theta))
-        step[free] = np.linalg.lstsq((slopes[free] / size[free, None]).T, -r, rcond=DETERMINED)[0] / size[free]
-        theta = np.clip(theta + step, low, high)
-        moved = float(np.max(np.abs(theta - best) * size))
-        if not moved < before / 2 or not problem.chi2(theta) <= (1 + 1e-9) * least:
-            break
-        best, before = theta, moved
+    bounds = np.array([p.bounds[0] for p in declared]), np.array([p.bounds[1] for p in declared])
+    best: FloatArray = batched.settled(lambda theta, rows: problem.linearised(theta), at(found.params)[None], bounds)[0]
     return best
 
 
