@@ -107,6 +107,11 @@ LIFT_COVARIANCE = Product(
     open_ended=True,
 )
 FIT = Product(file="fit.json", title="Fits: least squares and posterior", row="boundary, then model")
+RESULTS = Product(
+    file="results.json",
+    title="The one result to quote",
+    row="boundary: verdict, effects, and each coefficient with interval, budget, influence and doubts; by fit alone until diagnosed",
+)
 PROFILES = Product(
     file="profiles.parquet",
     title="Profile likelihoods",
@@ -343,6 +348,7 @@ PRODUCTS = (
     POSTERIOR,
     DIAGNOSIS,
     LOOP_RESIDUALS,
+    RESULTS,
     *FLOW_PRODUCTS,
     JOINT,
     *SIMULATION_PRODUCTS,

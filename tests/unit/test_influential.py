@@ -34,9 +34,6 @@ def test_an_ordinary_campaign_names_nobody_and_costs_no_fit(clean, monkeypatch):
     found = influential.screen(clean, PARTS)
     assert found.suspects == ()
     assert found.why_not == ""
-    assert abs(found.trial["K_b"].shift) < 0.7 * clean.estimates["K_b"].u
-    assert found.trial["K_b"].id in DATA.trial
-    assert int(found.visit["K_b"].id) in DATA.visit
 
 
 def test_an_outlier_is_named_with_the_value_that_it_spoilt(clean):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,10 @@ from nearlift.diagnosis import discrepancy
 from nearlift.diagnosis.candidate import WIDE, Candidate, Fitted, moments
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import Answer, Stage
+from nearlift.fitting import student
+
+#: Values and standard uncertainties of the coefficients, (p,) each.
+Pair = tuple[FloatArray, FloatArray]
 
 
 def spread(stage: Stage, fitted: Fitted, nuisance: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
@@ -79,37 +84,93 @@ def constrained_columns(stage: Stage, chosen: tuple[str, ...], declared: dict[st
     return np.hstack(columns)
 
 
-def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -> dict[str, Any]:
-    """The `coefficients` block of diagnosis.json."""
-    from scipy.stats import t
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answers:
+    """The p coefficients under what may be the truth, each as value and standard uncertainty, two arrays (p,).
 
-    quantile = float(t.ppf(0.95, stage.noise.dof))
-    names = [p.name for p in stage.base.parameters]
-    base_value, base_u = spread(stage, stage.base_fit)
-    before = {n: {"value": v, "lo90": v - quantile * u, "hi90": v + quantile * u} for n, v, u in zip(names, base_value, base_u, strict=True)}
+    Attributes
+    ----------
+    names : tuple of str
+    dof : float
+        Degrees of freedom behind every uncertainty.
+    before : pair of arrays
+        By the base fit alone.
+    members : tuple of (str, pair of arrays)
+        Every explanation that was accepted, the best first, its form uncertain; else the base fit, with what is left carried.
+    conditional : pair of arrays
+        If the best answer is exactly the truth.
+    constrained : pair of arrays
+        With every effect that was not named as a nuisance of its physical size.
+    carried : tuple of str
+        The covariates along which structure without a name is carried.
+    unnamed : (n, t)
+        What is carried, as columns of log lift with unknowns of unit variance.
+    """
+
+    names: tuple[str, ...]
+    dof: float
+    before: Pair
+    members: tuple[tuple[str, Pair], ...]
+    conditional: Pair
+    constrained: Pair
+    carried: tuple[str, ...] = ()
+    unnamed: FloatArray
+
+    @property
+    def value(self) -> FloatArray:
+        """The values quoted."""
+        return self.conditional[0]
+
+    def spans(self, i: int) -> list[tuple[float, float]]:
+        """Value and standard uncertainty of coefficient i by every answer, the best with its form uncertain first."""
+        pairs = dict.fromkeys((float(v[i]), float(u[i])) for v, u in (*(pair for _, pair in self.members), self.conditional))
+        return list(pairs)
+
+    def block(self) -> dict[str, Any]:
+        """The `coefficients` block of diagnosis.json."""
+        reach = student.quantile(0.95, self.dof)
+
+        def about(value: float, u: float) -> list[float]:
+            return [value - reach * u, value + reach * u]
+
+        def simple(pair: Pair, i: int) -> dict[str, Any]:
+            low, high = about(pair[0][i], pair[1][i])
+            return {"value": pair[0][i], "lo90": low, "hi90": high}
+
+        after = {}
+        for i, name in enumerate(self.names):
+            all_of_them = [about(v, u) for v, u in self.spans(i)]
+            after[name] = {
+                "value": self.value[i],
+                "lo90": min(low for low, _ in all_of_them),
+                "hi90": max(high for _, high in all_of_them),
+                "conditional": about(self.conditional[0][i], self.conditional[1][i]),
+                "constrained": about(self.constrained[0][i], self.constrained[1][i]),
+            }
+        before = {name: simple(self.before, i) for i, name in enumerate(self.names)}
+        return {"before": before, "after": after, "carried": list(self.carried)}
+
+
+def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers:
+    """What the coefficients are before and after the loop."""
     best = answer.best
-    value, u = spread(stage, best)
+    conditional = spread(stage, best)
     # structure without a name is no noise: it is carried, and the base fit leans away from it
     carried = discrepancy.covariates(answer.first) if answer.verdict == "unexplained" else []
     unnamed = discrepancy.columns(stage, carried) if carried else np.zeros((stage.data.n, 0))
-    members = [(e.fitted, e.tube) for e in answer.accepted] or [(stage.base_fit, unnamed)]
-    spans = [spread(stage, fitted, tube) for fitted, tube in members]
-    if carried:
-        value, u = spans[0]
+    fits = [(e.name, e.fitted, e.tube) for e in answer.accepted] or [("", stage.base_fit, unnamed)]
+    members = tuple((name, spread(stage, fitted, tube)) for name, fitted, tube in fits)
     chosen = answer.accepted[0].effects if answer.accepted else ()
-    tube = members[0][1]
-    wide_value, wide_u = spread(stage, best, np.hstack([tube, constrained_columns(stage, chosen, declared)]))
-    after = {}
-    for i, name in enumerate(names):
-        ends = [(v[i] - quantile * s[i], v[i] + quantile * s[i]) for v, s in (*spans, (value, u))]
-        after[name] = {
-            "value": value[i],
-            "lo90": min(low for low, _ in ends),
-            "hi90": max(high for _, high in ends),
-            "conditional": [value[i] - quantile * u[i], value[i] + quantile * u[i]],
-            "constrained": [wide_value[i] - quantile * wide_u[i], wide_value[i] + quantile * wide_u[i]],
-        }
-    return {"before": before, "after": after, "carried": carried}
+    return Answers(
+        names=tuple(p.name for p in stage.base.parameters),
+        dof=stage.noise.dof,
+        before=spread(stage, stage.base_fit),
+        members=members,
+        conditional=members[0][1] if carried else conditional,
+        constrained=spread(stage, best, np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])),
+        carried=tuple(carried),
+        unnamed=unnamed,
+    )
 
 
 def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:

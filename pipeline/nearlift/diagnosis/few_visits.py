@@ -11,7 +11,6 @@ visit its own level predicts nothing there, and can never be accepted. See docs/
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -167,36 +166,32 @@ def _explanation(stage: Stage, effects: tuple[Effect, ...], none: FloatArray, sq
     return Explanation(fitted=fitted, form_sd=0.0, left=left, gain=gain, log_evidence=score, over_none=score, plausibility=score, confirmed=confirmed)
 
 
-def quantile(stage: Stage) -> float:
-    """Student's t for a two-sided 90 % interval, visits being the observations."""
-    from scipy.stats import t
-
-    return float(t.ppf(0.95, max(len(np.unique(stage.data.visit)) - 1, 1)))
+def freedom(stage: Stage) -> float:
+    """Degrees of freedom, visits being the observations."""
+    return float(max(len(np.unique(stage.data.visit)) - 1, 1))
 
 
-def before_and_after(stage: Stage, answer: Answer, declared: dict[str, float]) -> dict[str, Any]:
-    """The `coefficients` block of diagnosis.json, every uncertainty from visits left out."""
+def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> coefficients.Answers:
+    """What the coefficients are before and after the loop, every uncertainty from visits left out."""
     p = len(stage.theta)
-    k = quantile(stage)
-    names = [q.name for q in stage.base.parameters]
-    value, u = stage.base_fit.vector[:p], standard_error(without_each(stage, stage.base_fit))[:p]
-    before = {n: {"value": v, "lo90": v - k * s, "hi90": v + k * s} for n, v, s in zip(names, value, u, strict=True)}
-    members = [e.fitted for e in answer.accepted] or [stage.base_fit]
-    spans = [(f.vector[:p], standard_error(without_each(stage, f))[:p]) for f in members]
+
+    def left_out_in_turn(fitted: Fitted) -> coefficients.Pair:
+        return fitted.vector[:p], standard_error(without_each(stage, fitted))[:p]
+
+    fits = [(e.name, e.fitted) for e in answer.accepted] or [("", stage.base_fit)]
+    members = tuple((name, left_out_in_turn(fitted)) for name, fitted in fits)
     chosen = answer.accepted[0].effects if answer.accepted else ()
-    nuisance = coefficients.constrained_columns(stage, chosen, declared)
-    _, naive = coefficients.spread(stage, members[0])
-    _, wide = coefficients.spread(stage, members[0], nuisance)
-    value, u = spans[0]
-    after = {}
-    for i, name in enumerate(names):
-        # what undetected effects add to the variance comes on top of what visits show
-        total = float(np.sqrt(u[i] ** 2 + max(wide[i] ** 2 - naive[i] ** 2, 0.0)))
-        after[name] = {
-            "value": value[i],
-            "lo90": min(v[i] - k * s[i] for v, s in spans),
-            "hi90": max(v[i] + k * s[i] for v, s in spans),
-            "conditional": [value[i] - k * u[i], value[i] + k * u[i]],
-            "constrained": [value[i] - k * total, value[i] + k * total],
-        }
-    return {"before": before, "after": after}
+    best, (value, u) = fits[0][1], members[0][1]
+    _, naive = coefficients.spread(stage, best)
+    _, wide = coefficients.spread(stage, best, coefficients.constrained_columns(stage, chosen, declared))
+    # what undetected effects add to the variance comes on top of what visits show
+    constrained = np.sqrt(u**2 + np.maximum(wide**2 - naive**2, 0.0))
+    return coefficients.Answers(
+        names=tuple(q.name for q in stage.base.parameters),
+        dof=freedom(stage),
+        before=left_out_in_turn(stage.base_fit),
+        members=members,
+        conditional=(value, u),
+        constrained=(value, constrained),
+        unnamed=np.zeros((stage.data.n, 0)),
+    )

@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import Effect, FloatArray, LiftModel
-from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, noise_floor, separation
+from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, loop_result, noise_floor, separation
 from nearlift.diagnosis.candidate import Candidate, Fitted
 from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, flexible, prepare, run, settle
 from nearlift.diagnosis.setting import derive, missing
 from nearlift.diagnosis.within_trial import heating
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget, inputs
+from nearlift.fitting import budget, inputs, student
 from nearlift.fitting.heights import Plan
 from nearlift.fitting.least_squares import fit
 from nearlift.fitting.problem import usable
+from nearlift.quotation import BoundaryResult, Correlation, HeldOutError
 from nearlift.randomness import generator
 from nearlift.results import Observations
 
@@ -34,7 +35,7 @@ MOST_SESSIONS = 400
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """What the loop found at one boundary: its block of diagnosis.json, and the residual of every trial before and after.
+    """What the loop found at one boundary: its block of diagnosis.json, its part of results.json, and every trial's residual before and after.
 
     `residuals` holds arrays of one length: `trial`, `before` and `after` (relative, about the fit to all trials), and the same
     `held_out_before`, `held_out_after` where the trial's visit took no part (nan if that could not be predicted).
@@ -42,6 +43,7 @@ class Diagnosis:
 
     findings: dict[str, Any]
     residuals: dict[str, NDArray[Any]]
+    quoted: BoundaryResult
 
 
 def close_loop(
@@ -123,22 +125,18 @@ def diagnose(
         "serial_length": floor.serial_length,
         "source": floor.source,
     }
-    intervals = few_visits.before_and_after if few else coefficients.before_and_after
-    findings["coefficients"] = intervals(stage, answer, declared_sizes(parts, library))
-    findings["coefficients"]["noise"] = (
-        "visits left out in turn"
-        if few
-        else f"loop: {floor.source}; the intervals of fit.json have the noise of repeats, which holds what moves visits"
-    )
-    if answer.accepted:
-        findings["joint"] = _joint(stage, answer.accepted[0])
+    answers = (few_visits if few else coefficients).answers(stage, answer, declared_sizes(parts, library))
+    findings["coefficients"] = answers.block()
     findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
     findings["limits"] = absorption.limits(stage, answer)
     findings["within_trial"] = heating(stage.data, library, options.false_alarm_rate)
     findings["untestable"] = untestable
     findings["silent"] = coefficients.silent(stage, library, SILENT)
     findings["next_experiment"] = separation.next_experiment(stage, answer) + separation.to_part_visits(findings["limits"])
-    return Diagnosis(findings=findings, residuals=residuals)
+    error = findings.get("error")
+    scores = HeldOutError(**{w: error[w]["held_out_rmse"] for w in ("before", "after")}, noise_floor=error["noise_floor"]) if error else None
+    quoted = loop_result.result(stage, answer, answers, _correlation(stage, answer, answers.unnamed), scores)
+    return Diagnosis(findings=findings, residuals=residuals, quoted=quoted)
 
 
 def set_up(
@@ -282,23 +280,18 @@ def _effects(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     return listed
 
 
-def _joint(stage: Stage, explanation: Explanation) -> dict[str, Any]:
-    """How the best explanation's coefficients and effects go together: the correlation of all its scalar parameters."""
-    fitted = explanation.fitted
+def _correlation(stage: Stage, answer: Answer, unnamed: FloatArray) -> Correlation:
+    """How the best answer's coefficients and effects go together: of all its scalar parameters."""
+    fitted = answer.best
     if stage.independent:
         vectors = few_visits.without_each(stage, fitted)
         centred = vectors - vectors.mean(axis=0) if len(vectors) else np.zeros((1, fitted.candidate.size))
         covariance = centred.T @ centred
     else:
-        covariance = coefficients.joint(stage, fitted, explanation.tube)
-    places = {p.name: i for i, p in enumerate(stage.base.parameters)}
-    places |= {s.parameter.name: s.start for s in fitted.candidate.slots if s.stop - s.start == 1}
-    own = covariance[np.ix_(list(places.values()), list(places.values()))]
-    u = np.sqrt(np.diag(own))
-    scale = np.where(u > 0, u, 1.0)
-    correlation = np.clip(0.5 * (own + own.T) / np.outer(scale, scale), -1.0, 1.0)
-    np.fill_diagonal(correlation, 1.0)
-    return {"parameters": list(places), "correlation": correlation.tolist()}
+        covariance = coefficients.joint(stage, fitted, answer.accepted[0].tube if answer.accepted else unnamed)
+    places = {s.parameter.name: s.start for s in fitted.candidate.slots if s.stop - s.start == 1}
+    own = list(places.values())
+    return loop_result.correlation(list(places), covariance[np.ix_(own, own)])
 
 
 def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str, Any]:
@@ -306,7 +299,7 @@ def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str
     fitted = explanation.fitted
     if stage.independent:
         errors = confirmation.standard_error(few_visits.without_each(stage, fitted))
-        return _intervals(fitted, effect, errors, few_visits.quantile(stage))
+        return _intervals(fitted, effect, errors, student.quantile(0.95, few_visits.freedom(stage)))
     spread = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
     return _intervals(fitted, effect, spread, 1.645)
 

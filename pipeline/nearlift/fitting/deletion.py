@@ -8,6 +8,7 @@ the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (le
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,12 +17,13 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fitting import gum
-from nearlift.results import IntArray
+from nearlift.results import IntArray, Observations
 
 if TYPE_CHECKING:
     from typing import Any
 
     from nearlift.fitting.least_squares import Fit
+    from nearlift.fitting.problem import Problem
 
 #: What keeps less than this part of its information when L_inf and coefficients are freed cannot be foretold from the rest.
 DETERMINED = 1e-8
@@ -58,13 +60,25 @@ def visits(fit: Fit) -> tuple[Deletion, ...]:
     Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the other visits as far as those tell.
     """
     problem, offset, slope = gum.linearised(fit)
+    return visits_of(problem, fit.theta, _free(fit), offset, slope)
+
+
+def _free(fit: Fit) -> list[int]:
+    """Which coefficients a trial can move: those with a finite uncertainty, and not at a bound."""
+    return [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
+
+
+def visits_of(problem: Problem, theta: FloatArray, free: Sequence[int], offset: float = 0.0, slope: FloatArray | float = 0.0) -> tuple[Deletion, ...]:
+    """The same of any likelihood at its optimum `theta` (p,), of which the coefficients `free` may move.
+
+    `offset` in m is the height error at which it stands, which `slope` carries.
+    """
     data, covariance = problem.data, problem.covariance
-    free = [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
-    jacobian = problem.jacobian(fit.theta, offset)[:, free] if free else np.zeros((data.n, 0))
+    jacobian = problem.jacobian(theta, offset)[:, free] if len(free) else np.zeros((data.n, 0))
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     known = covariance.shared
     z = np.hstack([known, np.eye(len(data.levels))[data.level], jacobian / length])
-    y = np.log(data.lift_N) - problem.log_ratio(fit.theta, offset) + slope * offset
+    y = np.log(data.lift_N) - problem.log_ratio(theta, offset) + slope * offset
     size = z.shape[1]
     curved, right = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])]), np.zeros(size)
     blocks = covariance.precision_blocks()
@@ -78,7 +92,7 @@ def visits(fit: Fit) -> tuple[Deletion, ...]:
     solved = inverse @ right
     result = []
     for (index, precision), own in zip(blocks, weighed, strict=True):
-        gain = np.zeros((len(index), len(fit.theta), index.shape[1]))
+        gain = np.zeros((len(index), len(theta), index.shape[1]))
         gain[:, free] = (inverse[size - len(free) :] / length[:, None]) @ own.swapaxes(-1, -2)
         result.append(
             Deletion(
@@ -125,11 +139,16 @@ class Influence:
 
 def influence(fit: Fit) -> Influence:
     """How far each trial and each visit moves each coefficient, in closed form from the fit, its scatter held fixed."""
-    data, p = fit.problem.data, len(fit.theta)
-    fixed = [i for i, e in enumerate(fit.estimates.values()) if e.at_bound or not np.isfinite(e.u)]
+    return influence_on(fit.problem.data, fit.names, _free(fit), visits(fit))
+
+
+def influence_on(data: Observations, names: tuple[str, ...], free: Sequence[int], blocks: Sequence[Deletion]) -> Influence:
+    """The same from what visits look like to the others."""
+    p = len(names)
+    fixed = [i for i in range(p) if i not in free]
     of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
     labels, shifts, squares = [], [], []
-    for block in visits(fit):
+    for block in blocks:
         diagonal = np.diagonal(block.information, axis1=1, axis2=2)
         told = diagonal > DETERMINED * block.whole[:, None]
         safe = np.where(told, diagonal, np.nan)
@@ -146,7 +165,7 @@ def influence(fit: Fit) -> Influence:
     of_visit = np.concatenate(shifts)[order]
     of_trial[:, fixed] = of_visit[:, fixed] = np.nan
     return Influence(
-        names=fit.names,
+        names=names,
         trial=data.trial,
         of_trial=of_trial,
         residual=residual,

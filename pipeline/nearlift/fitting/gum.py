@@ -7,7 +7,7 @@ none counted twice, and the shares add to one for the very estimator that was us
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -106,32 +106,58 @@ def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
 
 
 def u_without(fit: Fit) -> dict[str, FloatArray]:
+    """`without_each` of a fit, its shared height errors among the sources."""
+    problem, offset, slope = linearised(fit)
+    parts = [*((part, fit.slope) for part in fit.parts), *((part, slope) for part in fit.plan.shared)]
+    return without_each(problem, problem.jacobian(fit.theta, offset), fit.noise, parts, np.sqrt(np.diag(fit.covariance)))
+
+
+def without_each(
+    problem: Problem,
+    jacobian: FloatArray,
+    scatter: Noise,
+    parts: Sequence[tuple[Component, FloatArray]],
+    u: FloatArray,
+    further: Mapping[str, slice] | None = None,
+) -> dict[str, FloatArray]:
     """Standard uncertainty of each coefficient, (p,), were one source of error known exactly; by the budget's names of sources.
 
     What is known exactly leaves the covariance, and the trials are weighted anew. Sources are correlated through the fit, so this
     is not what a source's part of the variance suggests: a datum that adds little may set how much another source can do.
-    """
-    problem, offset, slope = linearised(fit)
-    jacobian = problem.jacobian(fit.theta, offset).T
 
-    def u(covariance: Covariance) -> FloatArray:
-        white = replace(problem, covariance=covariance).project(jacobian)
+    Parameters
+    ----------
+    problem : Problem
+    jacobian : (n, p)
+        Of its log ratio.
+    scatter : Noise
+    parts : sequence of (Component, (n,))
+        Declared errors in the order in which they stand in the covariance, each with the slope that carries heights.
+    u : (p,)
+        What it all comes to: the answers are in its scale.
+    further : mapping of str to slice
+        Sources that are columns of the covariance's shared unknowns, beyond those of `parts`.
+    """
+
+    def spread(covariance: Covariance) -> FloatArray:
+        white = replace(problem, covariance=covariance).project(jacobian.T)
         return np.asarray(np.sqrt(np.maximum(np.diag(_inverse_information(white)), 0.0)), dtype=np.float64)
 
-    whole = u(problem.covariance)
-    scale = np.sqrt(np.diag(fit.covariance)) / np.where(whole > 0, whole, 1.0)
-    return {name: scale * u(covariance) for name, covariance in _lacking(fit, problem, slope)}
+    whole = spread(problem.covariance)
+    scale = u / np.where(whole > 0, whole, 1.0)
+    return {name: scale * spread(covariance) for name, covariance in _lacking(problem, scatter, parts, further or {})}
 
 
-def _lacking(fit: Fit, problem: Problem, slope: FloatArray) -> Iterator[tuple[str, Covariance]]:
-    """The covariance without each source in turn; `slope` carries the plan's shared height errors."""
-    data, scatter, whole = problem.data, fit.noise, problem.covariance
+def _lacking(
+    problem: Problem, scatter: Noise, parts: Sequence[tuple[Component, FloatArray]], further: Mapping[str, slice]
+) -> Iterator[tuple[str, Covariance]]:
+    """The covariance without each source in turn."""
+    data, whole = problem.data, problem.covariance
     trial_by_trial = {
         RECORD: (data.u_lift_N / data.lift_N) ** 2,
         NAMES["relative"]: np.full(data.n, scatter.relative**2),
         NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
     }
-    parts = [(part, fit.slope) for part in fit.parts] + [(part, slope) for part in fit.plan.shared]
     trial_by_trial |= {part.name: _independent(data, part, carried) for part, carried in parts if part.scope not in GROUPED}
     for name, variance in trial_by_trial.items():
         yield name, replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
@@ -143,6 +169,8 @@ def _lacking(fit: Fit, problem: Problem, slope: FloatArray) -> Iterator[tuple[st
         if width:
             yield part.name, replace(whole, shared=np.delete(whole.shared, np.s_[first : first + width], axis=1))
         first += width
+    for name, columns in further.items():
+        yield name, replace(whole, shared=np.delete(whole.shared, columns, axis=1))
 
 
 def linearised(fit: Fit) -> tuple[Problem, float, FloatArray]:
@@ -161,11 +189,15 @@ def linearised(fit: Fit) -> tuple[Problem, float, FloatArray]:
 
 def stand_in(fit: Fit) -> Problem:
     """The fit's likelihood in its coefficients alone: an integrated height error is carried by the slope about the height found."""
-    problem, offset, slope = linearised(fit)
-    if fit.marginal is None:
+    return about(*linearised(fit))
+
+
+def about(problem: Problem, offset_m: float, slope: FloatArray) -> Problem:
+    """A likelihood moved to the height `offset_m` at which it stands, about which `slope` (n,) carries the height error."""
+    if not offset_m:
         return problem
-    data = replace(problem.data, z_hat=problem.data.z_hat + offset / problem.data.radius_m)
-    return replace(problem, data=data, shift=-slope * offset)
+    data = replace(problem.data, z_hat=problem.data.z_hat + offset_m / problem.data.radius_m)
+    return replace(problem, data=data, shift=problem.shift - slope * offset_m)
 
 
 def lines(problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray) -> tuple[Line, ...]:
@@ -232,6 +264,11 @@ def _line(
         sensitivity=u / standard if standard > 0 else np.zeros(len(u)),
         dof=dof,
     )
+
+
+def further(name: str, kind: Literal["A", "B"], moved: FloatArray) -> Line:
+    """A source that is several unknowns of unit variance by itself: `moved` (p, k) is what each does to each coefficient."""
+    return _line(name, kind, "", "", 1.0, "", moved @ moved.T, np.full(len(moved), np.inf))
 
 
 def _independent(data: Observations, part: Component, slope: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ they are judged by, and two can hide each other, so the search goes forward: wha
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -31,14 +31,6 @@ MOVES = 0.8
 LOOK_AT_ODD = 0.25
 #: Most trials, and most visits, that are named; and most that are fitted without for each name.
 MOST, TRIES = 10, 4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shift:
-    """The trial or visit that moves a coefficient most: the coefficient without it less what it is, in the coefficient's unit."""
-
-    id: str
-    shift: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,8 +66,6 @@ class Screening:
 
     Attributes
     ----------
-    trial, visit : dict
-        Coefficient to the largest shift; a coefficient that no single one moves (it is at a bound, or nothing determines it) is left out.
     suspects : tuple of Suspect
     without_all : Estimate or None
         The headline without any trial named; None unless several are.
@@ -83,8 +73,6 @@ class Screening:
         Why nothing could be screened; empty where it could.
     """
 
-    trial: dict[str, Shift]
-    visit: dict[str, Shift]
     suspects: tuple[Suspect, ...] = ()
     without_all: Estimate | None = None
     why_not: str = ""
@@ -120,14 +108,9 @@ def screen(
     """
     data = found.problem.data
     if not found.names:
-        return Screening(trial={}, visit={}, why_not=f"{found.model.name} has no free coefficient")
-    moved = influence(found)
-    whole = Screening(
-        trial=_largest(found.names, moved.trial, moved.of_trial),
-        visit=_largest(found.names, moved.visit, moved.of_visit),
-    )
+        return Screening(why_not=f"{found.model.name} has no free coefficient")
     if np.median(found.problem.covariance.variance) <= EXACT:
-        return replace(whole, why_not="the trials repeat exactly, so nothing shows how far noise may move a coefficient")
+        return Screening(why_not="the trials repeat exactly, so nothing shows how far noise may move a coefficient")
     search = _Search(found=found, parts=parts)
     kept = ~np.isin(data.trial, list(outlying))
     named = np.flatnonzero(~kept).tolist()
@@ -143,7 +126,7 @@ def screen(
         named.append(i)
     suspects = [search.alone(i, str(data.trial[i]) in outlying) for i in named[:MOST]]
     suspects += search.visits(clean, kept, odd_visits)
-    return replace(whole, suspects=tuple(suspects), without_all=_headline(clean) if len(named) > 1 else None)
+    return Screening(suspects=tuple(suspects), without_all=_headline(clean) if len(named) > 1 else None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,12 +220,3 @@ def _far(shift: FloatArray, chi2: FloatArray, clean: Fit, look: FloatArray | flo
 def _moves(clean: Fit, again: Fit) -> bool:
     """Whether the headline differs by more than `MOVES` of the smaller of its standard uncertainties."""
     return bool(abs(again.theta[0] - clean.theta[0]) > MOVES * min(_headline(clean).u, _headline(again).u))
-
-
-def _largest(names: tuple[str, ...], ids: NDArray[np.generic], shift: FloatArray) -> dict[str, Shift]:
-    result = {}
-    for k, name in enumerate(names):
-        if np.isfinite(shift[:, k]).any():
-            i = int(np.nanargmax(np.abs(shift[:, k])))
-            result[name] = Shift(id=str(ids[i]), shift=float(shift[i, k]))
-    return result

@@ -21,7 +21,7 @@ import numpy as np
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.fitting import gum
 from nearlift.fitting.budget import INPUTS, Component
-from nearlift.fitting.problem import need
+from nearlift.fitting.problem import Problem, need
 from nearlift.results import Observations
 
 if TYPE_CHECKING:
@@ -96,16 +96,32 @@ class Undeclared:
 
 
 def undeclared(fit: Fit) -> tuple[Undeclared, ...]:
-    """Geometry and datum without a declared uncertainty, each with what an error of plausible size would do to the coefficients."""
-    declared = {part.on for part in (*fit.parts, *fit.plan.shared)}
-    moves = tuple(n for n in ("spacing_hat", "diagonal_hat", "layout_hat") if n in fit.model.needs)
+    """`undeclared_in` of a fit."""
     problem, offset, slope = gum.linearised(fit)
-    gain = gum.gain(problem, fit.theta, offset)
+    return undeclared_in(problem, fit.theta, gum.gain(problem, fit.theta, offset), (*fit.parts, *fit.plan.shared), slope)
+
+
+def undeclared_in(problem: Problem, theta: FloatArray, gain: FloatArray, parts: Iterable[Component], slope: FloatArray) -> tuple[Undeclared, ...]:
+    """Geometry and datum without a declared uncertainty, each with what an error of plausible size would do to the coefficients.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : (p,)
+    gain : (p, n)
+        Change of the coefficients per change of log lift.
+    parts : iterable of Component
+        What was declared.
+    slope : (n,)
+        d log ratio / dz.
+    """
+    declared, model = {part.on for part in parts}, problem.model
+    moves = tuple(n for n in ("spacing_hat", "diagonal_hat", "layout_hat") if n in model.needs)
     listed = []
     for on, size in PLAUSIBLE.items():
         if on in declared or (on == "rotor_spacing" and not moves):
             continue
         part = Component(name=on, on=on, standard=size, distribution="normal", scope="campaign", moves=moves)
-        [part] = acting([part], fit.model, fit.theta)
+        [part] = acting([part], model, theta)
         listed.append(Undeclared(on=on, size=size, shift=gain @ part.sensitivity(problem.data, slope)))
     return tuple(listed)

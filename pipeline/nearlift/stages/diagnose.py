@@ -1,4 +1,4 @@
-"""diagnose: the closed loop on every boundary, to diagnosis.json and loop_residuals.parquet."""
+"""diagnose: the closed loop on every boundary, to diagnosis.json, loop_residuals.parquet, and what is to be quoted to results.json."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.declare import Boundary
 from nearlift.diagnosis.loop import diagnose
 from nearlift.diagnosis.search import Options
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget
-from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, NOT_DIAGNOSED, TRIALS
-from nearlift.stages import expense
+from nearlift.fitting.least_squares import fit
+from nearlift.products import DIAGNOSIS, FIT, LOOP_RESIDUALS, NOT_DIAGNOSED, RESULTS, TRIALS
+from nearlift.quotation import BoundaryResult, Results
+from nearlift.stages import expense, quoting
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
@@ -24,6 +27,8 @@ def run(job: Job) -> Outcome:
     options = chosen(job)
     findings: dict[str, Any] = {}
     residuals: list[dict[str, Any]] = []
+    quoted: dict[Boundary, BoundaryResult] = {}
+    fitted = job.read_json(FIT)["boundaries"]
     notes = []
     for boundary in boundaries(trials):
         job.say(f"diagnose {boundary}")
@@ -35,12 +40,16 @@ def run(job: Job) -> Outcome:
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"
             findings[boundary] = {"verdict": NOT_DIAGNOSED, "reason": reason, "base_model": base.name, "effects": [], "structure": []}
+            quoted[boundary] = quoting.base_result(fit(base, data, parts), fitted[boundary][base.name], reason)
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
         findings[boundary] = found.findings
+        # the same likelihood but for its noise
+        quoted[boundary] = found.quoted.doubting(quoting.shape(fitted[boundary][base.name])) if found.quoted.verdict == "adequate" else found.quoted
         residuals.append({"boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object), **found.residuals})
     job.write(LOOP_RESIDUALS, {c.name: _joined(residuals, c.name, c.kind) for c in LOOP_RESIDUALS.columns})
     job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": options.false_alarm_rate, "boundaries": findings})
+    job.write_json(RESULTS, Results(boundaries=quoted).content())
     return Outcome(notes=tuple(notes))
 
 

@@ -13,9 +13,10 @@ from nearlift.fitting.least_squares import Fit, fit
 from nearlift.fitting.noise import ENOUGH, UNSEEN
 from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
-from nearlift.products import FIT, PROFILES, TRIALS
+from nearlift.products import FIT, PROFILES, RESULTS, TRIALS
+from nearlift.quotation import BoundaryResult, Results
 from nearlift.results import Estimate, Observations
-from nearlift.stages import accounts, beside, expense, screening
+from nearlift.stages import accounts, beside, expense, quoting, screening
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
@@ -49,6 +50,7 @@ def run(job: Job) -> Outcome:
     parts = budget.components(job.campaign)
     content: dict[str, Any] = {"schema": FIT.schema, "base": {}, "noise": {}, "boundaries": {}, "comparison": {}, "failed": {}}
     notes, rows = [], []
+    quoted: dict[Boundary, BoundaryResult] = {}
     posteriors = Posteriors(job=job)
     present = boundaries(trials)
     if not present:
@@ -98,6 +100,9 @@ def run(job: Job) -> Outcome:
                 notes += [f"{boundary}: {p['unlike_fit']}" for p in found["parameters"].values() if p["unlike_fit"]]
                 notes += overdeclared(result)
             fits[model.name] |= {"log_evidence": found.pop("log_evidence"), "posterior": found}
+            if model is base:
+                # after its posterior, whose shape may be a doubt
+                quoted[boundary] = quoting.base_result(result, fits[base.name])
         content["base"][boundary] = base.name
         content["boundaries"][boundary] = fits
         content["comparison"][boundary] = accounts.comparison(base.name, fits, held_out)
@@ -116,6 +121,7 @@ def run(job: Job) -> Outcome:
     posteriors.write()
     job.write(PROFILES, accounts.profile_table(rows))
     job.write_json(FIT, content)
+    job.write_json(RESULTS, Results(boundaries=quoted).content())
     if job.campaign.fit.netcdf:
         from nearlift.stages import netcdf
 

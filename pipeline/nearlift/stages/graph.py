@@ -40,6 +40,7 @@ from nearlift.products import (
     PROVENANCE,
     PROXIMITY_PRODUCTS,
     QUALITY,
+    RESULTS,
     SIMULATION_PRODUCTS,
     TRIALS,
     Product,
@@ -95,14 +96,14 @@ STAGES = (
         name="fit",
         summary="lift models by least squares, and their posteriors",
         reads=(TRIALS,),
-        writes=(FIT, PROFILES, POSTERIOR),
+        writes=(FIT, PROFILES, POSTERIOR, RESULTS),
         sections=("vehicle", "rig", "load_cell", "uncertainty", "fit"),
     ),
     Stage(
         name="diagnose",
         summary="the residual, traced to what the model lacks",
-        reads=(TRIALS,),
-        writes=(DIAGNOSIS, LOOP_RESIDUALS),
+        reads=(TRIALS, FIT),
+        writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
         sections=("vehicle", "rig", "load_cell", "uncertainty", "fit", "diagnose"),
     ),
     Stage(
@@ -224,6 +225,9 @@ class Ledger:
         record = self.content.get("stages", {}).get(stage.name)
         if record is None:
             return "has not run yet"
+        for file in (f"processed/{p.file}" for p in stage.writes):
+            if file not in record["outputs"] and not any(file in r["outputs"] for r in self._later(stage)):
+                return f"{file} is as an earlier stage left it"
         for file, sha in record["outputs"].items():
             path = self.job.homes.place(file)
             if not path.is_file():
@@ -249,6 +253,12 @@ class Ledger:
                 return f"{meaning.format(changed[0])} has changed{more}"
         return "the seed has changed" if before["seed"] != now["seed"] else ""
 
+    def _later(self, stage: Stage) -> list[dict[str, Any]]:
+        """What is on record of the stages after this one."""
+        names = [s.name for s in STAGES]
+        done = self.content.get("stages", {})
+        return [done[name] for name in names[names.index(stage.name) + 1 :] if name in done]
+
     def commit(self, stage: Stage, outcome: Outcome, material: dict[str, Any], wall_s: float, change: Transaction) -> None:
         """Record that the stage is done, and put the record and all that the stage wrote in their places, in one step.
 
@@ -262,7 +272,11 @@ class Ledger:
             raise ProductError(lacking[0], f"was not written by {stage.name}", "this is a defect of the stage")
         # only what the stage itself made: whatever else lies in the folder is somebody's own
         outputs = dict(sorted(change.written.items()))
-        stages = dict(self.content.get("stages", {}))
+        # a file is that of the stage that wrote it last
+        stages = {
+            name: {**record, "outputs": {f: sha for f, sha in record["outputs"].items() if f not in outputs}}
+            for name, record in self.content.get("stages", {}).items()
+        }
         stages[stage.name] = {
             "material": material,
             "outputs": outputs,

@@ -18,7 +18,7 @@ from nearlift.store import Table
 
 
 def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, Any]:
-    """The entry of one boundary: the largest shift of each coefficient, and every trial or visit named, in words too."""
+    """The entry of one boundary: every trial or visit named, in words too."""
     problem, data = fitted.problem, fitted.problem.data
     left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
     # trials without repeats could not be compared before there was a curve
@@ -30,9 +30,6 @@ def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, A
     found = influential.screen(fitted, parts, outlying, odd, odd_visits)
     why_not = found.why_not or seen.why_not
     return {
-        "coefficients": {
-            name: {"trial": asdict(found.trial[name]), "visit": asdict(found.visit[name])} for name in found.trial if name in found.visit
-        },
         "suspects": [asdict(s) | {"text": text} for s, text in zip(found.suspects, words(fitted, found), strict=True)],
         "without_all": asdict(found.without_all) if found.without_all else None,
         "unscreened": seen.unscreened,

@@ -1,0 +1,199 @@
+"""results.json: of every coefficient the one value to quote, what its interval allows for, and on what conditions it would be another.
+
+Written by `diagnose`, and by `fit` alone until the residuals have been diagnosed. Whatever prints a coefficient of a campaign prints it from
+here. The rule of quotation, by verdict:
+
+- ``adequate``: the base fit at the loop's noise;
+- ``effect``: over the named effects and their rivals, their form uncertain;
+- ``unexplained``: the base fit, with what has no name carried as a random discrepancy;
+- ``not_diagnosed``: the base fit at the scatter of repeats.
+
+Numbers are in each coefficient's own unit. A coefficient's interval ends where its declared range ends: the truth is not beyond, so cutting
+loses no coverage. null in the file is infinity: endless degrees of freedom, or an uncertainty that no trial bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from nearlift.declare import Boundary
+
+#: Levels of the intervals, in percent.
+LEVELS = (68, 90, 95)
+
+Verdict = Literal["adequate", "effect", "unexplained", "not_diagnosed"]
+#: JSON has no infinity: it is written as null.
+Endless = Annotated[float, BeforeValidator(lambda x: math.inf if x is None else x)]
+
+
+class Record(BaseModel):
+    """A part of the file: frozen, loaded and saved as it is. Keys of later versions are passed over."""
+
+    model_config = ConfigDict(frozen=True, populate_by_name=True, extra="ignore")
+
+
+class BudgetLine(Record):
+    """One source of error of one coefficient.
+
+    Attributes
+    ----------
+    source : str
+    kind : str
+        ``"A"`` from repeats, ``"B"`` declared or taken for granted; `type` in the file.
+    u : float
+        What it adds to the coefficient, one standard uncertainty.
+    u_without : float
+        The coefficient's standard uncertainty if the source were known exactly. Sources are correlated through the fit, so this is not
+        what `u` suggests.
+    distribution, scope : str
+        Of the input and what shares it; empty where it has none.
+    u_input : float or None
+        Standard uncertainty of the input, in `unit`.
+    sensitivity : float or None
+        Change of the coefficient per unit of the input.
+    dof : float
+        Effective degrees of freedom of `u`.
+    """
+
+    source: str
+    kind: Literal["A", "B"] = Field(alias="type")
+    u: float
+    u_without: float
+    distribution: str = ""
+    scope: str = ""
+    u_input: float | None = None
+    unit: str = ""
+    sensitivity: float | None = None
+    dof: Endless = math.inf
+
+
+class Shift(Record):
+    """A trial or visit, and the coefficient without it less what it is."""
+
+    id: str
+    shift: float
+
+
+class LargestShifts(Record):
+    """The single trial and the single visit that move a coefficient most; None where no single one does."""
+
+    trial: Shift | None = None
+    visit: Shift | None = None
+
+
+class Doubt(Record):
+    """What the coefficient would be under another `condition` (``if`` in the file), which is what it takes to believe it."""
+
+    condition: str = Field(alias="if")
+    value: float
+    lo90: float
+    hi90: float
+
+
+class CoefficientResult(Record):
+    """The value to quote.
+
+    Attributes
+    ----------
+    value, u : float
+        One standard uncertainty (k = 1). Over rivals: half the 90 % interval over Student's t, whatever its shape.
+    dof : float
+        Degrees of freedom behind `u`; 0 where no repeats tell it.
+    lo68 ... hi95 : float
+        Intervals of 68, 90 and 95 %, within the coefficient's declared range.
+    holds : str
+        What the interval allows for, in a sentence.
+    budget : tuple of BudgetLine
+    influence : LargestShifts
+    doubts : tuple of Doubt
+    """
+
+    value: float
+    u: Endless
+    dof: Endless
+    unit: str
+    lo68: float
+    hi68: float
+    lo90: float
+    hi90: float
+    lo95: float
+    hi95: float
+    holds: str
+    budget: tuple[BudgetLine, ...] = ()
+    influence: LargestShifts = LargestShifts()
+    doubts: tuple[Doubt, ...] = ()
+    at_bound: bool = False
+
+
+class HeldOutError(Record):
+    """Root mean square error of predicting visits that took no part in choosing, before and after the loop, beside the noise floor."""
+
+    unit: str = "fraction of lift"
+    before: float
+    after: float
+    noise_floor: float
+
+
+class Correlation(Record):
+    """Correlation of the estimates of coefficients and, where effects are named, of the effects' parameters: (k, k) as rows."""
+
+    parameters: tuple[str, ...]
+    values: tuple[tuple[float, ...], ...]
+
+
+class BoundaryResult(Record):
+    """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the named `effects`."""
+
+    verdict: Verdict
+    reason: str = ""
+    base_model: str
+    effects: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()
+    coefficients: Mapping[str, CoefficientResult]
+    error: HeldOutError | None = None
+    correlation: Correlation = Correlation(parameters=(), values=())
+
+    @property
+    def headline(self) -> str:
+        """Name of the first coefficient; empty where the base model has none that is free."""
+        return next(iter(self.coefficients), "")
+
+    def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
+        """The same with further doubts, by coefficient."""
+        known = {n: c.model_copy(update={"doubts": (*c.doubts, *more.get(n, ()))}) for n, c in self.coefficients.items()}
+        return self.model_copy(update={"coefficients": known})
+
+
+class Results(Record):
+    """The whole file."""
+
+    schema_: Literal["nearlift.results/1"] = Field(default="nearlift.results/1", alias="schema")
+    boundaries: Mapping[Boundary, BoundaryResult]
+
+    def content(self) -> dict[str, Any]:
+        """As it is written."""
+        return self.model_dump(by_alias=True)
+
+
+def ends(spans: Sequence[tuple[float, float]], reach: Mapping[int, float], bounds: tuple[float, float]) -> dict[str, float]:
+    """Union of the intervals ``value ± reach u`` of each level, within `bounds`: lo68, hi68, and so on.
+
+    Parameters
+    ----------
+    spans : sequence of (float, float)
+        Value and standard uncertainty of every answer that may be right.
+    reach : mapping of int to float
+        Standard uncertainties to either side, by level in percent; infinite where repeats tell nothing.
+    bounds : (float, float)
+    """
+    low, high = bounds
+    found = {}
+    for level in LEVELS:
+        halves = [(value, reach[level] * u if u > 0 else 0.0) for value, u in spans]
+        found[f"lo{level}"] = float(min(max(min(v - half for v, half in halves), low), high))
+        found[f"hi{level}"] = float(max(min(max(v + half for v, half in halves), high), low))
+    return found

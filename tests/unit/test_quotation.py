@@ -1,0 +1,153 @@
+"""results.json obeys its contract for every verdict, follows the rule of quotation, and comes back as it was saved."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from nearlift.fitting import student
+from nearlift.products import DIAGNOSIS, FIT, RESULTS
+from nearlift.quotation import Results, ends
+from nearlift.stages import diagnose
+
+from . import verdicts
+
+KEYS = {"value", "u", "dof", "unit", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "holds", "budget", "influence", "doubts"}
+BOUNDARY = {"verdict", "reason", "base_model", "effects", "rivals", "coefficients", "error"}
+
+
+@pytest.fixture(scope="module", params=verdicts.MADE)
+def job(request, make_job):
+    made = make_job(("ground",), **verdicts.MADE[request.param])
+    before = made.read_json(RESULTS)
+    diagnose.run(made)
+    return request.param, made, before
+
+
+@pytest.fixture
+def quoted(job):
+    verdict, made, _ = job
+    own = Results.model_validate(made.read_json(RESULTS)).boundaries["ground"]
+    assert own.verdict == verdict
+    return own
+
+
+def test_the_file_has_the_keys_of_the_contract(job):
+    verdict, made, _ = job
+    content = made.read_json(RESULTS)
+    assert content["schema"] == "nearlift.results/1"
+    for own in content["boundaries"].values():
+        assert own.keys() >= BOUNDARY
+        assert bool(own["effects"]) == (verdict == "effect")
+        assert bool(own["reason"]) == (verdict == "not_diagnosed")
+        if verdict != "not_diagnosed":
+            assert own["error"].keys() == {"unit", "before", "after", "noise_floor"}
+        for c in own["coefficients"].values():
+            assert c.keys() >= KEYS
+            assert c["lo95"] <= c["lo90"] <= c["lo68"] <= c["value"] <= c["hi68"] <= c["hi90"] <= c["hi95"]
+            assert all(line.keys() >= {"source", "type", "u", "u_without"} for line in c["budget"])
+            assert c["influence"].keys() == {"trial", "visit"}
+            assert c["influence"]["visit"].keys() == {"id", "shift"}
+            assert all(d.keys() == {"if", "value", "lo90", "hi90"} for d in c["doubts"])
+    assert set(content["boundaries"]) == set(made.read_json(DIAGNOSIS)["boundaries"])
+
+
+def test_what_is_loaded_is_what_was_saved(job):
+    _, made, _ = job
+    content = made.read_json(RESULTS)
+    again = json.loads(json.dumps(Results.model_validate(content).content()).replace("Infinity", "null"))
+    assert again == content
+
+
+def test_the_interval_is_that_of_the_rule(job, quoted):
+    verdict, made, _ = job
+    c = quoted.coefficients["K_b"]
+    own = (c.value, c.lo90, c.hi90)
+    if verdict == "not_diagnosed":
+        e = made.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
+        assert own == pytest.approx((e["value"], e["lo90"], e["hi90"]), rel=1e-9)
+        assert c.u == pytest.approx(e["u"], rel=1e-9)
+        return
+    loop = made.read_json(DIAGNOSIS)["boundaries"]["ground"]["coefficients"]
+    assert own == pytest.approx([loop["after"]["K_b"][k] for k in ("value", "lo90", "hi90")], rel=1e-9)
+    if verdict == "adequate":
+        assert own == pytest.approx([loop["before"]["K_b"][k] for k in ("value", "lo90", "hi90")], rel=1e-9)
+    assert (verdict == "unexplained") == bool(loop["carried"])
+
+
+def test_fit_alone_quotes_the_base_fit_and_says_that_nobody_looked(job):
+    _, made, before = job
+    own = Results.model_validate(before).boundaries["ground"]
+    assert own.verdict == "not_diagnosed"
+    assert "nearlift diagnose" in own.reason
+    assert own.coefficients["K_b"].value == made.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]["value"]
+
+
+def test_the_lines_of_the_budget_make_up_u_and_no_knowledge_widens_it(quoted):
+    c = quoted.coefficients["K_b"]
+    assert math.hypot(*(line.u for line in c.budget)) == pytest.approx(c.u, rel=1e-6)
+    assert all(0 <= line.u_without <= c.u * (1 + 1e-6) for line in c.budget)
+    assert [line.u for line in c.budget] == sorted((line.u for line in c.budget), reverse=True)
+
+
+def test_u_and_the_interval_are_one_statement(quoted):
+    c = quoted.coefficients["K_b"]
+    assert c.hi90 - c.lo90 == pytest.approx(2 * student.quantile(0.95, c.dof) * c.u, rel=1e-9)
+
+
+def test_doubts_say_what_each_verdict_leaves_open(job, quoted):
+    verdict, made, _ = job
+    doubts = {d.condition: d for d in quoted.coefficients["K_b"].doubts}
+    assert "the exponent of the ratio is free" in doubts
+    assert ("the base model lacks nothing" in doubts) == (verdict in ("effect", "unexplained"))
+    unseen = doubts.get("every effect too small to be seen acts at its plausible size")
+    assert (unseen is not None) == (verdict != "not_diagnosed")
+    if verdict != "not_diagnosed":
+        loop = made.read_json(DIAGNOSIS)["boundaries"]["ground"]["coefficients"]
+        assert [unseen.lo90, unseen.hi90] == pytest.approx(loop["after"]["K_b"]["constrained"])
+        if (nothing := doubts.get("the base model lacks nothing")) is not None:
+            assert nothing.value == loop["before"]["K_b"]["value"]
+    if verdict == "effect":
+        assert "supply_sag is all, exactly in its declared form" in doubts
+    assert all(d.lo90 <= d.value <= d.hi90 for d in doubts.values())
+
+
+def test_influence_is_what_the_fit_does_without_the_visit(job, quoted, make_job):
+    """The closed form, scatter held fixed, against a refit that has to learn the scatter anew: alike in sign and size."""
+    verdict, made, _ = job
+    if verdict != "adequate":
+        pytest.skip("a refit of the whole search would choose anew")
+    from nearlift.diagnosis.loop import set_up
+    from nearlift.diagnosis.search import Options
+    from nearlift.fitting import budget
+    from nearlift.products import TRIALS
+    from nearlift.stages.fit import choice
+    from nearlift.stages.observe import observe
+
+    data = observe(made.read(TRIALS), made.campaign, "ground")
+    shift = quoted.coefficients["K_b"].influence.visit
+    kept = data.take(data.visit != int(shift.id))
+    stage, _, _ = set_up(kept, choice(made.campaign, "ground")[0], budget.components(made.campaign), Options())
+    found = stage.base_fit.vector[0] - quoted.coefficients["K_b"].value
+    assert found == pytest.approx(shift.shift, abs=0.3 * quoted.coefficients["K_b"].u)
+    assert np.sign(found) == np.sign(shift.shift)
+
+
+def test_an_interval_ends_where_its_coefficient_does():
+    reach = {level: student.quantile(0.5 + level / 200, 50.0) for level in (68, 90, 95)}
+    found = ends([(0.005, 0.084)], reach, (0.0, 4.0))
+    assert found["lo68"] == found["lo90"] == found["lo95"] == 0.0
+    assert found["hi90"] == pytest.approx(0.005 + reach[90] * 0.084)
+    endless = ends([(2.0, 0.1)], dict.fromkeys((68, 90, 95), math.inf), (-10.0, 20.0))
+    assert (endless["lo90"], endless["hi90"]) == (-10.0, 20.0)
+    held = ends([(2.0, 0.0)], dict.fromkeys((68, 90, 95), math.inf), (-10.0, 20.0))
+    assert (held["lo90"], held["hi90"]) == (2.0, 2.0)
+
+
+def test_several_answers_are_one_interval():
+    reach = {68: 1.0, 90: 1.6, 95: 2.0}
+    found = ends([(1.0, 0.1), (2.0, 0.2)], reach, (-10.0, 20.0))
+    assert (found["lo90"], found["hi90"]) == pytest.approx((0.84, 2.32))
