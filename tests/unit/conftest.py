@@ -20,7 +20,7 @@ import pytest
 
 from nearlift import campaign as manifest
 from nearlift.executors import SerialExecutor
-from nearlift.products import FIT, TRIALS
+from nearlift.products import FIT, RESULTS, TRIALS
 from nearlift.stages import fit, reduce
 from nearlift.stages.job import Job
 
@@ -158,8 +158,9 @@ def remake(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
         campaign = manifest.parse(raw_manifest(**changes))
         job = replace(small_job, root=root, campaign=campaign, processed=root / "processed", reports=root / "reports")
         if boundaries:
-            content = job.read_json(FIT)
-            job.write_json(FIT, content | {"boundaries": {b: content["boundaries"][b] for b in boundaries}})
+            for product in (FIT, RESULTS):
+                content = job.read_json(product)
+                job.write_json(product, content | {"boundaries": {b: content["boundaries"][b] for b in boundaries}})
         return job
 
     return again

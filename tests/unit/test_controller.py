@@ -25,6 +25,8 @@ from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.stages import controller
 from nearlift.stages.belief import believe
 
+from . import quoted
+
 SIDES = ("ground", "ceiling", "sidewall")
 GCC = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(GCC is None, reason="no C compiler on this machine")
@@ -42,6 +44,7 @@ def job(remake):
     effect = {"name": "near_wall_saturation", "parameters": {"gap_hat2": span, "saturation_power": {"value": 0.68, "lo90": 0.68, "hi90": 0.68}}}
     found = {"verdict": "effect", "effects": [effect], "coefficients": {"after": {"alpha": {"value": 0.1, "lo90": 0.09, "hi90": 0.11}}}}
     job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "boundaries": {"ceiling": found}})
+    quoted.write(job, {"ceiling": found})
     return job
 
 

@@ -8,12 +8,16 @@ import math
 import numpy as np
 import pytest
 
+from nearlift import catalogue
 from nearlift.fitting import student
+from nearlift.fitting.estimator import Estimator
+from nearlift.fitting.least_squares import fit
 from nearlift.products import DIAGNOSIS, FIT, RESULTS
 from nearlift.quotation import Results, ends
 from nearlift.stages import diagnose
 
 from . import verdicts
+from .simulated import campaign
 
 KEYS = {"value", "u", "dof", "unit", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "holds", "budget", "influence", "doubts"}
 BOUNDARY = {"verdict", "reason", "base_model", "effects", "rivals", "coefficients", "error"}
@@ -115,25 +119,24 @@ def test_doubts_say_what_each_verdict_leaves_open(job, quoted):
     assert all(d.lo90 <= d.value <= d.hi90 for d in doubts.values())
 
 
-def test_influence_is_what_the_fit_does_without_the_visit(job, quoted, make_job):
-    """The closed form, scatter held fixed, against a refit that has to learn the scatter anew: alike in sign and size."""
-    verdict, made, _ = job
-    if verdict != "adequate":
-        pytest.skip("a refit of the whole search would choose anew")
-    from nearlift.diagnosis.loop import set_up
-    from nearlift.diagnosis.search import Options
-    from nearlift.fitting import budget
-    from nearlift.products import TRIALS
-    from nearlift.stages.fit import choice
-    from nearlift.stages.observe import observe
+def test_how_estimates_go_together_is_on_record_for_all_who_draw_from_them(job, quoted):
+    verdict, _, _ = job
+    found = np.array(quoted.correlation.values)
+    assert quoted.correlation.parameters == (("K_b", "sag_exponent") if verdict == "effect" else ("K_b",))
+    assert (np.diag(found) == 1.0).all()
+    assert (found == found.T).all()
+    assert verdict != "effect" or 1e-4 < abs(found[0, 1]) < 1.0
 
-    data = observe(made.read(TRIALS), made.campaign, "ground")
-    shift = quoted.coefficients["K_b"].influence.visit
-    kept = data.take(data.visit != int(shift.id))
-    stage, _, _ = set_up(kept, choice(made.campaign, "ground")[0], budget.components(made.campaign), Options())
-    found = stage.base_fit.vector[0] - quoted.coefficients["K_b"].value
-    assert found == pytest.approx(shift.shift, abs=0.3 * quoted.coefficients["K_b"].u)
-    assert np.sign(found) == np.sign(shift.shift)
+
+def test_influence_is_what_the_fit_does_without_the_visit():
+    """The closed form, scatter held fixed, against a refit at the same scatter."""
+    data, model = campaign(7, visits=5), catalogue.model("sanchez_cuevas")
+    found = fit(model, data)
+    quoted = Estimator.of(found).quoted(0, [(float(found.theta[0]), float(found.estimates["K_b"].u))], "", [])
+    shift = quoted.influence.visit
+    again = fit(model, data.take(data.visit != int(shift.id)), (), found.noise)
+    assert again.theta[0] - found.theta[0] == pytest.approx(shift.shift, rel=0.05, abs=0.02 * quoted.u)
+    assert abs(shift.shift) > 0.1 * quoted.u
 
 
 def test_an_interval_ends_where_its_coefficient_does():

@@ -10,14 +10,14 @@ import pytest
 from scipy import stats
 
 from nearlift import campaign as manifest
-from nearlift import catalogue, store
+from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.executors import open_executor
 from nearlift.figures.crash_map import draw as draw_map
 from nearlift.figures.render import render
 from nearlift.figures.style import style
 from nearlift.pages import safety as chapter
-from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, POSTERIOR, ROUTES, SAFETY
+from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
 from nearlift.simulation import groups, maps, presets
 from nearlift.simulation.curve import tabulate
 from nearlift.simulation.flight import Plan, Setting, fly
@@ -31,6 +31,7 @@ from nearlift.stages.job import Job
 from nearlift.stages.report import gather
 from nearlift.summaries.fig6 import touching
 
+from . import quoted
 from .conftest import raw_manifest
 
 QUICK = {
@@ -291,7 +292,9 @@ def test_the_manifest_decides_what_run_includes(remake):
 
 
 def diagnosed(job, boundary, **found):
-    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "boundaries": {boundary: {"coefficients": {}, "effects": [], **found}}})
+    blocks = {boundary: {"coefficients": {}, "effects": [], **found}}
+    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "boundaries": blocks})
+    quoted.write(job, blocks)
 
 
 def span(value, half=0.0):
@@ -304,7 +307,7 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
     joint = {"parameters": ["K_b", "sag_exponent"], "correlation": [[1.0, -0.8], [-0.8, 1.0]]}
     diagnosed(job, "ground", verdict="effect", effects=[sagging], coefficients={"after": {"K_b": span(1.8, 0.2)}}, joint=joint)
     belief = believe(job, "ground", 500)
-    assert (belief.effects, belief.left, belief.source) == (("supply_sag",), (), "diagnosis.json")
+    assert (belief.effects, belief.left, belief.source) == (("supply_sag",), (), "results.json")
     assert belief.best == {"K_b": 1.8, "sag_exponent": 2.0}
     assert belief.draws["K_b"].std() == pytest.approx(0.2 / 1.645, rel=0.15)
     # as wide as the intervals say, and together as the refit has them
@@ -356,17 +359,11 @@ def test_a_model_that_leaves_nothing_free_flies_is_found_and_is_exported(make_jo
     assert "K_b = 2" in Path(path).read_text()
 
 
-def test_draws_come_from_the_posterior_where_there_is_one(remake):
+def test_draws_are_those_of_what_is_quoted(remake):
     job = remake("ground")
-    (job.processed / POSTERIOR.file).unlink()
-    assert believe(job, "ground", 4).source == "fit.json"
-    n = 200
-    text = {"boundary": "ground", "model": "sanchez_cuevas", "parameter": "K_b"}
-    table = {k: np.full(n, v, dtype=object) for k, v in text.items()}
-    table |= {"chain": np.zeros(n, int), "draw": np.arange(n), "value": np.linspace(5, 6, n), "log_prob": np.zeros(n)}
-    store.write_table(job.processed / POSTERIOR.file, table, POSTERIOR)
-    belief = believe(job, "ground", 50)
-    assert belief.source == "posterior.parquet"
-    assert belief.number == 50
-    assert ((belief.draws["K_b"] >= 5) & (belief.draws["K_b"] <= 6)).all()
+    quoted.write(job, {"ground": {"coefficients": {"after": {"K_b": {"value": 5.5, "lo90": 5.0, "hi90": 6.0}}}}})
+    belief = believe(job, "ground", 2000)
+    assert belief.source == "results.json"
+    assert belief.number == 2000
+    assert np.percentile(belief.draws["K_b"], [5, 95]) == pytest.approx([5.0, 6.0], abs=0.05)
     assert json.loads((job.processed / "fit.json").read_text())["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]["value"] < 5

@@ -2,28 +2,37 @@
 
 Simulation, detection and export all take it from here. Where the loop named an effect that belongs to the vehicle (a saturated
 ceiling, a sagging supply), the model is composed with it; one that belongs to the bench (a datum, a drift) stays there, and only the
-coefficient that it corrected is taken along; draws then have the ends of the loop's intervals and the correlation of its refit.
-Without an effect, draws come from the posterior where there is one, else from the fit's intervals and correlation. What no interval
-bounds is drawn from its declared prior: it is not known, and does not fly as if it were.
+coefficient that it corrected is taken along. Draws have the ends of the intervals that are quoted (results.json) and their correlation.
+What no interval bounds is drawn from its declared prior: it is not known, and does not fly as if it were.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Boundary, Effect, FloatArray, LiftModel, Parameter, compose
-from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
+from nearlift.declare import Boundary, FloatArray, LiftModel, Parameter, compose
+from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
+from nearlift.quotation import Correlation, Results
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected
 from nearlift.stages.job import Job
 
 #: The 95 % point of a standard normal: half of its 90 % interval.
 HALF_90 = 1.6448536269514722
+
+
+class Span(NamedTuple):
+    """An estimate and its 90 % interval; `told` is whether the data bound it at all."""
+
+    value: float
+    lo90: float
+    hi90: float
+    told: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +50,8 @@ class Belief:
         Parameters at their best estimate.
     number : int
         How many draws there are.
+    spans : mapping of str to Span
+        The same with their 90 % intervals, as quoted.
     draws : mapping of str to array (number,)
         Draws of the same; empty, and one draw, where the model leaves nothing free.
     source : str
@@ -57,6 +68,7 @@ class Belief:
     model: LiftModel
     arguments: Mapping[str, Any]
     best: Mapping[str, float]
+    spans: Mapping[str, Span]
     number: int
     draws: Mapping[str, FloatArray]
     source: str
@@ -92,28 +104,17 @@ class Belief:
 
 def believe(job: Job, boundary: Boundary, number: int) -> Belief:
     """The belief about one boundary, with so many draws."""
-    fitted = job.read_json(FIT)
-    name = fitted["base"][boundary]
-    entry = fitted["boundaries"][boundary][name]
-    model = catalogue.model(name)
-    rng = generator(job.seed, "belief", boundary, name)
-    found = _diagnosed(job, boundary)
-    named = tuple(e for e in found.get("effects", [])) if found.get("verdict") == "effect" else ()
+    quoted = Results.model_validate(job.read_json(RESULTS)).boundaries[boundary]
+    model = catalogue.model(quoted.base_model)
+    rng = generator(job.seed, "belief", boundary, model.name)
+    named = _named(job, boundary) if quoted.effects else []
     flying = tuple(catalogue.effect(e["name"]) for e in named if catalogue.effect(e["name"]).belongs_to == "vehicle")
-    if named or found.get("coefficients", {}).get("carried"):
-        values = dict(found["coefficients"]["after"])
-        for e in named:
-            if e["name"] in {f.name for f in flying}:
-                values |= e["parameters"]
-        best, draws = _together(model, flying, values, found.get("joint"), number, rng)
-        source = DIAGNOSIS.file
-    elif (table := _posterior(job, boundary, name)) is not None:
-        best = {p: float(e["value"]) for p, e in entry["parameters"].items()}
-        pick = rng.permutation(len(next(iter(table.values()))))[:number]
-        draws, source = {p: table[p][pick] for p in best}, POSTERIOR.file
-    else:
-        best, draws = _fitted(model, entry, number, rng)
-        source = FIT.file
+    spans: dict[str, Span] = {name: Span(c.value, c.lo90, c.hi90, told=c.dof > 0) for name, c in quoted.coefficients.items()}
+    for e in named:
+        if e["name"] in {f.name for f in flying}:
+            spans |= {name: Span(p["value"], p["lo90"], p["hi90"]) for name, p in e["parameters"].items()}
+    parameters = (*model.parameters, *(p for e in flying for p in e.parameters))
+    best, draws = _drawn(parameters, spans, quoted.correlation, number, rng)
     whole = compose(model, *flying) if flying else model
     geometry = job.campaign.vehicle.geometry()
     trials = job.read(TRIALS)
@@ -128,9 +129,10 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
         # the supply's fall over a flight is told apart, as its droop: here it stands at its reference
         arguments={n: geometry.get(n, 1.0) for n in whole.needs},
         best=best,
+        spans={name: spans[name] for name in best if name in spans},
         number=len(next(iter(draws.values()))) if draws else 1,
         draws=draws,
-        source=source,
+        source=RESULTS.file,
         effects=tuple(f.name for f in flying),
         left=tuple(e["name"] for e in named if e["name"] not in {f.name for f in flying}),
         measured_z_hat=(float(z_hat.min()), float(z_hat[np.isfinite(z_hat)].max())),
@@ -138,87 +140,40 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
     )
 
 
-def _diagnosed(job: Job, boundary: Boundary) -> dict[str, Any]:
-    if not (job.processed / DIAGNOSIS.file).is_file():
-        return {}
-    found: dict[str, Any] = job.read_json(DIAGNOSIS)["boundaries"].get(boundary, {})
+def _named(job: Job, boundary: Boundary) -> list[dict[str, Any]]:
+    """The named effects with their parameters."""
+    found: list[dict[str, Any]] = job.read_json(DIAGNOSIS)["boundaries"][boundary]["effects"]
     return found
 
 
-def _posterior(job: Job, boundary: Boundary, model: str) -> dict[str, FloatArray] | None:
-    """Draws of the base model's parameters, or None where the posterior was not sampled."""
-    if not (job.processed / POSTERIOR.file).is_file():
-        return None
-    table = job.read(POSTERIOR)
-    mine = (table["boundary"] == boundary) & (table["model"] == model)
-    names = [p.name for p in catalogue.model(model).parameters]
-    found = {n: np.asarray(table["value"][mine & (table["parameter"] == n)], dtype=float) for n in names}
-    return found if names and all(len(v) for v in found.values()) else None
-
-
-def _fitted(model: LiftModel, entry: Mapping[str, Any], number: int, rng: np.random.Generator) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimate and draws from a fit's intervals and the correlation of its covariance."""
-    names = list(entry["covariance"]["names"])
-    covariance = np.asarray(entry["covariance"]["values"], dtype=float).reshape(len(names), len(names))
-    u = np.sqrt(np.diag(covariance))
-    with np.errstate(invalid="ignore"):
-        known = covariance / np.outer(u, u)
-    return _drawn(model.parameters, entry["parameters"], names, known, number, rng)
-
-
-def _together(
-    model: LiftModel,
-    effects: tuple[Effect, ...],
-    values: Mapping[str, Any],
-    joint: Mapping[str, Any] | None,
-    number: int,
-    rng: np.random.Generator,
-) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimate and draws by the loop's intervals, which hold what rivals would say, with the correlation of its refit (independent
-    where none is on record).
-    """
-    parameters = (*model.parameters, *(p for e in effects for p in e.parameters))
-    names, known = ([], np.eye(0)) if joint is None else (joint["parameters"], np.asarray(joint["correlation"], dtype=float))
-    return _drawn(parameters, values, names, known, number, rng)
-
-
 def _drawn(
-    parameters: Sequence[Parameter],
-    values: Mapping[str, Any],
-    names: Sequence[str],
-    known: FloatArray,
-    number: int,
-    rng: np.random.Generator,
+    parameters: Sequence[Parameter], spans: Mapping[str, Span], known: Correlation, number: int, rng: np.random.Generator
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
     """Best estimate and draws of parameters by their intervals, normal on either side of the estimate, with the correlation that is known.
 
-    Draws have the interval's ends at 5 and 95 %, whatever its shape, and keep to the bounds. An interval without an end leaves the declared
-    prior. A parameter without an entry, or whose entry has no interval at all (it was held), stays where it is.
+    Draws have the interval's ends at 5 and 95 %, whatever its shape, and keep to the bounds. What the data do not bound has its declared
+    prior. A parameter without an interval stays at its declared value.
     """
     if not parameters:
         return {}, {}
     correlation = np.eye(len(parameters))
-    at = {n: i for i, n in enumerate(names)}
+    at = {n: i for i, n in enumerate(known.parameters)}
     for i, a in enumerate(parameters):
         for j, b in enumerate(parameters):
             if i != j and a.name in at and b.name in at:
-                # a parameter at its bound may have no variance, and then no correlation
-                correlation[i, j] = np.nan_to_num(known[at[a.name], at[b.name]])
+                correlation[i, j] = known.values[at[a.name]][at[b.name]]
     normal = rng.multivariate_normal(np.zeros(len(parameters)), correlation, size=number, method="eigh")
     best, draws = {}, {}
     for p, n in zip(parameters, normal.T, strict=True):
-        e = values.get(p.name)
-        best[p.name] = p.value if e is None else float(e["value"])
-        ends = None if e is None or "lo90" not in e else (e["lo90"], e["hi90"])
-        if ends is None:
-            drawn = np.full(number, best[p.name])
-        elif None in ends:
+        span = spans.get(p.name, Span(p.value, p.value, p.value))
+        best[p.name] = float(span.value)
+        if span.told:
+            below, above = (span.value - span.lo90) / HALF_90, (span.hi90 - span.value) / HALF_90
+            drawn = span.value + np.where(n < 0, below, above) * n
+        else:
             prior = p.prior.frozen()
             first, last = prior.cdf(p.bounds)
             drawn = prior.ppf(first + (last - first) * _share(n))
-        else:
-            below, above = (best[p.name] - float(ends[0])) / HALF_90, (float(ends[1]) - best[p.name]) / HALF_90
-            drawn = best[p.name] + np.where(n < 0, below, above) * n
         draws[p.name] = np.clip(drawn, *p.bounds)
     return best, draws
 

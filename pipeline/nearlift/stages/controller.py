@@ -17,7 +17,7 @@ from nearlift.portable import c, document, python
 from nearlift.portable.card import Card, Deck, Interval
 from nearlift.portable.closed import closed_form, evaluate, fold
 from nearlift.portable.table import tabulate
-from nearlift.products import FIT, TRIALS
+from nearlift.products import RESULTS, TRIALS
 from nearlift.stages.belief import Belief, believe
 from nearlift.stages.job import Job
 
@@ -31,7 +31,7 @@ AGREE = 1e-12
 
 def deck(job: Job) -> Deck:
     """Everything that is exported. The date is that of the newest raw file, so that the same data give the same bytes."""
-    cards = tuple(_card(job, b) for b in boundaries_of(job.read_json(FIT)["boundaries"]))
+    cards = tuple(_card(job, b) for b in boundaries_of(job.read_json(RESULTS)["boundaries"]))
     raw = [p for name in job.inputs if (p := job.root / name).is_file()]
     newest = max((p.stat().st_mtime for p in raw), default=None)
     return Deck(
@@ -66,7 +66,7 @@ def _card(job: Job, boundary: Boundary) -> tuple[Card, str]:
             title=belief.model.title,
             formula=belief.model.formula,
             effects=belief.effects,
-            parameters={n: _interval(v, belief.draws[n], belief.model.parameter(n).unit) for n, v in belief.best.items()},
+            parameters={n: Interval(value=x.value, lo90=x.lo90, hi90=x.hi90, unit=belief.model.parameter(n).unit) for n, x in belief.spans.items()},
             known={n: v for n, v in known.items() if not n.startswith("supply")},
             at={float(z): _ratio(belief, z) for z in np.geomspace(low, high, TOLD)} if low > 0 else {},
             table=tabulate(belief.ratio(), low, high),

@@ -125,7 +125,7 @@ STAGES = (
     Stage(
         name="simulate",
         summary="crash rates and energy near ground and ceiling",
-        reads=(TRIALS, FIT, POSTERIOR, DIAGNOSIS),
+        reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
         writes=SIMULATION_PRODUCTS,
         sections=("vehicle", "rig", "simulate"),
         where="simulate",
@@ -133,7 +133,7 @@ STAGES = (
     Stage(
         name="detect",
         summary="how far away a boundary shows in lift",
-        reads=(TRIALS, FIT, POSTERIOR, DIAGNOSIS),
+        reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
         writes=PROXIMITY_PRODUCTS,
         sections=("vehicle", "rig", "detect"),
         where="detect",

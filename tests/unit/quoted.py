@@ -1,0 +1,56 @@
+"""results.json as `diagnose` would have written it for findings that a test makes up."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+from nearlift.products import NOT_DIAGNOSED, RESULTS
+from nearlift.stages.job import Job
+
+#: Half of a 90 and of a 68 and 95 % interval of a normal, in standard deviations.
+HALF_90, OTHERS = 1.6449, {68: 0.9945, 95: 1.96}
+
+
+def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[str, Any]:
+    """`fitted` is the file that `fit` wrote, `boundaries` are blocks of diagnosis.json."""
+    whole: dict[str, Any] = copy.deepcopy(dict(fitted))
+    for boundary, found in boundaries.items():
+        own = whole["boundaries"][boundary]
+        verdict = found.get("verdict", own["verdict"])
+        effects = [e["name"] for e in found.get("effects", [])]
+        rivals = [r for e in found.get("effects", []) for r in e.get("rivals", [])]
+        own |= {"verdict": verdict, "effects": effects, "rivals": rivals, "reason": found.get("reason", "") if verdict == NOT_DIAGNOSED else ""}
+        if joint := found.get("joint"):
+            own["correlation"] = {"parameters": joint["parameters"], "values": joint["correlation"]}
+        if error := found.get("error"):
+            known = {w: error[w]["held_out_rmse"] for w in ("before", "after")}
+            own["error"] = {"unit": "fraction of lift", **known, "noise_floor": error["noise_floor"]}
+        blocks = found.get("coefficients", {})
+        for name, e in blocks.get("after", {}).items():
+            _coefficient(own["coefficients"][name], e)
+            doubts = {"the base model lacks nothing": blocks.get("before", {}).get(name)}
+            doubts["every effect too small to be seen acts at its plausible size"] = _pair(e, "constrained")
+            own["coefficients"][name]["doubts"] = [
+                {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}} for condition, d in doubts.items() if d
+            ]
+    return whole
+
+
+def write(job: Job, boundaries: Mapping[str, Any]) -> None:
+    """The same, in place of what `fit` wrote."""
+    job.write_json(RESULTS, content(job.read_json(RESULTS), boundaries))
+
+
+def _pair(e: Mapping[str, Any], kind: str) -> dict[str, Any] | None:
+    return {"value": e["value"], "lo90": e[kind][0], "hi90": e[kind][1]} if e.get(kind) else None
+
+
+def _coefficient(own: dict[str, Any], e: Mapping[str, Any]) -> None:
+    if e["lo90"] is None:
+        own |= {"value": e["value"], "dof": 0.0}
+        return
+    low, high = ((e[end] - e["value"]) / HALF_90 for end in ("lo90", "hi90"))
+    own |= {"value": e["value"], "u": (high - low) / 2, "dof": None, "lo90": e["lo90"], "hi90": e["hi90"]}
+    own |= {f"{end}{level}": e["value"] + k * x for level, k in OTHERS.items() for end, x in (("lo", low), ("hi", high))}
