@@ -63,7 +63,7 @@ def held_out(stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[
     data = stage.data
     before, after, by_name = np.full(data.n, np.nan), np.full(data.n, np.nan), np.full(data.n, np.nan)
     chosen = []
-    for i, test in enumerate(folds(data)):
+    for test in folds(data):
         train = ~test
         # a throttle that only the held-out visits have cannot be predicted: its L_inf is unknown
         known = test & np.isin(data.throttle, data.throttle[train])
@@ -71,7 +71,6 @@ def held_out(stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[
             stage,
             data=data.take(train),
             log_lift=stage.log_lift[train],
-            options=dataclasses.replace(stage.options, seed=stage.options.seed + 7919 * (i + 1)),
         )
         answer = again(part)
         part = answer.stage

@@ -161,7 +161,7 @@ def _explanation(stage: Stage, effects: tuple[Effect, ...], none: FloatArray, sq
     total = squares.sum()
     score = 0.5 * len(squares) * float(np.log(none.sum() / total)) if np.isfinite(total) else -np.inf
     fitted = search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector)
-    left = stage.structure(fitted, np.zeros((stage.data.n, 0)), stage.options.second_rate, 1)[0] if listed else stage.nothing_added[0]
+    left = stage.structure(fitted, np.zeros((stage.data.n, 0)))[0] if listed else stage.nothing_added[0]
     gain = stage.base_fit.chi2 - fitted.chi2
     return Explanation(fitted=fitted, form_sd=0.0, left=left, gain=gain, log_evidence=score, over_none=score, plausibility=score, confirmed=confirmed)
 

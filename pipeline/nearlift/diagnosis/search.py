@@ -16,12 +16,12 @@ from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit
 from nearlift.diagnosis.families import STEP, cosines, families
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.setting import SCHEDULE_WORDS
-from nearlift.diagnosis.structure import Hypothesis, Structure
+from nearlift.diagnosis.structure import Hypothesis, Null, Structure
 from nearlift.fitting import budget
 from nearlift.fitting.frame import framed
 from nearlift.fitting.noise import trial_covariance
 from nearlift.fitting.problem import Problem, height_slope
-from nearlift.results import Noise, Observations
+from nearlift.results import IntArray, Noise, Observations
 
 #: Twice the log evidence by which an explanation may trail the best and still be its rival.
 RIVAL = 9.0
@@ -37,6 +37,9 @@ WANDER_MODES = 40
 CREDIT = 2.0
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
 LARGE = 0.3
+#: A name must account for this share of the structure that is there without it, give or take so many standard deviations of its noise.
+GREATER_PART = 0.6
+BY_CHANCE = 1.0
 #: An explanation that leaves something may still be named if it accounts for this share of the structure, and plainly (log evidence).
 NEARLY_ALL = 0.8
 PLAIN = 15.0
@@ -59,15 +62,14 @@ class Options:
     form_sd: float = FORM_SD
     multiplicity: bool = True
 
-    @property
-    def second_rate(self) -> float:
-        """Rate of the test on what an explanation leaves: stricter, or the answer becomes the truth and a passenger."""
-        return self.false_alarm_rate / 5
-
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """One candidate after the whole test was run again on what it leaves, its form uncertain by `form_sd`."""
+    """One candidate after the whole test was run again on what it leaves, its form uncertain by `form_sd`.
+
+    `needed` says whether each of its effects accounts for the greater part of the structure that is there without it, in its declared
+    form: a form's uncertainty, granted to a large effect that the coefficients absorb, could account for anything.
+    """
 
     fitted: Fitted
     form_sd: float
@@ -76,23 +78,26 @@ class Explanation:
     log_evidence: float
     over_none: float
     plausibility: float
+    needed: bool = True
     confirmed: bool | None = None
 
     @property
     def accepted(self) -> bool:
-        """Whether nothing is left beyond the threshold, and the effects earn it.
+        """Whether it may be named: nothing is left beyond the threshold, each name is `needed` and plainly likelier than none.
 
-        `over_none` is their log evidence over no effect's. A size that runs into the end of what is physically possible is no explanation.
         `confirmed` is set where something else decides: visits left out (`few_visits`), or nearly all being accounted for (`second_look`).
         """
-        if self.confirmed is not None:
-            return self.confirmed and not self.fitted.at_bound
-        return not self.left.present and self.over_none > CREDIT and not self.fitted.at_bound
+        settled = not self.left.present and self.over_none > CREDIT if self.confirmed is None else self.confirmed
+        return settled and self.needed and not self.fitted.at_bound
 
     @property
     def possible(self) -> bool:
-        """Whether it may stand beside one that was accepted: it leaves nothing and is likelier than no effect, if not by enough to be named."""
-        return self.accepted or (self.confirmed is None and not self.left.present and self.over_none > 0 and not self.fitted.at_bound)
+        """Whether it may stand beside one that was accepted, by its evidence alone.
+
+        `over_none` is its log evidence over no effect's. A size that runs into the end of what is physically possible is no explanation,
+        nor are two effects of which one would do.
+        """
+        return self.over_none > 0 and not self.fitted.at_bound and (self.needed or len(self.effects) == 1)
 
     @property
     def tube(self) -> FloatArray:
@@ -177,7 +182,19 @@ class Stage:
         )
         return reduced, basis
 
-    def structure(self, fitted: Fitted, tube: FloatArray, rate: float, purpose: int, exact: bool = False) -> tuple[Structure, float, float]:
+    @cached_property
+    def absorbed(self) -> FloatArray:
+        """What the base model's coefficients absorb of the reduced space, orthonormal (d, p)."""
+        return orthonormal(self.hypotheses[1].T @ self.base_fit.jacobian)
+
+    @cached_property
+    def null(self) -> Null:
+        """What the most significant of all tests does by chance: one for everything that this search tries."""
+        if not self.options.multiplicity:
+            return structure.ALONE
+        return structure.draw(self.hypotheses[0], self.absorbed, np.random.default_rng(self.options.seed), self.noise.dof)
+
+    def structure(self, fitted: Fitted, tube: FloatArray) -> tuple[Structure, float, float]:
         """The whole test on what `fitted` leaves, its form uncertain by `tube`; also its log evidence, by unit information and by its priors.
 
         The coefficients of the base model are projected out. The effects' parameters have priors, so they are integrated over,
@@ -186,65 +203,65 @@ class Stage:
         hypotheses, basis = self.hypotheses
         p = len(self.theta)
         mean, sd = fitted.candidate.prior
-        jacobian, white_tube = fitted.jacobian, self.space.project(tube.T).T if tube.shape[1] else tube
+        jacobian, white_tube = fitted.jacobian, self.space.project(tube.T).T
         # an entry held at its bound is known, not free on both sides
         low, high = fitted.candidate.bounds
         free = np.flatnonzero((fitted.vector > low) & (fitted.vector < high) & (np.arange(len(mean)) >= p))
-        model, unknown = jacobian[:, :p], np.hstack([jacobian[:, free] * sd[free], white_tube])
-        residual = fitted.residual + jacobian[:, free] @ (fitted.vector - mean)[free]
-        both = np.hstack([model, unknown])
+        both = np.hstack([jacobian[:, :p], jacobian[:, free], white_tube])
         outside = both - basis @ (basis.T @ both)
-        scale = np.linalg.norm(both, axis=0)
-        outside = outside[:, np.linalg.norm(outside, axis=0) > 1e-6 * np.maximum(scale, 1e-300)]
-        extra = framed(orthonormal(outside)) if outside.shape[1] else np.zeros((self.data.n, 0))
+        outside = outside[:, np.linalg.norm(outside, axis=0) > 1e-6 * np.maximum(np.linalg.norm(both, axis=0), 1e-300)]
+        whole = np.hstack([basis, framed(orthonormal(outside))])
 
-        def reduce(x: FloatArray) -> FloatArray:
-            return np.concatenate([basis.T @ x, extra.T @ x])
+        def left(fixed: IntArray, random: IntArray) -> tuple[FloatArray, float, FloatArray, _Deform]:
+            """Scores and chi2 with the entries `fixed` projected out and those `random` integrated over; what was removed; what deforms."""
+            residual = fitted.residual + jacobian[:, random] @ (fitted.vector - mean)[random]
+            deform = _Deform(whole.T @ np.hstack([jacobian[:, random] * sd[random], white_tube]))
+            remove = orthonormal(deform(whole.T @ jacobian[:, fixed]))
+            raw = whole.T @ residual
+            scores = deform(raw)
+            scores = scores - remove @ (remove.T @ scores)
+            return scores, float(scores @ scores + residual @ residual - raw @ raw), remove, deform
 
-        deform = _Deform(reduce(unknown))
-        remove = orthonormal(deform(reduce(model))) if p else np.zeros((basis.shape[1] + extra.shape[1], 0))
-        raw = reduce(residual)
-        scores = deform(raw)
-        scores = scores - remove @ (remove.T @ scores)
-        padded = structure.mapped(hypotheses, lambda x: deform(np.vstack([x, np.zeros((extra.shape[1], x.shape[1]))])))
-        rng = np.random.default_rng([self.options.seed, purpose])
-        found = structure.examine(scores, padded, remove, rng, rate, self.noise.dof, self.options.multiplicity, exact)
+        scores, chi2, remove, deform = left(np.arange(p), free)
+        padded = structure.mapped(hypotheses, lambda x: deform(np.vstack([x, np.zeros((whole.shape[1] - len(x), x.shape[1]))])))
+        found = structure.examine(scores, padded, remove, self.null, self.options.false_alarm_rate)
+        marginal = -0.5 * (chi2 + deform.log_det)
         # evidence: by unit information, so that no effect gains or loses by how wide its prior happens to be declared;
         # what differs by session is one population, integrated over
-        session = np.array([i for i in free if fitted.candidate.by_session[i]], dtype=int)
-        own = np.array([i for i in free if not fitted.candidate.by_session[i]], dtype=int)
-        marginal = -0.5 * (float(scores @ scores) + float(residual @ residual) - float(raw @ raw) + deform.log_det)
-        residual = fitted.residual + jacobian[:, session] @ (fitted.vector - mean)[session]
-        deform = _Deform(reduce(np.hstack([jacobian[:, session] * sd[session], white_tube])))
-        absorbed = deform(reduce(np.hstack([model, jacobian[:, own]])))
-        remove = orthonormal(absorbed) if absorbed.shape[1] else np.zeros((len(absorbed), 0))
-        raw = reduce(residual)
-        scores = deform(raw)
-        scores = scores - remove @ (remove.T @ scores)
-        chi2 = float(scores @ scores) + float(residual @ residual) - float(raw @ raw)
+        by_session = fitted.candidate.by_session[free]
+        own, session = free[~by_session], free[by_session]
+        _, chi2, _, deform = left(np.r_[np.arange(p), own], session)
         penalty = float(np.sum(((fitted.vector - mean)[own] / sd[own]) ** 2))
         count = len(own) + (1 if len(session) else 0)
         return found, -0.5 * (chi2 + deform.log_det + penalty + count * float(np.log(self.data.n))), marginal
 
-    def explain(self, effects: tuple[Effect, ...], purpose: int) -> Explanation:
-        """Fit one candidate and test what it leaves."""
+    def explain(self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)) -> Explanation:
+        """Fit one candidate and test what it leaves; `without` are the gains of what stands when each of its effects is taken away."""
         spreads = SESSION_SPREADS if any(p.per == "session" for e in effects for p in e.parameters) else (1.0,)
-        tried = [self._explain(dataclasses.replace(self.candidate(*effects), session_spread=s), purpose) for s in spreads]
-        return max(tried, key=lambda e: e.log_evidence)
+        candidates = (dataclasses.replace(self.candidate(*effects), session_spread=s) for s in spreads)
+        fits = (search(c, self.space, self.log_lift, self.base_fit.vector) for c in candidates)
+        return max((self.judged(f, self.options.form_sd, without) for f in fits), key=lambda e: e.log_evidence)
 
-    def _explain(self, candidate: Candidate, purpose: int) -> Explanation:
-        fitted = search(candidate, self.space, self.log_lift, self.base_fit.vector)
-        tube = candidate.tube(fitted.vector, self.options.form_sd)
-        left, log_evidence, plausibility = self.structure(fitted, tube, self.options.second_rate, purpose)
+    def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
+        """A fit whose form is uncertain by `form_sd`, after the whole test was run again on what it leaves."""
+        left, log_evidence, plausibility = self.structure(fitted, fitted.candidate.tube(fitted.vector, form_sd))
+        gain = self.base_fit.chi2 - fitted.chi2
         return Explanation(
             fitted=fitted,
-            form_sd=self.options.form_sd,
+            form_sd=form_sd,
             left=left,
-            gain=self.base_fit.chi2 - fitted.chi2,
+            gain=gain,
+            needed=all(gain - g >= GREATER_PART * (self.excess - g) - self.chance for g in without),
             log_evidence=log_evidence,
             over_none=log_evidence - self.nothing_added[1],
             plausibility=plausibility,
         )
+
+    @property
+    def chance(self) -> float:
+        """By what `excess` may err: so many standard deviations of a chi-square whose unit is estimated, too."""
+        d = self.hypotheses[1].shape[1]
+        return BY_CHANCE * float(np.sqrt(2 * d * (1 + d / self.noise.dof)))
 
     @cached_property
     def excess(self) -> float:
@@ -268,18 +285,16 @@ class Stage:
         steps = [h.columns for h in hypotheses if h.name == STEP]
         if not steps:
             return 0.0
-        jacobian = basis.T @ self.base_fit.jacobian
-        model = orthonormal(jacobian) if jacobian.shape[1] else np.zeros((basis.shape[1], 0))
         columns = np.hstack(steps)
-        columns = columns - model @ (model.T @ columns)
+        columns = columns - self.absorbed @ (self.absorbed.T @ columns)
         along = columns.T @ (basis.T @ self.base_fit.residual)
         return float(np.max(along**2 / np.maximum(np.sum(columns**2, axis=0), 1e-12)))
 
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:
-        """The test on what the base model alone leaves, at the stated false-alarm rate, and its log evidence."""
+        """The test on what the base model alone leaves, and its log evidence."""
         none = np.zeros((self.data.n, 0))
-        found, log_evidence, _ = self.structure(self.base_fit, none, self.options.false_alarm_rate, 0, exact=True)
+        found, log_evidence, _ = self.structure(self.base_fit, none)
         return found, log_evidence
 
 
@@ -401,27 +416,34 @@ def run(stage: Stage) -> Answer:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in stage.library}
     visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
-    singles = tuple(stage.explain((e,), 1 + i) for i, e in enumerate(visible))
+    singles = tuple(stage.explain((e,)) for e in visible)
     alone = [s for s in singles if s.accepted]
     clean = bool(alone)
     if not clean:
         singles = second_look(stage, singles)
         alone = [s for s in singles if s.accepted]
     best = max(alone, key=lambda e: e.log_evidence, default=None)
-    pairs = tuple(stage.explain(pair, 1000 + i) for i, pair in enumerate(promising(stage, visible, best)))
+    gains = {s.name: s.gain for s in singles}
+    pairs = tuple(stage.explain((one, two), (gains[one.name], gains[two.name])) for one, two in promising(stage, visible, best))
     if not clean and not any(p.accepted for p in pairs):
         pairs = second_look(stage, pairs)
     return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=contenders(stage, singles, pairs))
 
 
 def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Explanation, ...]) -> tuple[Explanation, ...]:
-    """The explanations that this design cannot tell apart, the one to be named first; empty if none was accepted."""
+    """The explanations that this design cannot tell apart, the one to be named first; empty if none was accepted.
+
+    Two effects take the place of one that would do alone only where the second earns it: one effect of uncertain form can imitate two,
+    and two one of strange form. What both leave is noise to that judgement, so the price grows with it.
+    """
     alone, together = [e for e in singles if e.accepted], [e for e in pairs if e.accepted]
-    best = max(alone, key=lambda e: e.log_evidence, default=None)
-    earned = best is None or any(p.log_evidence > best.log_evidence + earn(best, p, stage.dispersion(p)) for p in together)
+    most = max((e.log_evidence for e in alone), default=-np.inf)
+    earned = not alone or any(p.log_evidence > most + RIVAL / 2 * stage.dispersion(p) for p in together)
     tried, accepted = (pairs, together) if earned else (singles, alone)
-    # who belongs is for the data to say; who comes first among those also for how large such an effect may plausibly be
-    most = max((e.log_evidence for e in accepted), default=np.inf)
+    if not accepted:
+        return ()
+    # who belongs is for the evidence to say; who comes first among those also for how large such an effect may plausibly be
+    most = max(e.log_evidence for e in accepted)
     rivals = [e for e in tried if e.possible and 2 * (most - e.log_evidence) <= RIVAL]
     rivals.sort(key=lambda e: (not e.accepted, -e.plausibility))
     if not earned:
@@ -430,27 +452,6 @@ def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Expl
         likelier = (p for p in together if p.log_evidence > most + price * (stage.dispersion(p) - 1))
         rivals += sorted(likelier, key=lambda e: -e.plausibility)
     return tuple(rivals)
-
-
-def earn(alone: Explanation, pair: Explanation, dispersion: float) -> float:
-    """Log evidence that a second effect must bring beside one that would do alone.
-
-    One effect of uncertain form can imitate two, and two one of strange form: the second must earn its place, more so where it only
-    tidies up. What is left along a covariate in which no error of the first one's form could lie proves that there is another, if that
-    one takes it away. What both leave is noise to this judgement: `dispersion` is its size, in units of the noise floor's.
-    """
-    if not alone.left.present:
-        return RIVAL / 2
-    own = {_kin(SCHEDULE_WORDS.get(e.varies_with, e.varies_with)) for e in alone.fitted.candidate.effects} | {"throttle"}
-    betrayed = next(iter(alone.left.by_covariate()))
-    elsewhere = _kin(betrayed) not in own
-    settled = not pair.left.present or pair.left.by_covariate().get(betrayed, 0.0) > pair.left.threshold
-    return 0.0 if elsewhere and settled else RIVAL * dispersion
-
-
-def _kin(covariate: str) -> str:
-    """What runs with time runs together."""
-    return "time" if covariate in ("start", "session", "supply", "temperature") else covariate
 
 
 def promising(stage: Stage, visible: list[Effect], alone: Explanation | None) -> list[tuple[Effect, Effect]]:
@@ -465,8 +466,7 @@ def pair_gains(stage: Stage) -> dict[tuple[str, str], float]:
     """Drop of chi2 that two effects could give to first order, over their shapes, beside the coefficients; by names, in either order."""
     hypotheses, basis = stage.hypotheses
     named = tuple(h for h in hypotheses if h.name.startswith(EFFECT))
-    jacobian = basis.T @ stage.base_fit.jacobian
-    which, stacked, ranks = structure.bases(named, orthonormal(jacobian) if jacobian.shape[1] else np.zeros((basis.shape[1], 0)))
+    which, stacked, ranks = structure.bases(named, stage.absorbed)
     score, product = stacked.T @ (basis.T @ stage.base_fit.residual), stacked.T @ stacked
     ends = np.cumsum(ranks)
     shapes = [(named[i].name.removeprefix(EFFECT), np.arange(end - rank, end)) for i, rank, end in zip(which, ranks, ends, strict=True)]
@@ -491,22 +491,19 @@ def second_look(stage: Stage, tried: tuple[Explanation, ...]) -> tuple[Explanati
     for e in tried:
         enough = e.gain >= max(NEARLY_ALL * stage.excess, stage.best_step) and e.over_none > PLAIN
         if enough and not e.fitted.candidate.by_session.any():
-            e = dataclasses.replace(e, form_sd=LOOSER * stage.options.form_sd)
-            left, log_evidence, plausibility = stage.structure(e.fitted, e.tube, stage.options.second_rate, 1)
-            over = log_evidence - stage.nothing_added[1]
-            e = dataclasses.replace(e, left=left, log_evidence=log_evidence, over_none=over, plausibility=plausibility, confirmed=over > PLAIN)
+            looser = stage.judged(e.fitted, LOOSER * stage.options.form_sd, ())
+            e = dataclasses.replace(looser, needed=e.needed, confirmed=looser.over_none > PLAIN)
         found.append(e)
     return tuple(found)
 
 
 def visibility(stage: Stage, effect: Effect) -> float:
     """Largest share of the energy of an effect's columns that theta and L_inf leave, over its shapes."""
-    shares, jacobian = [], stage.base_fit.jacobian
+    shares, basis = [], orthonormal(stage.base_fit.jacobian)
     for e, columns in stage.library:
         if e.name == effect.name:
             whole = stage.space.covariance.whiten(columns.T).T
             white = stage.space.project(columns.T).T
-            basis = orthonormal(jacobian) if jacobian.shape[1] else np.zeros((len(white), 0))
             left = white - basis @ (basis.T @ white)
             shares.append(float(np.sum(left**2) / max(np.sum(whole**2), 1e-300)))
     return max(shares, default=0.0)

@@ -2,7 +2,7 @@
 
 Each family gives a chi-square in the space that the model leaves. The statistic is the most significant of them all, and its
 threshold comes from the distribution of that same maximum under the null, so the false-alarm rate does not grow with the
-number of candidates.
+number of candidates. That distribution is drawn once a search, and everything that the search tests is held against it.
 """
 
 from __future__ import annotations
@@ -15,11 +15,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-DRAWS = 1500
-#: Draws are made in so many parts: often the first already shows that a finding is nothing unusual.
-CHUNKS = 5
-#: Decades beyond the union bound's threshold at which a finding needs no draws.
-CLEAR = 1.0
+#: So many that the threshold at 1 % is known to a twelfth of itself (a binomial count of 150), too little to turn an answer; so many at once.
+DRAWS, AT_ONCE = 15000, 1500
 #: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the first in order stands before.
 SAME = 1e-9
 
@@ -156,16 +153,47 @@ def _least(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatAr
     return least
 
 
-def examine(
-    scores: FloatArray,
-    hypotheses: tuple[Hypothesis, ...],
-    remove: FloatArray,
-    rng: np.random.Generator,
-    rate: float,
-    dof: float,
-    multiplicity: bool = True,
-    exact: bool = True,
-) -> Structure:
+@dataclass(frozen=True, slots=True)
+class Null:
+    """What the most significant of all tests does by chance: its log10 p-value in each draw, ascending, (m,)."""
+
+    least: FloatArray
+
+    def threshold(self, rate: float) -> float:
+        """Log10 p that chance undercuts at this rate."""
+        return float(np.quantile(self.least, rate))
+
+    def p_value(self, log10_p: float) -> float:
+        """Chance that the most significant of all tests is as extreme."""
+        return float((1 + np.searchsorted(self.least, log10_p, side="right")) / (1 + len(self.least)))
+
+
+#: A single test's: wrong where there are many, and here to show what that does.
+ALONE = Null(np.log10((np.arange(DRAWS) + 0.5) / DRAWS))
+
+
+def draw(hypotheses: tuple[Hypothesis, ...], remove: FloatArray, rng: np.random.Generator, dof: float) -> Null:
+    """The null distribution of the most significant of these hypotheses.
+
+    Parameters
+    ----------
+    hypotheses : tuple of Hypothesis
+    remove : (d, q)
+        Orthonormal directions that the model absorbs.
+    rng : Generator
+    dof : float
+        Degrees of freedom of the noise estimate; its scale is drawn too.
+    """
+    _, stacked, ranks = bases(hypotheses, remove)
+    least = np.zeros(DRAWS)
+    for first in range(0, DRAWS if len(ranks) else 0, AT_ONCE):
+        draws = rng.standard_normal((AT_ONCE, len(stacked)), dtype=np.float32).astype(float)
+        scale = np.sqrt(dof / rng.chisquare(dof, size=(AT_ONCE, 1)))
+        least[first : first + AT_ONCE] = _least(draws * scale, stacked, ranks)
+    return Null(np.sort(least))
+
+
+def examine(scores: FloatArray, hypotheses: tuple[Hypothesis, ...], remove: FloatArray, null: Null, rate: float) -> Structure:
     """Test all hypotheses at once.
 
     Parameters
@@ -175,49 +203,14 @@ def examine(
     hypotheses : tuple of Hypothesis
     remove : (d, q)
         Orthonormal directions that the model absorbs.
-    rng : Generator
+    null : Null
     rate : float
         False-alarm rate of the maximum.
-    dof : float
-        Degrees of freedom of the noise estimate; its scale is drawn too.
-    exact : bool
-        Draw the null distribution even where the union bound already decides; the p-value is then exact.
-    multiplicity : bool
-        False compares each p-value with the rate as if it were alone: wrong, and here to show what that does.
     """
     which, stacked, ranks = bases(hypotheses, remove)
-    names = tuple(hypotheses[i].name for i in which)
-    covariates = tuple(hypotheses[i].covariate for i in which)
     if not which:
         return Structure(names=(), covariates=(), log10_p=np.zeros(1), p_value=1.0, threshold=-np.inf)
-    observed = log10_p(scores, stacked, ranks)
-    if not multiplicity:
-        return Structure(names=names, covariates=covariates, log10_p=observed, p_value=float(10 ** observed.min()), threshold=float(np.log10(rate)))
-    # by the union bound the threshold lies between rate / number and rate: far outside, the draws would decide nothing
-    least_threshold = float(np.log10(rate / len(which)))
-    if not exact and (observed.min() < least_threshold - CLEAR or observed.min() > np.log10(rate)):
-        clear = observed.min() < least_threshold
-        return Structure(
-            names=names,
-            covariates=covariates,
-            log10_p=observed,
-            p_value=1 / (1 + DRAWS) if clear else 1.0,
-            threshold=least_threshold if clear else float(np.log10(rate)),
-        )
-    least = np.zeros(0)
-    # what only decides is drawn in single precision; a threshold that is published has the same digits on every processor
-    kind = np.float64 if exact else np.float32
-    columns: FloatArray = np.asarray(stacked, dtype=kind)
-    for _ in range(CHUNKS):
-        draws = rng.standard_normal((DRAWS // CHUNKS, len(scores)), dtype=np.float32).astype(float)
-        scale = np.sqrt(dof / rng.chisquare(dof, size=(len(draws), 1)))
-        least = np.append(least, _least(np.asarray(draws * scale, dtype=kind), columns, ranks))
-        exceeded = int((least <= observed.min()).sum())
-        if not exact and exceeded > rate * DRAWS + 1:
-            # whatever the other draws show, the finding will not be among the extreme ones
-            return Structure(
-                names=names, covariates=covariates, log10_p=observed, p_value=(1 + exceeded) / (1 + len(least)), threshold=float(observed.min())
-            )
-    threshold = float(np.quantile(least, rate))
-    p_value = float((1 + exceeded) / (1 + DRAWS))
-    return Structure(names=names, covariates=covariates, log10_p=observed, p_value=p_value, threshold=threshold)
+    names = tuple(hypotheses[i].name for i in which)
+    covariates = tuple(hypotheses[i].covariate for i in which)
+    log10 = log10_p(scores, stacked, ranks)
+    return Structure(names=names, covariates=covariates, log10_p=log10, p_value=null.p_value(log10.min()), threshold=null.threshold(rate))

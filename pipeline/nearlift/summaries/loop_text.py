@@ -30,8 +30,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
     if (table["part"] == "candidate").any():
         reference = "best accepted" if after else "best"
         parts.append(
-            f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of the {reference} one over each; filled: nothing is "
-            f"left beyond the threshold; hollow: rejected; shade: within {RIVAL:g}, where this design cannot tell them apart (the one whose "
+            f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of the {reference} one over each; filled: named, "
+            f"a rival or good enough; hollow: rejected; shade: within {RIVAL:g}, where this design cannot tell them apart (the one whose "
             "size is most plausible beforehand is named)."
         )
     if (table["part"] == "error").any():
