@@ -267,16 +267,11 @@ class Stage:
     def excess(self) -> float:
         """Chi2 of the structure beyond what noise would have."""
         _, basis = self.hypotheses
-        chi2 = float(np.sum((basis.T @ self.base_fit.residual) ** 2))
-        result: float = max(chi2 - basis.shape[1], 1e-12)
-        return result
+        return float(max(np.sum((basis.T @ self.base_fit.residual) ** 2) - basis.shape[1], 1e-12))
 
     def dispersion(self, e: Explanation) -> float:
         """Variance along the families and effects that an explanation leaves, in units of the noise floor's; 1 where it leaves nothing."""
-        if not e.left.present:
-            return 1.0
-        result: float = 1.0 + max(self.excess - e.gain, 0.0) / self.hypotheses[1].shape[1]
-        return result
+        return 1.0 + e.left.present * max(self.excess - e.gain, 0.0) / float(self.hypotheses[1].shape[1])
 
     @cached_property
     def best_step(self) -> float:
@@ -310,17 +305,12 @@ class _Deform:
     """(1 + T T')^(-1/2) for a few columns T."""
 
     def __init__(self, tube: FloatArray) -> None:
-        if tube.shape[1]:
-            self.basis, s, _ = np.linalg.svd(tube, full_matrices=False)
-            self.length2 = s**2
-        else:
-            self.basis, self.length2 = np.zeros((len(tube), 0)), np.zeros(0)
-        self.log_det = float(np.log1p(self.length2).sum())
+        self.basis, length, _ = np.linalg.svd(tube, full_matrices=False)
+        self.shrink = 1 - 1 / np.sqrt(1 + length**2)
+        self.log_det = float(np.log1p(length**2).sum())
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        shrink = 1 - 1 / np.sqrt(1 + self.length2)
-        along = self.basis.T @ x
-        result: FloatArray = x - self.basis @ (shrink[:, None] * along if x.ndim == 2 else shrink * along)
+        result: FloatArray = x - (self.basis * self.shrink) @ (self.basis.T @ x)
         return result
 
 
@@ -438,7 +428,8 @@ def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Expl
     """
     alone, together = [e for e in singles if e.accepted], [e for e in pairs if e.accepted]
     most = max((e.log_evidence for e in alone), default=-np.inf)
-    earned = not alone or any(p.log_evidence > most + RIVAL / 2 * stage.dispersion(p) for p in together)
+    ahead = {p.name: p.log_evidence - most - RIVAL / 2 * (stage.dispersion(p) - 1) for p in together}
+    earned = max(ahead.values(), default=-np.inf) > RIVAL / 2 or not alone
     tried, accepted = (pairs, together) if earned else (singles, alone)
     if not accepted:
         return ()
@@ -448,9 +439,7 @@ def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Expl
     rivals.sort(key=lambda e: (not e.accepted, -e.plausibility))
     if not earned:
         # two effects that are likelier, if not plainly, could still be what is there
-        price = float(np.log(stage.data.n)) / 2
-        likelier = (p for p in together if p.log_evidence > most + price * (stage.dispersion(p) - 1))
-        rivals += sorted(likelier, key=lambda e: -e.plausibility)
+        rivals += sorted((p for p in together if ahead[p.name] > 0), key=lambda e: -e.plausibility)
     return tuple(rivals)
 
 
@@ -485,16 +474,15 @@ def second_look(stage: Stage, tried: tuple[Explanation, ...]) -> tuple[Explanati
     not hold is told from it by its share: the nearest effect rarely accounts for half of it. A size of its own for every session has
     no form that could be wrong, and imitates any step: such an effect is not looked at again, nor one that explains less than a bare step does.
     """
-    if stage.options.form_sd <= 0:
-        return tried
-    found = []
-    for e in tried:
-        enough = e.gain >= max(NEARLY_ALL * stage.excess, stage.best_step) and e.over_none > PLAIN
-        if enough and not e.fitted.candidate.by_session.any():
-            looser = stage.judged(e.fitted, LOOSER * stage.options.form_sd, ())
-            e = dataclasses.replace(looser, needed=e.needed, confirmed=looser.over_none > PLAIN)
-        found.append(e)
-    return tuple(found)
+    least = max(NEARLY_ALL * stage.excess, stage.best_step)
+
+    def again(e: Explanation) -> Explanation:
+        if e.form_sd <= 0 or e.gain < least or e.over_none <= PLAIN or e.fitted.candidate.by_session.any():
+            return e
+        looser = stage.judged(e.fitted, LOOSER * e.form_sd, ())
+        return dataclasses.replace(looser, needed=e.needed, confirmed=looser.over_none > PLAIN)
+
+    return tuple(map(again, tried))
 
 
 def visibility(stage: Stage, effect: Effect) -> float:
