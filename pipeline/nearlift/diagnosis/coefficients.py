@@ -77,10 +77,12 @@ def constrained_columns(stage: Stage, chosen: tuple[str, ...], declared: dict[st
         candidate = Candidate(base=stage.base, effects=(effect,), data=stage.data)
         _, sd = candidate.prior
         sizes = candidate.sizes()
+        # a search grants more than is physical, but for what differs by session
+        physical = np.where(candidate.by_session, sd, sd / WIDE)[sizes]
         shapes = [c for e, c in stage.library if e.name == effect.name]
         # one unknown size whose shape is unknown too: each shape carries its share of the variance
         for c in shapes:
-            columns.append(c * (sd[sizes] / WIDE) * declared.get(effect.name, 1.0) / np.sqrt(len(shapes)))
+            columns.append(c * physical * declared.get(effect.name, 1.0) / np.sqrt(len(shapes)))
     return np.hstack(columns)
 
 

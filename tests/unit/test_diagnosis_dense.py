@@ -1,0 +1,419 @@
+"""The loop's numbers against matrices written out (n x n covariances, textbook formulae), its decisions against truth tables."""
+
+import dataclasses
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, t
+
+from nearlift import catalogue
+from nearlift.diagnosis import absorption, coefficients, confirmation, discrepancy, search, structure
+from nearlift.diagnosis.families import STEP, families
+from nearlift.diagnosis.loop import set_up
+from nearlift.diagnosis.search import Options
+
+from .simulated import campaign
+
+GROUND = catalogue.model("sanchez_cuevas")
+NAMES = ("supply_sag", "session_gain", "warm_up", "zero_offset", "near_wall_saturation")
+EFFECTS = tuple(e for e in catalogue.effects() if e.name in NAMES)
+
+
+def sagging(covariates):
+    return (covariates["supply_V"] / 3.8) ** 0.5
+
+
+@pytest.fixture(scope="module")
+def stage():
+    return set_up(campaign(3, visits=3, gain=sagging, session_gain=0.004), GROUND, (), Options(), EFFECTS)[0]
+
+
+@pytest.fixture(scope="module")
+def tried(stage):
+    answer = search.run(stage)
+    found = {e.name: e for e in (*answer.singles, *answer.pairs)}
+    assert {*NAMES} - {"near_wall_saturation"} <= found.keys()
+    assert len(found) > len(NAMES)
+    return found
+
+
+def levels(stage):
+    return np.eye(len(stage.data.levels))[stage.data.level]
+
+
+def log_det(matrix):
+    sign, value = np.linalg.slogdet(matrix)
+    assert sign == 1
+    return value
+
+
+def integrated(stage, residual, fixed, random):
+    """Chi2 of a residual under V = V0 + random random', beside L_inf and the columns `fixed`; and log |V| + log |A' V^-1 A| less those of V0."""
+    v0, a = stage.space.covariance.dense(), levels(stage)
+    v = v0 + random @ random.T
+    root = np.linalg.cholesky(v)
+    x, y = np.linalg.solve(root, np.hstack([a, fixed])), np.linalg.solve(root, residual)
+    left = y - x @ np.linalg.lstsq(x, y, rcond=1e-10)[0]
+
+    def volume(c):
+        return log_det(c) + log_det(a.T @ np.linalg.solve(c, a))
+
+    return left @ left, volume(v) - volume(v0)
+
+
+def linearised(stage, fitted):
+    """What the fit leaves of log lift, its derivatives, prior, and which entries are coefficients, free sizes of their own, or one of a session's."""
+    candidate, p = fitted.candidate, len(stage.theta)
+    mean, sd = candidate.prior
+    low, high = candidate.bounds
+    free = (fitted.vector > low) & (fitted.vector < high) & (np.arange(len(mean)) >= p)
+    by_session = np.array([s.parameter.per == "session" for s in candidate.slots for _ in range(s.start, s.stop)])
+    rest = stage.log_lift - candidate.log_ratio(fitted.vector)
+    return rest, candidate.jacobian(fitted.vector), mean, sd, np.flatnonzero(free & ~by_session), np.flatnonzero(free & by_session)
+
+
+def test_plausibility_is_the_evidence_with_every_size_integrated_over_its_prior(stage, tried):
+    for e in tried.values():
+        rest, slopes, mean, sd, own, session = linearised(stage, e.fitted)
+        free = np.r_[own, session]
+        chi2_, volume = integrated(
+            stage,
+            rest + slopes[:, free] @ (e.fitted.vector - mean)[free],
+            slopes[:, : len(stage.theta)],
+            np.hstack([slopes[:, free] * sd[free], e.tube]),
+        )
+        assert e.plausibility == pytest.approx(-0.5 * (chi2_ + volume), rel=1e-6), e.name
+
+
+def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tried):
+    p = len(stage.theta)
+    rest, slopes, *_ = linearised(stage, stage.base_fit)
+    nothing = -0.5 * integrated(stage, rest, slopes, np.zeros((stage.data.n, 0)))[0]
+    assert stage.nothing_added[1] == pytest.approx(nothing, rel=1e-9)
+    for e in tried.values():
+        rest, slopes, mean, sd, own, session = linearised(stage, e.fitted)
+        chi2_, volume = integrated(
+            stage,
+            rest + slopes[:, session] @ (e.fitted.vector - mean)[session],
+            np.hstack([slopes[:, :p], slopes[:, own]]),
+            np.hstack([slopes[:, session] * sd[session], e.tube]),
+        )
+        prior = np.sum(((e.fitted.vector - mean)[own] / sd[own]) ** 2)
+        # a size for each session is one unknown more: how much sessions differ
+        unknowns = len(own) + bool(len(session))
+        expected = -0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n))
+        assert e.log_evidence == pytest.approx(expected, rel=1e-6), e.name
+        assert e.over_none == pytest.approx(expected - nothing, rel=1e-6, abs=1e-5)
+        assert e.gain == pytest.approx(stage.base_fit.chi2 - e.fitted.chi2)
+
+
+def precision(stage, nuisance):
+    """What V0 + nuisance nuisance' leaves of the precision once L_inf per throttle is eliminated, (n, n)."""
+    a, inverse = levels(stage), np.linalg.inv(stage.space.covariance.dense() + nuisance @ nuisance.T)
+    return inverse - inverse @ a @ np.linalg.solve(a.T @ inverse @ a, a.T @ inverse)
+
+
+@pytest.mark.parametrize("wide", [False, True], ids=["exact", "form uncertain"])
+def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_squares(stage, tried, wide):
+    p = len(stage.theta)
+    for e in tried.values():
+        nuisance = e.tube if wide else np.zeros((stage.data.n, 0))
+        rest, slopes, mean, sd, *_ = linearised(stage, e.fitted)
+        m, prior = precision(stage, nuisance), np.where(np.isfinite(sd), sd, np.inf) ** -2.0
+        covariance = np.linalg.inv(slopes.T @ m @ slopes + np.diag(prior))
+        offset = np.where(prior > 0, e.fitted.vector - mean, 0.0)
+        step = covariance @ (slopes.T @ m @ rest - prior * offset) if wide else np.zeros(len(mean))
+        value, u = coefficients.spread(stage, e.fitted, nuisance if wide else None)
+        low, high = e.fitted.candidate.bounds
+        assert u == pytest.approx(np.sqrt(np.diag(covariance))[:p], rel=1e-5), e.name
+        assert value == pytest.approx(np.clip(e.fitted.vector + step, low, high)[:p], abs=1e-4 * u[0]), e.name
+        assert coefficients.joint(stage, e.fitted, nuisance if wide else None) == pytest.approx(covariance, rel=1e-4, abs=1e-9 * covariance.max())
+
+
+def test_an_effect_that_was_not_named_is_a_nuisance_of_its_physical_size(stage):
+    def size(effect):
+        (prior,) = (q.prior for q in effect.parameters if not q.grid)
+        return prior.scale if prior.distribution in ("norm", "halfnorm") else prior.scale / np.sqrt(12)
+
+    def expected(names, declared):
+        total = np.zeros((stage.data.n, stage.data.n))
+        for effect, columns in stage.library:
+            if effect.name in names:
+                shapes = sum(e.name == effect.name for e, _ in stage.library)
+                total += (size(effect) * declared.get(effect.name, 1.0)) ** 2 / shapes * columns @ columns.T
+        return total
+
+    everything = {e.name for e, _ in stage.library}
+    for chosen, declared in (((), {}), (("supply_sag",), {"warm_up": 0.3})):
+        found = coefficients.constrained_columns(stage, chosen, declared)
+        assert found @ found.T == pytest.approx(expected(everything - {*chosen}, declared), rel=1e-9, abs=1e-18)
+
+
+def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
+    """The headline's shift, in its u, by an effect of noncentrality 16, or of its prior's size where that is less."""
+    effects = tuple({e.name: e for e, _ in stage.library}.values())
+    inverse = precision(stage, np.zeros((stage.data.n, 0)))
+    jacobian = stage.candidate().jacobian(stage.base_fit.vector)
+    information = jacobian.T @ inverse @ jacobian
+    for limit in (0.0, 1.1):
+        found = {f["effect"]: f for f in coefficients.silent(stage, effects, limit)}
+        for effect in effects:
+            columns = [c for e, c in stage.library if e.name == effect.name and c.shape[1] == 1]
+            if not columns:
+                assert effect.name not in found
+                continue
+            c = columns[0][:, 0]
+            shift = np.linalg.solve(information, jacobian.T @ inverse @ c)
+            seen = c @ inverse @ c - shift @ information @ shift
+            prior = coefficients._size(effect)
+            bias = abs(shift[0]) * np.sqrt(information[0, 0]) * (prior if limit > 1 else min(4 / np.sqrt(seen), prior))
+            assert (effect.name in found) == (limit > 1 or bias > 1), effect.name
+            if effect.name in found:
+                assert found[effect.name]["bias_at_detection_limit"] == pytest.approx(bias, rel=1e-6)
+                assert found[effect.name]["u"] == pytest.approx(information[0, 0] ** -0.5)
+                assert found[effect.name]["hidden"] == (limit > 1)
+        biases = [f["bias_at_detection_limit"] for f in coefficients.silent(stage, effects, limit)]
+        assert biases == sorted(biases, reverse=True)
+        assert biases
+
+
+def test_visibility_is_the_share_of_energy_that_theta_and_levels_leave(stage):
+    inverse = np.linalg.inv(stage.space.covariance.dense())
+    jacobian = stage.candidate().jacobian(stage.base_fit.vector)
+    for effect in {e.name: e for e, _ in stage.library}.values():
+        shares = []
+        for columns in (c for e, c in stage.library if e.name == effect.name):
+            left, whole = 0.0, 0.0
+            for c in columns.T:
+                left += integrated(stage, c, jacobian, np.zeros((len(c), 0)))[0]
+                whole += c @ inverse @ c
+            shares.append(left / whole)
+        assert search.visibility(stage, effect) == pytest.approx(max(shares), rel=1e-6, abs=1e-9)
+
+
+def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage):
+    found, _ = stage.nothing_added
+    rest, slopes, *_ = linearised(stage, stage.base_fit)
+    none = np.zeros((stage.data.n, 0))
+    whole, _ = integrated(stage, rest, slopes, none)
+    listed = iter(zip(found.names, found.covariates, found.log10_p, strict=True))
+    checked = 0
+    named = [(f.name, f.columns) for f in families(stage.data)] + [(f"{search.EFFECT}{e.name}", c) for e, c in stage.library]
+    root = np.linalg.cholesky(stage.space.covariance.dense())
+    fixed = np.linalg.solve(root, np.hstack([levels(stage), slopes]))
+    fixed, _ = np.linalg.qr(fixed)
+    for name, columns in named:
+        white = np.linalg.solve(root, columns)
+        singular = np.linalg.svd(white - fixed @ (fixed.T @ white), compute_uv=False)
+        rank = int((singular > 1e-5 * max(np.linalg.norm(white, axis=0).max(), 1e-300)).sum())
+        if not rank:
+            continue
+        given, _, value = next(listed)
+        assert given == name
+        if singular[singular > 0].min() > 1e-4 * singular.max():
+            drop = whole - integrated(stage, rest, np.hstack([slopes, columns]), none)[0]
+            assert value == pytest.approx(chi2.logsf(drop, rank) / np.log(10), rel=1e-4, abs=1e-4), name
+            checked += 1
+    assert checked > 20
+    steps = [c for name, c in named if name == STEP]
+    assert stage.best_step == pytest.approx(max(whole - integrated(stage, rest, np.hstack([slopes, c]), none)[0] for c in steps), rel=1e-6)
+
+
+def test_excess_is_the_chi_square_of_all_directions_beyond_their_number(stage):
+    rest, slopes, *_ = linearised(stage, stage.base_fit)
+    root = np.linalg.cholesky(stage.space.covariance.dense())
+    x = np.hstack([levels(stage), slopes, *(f.columns for f in families(stage.data)), *(c for _, c in stage.library)])
+    white, y = np.linalg.solve(root, x / np.linalg.norm(x, axis=0)), np.linalg.solve(root, rest)
+    a, _ = np.linalg.qr(np.linalg.solve(root, levels(stage)))
+    u, s, _ = np.linalg.svd(white - a @ (a.T @ white), full_matrices=False)
+    u = u[:, s > 1e-6 * s[0]]
+    assert stage.excess == pytest.approx(np.sum((u.T @ (y - a @ (a.T @ y))) ** 2) - u.shape[1], rel=0.01)  # directions at the edge of the rank
+
+
+def of_left(e, present):
+    left = dataclasses.replace(e.left, names=("x",), covariates=("x",), log10_p=np.array([-5.0]), threshold=-4.0 if present else -6.0)
+    return dataclasses.replace(e, left=left)
+
+
+def test_dispersion_is_what_an_explanation_leaves_over_the_freedom_there_is(stage, tried):
+    e, d = tried["supply_sag"], stage.hypotheses[1].shape[1]
+    assert stage.dispersion(of_left(e, False)) == 1.0
+    some = dataclasses.replace(of_left(e, True), gain=stage.excess - 0.5 * d)
+    assert stage.dispersion(some) == pytest.approx(1.5)
+    assert stage.dispersion(dataclasses.replace(some, gain=stage.excess + 7.0)) == 1.0
+
+
+@pytest.mark.parametrize(("present", "over_none", "at_bound"), list(itertools.product([False, True], [-1.0, 1.0, 3.0], [False, True])))
+def test_what_is_accepted_and_what_is_possible(tried, present, over_none, at_bound):
+    e = dataclasses.replace(of_left(tried["supply_sag"], present), over_none=over_none, confirmed=None)
+    candidate = e.fitted.candidate
+    vector = e.fitted.vector.copy()
+    vector[candidate.sizes()] = candidate.bounds[1][candidate.sizes()] if at_bound else 0.5
+    e = dataclasses.replace(e, fitted=dataclasses.replace(e.fitted, vector=vector))
+    assert e.fitted.at_bound == at_bound
+    assert e.accepted == (not present and over_none > 2 and not at_bound)
+    assert e.possible == (not present and over_none > 0 and not at_bound)
+    for confirmed in (False, True):
+        judged = dataclasses.replace(e, confirmed=confirmed)
+        assert judged.accepted == judged.possible == (confirmed and not at_bound)
+
+
+def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tried):
+    e = dataclasses.replace(of_left(tried["supply_sag"], True), confirmed=None, form_sd=0.2)
+    enough = max(0.8 * stage.excess, stage.best_step)
+    for gain, over_none, looked in ((1.01, 20.0, True), (0.99, 20.0, False), (1.01, 14.0, False)):
+        (again,) = search.second_look(stage, (dataclasses.replace(e, gain=gain * enough, over_none=over_none),))
+        assert (again.form_sd == pytest.approx(0.4)) == looked
+        assert (again.confirmed is not None) == looked
+    # a size for each session has no form that could be wrong
+    (again,) = search.second_look(
+        stage, (dataclasses.replace(of_left(tried["session_gain"], True), gain=2 * enough, over_none=20.0, confirmed=None),)
+    )
+    assert again.confirmed is None
+
+
+def of(log10_p, covariates=("time", "tilt"), threshold=-4.0):
+    return structure.Structure(
+        names=tuple(f"f{i}" for i in range(len(covariates))), covariates=covariates, log10_p=np.array(log10_p), p_value=0.1, threshold=threshold
+    )
+
+
+def test_structure_is_present_beyond_its_threshold_and_along_its_covariates():
+    for value, present in ((-4.1, True), (-4.0, False), (-3.9, False)):
+        assert of([-1.0, value]).present == present
+        assert discrepancy.covariates(of([-1.0, value])) == (["tilt"] if present else [])
+    several = of([-5.0, -6.0, -7.0, -1.0], ("a", "b", "a", "c"))
+    assert several.foremost() == {"a": (-7.0, "f2"), "b": (-6.0, "f1"), "c": (-1.0, "f3")}
+    assert list(several.by_covariate()) == ["a", "b", "c"] == list(several.foremost())
+    assert discrepancy.covariates(several) == ["a", "b"]
+
+
+def test_the_interval_spans_every_answer_and_the_jackknife_its_visits():
+    rng = np.random.default_rng(3)
+    visit = np.repeat(np.arange(7), 3)
+    before, after = rng.normal(0, 0.01, 21), rng.normal(0, 0.004, 21)
+
+    def rms(r, keep):
+        return np.sqrt(np.mean(r[keep] ** 2))
+
+    def ends(statistic):
+        """Textbook jackknife of a logarithm, Student's t, 90 %."""
+        without = np.array([statistic(visit != v) for v in range(7)])
+        half = t.ppf(0.95, 6) * np.sqrt(6 / 7 * np.sum((without - without.mean()) ** 2))
+        return statistic(visit >= 0), half
+
+    middle, half = ends(lambda keep: np.log(rms(before, keep)))
+    assert confirmation.rmse(before, visit) == pytest.approx(np.exp([middle, middle - half, middle + half]))
+    middle, half = ends(lambda keep: np.log(rms(after, keep) / rms(before, keep)))
+    assert confirmation.change(before, after, visit) == pytest.approx(np.expm1([middle, middle - half, middle + half]))
+    assert np.isnan(confirmation.change(before[:6], after[:6], visit[:6])).all()
+    assert np.isfinite(confirmation.change(before[:9], after[:9], visit[:9])).all()
+
+
+def test_a_prediction_takes_its_levels_from_its_own_trials(stage):
+    whole, v = stage.data, np.linalg.inv(stage.space.covariance.dense())
+    a, ratio = levels(stage), stage.base_fit.candidate.log_ratio(stage.base_fit.vector)
+    log_inf = np.linalg.solve(a.T @ v @ a, a.T @ v @ (stage.log_lift - ratio))
+    some = np.array([5, 3, 40])
+    assert confirmation.predict(stage, stage.base_fit, whole.take(some)) == pytest.approx((log_inf[whole.level] + ratio)[some])
+
+
+def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
+    """The union over the accepted with their form uncertain and the best as it stands; wider with every effect that was not named."""
+    accepted = (tried["supply_sag"], tried["warm_up"])
+    answer = search.Answer(stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted)
+    reach = t.ppf(0.95, stage.noise.dof)
+    found = coefficients.before_and_after(stage, answer, {})
+    members = [coefficients.spread(stage, e.fitted, e.tube) for e in accepted]
+    (value,), (u,) = best = coefficients.spread(stage, accepted[0].fitted)
+    after = found["after"]["K_b"]
+    ends = [(v[0] - reach * s[0], v[0] + reach * s[0]) for v, s in (*members, best)]
+    assert (after["lo90"], after["hi90"]) == pytest.approx((min(low for low, _ in ends), max(high for _, high in ends)))
+    assert after["value"] == pytest.approx(value)
+    assert after["conditional"] == pytest.approx([value - reach * u, value + reach * u])
+    nuisance = np.hstack([accepted[0].tube, coefficients.constrained_columns(stage, ("supply_sag",), {})])
+    (value,), (u,) = coefficients.spread(stage, accepted[0].fitted, nuisance)
+    assert after["constrained"] == pytest.approx([value - reach * u, value + reach * u])
+    (value,), (u,) = coefficients.spread(stage, stage.base_fit)
+    assert found["before"]["K_b"] == pytest.approx({"value": value, "lo90": value - reach * u, "hi90": value + reach * u})
+    assert found["carried"] == []
+
+
+def test_what_is_carried_where_nothing_has_a_name(stage):
+    """The families flagged, curves that change with time, coefficients by throttle, each at the size that its moments give."""
+    answer = search.Answer(stage=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=())
+    unnamed = discrepancy.columns(stage, ["supply"])
+    after = coefficients.before_and_after(stage, answer, {})
+    reach = t.ppf(0.95, stage.noise.dof)
+    (value,), (u,) = coefficients.spread(stage, stage.base_fit, unnamed)
+    assert after["carried"] == ["supply"]
+    assert after["after"]["K_b"]["conditional"] == pytest.approx([value - reach * u, value + reach * u])
+    # moments, written out: r'F F'r less what noise alone would give, over |F'F|^2, all freed of L_inf and coefficients
+    m = precision(stage, np.zeros((stage.data.n, 0)))
+    rest, slopes, *_ = linearised(stage, stage.base_fit)
+    m = m - m @ slopes @ np.linalg.solve(slopes.T @ m @ slopes, slopes.T @ m)
+    time, z = stage.data.covariates["run_order"], stage.data.z_hat
+    u = 2 * (np.log(z) - np.log(z).min()) / np.ptp(np.log(z)) - 1
+    rank = (np.unique(time, return_inverse=True)[1] + 0.5) / stage.data.n
+    moving = np.stack([u**i * np.cos(np.pi * j * rank) for i in (1, 2) for j in (1, 2, 3, 4)], axis=1)
+    by_throttle = slopes * levels(stage)
+    wanted = [f.columns for f in families(stage.data) if f.covariate == "supply"] + [moving, by_throttle]
+    assert len(wanted) > 2
+    total = np.zeros((stage.data.n, stage.data.n))
+    for columns in wanted:
+        product = columns.T @ m @ columns
+        variance = (np.sum((columns.T @ m @ rest) ** 2) - np.trace(product)) / np.sum(product**2)
+        total += max(variance, 0.0) * columns @ columns.T
+    assert np.abs(total).max() > 0
+    assert unnamed @ unnamed.T == pytest.approx(total, rel=1e-4, abs=1e-6 * np.abs(total).max())
+
+
+@pytest.mark.parametrize(("r", "sign", "turns"), list(itertools.product([0.9, 0.51, 0.49, 0.0], [1, -1], [False, True])))
+def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
+    effect = SimpleNamespace(name="supply_sag")
+    part, slope = np.array([1.0, 0.0]), 3 * np.array([sign * r, np.sqrt(1 - r**2)])
+    candidate = SimpleNamespace(effects=(effect,), contribution=lambda vector, which: part)
+    fitted = SimpleNamespace(candidate=candidate, vector=np.zeros(1), jacobian=slope[:, None])
+    stage = SimpleNamespace(space=SimpleNamespace(project=lambda x: x), base=GROUND)
+    told = {"before": {"K_b": {"value": 1.5}}, "after": {"K_b": {"value": -0.7 if turns else 2.25}}}
+    [row] = absorption.shifts(stage, SimpleNamespace(accepted=(SimpleNamespace(fitted=fitted),)), told)
+    assert row["correlation"] == pytest.approx(sign * r)
+    assert ("text" in row) == (r > 0.5)
+    if "text" in row:
+        assert ("its sign turns" in row["text"], "it changes" in row["text"]) == (turns, not turns)
+        assert f"correlation {'-' if sign < 0 else '+'}{r:.2f}" in row["text"].replace("−", "-").replace(" ", " ")
+        assert "a fit without supply_sag charges it to K_b" in row["text"]
+    assert absorption.shifts(stage, SimpleNamespace(accepted=()), told) == []
+
+
+@pytest.mark.parametrize(("share", "visits"), list(itertools.product([0.9, 0.51, 0.49, 0.1], [1, 2])))
+def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(stage, share, visits):
+    """`share` of the slope's energy at one distance, which one or two visits hold; the rest spread over the other visits."""
+    z = np.array([1.1, 1.1, *np.linspace(2, 9, 18)])
+    visit = np.array([0, 0 if visits == 1 else 1, *range(2, 20)])
+    slope = np.where(z == 1.1, np.sqrt(share / 2), np.sqrt((1 - share) / 18))
+    data = SimpleNamespace(z_hat=z, visit=visit, session=np.zeros(20, dtype=int))
+    planned = SimpleNamespace(theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x))
+    found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
+    assert [f["coefficient"] for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
+    if found:
+        assert found[0]["share"] == pytest.approx(share)
+        assert found[0]["rests_on"]["z_hat"] == 1.1
+        assert f"{100 * share:.0f} %" in found[0]["text"]
+
+
+@pytest.mark.parametrize(("beside", "sessions", "said"), [(0.05, 4, True), (0.2, 4, False), (0.05, 1, False), (1.0, 4, False)])
+def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions, said):
+    """A slope that is level within each session but for a share `beside`^2 / (1 + `beside`^2) of its energy."""
+    session = np.repeat(np.arange(4), 10) if sessions == 4 else np.zeros(40, dtype=int)
+    across, within = np.repeat([3.0, 1.0, -1.0, -3.0], 10) / np.sqrt(200), np.tile([1.0, -1.0], 20) / np.sqrt(40)
+    slope = across + beside * within
+    data = SimpleNamespace(z_hat=np.arange(40.0), visit=np.arange(40), session=session)
+    planned = SimpleNamespace(theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x))
+    found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
+    assert [f.get("absorbed_by") for f in found] == (["session_gain"] if said else [])
+    if said:
+        assert found[0]["share"] == pytest.approx(beside**2 / (1 + beside**2))
+        assert "every session" in found[0]["text"]
