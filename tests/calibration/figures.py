@@ -107,8 +107,10 @@ FACTS: dict[str, Fact] = {
     "seen": Fact(words="outside: seen", among=_strange, counts=lambda r: r["claimed"]),
     "given_a_name": Fact(words="given a name", among=_strange, counts=lambda r: r["named"]),
     "covered": Fact(words="90 % interval covers", among=lambda r: "cover_union" in r, counts=lambda r: r["cover_union"]),
+    "covered_empty": Fact(words="... of empty campaigns", among=lambda r: _empty(r) and "cover_union" in r, counts=lambda r: r["cover_union"]),
     "covered_oracle": Fact(words="true model's covers", among=lambda r: True, counts=lambda r: r["cover_oracle"]),
 }
+WIDTH = "width / true model's (90th percentile)"
 RECORDS = frozenset(k.name for k in KINDS.values() if k.group == "records")
 
 
@@ -135,9 +137,20 @@ def by_kind(rows: list[Row]) -> list[dict[str, Any]]:
         for fact in FACTS.values():
             entry[fact.words] = next((f.brief for f in share("", "", [r for r in done if fact.among(r)], fact.counts)), "")
         quantiles = np.quantile(wide, [0.5, 0.9]) if wide else None
-        entry["width / true model's (90th percentile)"] = "" if quantiles is None else "{:.2f} ({:.2f})".format(*quantiles)
+        entry[WIDTH] = "" if quantiles is None else "{:.2f} ({:.2f})".format(*quantiles)
         entry["CPU s"] = float(np.median([r["cpu_s"] for r in done])) if done else math.nan
         table.append(entry)
+    return table
+
+
+def by_verdict(rows: list[Row]) -> list[dict[str, Any]]:
+    """What the interval to quote is worth under each verdict, all kinds but those of records together."""
+    table = []
+    for verdict in ("adequate", "effect", "unexplained", "not_diagnosed"):
+        mine = [r for r in rows if r.get("verdict") == verdict and r["kind"] not in RECORDS and "cover_union" in r]
+        for figure in share("", "", mine, "cover_union"):
+            wide = np.quantile([r["width_union"] / r["oracle_width"] for r in mine], [0.5, 0.9])
+            table.append({"verdict": verdict, FACTS["covered"].words: figure.brief, WIDTH: "{:.2f} ({:.2f})".format(*wide)})
     return table
 
 
@@ -291,7 +304,7 @@ def markdown(rows: list[Row]) -> str:
         mark = {None: "", True: "holds", False: "**fails**"}[f.passed]
         lines.append(f"| {f.title} | {show(f.value)} | {show(f.lo95)} to {show(f.hi95)} | {f.n} | {must} | {aim} | {mark} |")
     peers = peer_table(rows) if any("peers" in r for r in rows) else []
-    for title, table in (("Per kind", by_kind(rows)), ("Per effect", by_effect(rows)), ("Rival methods", peers)):
+    for title, table in (("Per kind", by_kind(rows)), ("Per verdict", by_verdict(rows)), ("Per effect", by_effect(rows)), ("Rival methods", peers)):
         if table:
             lines += ["", f"## {title}", "", "| " + " | ".join(table[0]) + " |", "|---" * len(table[0]) + "|"]
             lines += ["| " + " | ".join(f"{v:.2f}" if isinstance(v, float) else str(v) for v in entry.values()) + " |" for entry in table]
