@@ -442,31 +442,6 @@ def test_held_out_visits_are_weighed_by_how_well_they_are_known(null_stage):
     assert confirmation.improves(stage, dataclasses.replace(scored, before=scored.before + wild, named=scored.named + 1.1 * wild))
 
 
-@pytest.mark.parametrize("name", ["supply_sag", "session_gain", "tilt"])
-def test_evidence_is_that_of_the_matrices_written_out(sagging_stage, name):
-    stage = sagging_stage
-    found = stage.explain(tuple(e for e, _ in stage.library if e.name == name)[:1])
-    fitted, p = found.fitted, len(stage.theta)
-    mean, sd = fitted.candidate.prior
-    low, high = fitted.candidate.bounds
-    free = (fitted.vector > low) & (fitted.vector < high) & (np.arange(len(mean)) >= p)
-    jacobian = fitted.jacobian
-
-    def dense(random, fixed):
-        unknown = np.hstack([jacobian[:, random] * sd[random], stage.space.project(found.tube.T).T])
-        v = np.eye(stage.data.n) + unknown @ unknown.T
-        y = fitted.residual + jacobian[:, random] @ (fitted.vector - mean)[random]
-        x = jacobian[:, fixed]
-        w = np.linalg.inv(v)
-        rest = y - x @ np.linalg.lstsq(x.T @ w @ x, x.T @ w @ y, rcond=None)[0]
-        return -0.5 * (rest @ w @ rest + np.linalg.slogdet(v)[1])
-
-    assert found.plausibility == pytest.approx(dense(free, np.arange(len(mean)) < p), abs=1e-4)
-    own, session = free & ~fitted.candidate.by_session, free & fitted.candidate.by_session
-    penalty = np.sum(((fitted.vector - mean)[own] / sd[own]) ** 2) + (own.sum() + session.any()) * np.log(stage.data.n)
-    assert found.log_evidence == pytest.approx(dense(session, own | (np.arange(len(mean)) < p)) - 0.5 * penalty, abs=1e-4)
-
-
 def test_a_name_accounts_for_the_greater_part_of_what_is_there_without_it(sagging_stage):
     stage = sagging_stage
     effects = {e.name: e for e, _ in stage.library}

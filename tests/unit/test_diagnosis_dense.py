@@ -245,19 +245,27 @@ def test_dispersion_is_what_an_explanation_leaves_over_the_freedom_there_is(stag
     assert stage.dispersion(dataclasses.replace(some, gain=stage.excess + 7.0)) == 1.0
 
 
-@pytest.mark.parametrize(("present", "over_none", "at_bound"), list(itertools.product([False, True], [-1.0, 1.0, 3.0], [False, True])))
-def test_what_is_accepted_and_what_is_possible(tried, present, over_none, at_bound):
-    e = dataclasses.replace(of_left(tried["supply_sag"], present), over_none=over_none, confirmed=None)
-    candidate = e.fitted.candidate
-    vector = e.fitted.vector.copy()
-    vector[candidate.sizes()] = candidate.bounds[1][candidate.sizes()] if at_bound else 0.5
-    e = dataclasses.replace(e, fitted=dataclasses.replace(e.fitted, vector=vector))
-    assert e.fitted.at_bound == at_bound
-    assert e.accepted == (not present and over_none > 2 and not at_bound)
-    assert e.possible == (not present and over_none > 0 and not at_bound)
-    for confirmed in (False, True):
-        judged = dataclasses.replace(e, confirmed=confirmed)
-        assert judged.accepted == judged.possible == (confirmed and not at_bound)
+DOUBTS = list(itertools.product([False, True], [-1.0, 1.0, 3.0], [False, True], [False, True]))
+
+
+@pytest.mark.parametrize("names", [("supply_sag",), ("supply_sag", "zero_offset")], ids="+".join)
+def test_what_is_accepted_and_what_is_possible(stage, tried, names):
+    """A name leaves nothing, is likelier than none by 2 of log evidence, needed, and within bounds; beside it stands what is likelier than none."""
+    effects = {e.name: e for e, _ in stage.library}
+    candidate = stage.candidate(*(effects[n] for n in names))
+    for present, over_none, at_bound, needed in DOUBTS:
+        vector = candidate.null.copy()
+        vector[candidate.sizes()] = candidate.bounds[1][candidate.sizes()] if at_bound else 1e-3
+        fitted = dataclasses.replace(tried["supply_sag"].fitted, candidate=candidate, vector=vector)
+        assert fitted.at_bound == at_bound
+        given = {"fitted": fitted, "over_none": over_none, "needed": needed}
+        e = dataclasses.replace(of_left(tried["supply_sag"], present), confirmed=None, **given)
+        assert e.accepted == (not present and over_none > 2 and needed and not at_bound)
+        assert e.possible == (over_none > 0 and not at_bound and (needed or len(names) == 1))
+        for confirmed in (False, True):
+            judged = dataclasses.replace(e, confirmed=confirmed)
+            assert judged.accepted == (confirmed and needed and not at_bound)
+            assert judged.possible == e.possible
 
 
 def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tried):
@@ -325,7 +333,7 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     accepted = (tried["supply_sag"], tried["warm_up"])
     answer = search.Answer(stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted)
     reach = t.ppf(0.95, stage.noise.dof)
-    found = coefficients.before_and_after(stage, answer, {})
+    found = coefficients.answers(stage, answer, {}).block()
     members = [coefficients.spread(stage, e.fitted, e.tube) for e in accepted]
     (value,), (u,) = best = coefficients.spread(stage, accepted[0].fitted)
     after = found["after"]["K_b"]
@@ -345,7 +353,7 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     """The families flagged, curves that change with time, coefficients by throttle, each at the size that its moments give."""
     answer = search.Answer(stage=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=())
     unnamed = discrepancy.columns(stage, ["supply"])
-    after = coefficients.before_and_after(stage, answer, {})
+    after = coefficients.answers(stage, answer, {}).block()
     reach = t.ppf(0.95, stage.noise.dof)
     (value,), (u,) = coefficients.spread(stage, stage.base_fit, unnamed)
     assert after["carried"] == ["supply"]
