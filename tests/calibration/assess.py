@@ -20,23 +20,30 @@ Row = dict[str, Any]
 Diagnose = Callable[[Campaign], dict[str, Any]]
 
 
-def engine(campaign: Campaign, **options: Any) -> dict[str, Any]:
-    """The library's diagnosis of a campaign; `options` go to `close_loop` (`multiplicity=False`, `form_sd=0.0`, ...).
+def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[str, Any]:
+    """The library's diagnosis of a campaign, and under `quoted` each coefficient's 90 % interval in results.json.
 
-    A refusal is an answer, as in a run of the pipeline: the base fit then stands alone.
+    `options` are those of the search (`multiplicity=False`, `form_sd=0.0`, ...). A refusal is an answer, as in a run of the pipeline: the
+    base fit then stands alone.
     """
     from nearlift import catalogue
-    from nearlift.diagnosis.loop import close_loop
+    from nearlift.diagnosis.loop import diagnose
+    from nearlift.diagnosis.search import Options
     from nearlift.errors import NotConverged
+    from nearlift.fitting.estimator import Estimator
     from nearlift.fitting.least_squares import fit
     from nearlift.products import NOT_DIAGNOSED
 
     base = catalogue.model(catalogue.default_base(campaign.data.boundary, 4))
     try:
-        return close_loop(campaign.data, base, campaign.parts, **{"seed": campaign.seed, **options})
+        found = diagnose(campaign.data, base, campaign.parts, Options(**{"seed": campaign.seed, **options}), confirm=confirm)
+        return found.findings | {"quoted": {n: (c.lo90, c.hi90) for n, c in found.quoted.coefficients.items()}}
     except NotConverged as fault:
-        alone = {n: {"value": e.value, "lo90": e.lo90, "hi90": e.hi90} for n, e in fit(base, campaign.data, campaign.parts).estimates.items()}
-        return {"verdict": NOT_DIAGNOSED, "reason": str(fault), "effects": [], "coefficients": {"before": alone, "after": alone}}
+        alone = fit(base, campaign.data, campaign.parts)
+        spans = [[(float(t), float(u))] for t, u in zip(alone.theta, Estimator.of(alone).u, strict=True)]
+        quoted = [Estimator.of(alone).quoted(i, span, "", []) for i, span in enumerate(spans)]
+        intervals = {n: (q.lo90, q.hi90) for n, q in zip(alone.names, quoted, strict=True)}
+        return {"verdict": NOT_DIAGNOSED, "reason": str(fault), "effects": [], "quoted": intervals}
 
 
 def assess(kind: str, boundary: str, seed: int, diagnose: Diagnose | None, peers: bool = False) -> Row:
@@ -238,13 +245,10 @@ def coverage(campaign: Campaign, result: dict[str, Any]) -> Row:
     """Whether each 90 % interval on the headline coefficient holds the truth, and how wide it is."""
     name = forms.HEADLINE[campaign.spec.boundary]
     true = headline(campaign)
-    before, after = result["coefficients"]["before"][name], result["coefficients"]["after"][name]
-    intervals = {
-        "base": (before["lo90"], before["hi90"]),
-        "refit": after.get("conditional"),
-        "union": (after["lo90"], after["hi90"]),
-        "constrained": after.get("constrained"),
-    }
+    intervals = {"quoted": result["quoted"][name]}
+    if "coefficients" in result:
+        before, after = result["coefficients"]["before"][name], result["coefficients"]["after"][name]
+        intervals |= {"base": (before["lo90"], before["hi90"]), "refit": after.get("conditional"), "constrained": after.get("constrained")}
     row: Row = {}
     for kind, interval in intervals.items():
         if interval is not None:

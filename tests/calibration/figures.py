@@ -106,8 +106,8 @@ FACTS: dict[str, Fact] = {
     "named_wrong": Fact(words="single and wrong", among=_effect, counts=lambda r: r["single_wrong"]),
     "seen": Fact(words="outside: seen", among=_strange, counts=lambda r: r["claimed"]),
     "given_a_name": Fact(words="given a name", among=_strange, counts=lambda r: r["named"]),
-    "covered": Fact(words="90 % interval covers", among=lambda r: "cover_union" in r, counts=lambda r: r["cover_union"]),
-    "covered_empty": Fact(words="... of empty campaigns", among=lambda r: _empty(r) and "cover_union" in r, counts=lambda r: r["cover_union"]),
+    "covered": Fact(words="90 % interval to quote covers", among=lambda r: True, counts=lambda r: r["cover_quoted"]),
+    "covered_empty": Fact(words="... of empty campaigns", among=_empty, counts=lambda r: r["cover_quoted"]),
     "covered_oracle": Fact(words="true model's covers", among=lambda r: True, counts=lambda r: r["cover_oracle"]),
 }
 WIDTH = "width / true model's (90th percentile)"
@@ -132,7 +132,7 @@ def by_kind(rows: list[Row]) -> list[dict[str, Any]]:
             continue
         done = [r for r in run if r["failed"] == ""]
         raised = len(run) - len(done)
-        wide = [r["width_union"] / r["oracle_width"] for r in done if "width_union" in r]
+        wide = [r["width_quoted"] / r["oracle_width"] for r in done]
         entry: dict[str, Any] = {"kind": kind.name, "n": len(run), "raised": str(raised) if raised else ""}
         for fact in FACTS.values():
             entry[fact.words] = next((f.brief for f in share("", "", [r for r in done if fact.among(r)], fact.counts)), "")
@@ -147,9 +147,9 @@ def by_verdict(rows: list[Row]) -> list[dict[str, Any]]:
     """What the interval to quote is worth under each verdict, all kinds but those of records together."""
     table = []
     for verdict in ("adequate", "effect", "unexplained", "not_diagnosed"):
-        mine = [r for r in rows if r.get("verdict") == verdict and r["kind"] not in RECORDS and "cover_union" in r]
-        for figure in share("", "", mine, "cover_union"):
-            wide = np.quantile([r["width_union"] / r["oracle_width"] for r in mine], [0.5, 0.9])
+        mine = [r for r in rows if r.get("verdict") == verdict and r["kind"] not in RECORDS]
+        for figure in share("", "", mine, "cover_quoted"):
+            wide = np.quantile([r["width_quoted"] / r["oracle_width"] for r in mine], [0.5, 0.9])
             table.append({"verdict": verdict, FACTS["covered"].words: figure.brief, WIDTH: "{:.2f} ({:.2f})".format(*wide)})
     return table
 
@@ -205,7 +205,7 @@ def _several(two: list[Row], outside: list[Row], within: list[Row]) -> Iterator[
     yield from share("outside_seen", "outside the library: seen at all", outside, "claimed")
     unnamed = [r for r in outside if r["verdict"] == "unexplained"]
     yield from share("outside_cover_base", "... unexplained: the base fit's 90 % interval holds the coefficient", unnamed, "cover_base")
-    yield from share("outside_cover", "... with what is left carried", unnamed, "cover_union", Promise(">=", 0.82, 0.88))
+    yield from share("outside_cover", "... with what is left carried", unnamed, "cover_quoted", Promise(">=", 0.82, 0.88))
     yield from share("within_seen", "motor heating within records (2 to 20 permille): named", within, lambda r: "motor_heating" in r["within"])
     yield from share("within_only", "... and nothing else claimed", within, lambda r: r["verdict"] == "adequate")
 
@@ -229,7 +229,7 @@ def _coverage(null: list[Row], one: list[Row]) -> Iterator[Figure]:
     intervals = {
         "base": "base fit",
         "refit": "refit after the loop",
-        "union": "with form uncertainty and rivals",
+        "quoted": "to be quoted",
         "oracle": "with the true model",
         "constrained": "undetected effects as nuisances",
     }
@@ -240,7 +240,7 @@ def _coverage(null: list[Row], one: list[Row]) -> Iterator[Figure]:
         ("cover_null", "... null campaigns", null),
     ):
         for kind, title in intervals.items():
-            promise = Promise(">=", 0.85, 0.88) if (key, kind) == ("cover", "union") else NONE
+            promise = Promise(">=", 0.85, 0.88) if (key, kind) == ("cover", "quoted") else NONE
             yield from share(f"{key}_{kind}", f"{words}: {title}", [r for r in among if f"cover_{kind}" in r], f"cover_{kind}", promise)
 
 
@@ -288,7 +288,7 @@ def by_effect(rows: list[Row]) -> list[dict[str, Any]]:
                 "right": _mean([r["right"] for r in mine]),
                 "inside": _mean([r["inside"] for r in mine]),
                 "single and wrong": sum(r["single_wrong"] for r in mine),
-                "union covers": _mean([r["cover_union"] for r in mine]),
+                "covers": _mean([r["cover_quoted"] for r in mine]),
                 "instead": ", ".join(f"{n} {instead.count(n)}" for n in sorted(set(instead), key=instead.count, reverse=True)[:3]),
             }
         )

@@ -21,7 +21,7 @@ N = int(os.environ.get("NEARLIFT_CALIBRATION_N", "201"))
 PROMISED = {
     "null": ("null", "worse"),
     "weak": ("weak_seen", "worse"),
-    "one": ("one_right", "one_inside", "one_wrong", "foreign_right", "foreign_inside", "gain", "worse", "cover_union"),
+    "one": ("one_right", "one_inside", "one_wrong", "foreign_right", "foreign_inside", "gain", "worse", "cover_quoted"),
     "two": ("two_inside", "worse"),
     "outside": ("outside_faint", "outside_loud", "worse"),
     "within": ("worse",),
@@ -59,6 +59,6 @@ def test_without_form_uncertainty_strange_forms_are_missed(executor):
         score(executor, "one", len(seeds), seeds, d)["rows"] for d in (partial(engine, confirm=False), partial(engine, confirm=False, form_sd=0.0))
     )
     assert all(r["foreign"] for r in granted)
-    pairs = [(a["inside"] and a["cover_union"], b["inside"] and b["cover_union"]) for a, b in zip(granted, denied, strict=True)]
+    pairs = [(a["inside"] and a["cover_quoted"], b["inside"] and b["cover_quoted"]) for a, b in zip(granted, denied, strict=True)]
     lost, won = pairs.count((True, False)), pairs.count((False, True))
     assert binomtest(lost, lost + won, alternative="greater").pvalue < 0.05, (lost, won)

@@ -349,7 +349,7 @@ def test_clopper_pearson_is_exact():
 def test_figures_judge_by_their_interval():
     row = {
         "kind": "null", "realism": True, "claimed": True, "named": True, "failed": "", "reported_before": 1.0, "reported_after": 1.0,
-        "expected_before": 1.0, "cpu_s": 1.0, "cover_union": True,
+        "expected_before": 1.0, "cpu_s": 1.0, "cover_quoted": True,
     }  # fmt: skip
     rows = [{**row, "claimed": i < 12, "boundary": "ground"} for i in range(160)]
     null = next(f for f in figures(rows) if f.key == "null")
