@@ -425,3 +425,114 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
     if said:
         assert found[0]["share"] == pytest.approx(beside**2 / (1 + beside**2))
         assert "every session" in found[0]["text"]
+
+
+def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_without_it(stage, tried):
+    """Gain less g is the greater part of the excess less g, but for chance, for every g that the others reach alone."""
+    e, d = tried["supply_sag"], stage.hypotheses[1].shape[1]
+    chance = search.BY_CHANCE * np.sqrt(2 * d + 2 * d**2 / stage.noise.dof)
+    part = search.GREATER_PART
+    least = (e.gain - part * stage.excess + chance) / (1 - part)
+
+    def needed(*without):
+        return stage.judged(e.fitted, 0.0, without).needed
+
+    assert stage.chance == pytest.approx(chance)
+    assert needed(least - 1.0)
+    assert not needed(least + 1.0)
+    assert not needed(least - 1.0, least + 1.0)
+    assert not needed(least + 1.0, least - 1.0)
+    assert needed()
+
+
+def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(stage, tried, monkeypatch):
+    effects = tuple({e.name: e for e, _ in stage.library}.values())
+    every = list(itertools.combinations(effects, 2))
+    gains = {(a.name, b.name): float(10 * i) for i, (a, b) in enumerate(every)}
+    monkeypatch.setattr(search, "pair_gains", lambda _: gains)
+    monkeypatch.setattr(search, "PAIRS", len(every) - 1)
+    assert search.promising(stage, list(effects), None) == every[:0:-1]
+    alone = dataclasses.replace(tried["supply_sag"], gain=35.5)
+    # beyond 35.5 + 9
+    assert search.promising(stage, list(effects), alone) == every[:4:-1]
+
+
+def test_two_effects_pay_for_what_both_leave(stage, tried):
+    """Beside one that will do, a pair comes first if plainly likelier, and stands beside it if likelier; both dearer by what it leaves."""
+    d = stage.hypotheses[1].shape[1]
+    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None, log_evidence=0.0)
+    pair = next(e for e in tried.values() if len(e.effects) == 2)
+
+    def listed(log_evidence, dispersion):
+        gain = stage.excess - (dispersion - 1) * d
+        left = of_left(pair, dispersion > 1)
+        both = dataclasses.replace(left, over_none=50.0, needed=True, confirmed=True, log_evidence=log_evidence, gain=gain)
+        return [len(e.effects) for e in search.contenders(stage, (one,), (both,))]
+
+    half = search.RIVAL / 2
+    for dispersion, price in ((1.0, 0.0), (3.0, 2 * half)):
+        assert listed(price - 0.1, dispersion) == [1]
+        assert listed(price + 0.1, dispersion) == [1, 2]
+        assert listed(price + half + 0.1, dispersion) == [2]
+
+
+def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tried):
+    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None)
+    singles = [dataclasses.replace(one, log_evidence=0.0, plausibility=p) for p in (1.0, 3.0, 2.0)]
+    assert [e.plausibility for e in search.contenders(stage, tuple(singles), ())] == [3.0, 2.0, 1.0]
+    pair = next(e for e in tried.values() if len(e.effects) == 2)
+    both = dataclasses.replace(of_left(pair, False), over_none=50.0, needed=True, confirmed=None, log_evidence=1.0)
+    pairs = []
+    for p, name in ((1.0, ("supply_sag", "warm_up")), (3.0, ("supply_sag", "zero_offset"))):
+        candidate = stage.candidate(*(e for e in {e.name: e for e, _ in stage.library}.values() if e.name in name))
+        fitted = dataclasses.replace(pair.fitted, candidate=candidate, vector=candidate.null)
+        pairs.append(dataclasses.replace(both, fitted=fitted, plausibility=p))
+    assert [e.plausibility for e in search.contenders(stage, tuple(singles), tuple(pairs))] == [3.0, 2.0, 1.0, 3.0, 1.0]
+
+
+def test_folds_take_turns_by_station():
+    data = campaign(2, visits=4)
+    masks = confirmation.folds(data)
+    for offset, station in enumerate(np.unique(data.z_hat)):
+        visits = np.unique(data.visit[data.z_hat == station])
+        for i, v in enumerate(visits):
+            assert [bool(m[data.visit == v].all()) for m in masks] == [(i + offset) % 3 == f for f in range(3)]
+    few = data.take(data.visit < 15)
+    assert len(confirmation.folds(few)) == 15
+    assert len(confirmation.folds(data.take(data.visit < 16))) == 3
+
+
+def test_a_throttle_that_only_a_fold_has_cannot_be_predicted(stage):
+    """The trials of one visit at a throttle of their own: nan where that visit is held out, and predictions of all others."""
+    data = stage.data
+    odd = data.visit == 4
+    data = dataclasses.replace(data, throttle=np.where(odd, data.throttle + 1e-3, data.throttle))
+    moved = dataclasses.replace(stage, data=data)
+
+    def blind(part):
+        return search.Answer(stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=())
+
+    scored = confirmation.held_out(moved, blind)
+    assert np.array_equal(scored.predicted, ~odd)
+    assert np.sqrt(np.mean(scored.before[~odd] ** 2)) < 0.1
+
+
+def test_the_smallest_p_value_is_ranked_among_those_of_chance():
+    null = structure.Null(np.linspace(-5.0, -0.1, 99))
+    assert null.p_value(-6.0) == pytest.approx(1 / 100)
+    assert null.p_value(-5.0) == pytest.approx(2 / 100)
+    assert null.p_value(0.0) == pytest.approx(1.0)
+    assert null.threshold(0.5) == pytest.approx(-2.55)
+    # far out the survival function underflows; decades of chi2 for two degrees of freedom are exact
+    assert structure.log10_tail(np.array([1e4]), np.array([2])) == pytest.approx(-5e3 / np.log(10))
+
+
+def test_chance_knows_that_the_noise_is_estimated_too():
+    """A single test of one degree of freedom, its noise known with few: the threshold is that of Student's t."""
+    alone = (structure.Hypothesis(name="a", covariate="b", columns=np.array([[1.0], [0.0]])),)
+    none = np.zeros((2, 0))
+    for dof in (4.0, 1e6):
+        drawn = structure.draw(alone, none, np.random.default_rng(1), dof)
+        expected = chi2.logsf(t.ppf(0.975, dof) ** 2, 1) / np.log(10)
+        # 750 of 15000 draws lie beyond
+        assert drawn.threshold(0.05) == pytest.approx(expected, rel=0.08)
