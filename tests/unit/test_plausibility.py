@@ -10,6 +10,8 @@ import pytest
 from nearlift.errors import InputRefused
 from nearlift.reduction import plausibility
 
+from .bench_campaign import manifest
+
 WEIGHT = 0.027 * 9.8
 FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}
 
@@ -51,6 +53,41 @@ def test_rejected_trials_do_not_judge() -> None:
 def test_a_force_that_cannot_be_this_vehicles_is_refused(factor: float, unit: str, match: str) -> None:
     with pytest.raises(InputRefused, match=match):
         plausibility.against_weight(table(factor), WEIGHT, unit, "records.force.unit")
+
+
+@pytest.mark.parametrize(
+    ("on", "value", "told"),
+    [
+        ("height", "10 m", "'datum': value = '10 m' is no less than the least distance, 46 mm"),
+        ("height", "46.1 mm", "no less than the least distance"),
+        ("height", "45.9 mm", ""),
+        ("force", "0.61 N", "'datum': value = '0.61 N' is no less than the largest lift, 606 mN"),
+        ("force", "0.6 N", ""),
+        ("gain", "50 percent", ""),
+    ],
+)
+def test_an_uncertainty_as_large_as_what_it_is_of_is_noted(on: str, value: str, told: str) -> None:
+    part = {"name": "datum", "on": on, "value": value, "scope": "boundary"}
+    notes = plausibility.overstated(table(), manifest(uncertainty=[part]))
+    assert told in "".join(notes)
+    assert bool(told) == bool(notes)
+
+
+@pytest.mark.parametrize(
+    ("cell", "told"),
+    [
+        ({"range": "100 gf", "accuracy": "20 gf"}, "load_cell.accuracy = 196 mN is 20% of `range`, 981 mN, where cells have 0.02 to 1 %"),
+        ({"range": "100 gf", "accuracy": "4.9 gf"}, ""),
+        (
+            {"range": None, "accuracy": "1.5 gf"},
+            "load_cell.accuracy = 14.7 mN is that of the straight line at full range, and counts for nothing without `range`",
+        ),
+    ],
+)
+def test_a_load_cell_worse_than_any_is_noted_and_one_without_a_range(cell: dict[str, Any], told: str) -> None:
+    notes = plausibility.overstated(table(), manifest(load_cell=cell))
+    assert told in "".join(notes)
+    assert bool(told) == bool(notes)
 
 
 @pytest.mark.parametrize("factor", [0.15, 1.0, 6.5])

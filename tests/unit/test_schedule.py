@@ -70,6 +70,19 @@ def test_further_columns_are_kept_and_a_likely_slip_is_noted(tmp_path: Path) -> 
     assert got.notes == ("trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",)
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_remarks_above_the_header_are_no_rows_and_lines_keep_their_numbers(tmp_path: Path, end: str) -> None:
+    rows = ['# bench 2, 5" props, trial,error', "", "  # run by hand", "trial,boundary,distance,throttle", "a,ground,43,25", "b,ground,43,x", ""]
+    with pytest.raises(ManifestError, match="line 6"):
+        read(tmp_path, end.join(rows))
+    assert list(read(tmp_path, end.join(rows).replace("x", "50")).trial) == ["a", "b"]
+
+
+def test_a_header_behind_a_hash_is_asked_for_without_it(tmp_path: Path) -> None:
+    with pytest.raises(ManifestError, match=r"has no column 'trial'\n  is it '#trial'\?"):
+        read(tmp_path, "#trial,boundary,distance,throttle\na,ground,43,25\n")
+
+
 def test_constants_stand_for_columns(tmp_path: Path) -> None:
     trials = {"units": {**UNITS, "temperature": "K", "supply": "V"}, "constants": {"boundary": "ground", "temperature": "20 degC", "supply": 4.0}}
     got = read(tmp_path, "trial,distance,throttle\na,43,25\nb,43,50\n", trials=trials)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -202,7 +203,7 @@ def _cells(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
     lines: list[int] = []
     # what stands in many rows is kept once
     kept: dict[str, str] = {}
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    reader = csv.reader(io.StringIO(_without_remarks(text), newline=""), strict=True)
     try:
         for row in reader:
             if not any(cell.strip() for cell in row):
@@ -232,6 +233,15 @@ def _cells(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
             raise ManifestError(f"trials.constants.{name}", f"stands beside a column {name!r} of {path.name}", "keep one of them")
         cells[name] = _constant(campaign, name, value, len(lines))
     return cells
+
+
+def _without_remarks(text: str) -> str:
+    """The same with lines above the header that begin with ``#`` made blank; a header behind ``#`` is left to be refused by its names."""
+    above = re.match(r"(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n|\r|\n))*", text)
+    remarks = above[0] if above else ""
+    if any({"trial"} < {cell.strip(' \t"#') for cell in line.split(",")} & BY_NAME.keys() for line in remarks.splitlines()):
+        return text
+    return re.sub(r"#[^\r\n]*", "", remarks) + text[len(remarks) :]
 
 
 def _header(path: Path, line: int, row: list[str]) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
+from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused
 from nearlift.reduction.quality import rejected
 from nearlift.reduction.stretch import SD_PER_MAD, median
@@ -30,6 +31,8 @@ ODD = (0.2, 6.0)
 REACH = 2.0
 #: As many trials at one place and throttle show how well they repeat.
 FEWEST_TO_REPEAT = 5
+#: Departure of a load cell from a straight line over its range: catalogues of strain-gauge cells state 0.0002 to 0.01.
+WORST_CELL = 0.05
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
 
@@ -245,6 +248,33 @@ def odd_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, ke
     return [
         f"the largest lift far away is {ratio:.3g} times the weight, which is unusual; {_other_unit(max(peaks), weight_N, unit)} ({key} is {unit})"
     ]
+
+
+def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
+    """Notes on errors declared as large as what they are of (the least distance, the largest lift), and on a cell worse than any."""
+    good = ~rejected(table["quality"])
+    least_m = campaign.vehicle.rotor_radius * float(np.min(table["z_hat"][good], initial=np.inf))
+    most_N = float(np.max(table["lift_N"][good], initial=0.0))
+    notes = []
+    for u in campaign.uncertainty:
+        key = f"[[uncertainty]] {u.name!r}: value = {u.value!r}"
+        if u.on == "height" and u.standard() >= least_m:
+            notes.append(
+                f"{key} is no less than the least distance, {1e3 * least_m:.3g} mm, at which the rotor would have struck: is the unit right?"
+            )
+        if u.on == "force" and u.standard() >= most_N > 0:
+            notes.append(f"{key} is no less than the largest lift, {1e3 * most_N:.3g} mN: is the unit right?")
+    cell = campaign.load_cell
+    if cell.accuracy is not None and cell.range is None:
+        notes.append(
+            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is that of the straight line at full range, and counts for nothing without `range`"
+        )
+    elif cell.accuracy is not None and cell.range is not None and cell.accuracy > WORST_CELL * cell.range:
+        notes.append(
+            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is {cell.accuracy / cell.range:.0%} of `range`, {1e3 * cell.range:.3g} mN, "
+            f"where cells have 0.02 to 1 % (more than {WORST_CELL:.0%} is noted): is it the departure from a straight line, and in that unit?"
+        )
+    return notes
 
 
 def mostly_unsettled(table: Mapping[str, NDArray[Any]]) -> list[str]:

@@ -464,6 +464,7 @@ def _judge(table: store.Table, campaign: Campaign) -> list[str]:
     _mark(table, "NO_LIFT", plausibility.without_lift(table))
     _mark(table, "other_throttle", plausibility.other_throttle(table))
     notes = [*_same(table), *plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
+    notes += plausibility.overstated(table, campaign)
     for side in dict.fromkeys(table["boundary"].tolist()):
         notes += _outlying(table, side)
     for side, lower, upper, below, above in plausibility.not_rising(table):
