@@ -64,9 +64,19 @@ def test_stations_give_the_very_same_chi2(name):
     assert len(stations.at.data.z_hat) == len(simulated.STATIONS)
     np.testing.assert_allclose(stations.chi2(theta), target.problem.chi2(theta), rtol=1e-9)
     np.testing.assert_allclose(stations.log_levels(theta), [target.problem.log_levels(t)[0] for t in theta], rtol=1e-10)
-    alone = dataclasses.replace(stations, triangle=None, level_rows=None, at=target.problem)
-    np.testing.assert_allclose(alone.chi2(theta), stations.chi2(theta), rtol=1e-9)
-    np.testing.assert_allclose(alone.log_levels(theta), stations.log_levels(theta), rtol=1e-10)
+    many = dataclasses.replace(stations, triangle=None, level_rows=None)
+    np.testing.assert_allclose(many.chi2(theta), stations.chi2(theta), rtol=1e-9)
+    np.testing.assert_allclose(many.log_levels(theta), stations.log_levels(theta), rtol=1e-10)
+
+
+def test_trials_that_all_stand_elsewhere_are_their_own_stations():
+    data = simulated.campaign(1)
+    problem = dataclasses.replace(density()[0].problem, data=dataclasses.replace(data, z_hat=data.z_hat * np.linspace(1, 1.01, data.n)[::-1]))
+    theta = np.array([[1.5], [2.0], [1e9]])
+    stations = Stations.of(problem)
+    assert stations.triangle is None
+    np.testing.assert_allclose(stations.chi2(theta), problem.chi2(theta), rtol=1e-9)
+    np.testing.assert_allclose(stations.log_levels(theta), [problem.log_levels(t)[0] for t in theta], rtol=1e-10)
 
 
 def test_the_likelihood_integrates_l_inf_out():

@@ -107,7 +107,11 @@ class Problem:
 
     def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Whitened residuals with L_inf eliminated; their sum of squares is chi2."""
-        return self._target - self.project(self.log_ratio(theta, offset_m))
+        return self.left(self.log_ratio(theta, offset_m))
+
+    def left(self, log_ratio: FloatArray) -> FloatArray:
+        """`residuals` beside a log ratio of each trial, (..., n)."""
+        return self._target - self.project(log_ratio)
 
     def chi2(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Sum of squared whitened residuals; inf where the model has no value."""
