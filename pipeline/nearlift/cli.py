@@ -130,8 +130,14 @@ def no_garbage() -> Iterator[None]:
     try:
         yield
     finally:
-        gc.freeze()
+        _freeze()
         gc.enable()
+
+
+@functools.cache
+def _freeze() -> None:
+    """Once: what is garbage by a later command in the same process would never be found."""
+    gc.freeze()
 
 
 @contextlib.contextmanager

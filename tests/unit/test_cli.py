@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import gc
 import json
 import math
 import os
 import re
 import shutil
 import time
+import weakref
 from pathlib import Path
 
 import click
@@ -17,7 +19,7 @@ import pytest
 
 from nearlift import campaign as manifests
 from nearlift import console, store
-from nearlift.cli import STAGE_NAMES, main
+from nearlift.cli import STAGE_NAMES, main, no_garbage
 from nearlift.errors import ManifestError
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.stages import fit, graph
@@ -407,3 +409,21 @@ def test_an_interrupt_while_modules_are_loaded_ends_in_words(monkeypatch, capsys
         console.main()
     assert end.value.code == 130
     assert capsys.readouterr().err == "interrupted; nothing was begun\n"
+
+
+def test_commands_in_one_process_keep_no_garbage_of_each_other():
+    class Ring: ...
+
+    with no_garbage():
+        pass
+    ring = Ring()
+    ring.itself, seen = ring, weakref.ref(ring)
+    gc.disable()
+    try:
+        del ring
+        with no_garbage():
+            pass
+        gc.collect()
+    finally:
+        gc.enable()
+    assert seen() is None
