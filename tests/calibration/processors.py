@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -32,20 +33,31 @@ PROCESSORS = {
 }
 #: What is zero but for rounding, as part of the largest number of its column or list, is not compared.
 ROUNDING = 1e-11
-#: The relative difference that a product may have, and the larger ones that some may.
+#: The relative difference that a number may have.
 SAME = 1e-9
-#: Some times what Nehalem needs. Refits in a stack stop at a step of 1e-7 of an uncertainty; directions in which the families of the loop
-#: differ by 1e-8 are kept, and known to rounding over 1e-8; a p-value of 1e-66 has 150 times the relative error of its logarithm.
+#: Larger ones, each the rounding of a sum over the trials (2.2e-16 times the root of 400) times what makes it worse, rounded up to a power of
+#: ten: a direction in which the loop's families differ by 1e-8 is kept, and known to that over 1e-8; the limit of u is that of 1e8 times the trials
+#: beside what was declared once; Pareto's k is the shape of weights that differ by 1e-4, each known to that times chi2, 400; a height's slope by
+#: differences of 1e-4 of it is known to that over 1e-4, and u with the height unknown to that over the root of 1 - r^2, 1e-2; the deviance, 400,
+#: tells a size of noise that is 1e-4 of the scatter by the square of that.
+DIRECTIONS, REPEATS, WEIGHTS, SLOPES, SIZES = 1e-6, 1e-6, 1e-7, 1e-8, 1e-6
 LARGER = {
-    "fit.json": 1e-5,
-    "posterior.parquet": 1e-8,
-    "diagnosis.json": 1e-4,
-    "loop_residuals.parquet": 1e-4,
-    "profiles.parquet": 1e-4,
-    "proximity.json": 1e-7,
+    r"diagnosis\.json.*": DIRECTIONS,
+    r"loop_residuals\.parquet:.*": DIRECTIONS,
+    r".*\.u_limit": REPEATS,
+    r".*\.pareto_k": WEIGHTS,
+    r".*\.u_if_free": SLOPES,
+    r"fit\.json:\.noise\..*|.*\.u_input": SIZES,
 }
-#: What an undeclared size would move, in a model that does not use it: below `SAME` it is zero but for rounding.
-ZERO = ".undeclared["
+#: Differences of numbers that agree, and what they are of: held against the largest of their column, list or family; its place has a star.
+DIFFERENCES = re.compile(
+    r"(.*\.budget\..*\.lines\[)\d+(\]\.u)|(.*\.models\.)\w+\.(?:u_)?(?:d_)?(rmse|elpd)|(.*\.candidates\[)\d+(\]\.gain)|(.*\.silent\[)\d+(\]\.share_visible)"
+    r"|(rise|before|after|held_out_before|held_out_after)()"
+)
+#: Probabilities: one of exp(-x) has x times the relative error of x, which is compared.
+TAILS = re.compile(r".*\.(p_value|beyond)")
+#: What an undeclared size would move, in a model that does not use it: below `SAME` it is zero but for rounding. A sensitivity is u over its input's.
+ZERO, TWICE = ".undeclared[", ".sensitivity"
 #: Products that say when, where or with what a run was made.
 ABOUT_THE_RUN = {"provenance.json", "ledger.json", "inputs-cache.json"}
 
@@ -59,10 +71,11 @@ class Difference:
     largest: float
     where: str
 
-
-def tolerated(product: str) -> float:
-    """The largest relative difference that a product may have."""
-    return LARGER.get(Path(product).name, SAME)
+    @property
+    def tolerated(self) -> float:
+        """The largest relative difference that this number may have."""
+        place = f"{Path(self.product).name}:{self.where}"
+        return next((limit for pattern, limit in LARGER.items() if re.fullmatch(pattern, place)), SAME)
 
 
 def run(folder: Path, processor: str) -> None:
@@ -99,30 +112,43 @@ def _leaves(value: Any, at: str) -> Iterator[tuple[str, np.ndarray]]:
         yield f"{at}={value}", np.zeros(0)
 
 
+def families(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The same with differences of one family as one list, and probabilities as their logarithms."""
+    together: dict[str, list[np.ndarray]] = {}
+    for place, values in found.items():
+        own = "*".join(part for part in match.groups() if part is not None) if (match := DIFFERENCES.fullmatch(place)) else place
+        if TWICE not in place:
+            tail = TAILS.fullmatch(place) and (values > 0).all()
+            together.setdefault(own, []).append(np.log(values) if tail else values)
+    return {place: np.concatenate(values) for place, values in together.items()}
+
+
 def compare(a: Path, b: Path) -> list[Difference]:
-    """Each product that both folders hold; words count as infinitely different where they are not the same."""
+    """Each product that both folders hold, by what comes nearest to its limit; words count as infinitely different where they are not the same."""
     found = []
     for path in sorted((a / "processed").rglob("*")):
         if path.suffix not in (".parquet", ".json") or path.name in ABOUT_THE_RUN:
             continue
-        here, there = numbers(path), numbers(b / path.relative_to(a))
-        away = dict.fromkeys(here.keys() ^ there.keys(), np.inf)
+        here, there = (families(numbers(p)) for p in (path, b / path.relative_to(a)))
+        product, count = str(path.relative_to(a / "processed")), sum(v.size for v in here.values())
+        away = [Difference(product, count, np.inf, k) for k in here.keys() ^ there.keys()]
         for k in here.keys() & there.keys():
             if not (ZERO in k and np.abs(here[k]).max(initial=0.0) < SAME):
-                away[k] = _apart(here[k].astype(float), there[k].astype(float))
-        worst = max(away, key=lambda k: away[k], default="")
-        count = sum(v.size for v in here.values())
-        found.append(Difference(str(path.relative_to(a / "processed")), count, away.get(worst, 0.0), worst))
+                largest = _apart(here[k].astype(float), there[k].astype(float), whole="*" in k or bool(DIFFERENCES.fullmatch(k)))
+                away.append(Difference(product, count, largest, k))
+        found.append(max(away, key=lambda d: d.largest / d.tolerated, default=Difference(product, count, 0.0, "")))
     return found
 
 
-def _apart(x: np.ndarray, y: np.ndarray) -> float:
+def _apart(x: np.ndarray, y: np.ndarray, whole: bool) -> float:
     if x.shape != y.shape or (np.isfinite(x) != np.isfinite(y)).any():
         return np.inf
     x, y = x[np.isfinite(x)], y[np.isfinite(y)]
     if not x.size:
         return 0.0
     size = np.maximum(np.abs(x), np.abs(y))
+    if whole:
+        size[:] = size.max()
     seen = size > ROUNDING * size.max()
     return float(np.max(np.abs(x - y)[seen] / size[seen], initial=0.0))
 

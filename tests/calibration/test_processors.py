@@ -1,7 +1,7 @@
 """Every product of the demo has the same digits whatever processor BLAS, numpy and the scans' compiler take this one for."""
 
 import pytest
-from tests.calibration.processors import PROCESSORS, compare, run, tolerated
+from tests.calibration.processors import PROCESSORS, compare, run
 
 pytestmark = pytest.mark.calibration
 
@@ -13,7 +13,7 @@ def test_every_product_has_the_same_digits_on_every_processor(tmp_path):
     for name in others:
         found = compare(tmp_path / first, tmp_path / name)
         assert sum(d.numbers for d in found) > 1_000_000
-        assert not [f"{name}: {d.product} at {d.where}: {d.largest:.2g}" for d in found if d.largest > tolerated(d.product)]
+        assert not [f"{name}: {d.product} at {d.where}: {d.largest:.2g}" for d in found if d.largest > d.tolerated]
 
 
 def test_a_changed_digit_and_a_lost_row_are_seen(tmp_path):
