@@ -15,8 +15,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: So many that the threshold at 1 % is known to a twelfth of itself (a binomial count of 150), too little to turn an answer; so many at once.
-DRAWS, AT_ONCE = 15000, 1500
+#: So many that the rate at a threshold of 5 % is known to a seventeenth of itself (a binomial count of 300); so many at once.
+DRAWS, AT_ONCE = 6000, 1500
 #: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the first in order stands before.
 SAME = 1e-9
 
