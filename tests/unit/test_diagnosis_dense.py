@@ -536,3 +536,28 @@ def test_chance_knows_that_the_noise_is_estimated_too():
         expected = chi2.logsf(t.ppf(0.975, dof) ** 2, 1) / np.log(10)
         # 750 of 15000 draws lie beyond
         assert drawn.threshold(0.05) == pytest.approx(expected, rel=0.08)
+
+
+def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(stage, tried, monkeypatch):
+    """Large: a gain of 0.3 in chi2 for every trial; at most twice."""
+    taken = []
+    monkeypatch.setattr(search, "prepare", lambda *ground, about: taken.append(about) or stage)
+    for share, times in ((0.29, 0), (0.31, 2)):
+        best = dataclasses.replace(tried["supply_sag"], gain=share * stage.data.n)
+        answer = search.Answer(stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=(best,))
+        monkeypatch.setattr(search, "run", lambda _, answer=answer: answer)
+        taken.clear()
+        assert search.settle(stage) is answer
+        assert taken == [best.fitted] * times
+
+
+def test_only_a_named_effect_changes_the_error():
+    rng = np.random.default_rng(1)
+    scored = confirmation.HeldOut(
+        before=rng.normal(0, 0.01, 30), after=rng.normal(0, 0.005, 30), named=np.zeros(30), visit=np.repeat(np.arange(10), 3), chosen=()
+    )
+    for verdict in ("adequate", "unexplained", "effect"):
+        found = confirmation.error(SimpleNamespace(verdict=verdict), scored, 0.004)
+        value, low, high = confirmation.rmse(scored.after if verdict == "effect" else scored.before, scored.visit)
+        assert found["after"] == {"held_out_rmse": value, "lo90": low, "hi90": high}
+        assert ("change" in found) == (verdict == "effect")
