@@ -534,7 +534,7 @@ def test_chance_knows_that_the_noise_is_estimated_too():
     for dof in (4.0, 1e6):
         drawn = structure.draw(alone, none, np.random.default_rng(1), dof)
         expected = chi2.logsf(t.ppf(0.975, dof) ** 2, 1) / np.log(10)
-        # 750 of 15000 draws lie beyond
+        # a twentieth of the draws lies beyond: a few hundred
         assert drawn.threshold(0.05) == pytest.approx(expected, rel=0.08)
 
 
