@@ -561,3 +561,18 @@ def test_only_a_named_effect_changes_the_error():
         value, low, high = confirmation.rmse(scored.after if verdict == "effect" else scored.before, scored.visit)
         assert found["after"] == {"held_out_rmse": value, "lo90": low, "hi90": high}
         assert ("change" in found) == (verdict == "effect")
+
+
+def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):
+    """Gains of visits with mean m and standard deviation 1: their sum stands beyond sqrt(visits) of them from m = 1 / sqrt(visits) on."""
+    apart = dataclasses.replace(stage, independent=True)
+    sd = np.sqrt(np.diag(apart.space.covariance.dense()))
+    visits, label = np.unique(stage.data.visit, return_inverse=True)
+    pattern = np.random.default_rng(2).standard_normal(len(visits))
+    pattern = (pattern - pattern.mean()) / pattern.std(ddof=1)
+    first = np.r_[True, label[1:] != label[:-1]]
+    for m, confirmed in ((1.05, True), (0.95, False), (-0.95, False)):
+        gain = (pattern + m / np.sqrt(len(visits)))[label]
+        before, after = np.where(first, np.sqrt(6 + gain), 1.0) * sd, np.where(first, np.sqrt(6), 1.0) * sd
+        scored = confirmation.HeldOut(before=before, after=before, named=after, visit=stage.data.visit, chosen=())
+        assert confirmation.improves(apart, scored) == confirmed
