@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 from tests.calibration import forms, oracle
-from tests.calibration.assess import headline, task
+from tests.calibration.assess import assess, headline, task
 from tests.calibration.bench import SPACING
-from tests.calibration.figures import clopper_pearson, figures, markdown
+from tests.calibration.figures import by_kind, by_verdict, clopper_pearson, figures, markdown
 from tests.calibration.kinds import KINDS, STRONG, chosen, draw
 from tests.calibration.peers import PEERS
 from tests.calibration.simulator import Errors, Shared, Spec, Unreachable, amplitude, base_jacobian, draw_errors, log_lift, repeat, simulate
@@ -329,6 +329,21 @@ def test_a_growing_campaign_is_cut_where_it_stood():
     assert np.array_equal(early.data.lift_N, campaign.data.lift_N[:160])
     assert early.jacobian.shape[0] == 160
     assert np.isfinite(oracle.fit(early).theta["K_b"])
+
+
+def test_a_growing_campaign_is_looked_at_until_something_is_claimed():
+    looked = []
+
+    def stub(campaign):
+        looked.append(campaign.data.n)
+        verdict = "unexplained" if campaign.data.n == 240 else "adequate"
+        return {"verdict": verdict, "effects": [], "structure": [{"covariate": "start"}], "quoted": {"K_b": (-9.0, 9.0)}}
+
+    row = assess("growing", "ground", 6, stub)
+    assert looked == [160, 200, 240]
+    assert (row["claimed"], row["trials"], row["cover_quoted"], row["failed"]) == (True, 240, True, "")
+    assert by_kind([row])[0]["null: any claim"] == "1 of 1 (3-100)"
+    assert by_verdict([row])[0]["verdict"] == "unexplained"
 
 
 def test_kinds_are_chosen_by_name_and_by_group():
