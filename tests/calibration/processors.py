@@ -51,7 +51,8 @@ LARGER = {
 }
 #: Differences of numbers that agree, and what they are of: held against the largest of their column, list or family; its place has a star.
 DIFFERENCES = re.compile(
-    r"(.*\.budget\..*\.lines\[)\d+(\]\.u)|(.*\.models\.)\w+\.(?:u_)?(?:d_)?(rmse|elpd)|(.*\.candidates\[)\d+(\]\.gain)|(.*\.silent\[)\d+(\]\.share_visible)"
+    r"(.*\.budget\..*\.lines\[)\d+(\]\.u)|(.*\.models\.)\w+\.(?:u_)?(?:d_)?(rmse|elpd)"
+    r"|(.*\.candidates\[)\d+(\]\.(?:gain|log_evidence|plausibility))|(.*\.(?:silent|limits)\[)\d+(\]\.share(?:_visible)?)"
     r"|(rise|before|after|held_out_before|held_out_after)()"
 )
 #: Probabilities: one of exp(-x) has x times the relative error of x, which is compared.
