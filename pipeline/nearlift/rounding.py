@@ -6,10 +6,10 @@ import math
 
 
 def decimals(u: float) -> int:
-    """Decimal places that show an uncertainty by one significant digit, by two if it begins with 1."""
+    """Decimal places that show an uncertainty by one significant digit, by two if it begins with 1 or 2: rounding moves it by a sixth at most."""
     exponent = math.floor(math.log10(u))
     leading = round(u / 10**exponent, 6)
-    return -exponent + (1 if leading < 1.95 else 0)
+    return -exponent + (1 if leading < 2.95 else 0)
 
 
 def plus_minus(value: float, u: float) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from nearlift.products import NOT_DIAGNOSED, RESULTS
+from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS
 from nearlift.stages.job import Job
+from nearlift.summaries.evidence import Evidence
 
 #: Half of a 90 and of a 68 and 95 % interval of a normal, in standard deviations.
 HALF_90, OTHERS = 1.6449, {68: 0.9945, 95: 1.96}
@@ -30,7 +32,11 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
         blocks = found.get("coefficients", {})
         for name, e in blocks.get("after", {}).items():
             _coefficient(own["coefficients"][name], e)
-            doubts = {"the base model lacks nothing": blocks.get("before", {}).get(name)}
+            doubts = {}
+            if effects:
+                doubts[f"{effects[0]} is all, exactly in its declared form"] = _pair(e, "conditional")
+            if verdict != "adequate":
+                doubts["the base model lacks nothing"] = blocks.get("before", {}).get(name)
             doubts["every effect too small to be seen acts at its plausible size"] = _pair(e, "constrained")
             own["coefficients"][name]["doubts"] = [
                 {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}} for condition, d in doubts.items() if d
@@ -41,6 +47,12 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
 def write(job: Job, boundaries: Mapping[str, Any]) -> None:
     """The same, in place of what `fit` wrote."""
     job.write_json(RESULTS, content(job.read_json(RESULTS), boundaries))
+
+
+def known(evidence: Evidence, diagnosis: Mapping[str, Any]) -> Evidence:
+    """Evidence with this diagnosis.json, and what is then quoted."""
+    told = content(evidence.document(RESULTS), diagnosis["boundaries"])
+    return dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: dict(diagnosis), RESULTS.file: told})
 
 
 def _pair(e: Mapping[str, Any], kind: str) -> dict[str, Any] | None:

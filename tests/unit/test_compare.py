@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 
+import numpy as np
 import pytest
 
 from . import small_run
@@ -13,19 +14,17 @@ from .browser import CHROMIUM, browser
 SHARED = "load cell linearity"
 
 
-def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=None, after=None):
+def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=None):
     """What a finished run leaves of its headline coefficient."""
-    low, high = value - 1.645 * u, value + 1.645 * u
-    estimate = {"value": value, "u": u, "lo90": low, "hi90": high, "unit": "1", "at_bound": False, "dof": 40.0}
-    model = {"parameters": {"K_b": estimate}}
+    ends = {f"{end}{level}": value + sign * k * u for level, k in ((68, 1.0), (90, 1.645), (95, 1.96)) for end, sign in (("lo", -1), ("hi", 1))}
+    lines = []
     if linearity is not None:
-        model["budget"] = {"K_b": {"lines": [{"component": SHARED, "scope": "campaign", "u": abs(linearity), "sensitivity": linearity}]}}
+        lines = [{"source": SHARED, "type": "B", "u": abs(linearity), "u_without": u, "scope": "campaign", "sensitivity": linearity}]
+    own = {"value": value, "u": u, "dof": 40.0, "unit": "1", **ends, "holds": "Holds everything.", "budget": lines}
+    found = {"verdict": verdict, "base_model": "sanchez_cuevas", "coefficients": {"K_b": own}}
     folder = out / "processed" / name
     folder.mkdir(parents=True)
-    fit = {"schema": "nearlift.fit/1", "base": {boundary: "sanchez_cuevas"}, "boundaries": {boundary: {"sanchez_cuevas": model}}}
-    (folder / "fit.json").write_text(json.dumps(fit))
-    found = {"verdict": verdict, "coefficients": {"after": {"K_b": after or {"value": value, "lo90": low, "hi90": high}}}}
-    (folder / "diagnosis.json").write_text(json.dumps({"boundaries": {boundary: found}}))
+    (folder / "results.json").write_text(json.dumps({"schema": "nearlift.results/1", "boundaries": {boundary: found}}))
 
 
 def compare(out, *words):
@@ -76,14 +75,37 @@ def test_a_finished_run_names_what_may_be_shared(tmp_path):
     assert "there are: 'distance datum', 'load cell linearity'" in told.output
 
 
-def test_after_the_loop_counts_where_it_named_an_effect(tmp_path):
-    after = {"value": 2.4, "lo90": 2.0, "hi90": 2.6}
-    for i in range(3):
-        write(tmp_path, f"c{i}", 2.0, 0.05, verdict="effect" if i == 0 else "unexplained", after=after)
-    own = compare(tmp_path)[0]["groups"][0]["campaigns"]
-    assert own[0]["after"]["value"] == 2.4
-    assert own[0]["before"]["value"] == 2.0
-    assert own[1]["after"]["value"] == 2.0
+def test_what_is_pooled_is_what_is_quoted(tmp_path):
+    for i, value in enumerate((1.8, 2.0, 2.3)):
+        write(tmp_path, f"c{i}", value, 0.05 * (i + 1), verdict="effect" if i == 0 else "unexplained")
+    (group,) = compare(tmp_path)[0]["groups"]
+    assert [own["quoted"]["value"] for own in group["campaigns"]] == [1.8, 2.0, 2.3]
+    assert [own["quoted"]["u"] for own in group["campaigns"]] == pytest.approx([0.05, 0.1, 0.15])
+    assert [own["verdict"] for own in group["campaigns"]] == ["effect", "unexplained", "unexplained"]
+
+
+def test_campaigns_that_are_one_and_the_same_are_said(tmp_path):
+    for name, value in (("a", 2.0), ("b", 2.0), ("c", 2.1)):
+        write(tmp_path, name, value, 0.1)
+    content, text = compare(tmp_path)
+    told = "a, b agree to the last digit: if they are the same trials, they count once, not 2 times"
+    assert told in content["groups"][0]["remarks"]
+    assert told in text
+    assert told in (tmp_path / "reports" / "comparison" / "index.html").read_text()
+
+
+def test_that_a_spread_of_three_hangs_on_its_prior_is_said_and_of_many_it_is_not(tmp_path):
+    rng = np.random.default_rng(3)
+    few, many = tmp_path / "few", tmp_path / "many"
+    for i, value in enumerate(rng.normal(2.0, 0.3, 24).tolist()):
+        write(many, f"c{i}", value, 0.1)
+        if i < 3:
+            write(few, f"c{i}", value, 0.1)
+    (three,), (all_of_them,) = (compare(out)[0]["groups"] for out in (few, many))
+    assert any("its prior counts" in remark for remark in three["remarks"])
+    wider = three["population"]["spread_prior"]["mean_if_doubled"]
+    assert wider["hi90"] - wider["lo90"] > three["population"]["mean"]["hi90"] - three["population"]["mean"]["lo90"]
+    assert all_of_them["remarks"] == []
 
 
 def test_boundaries_are_not_mixed_and_two_campaigns_are_only_listed(four):
@@ -130,8 +152,7 @@ def test_an_empty_folder_is_refused(tmp_path):
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
 def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
-    after = {"value": 2.4, "lo90": 2.0, "hi90": 2.6}
-    write(four, "b9", 1.7, 0.1, verdict="effect", after=after)
+    write(four, "b9", 2.4, 0.1, verdict="effect")
     (four / "reports" / "c1").mkdir(parents=True)
     (four / "reports" / "c1" / "index.html").write_text("")
     compare(four, "c3", "b9", "c0", "c1")
@@ -141,16 +162,12 @@ def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
         page.open(file.as_uri())
         assert (page.errors, [r for r in page.requests if not r.startswith("data:")]) == ([], [file.as_uri()])
         words = page.run(f"{points}.map(e => e.getAttribute('aria-label'))")
-        assert words[1] == "b9: K_b = 2.40 (2.00 to 2.60); effect named and added; before the loop 1.70 (1.54 to 1.86)"
+        assert words[1] == "b9: K_b = 2.40 (2.24 to 2.56); effect named and added"
         assert [w.partition(":")[0] for w in words] == ["c3", "b9", "c0", "c1", "population mean", "next campaign"]
         names = "[...document.querySelectorAll('.view .role-axis-label text')].map(t => t.textContent).filter(t => /^[bc]\\d/.test(t))"
         assert page.run(names) == ["c3", "b9", "c0", "c1"]
         page.run("document.querySelector('input[value=value]').click()")
         page.wait(f'JSON.stringify({names}) === \'["c0","c3","c1","b9"]\'')
-        before = "document.querySelectorAll('.view .mark-rule.role-mark line').length"
-        lines = page.run(before)
-        page.run("document.querySelector('input[data-signal=before]').click()")
-        page.wait(f"{before} === {lines - 1}")
         # from line to line, downwards
         page.run("document.querySelector('.drawing').focus()")
         page.press("ArrowDown")

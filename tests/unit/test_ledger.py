@@ -6,7 +6,7 @@ import pytest
 
 from nearlift import store
 from nearlift.pages.render import page
-from nearlift.products import FIT, QUALITY, TRIALS
+from nearlift.products import FIT, QUALITY, RESULTS, TRIALS
 from nearlift.stages import ledger, report
 
 
@@ -109,12 +109,12 @@ def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(mak
     assert (suspect["id"], suspect["outlying"]) == ("t0050", True)
     assert suspect["without"]["u"] < 0.5 * parameter["u"]
     assert suspect["shift"] == pytest.approx(suspect["without"]["value"] - parameter["value"])
-    assert entry["coefficients"]["K_b"]["trial"]["id"] == "t0050"
+    assert store.read_json(job.processed / RESULTS.file)["boundaries"]["ground"]["coefficients"]["K_b"]["influence"]["trial"]["id"] == "t0050"
     quality = store.read_json(job.processed / QUALITY.file)
     assert next(t for t in quality["trials"] if t["trial"] == "t0050")["fitted"]
     (left_out,) = quality["put_back"]["ground"]["left_out"]
     assert left_out["value"] == suspect["without"]["value"]
     assert left_out["change_in_u"] == pytest.approx(suspect["shift"] / parameter["u"])
     text = page(report.gather(job), []).decode()
-    assert "t0050 stands beyond what noise allows: without it K_b = " in text
+    assert "t0050 stands beyond what noise allows: without it the base fit’s K_b is " in text
     assert "t0050 left out" in text

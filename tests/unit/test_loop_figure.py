@@ -18,6 +18,8 @@ from nearlift.stages import diagnose, gallery, report
 from nearlift.stages.gallery import FIGURES
 from nearlift.summaries import against, loop, loop_text
 
+from . import quoted
+
 SPEC = next(s for s in FIGURES if s.name == "diagnosis")
 #: What the hand-made ground residual does before the loop: relative lift per volt.
 SLOPE = 0.2
@@ -113,6 +115,7 @@ def diagnosed(job, found):
     names = [c.name for c in LOOP_RESIDUALS.columns]
     job.write(LOOP_RESIDUALS, {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)})
     job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": 0.05, "boundaries": found})
+    quoted.write(job, found)
     return job
 
 
@@ -231,7 +234,7 @@ def test_adequate_shows_one_residual_and_no_candidates(table):
     own = pick(table, panel="ceiling")
     assert set(own["when"][own["part"] == "residual"].tolist()) == {"before"}
     assert not (own["part"] == "candidate").any()
-    assert set(own["kind"][own["part"] == "coefficient"].tolist()) == {"base", "constrained", "reference"}
+    assert set(own["kind"][own["part"] == "coefficient"].tolist()) == {"quoted", "doubt", "reference"}
     assert (own["kind"] == "rmse").sum() == 1
 
 
@@ -321,15 +324,16 @@ def test_errors_stand_with_their_interval_and_the_floor(table):
 
 def test_coefficient_intervals_are_the_products(table):
     own = pick(table, panel="ground", part="coefficient")
-    spans = {k: (lo, hi) for k, lo, hi in zip(own["kind"].tolist(), own["lo90"].tolist(), own["hi90"].tolist(), strict=True) if k != "reference"}
+    spans = {n: (lo, hi) for k, n, lo, hi in zip(*(own[c].tolist() for c in ("kind", "note", "lo90", "hi90")), strict=True) if k != "reference"}
     after = FOUND["ground"]["coefficients"]["after"]["K_b"]
     before = FOUND["ground"]["coefficients"]["before"]["K_b"]
     assert spans == {
-        "base": (before["lo90"], before["hi90"]),
-        "union": (after["lo90"], after["hi90"]),
-        "conditional": tuple(after["conditional"]),
-        "constrained": tuple(after["constrained"]),
+        "": (after["lo90"], after["hi90"]),
+        "supply_sag is all, exactly in its declared form": tuple(after["conditional"]),
+        "the base model lacks nothing": (before["lo90"], before["hi90"]),
+        "every effect too small to be seen acts at its plausible size": tuple(after["constrained"]),
     }
+    assert own["kind"].tolist()[0] == "quoted"
     reference = pick(table, panel="ceiling", kind="reference")
     assert (reference["value"].tolist(), reference["note"].tolist()) == ([0.125], ["theory"])
 
@@ -341,7 +345,7 @@ def test_a_constrained_interval_of_many_times_the_others_runs_out_of_the_axis(ma
     _, table = edited(make_job, widen)
     ax = panels(drawn(table))["e"]
     low, high = ax.get_xlim()
-    assert -2 < low < 1.5 < 2.11 < high < 6
+    assert -2 < low < 1.83 < 2.11 < high < 6
     assert "−40.0 to 60.0" in {t.get_text() for t in ax.texts}
     assert {line.get_marker() for line in ax.lines} >= {"<", ">"}
 
@@ -371,8 +375,9 @@ def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
             del own[key]
 
     evidence, table = edited(make_job, least)
-    assert set(table["part"].tolist()) == {"verdict", "residual"}
-    assert sorted(panels(drawn(table))) == ["a", "b"]
+    # what is quoted is known whatever the findings lack
+    assert set(table["part"].tolist()) == {"verdict", "residual", "coefficient"}
+    assert sorted(panels(drawn(table))) == ["a", "b", "c"]
     assert loop_text.alt(evidence, table)
     render(SPEC.draw, table, style.style("aiaa"))
 
@@ -440,8 +445,8 @@ def test_caption_and_alternative_text_agree_with_the_picture(evidence, table):
     caption, alt = loop_text.caption(evidence, table), loop_text.alt(evidence, table)
     assert "Relative residuals (a, b, f, i)" in caption
     assert "Candidates (c, j)" in caption
-    assert "Ground: supply_sag (or warm_up); held-out error 2 % to 0.45 %, noise floor 0.4 %." in caption
-    assert "K_b constrained: 90 % 0.975 to 3.12." in alt
+    assert "Ground: supply_sag (or warm_up); held-out error 2 % to 0.45 %, noise floor 0.4 %; if (1) supply_sag is all" in caption
+    assert "K_b, if every effect too small to be seen acts at its plausible size: 1.95, 90 % 0.975 to 3.12." in alt
     assert "Bin means before stray" in alt
 
 

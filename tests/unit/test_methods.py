@@ -8,9 +8,10 @@ import re
 import pytest
 
 from nearlift.pages import methods
-from nearlift.products import DIAGNOSIS, FIT
+from nearlift.products import FIT
 from nearlift.stages import report
 
+from . import quoted
 from .test_report import DIAGNOSED
 
 
@@ -36,11 +37,11 @@ def test_every_part_of_the_scatter_and_every_judge_is_the_products(evidence):
     text = methods.markdown(evidence).decode()
     content = evidence.document(FIT)
     bases = [content["boundaries"][b][content["base"][b]] for b in evidence.boundaries]
-    for entry in bases:
-        [budget, *_] = entry["budget"].values()
-        repeats = [line for line in budget["lines"] if line["type"] == "A"]
-        assert max(repeats, key=lambda line: line["u"])["component"] in text
-        assert all(line["component"] in text for line in repeats if line["u"] > 0.101 * budget["u"])
+    for boundary in evidence.boundaries:
+        [headline, *_] = evidence.quoted(boundary).coefficients.values()
+        repeats = [line for line in headline.budget if line.kind == "A"]
+        assert max(repeats, key=lambda line: line.u).source in text
+        assert all(line.source in text for line in repeats if line.u > 0.101 * headline.u)
     fits = [entry["posterior"] for entry in bases]
     assert ("R-hat" in text) == any(p["sampler"] == "emcee" for p in fits)
     assert ("Pareto k" in text) == any(p["sampler"] == "importance" for p in fits)
@@ -57,10 +58,10 @@ def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
 
 
 def test_the_loop_is_told_with_its_error_and_what_it_moved(evidence):
-    diagnosed = dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: DIAGNOSED})
+    diagnosed = quoted.known(evidence, DIAGNOSED)
     text = methods.markdown(diagnosed).decode()
     assert "accounted for by supply sag [@supply_sag], which the design cannot tell from session gain" in text
-    assert "with which $K_b$ = 2 (90 %: 1.8 to 2.2)" in text
+    assert "Near the ground, $K_b$ = 2.00 ± 0.12 (k = 1; 90 %: 1.80 to 2.20). Holds" in text
     assert "1.22 % to 0.43 % of lift; noise floor 0.41 %" in text
     assert "@misc{supply_sag," in methods.references(diagnosed).decode()
 

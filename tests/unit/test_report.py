@@ -19,9 +19,11 @@ import pytest
 from nearlift.pages.chapters import CHAPTERS, Chapter
 from nearlift.pages.latex import escape
 from nearlift.pages.render import Picture, page, scripts
-from nearlift.products import DIAGNOSIS, FIT, LIFT
+from nearlift.products import DIAGNOSIS, FIT, LIFT, RESULTS
 from nearlift.stages import report
 from nearlift.stages.gallery import FIGURES
+
+from . import quoted
 
 HOSTILE = '<script>alert("x")</script>{{ 7*7 }}\' & \\input{x}'
 
@@ -147,7 +149,7 @@ def test_simulated_is_said(made, make_job):
 
 def test_every_number_says_where_it_stands_and_it_stands_there(made):
     job, _, text = made
-    documents = {FIT.file: job.read_json(FIT)}
+    documents = {product.file: job.read_json(product) for product in (FIT, RESULTS)}
     numbers = [(a, t) for a, t in Elements(text).numbers if a["data-source"].split("#")[0] in documents]
     assert len(numbers) > 100
     plain = 0
@@ -167,9 +169,9 @@ def test_every_number_says_where_it_stands_and_it_stands_there(made):
 
 def test_verdict_comes_first_with_the_headline(made):
     job, _, text = made
-    e = job.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
+    e = job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]
     assert text.index('id="verdict"') < text.index('id="fig2"')
-    first = next(t for a, t in Elements(text).numbers if a["data-source"].endswith("/sanchez_cuevas/parameters/K_b/value"))
+    first = next(t for a, t in Elements(text).numbers if a["data-source"].endswith("#/boundaries/ground/coefficients/K_b/value"))
     assert float(first) == pytest.approx(e["value"], abs=0.01)
     assert "90 % interval" in text
 
@@ -214,18 +216,18 @@ def test_hostile_names_are_shown_and_do_nothing(make_job):
     assert b"\nground,z_hat,trial,'=cmd()," in (job.reports / "residuals.csv").read_bytes()
 
 
-def test_coefficient_tables_agree_with_the_fit(made):
+def test_coefficient_tables_are_what_is_quoted(made):
     job, _, _ = made
-    e = job.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
+    e = job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]
     lines = list(csv.DictReader(io.StringIO((job.reports / "tables" / "coefficients.csv").read_text())))
-    row = next(r for r in lines if r["model"] == "sanchez_cuevas" and r["parameter"] == "K_b")
-    assert float(row["value"]) == pytest.approx(e["value"], rel=1e-8)
-    assert row["base"] == "yes"
+    row = next(r for r in lines if r["base_model"] == "sanchez_cuevas" and r["parameter"] == "K_b")
+    assert all(float(row[k]) == pytest.approx(e[k], rel=1e-8) for k in ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95"))
+    assert (row["verdict"], row["holds"]) == ("not_diagnosed", e["holds"])
     tex = (job.reports / "tables" / "coefficients.tex").read_text()
     assert re.search(rf"\$K_b = \\num{{{e['value']:.2f}\(\d+\)}}\$ & \\numrange", tex)
     assert tex.count(r"\begin") == tex.count(r"\end") == 1
     body = [line for line in tex.splitlines() if line.endswith(r"\\")]
-    assert {line.count("&") - line.count(r"\&") for line in body} == {5}
+    assert {line.count("&") - line.count(r"\&") for line in body} == {4}
     assert escape(r"a_b & 50 % \x") == r"a\_b \& 50 \% \textbackslash{}x"
 
 
@@ -284,12 +286,14 @@ DIAGNOSED = {
 def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     job = make_job(boundaries=("ground",))
     job.write_json(DIAGNOSIS, DIAGNOSED)
+    quoted.write(job, DIAGNOSED["boundaries"])
     report.run(job)
     text = (job.reports / "index.html").read_text()
     words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text))
     assert "An effect explains what the base model leaves: supply_sag (or session_gain, which this design cannot tell from it)" in words
-    assert "With it, Kb = 2.00" in words
-    assert "90 % interval 1.5 to 2.5" in words
+    assert "Kb = 2.00 ± 0.12 (k = 1)" in words
+    assert "90 % interval 1.80 to 2.20. Holds" in words
+    assert "every effect too small to be seen acts at its plausible size Kb = 2.00 1.50 to 2.50" in re.sub(r"(?<=size) +| +(?=1\.50)", " ", words)
     assert "noise floor 0.41 %" in words
     assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
     assert "Next: both directions, which would part height_offset and near_wall_saturation." in words
@@ -306,6 +310,7 @@ def said(make_job, change=None):
         change(content["boundaries"]["ground"])
     job = make_job(boundaries=("ground",))
     job.write_json(DIAGNOSIS, content)
+    quoted.write(job, content["boundaries"])
     report.run(job)
     text = (job.reports / "index.html").read_text()
     chapter = text[text.index('<section id="diagnosis"') :].partition("</section>")[0]
@@ -322,10 +327,7 @@ def test_the_story_of_an_effect_in_words(make_job):
     assert "The base model leaves structure, most of it along supply (p < 10⁻¹²)." in words
     assert "supply_sag; p = 2.10 (90 %: 1.90 to 2.30). This design cannot tell it from session_gain" in words
     assert "the error falls from 1.22 % of lift (90 %: 1.17 to 1.28) to 0.43 % (0.41 to 0.45); noise floor 0.41 %. What remains is noise." in words
-    assert "The base fit alone, with the loop’s noise, gives Kb = 1.20 (90 %: 1.10 to 1.30)" in words
-    assert "; with the effect it is 2.00: 1.80 to 2.20 over all rivals" in words
-    assert "1.90 to 2.10 if this answer is the truth" in words
-    assert "1.5 to 2.5 when every effect too small to be seen is allowed its plausible size. It has moved farther" in words
+    assert "1.20" not in words
     assert "Not testable here: air_density. Log next time: temperature." in words
     assert "<summary>Effects that the coefficients can absorb unseen (1)</summary>" in chapter
     assert "height_scale" not in words
@@ -384,14 +386,13 @@ def test_the_unexplained_names_covariate_and_shares_but_no_effect(make_job):
     assert "random discrepancy" not in words
 
 
-def test_the_unexplained_says_along_what_it_is_carried_and_which_interval_to_believe(make_job):
+def test_the_unexplained_says_along_what_it_is_carried(make_job):
     def change(found):
         found.update(verdict="unexplained", effects=[])
         found["coefficients"]["carried"] = ["distance", "start"]
 
     words, _ = said(make_job, change)
     assert "with a random discrepancy along distance and start in the interval of its coefficients" in words
-    assert "with what is left carried, which is the one to believe" in words
 
 
 def test_drift_within_records_is_said_with_its_chance(make_job):
@@ -415,7 +416,9 @@ def test_two_effects_that_are_likelier_but_not_plainly_are_told(make_job):
 
     words, _ = said(make_job, change)
     assert "This design cannot tell it from session_gain; it is named because" in words
-    assert "Two effects are likelier, if not so plainly that a second one would be named: supply_sag + tilt. The interval after holds" in words
+    assert (
+        "Two effects are likelier, if not so plainly that a second one would be named: supply_sag + tilt. The coefficient’s interval holds" in words
+    )
     assert "in 2 of 3 folds; the error after is that of what each fold chose." in words
 
 

@@ -98,8 +98,9 @@ def test_a_fit_says_what_fit_json_says(study, fit):
     assert {k: getattr(K_b, k) for k in ("value", "u", "lo90", "hi90")} == {k: entry["parameters"]["K_b"][k] for k in ("value", "u", "lo90", "hi90")}
     assert fit["ground"].base.L_inf_N[0.25].unit == "N"
     assert [at.boundary for at in fit] == ["ground"]
-    row = fit.table.query("base").iloc[0]
-    assert (row["coefficient"], row["value"]) == ("K_b", K_b.value)
+    told = fit.quoted["ground"].coefficients["K_b"]
+    row = fit.table.iloc[0]
+    assert (row["coefficient"], row["value"], row["lo95"]) == ("K_b", told.value, told.lo95)
     draws = fit.draws("ground")
     assert draws["K_b"].mean() == pytest.approx(entry["parameters"]["K_b"]["value"], abs=0.3 * entry["parameters"]["K_b"]["u"])
 
@@ -152,6 +153,7 @@ def test_a_diagnosis_says_what_diagnosis_json_says(study):
     assert [e.name for e in at.effects] == [e["name"] for e in entry["effects"]]
     assert set(at.untestable) == {u["effect"] for u in entry["untestable"]}
     assert found.table["verdict"].tolist() == [at.verdict]
+    assert found.table["value"].tolist() == [found.quoted["ground"].coefficients["K_b"].value]
     Balanced(found._repr_html_())
     assert at.verdict in found._repr_html_()
 

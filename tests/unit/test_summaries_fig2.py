@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import csv
 import io
-import re
 
 import numpy as np
 import pytest
@@ -85,7 +84,7 @@ def test_band_holds_90_percent_of_draws_from_the_parameters(evidence, table):
 
 
 def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(evidence):
-    """A prior moves the posterior off the least squares: each is drawn under its own name, and the caption has both numbers."""
+    """A prior moves the posterior off the least squares: each is drawn under its own name, and the caption has what is quoted."""
     model, entry = evidence.base("ground")
     draws = evidence.table(POSTERIOR)
     mine = (draws["boundary"] == "ground") & (draws["model"] == model.name) & (draws["parameter"] == "K_b")
@@ -104,7 +103,8 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     assert (set(line["label"]), set(fitted["label"])) == ({"S-C (posterior)"}, {"S-C (least squares)"})
     text = fig2.caption(moved, table)
     assert "thin line: least squares, which parts from it visibly (ground)" in text
-    assert re.search(r"K_b = 1\.00?, 90 %: 0\.90? to 1\.10?; least squares", text)
+    own = moved.quoted("ground").coefficients["K_b"]
+    assert f"(K_b = {plus_minus(own.value, own.u)}, k = 1)" in text
     told["lo90"], moved.base("ground")[1]["parameters"]["K_b"]["lo90"] = None, None
     endless = rows(fig2.summarise(moved), panel="ground", kind="band")
     assert np.isnan(endless["lo90_percent"]).all()
@@ -232,7 +232,9 @@ def test_siunitx(value, u, text):
 
 
 def test_rounding():
-    assert decimals(0.0195) == 2
+    assert decimals(0.0195) == 3
+    assert decimals(0.0295) == 2
     assert decimals(0.098) == 2
-    assert plus_minus(-0.0001, 0.02) == "0.00 ± 0.02"
+    assert plus_minus(-0.0001, 0.02) == "0.000 ± 0.020"
+    assert decimals(0.00257) == 4
     assert plus_minus(-4.2, 29.0) == "−4 ± 29"

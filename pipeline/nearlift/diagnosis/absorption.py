@@ -11,7 +11,7 @@ from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.few_visits import applies
 from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import SILENT, Answer, Stage
-from nearlift.rounding import letter, plain, signed
+from nearlift.rounding import letter, signed
 
 #: A coefficient that owes this share of its information to one distance or visit rests on it.
 RESTS = 0.5
@@ -36,10 +36,10 @@ def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[d
             before, after = (coefficients[k][parameter.name]["value"] for k in ("before", "after"))
             row = {"effect": effect.name, "coefficient": parameter.name, "before": before, "after": after, "correlation": r}
             if abs(r) >= CONFOUNDED:
-                fate = "its sign turns" if before * after < 0 else "it changes"
+                fate = "changes its sign" if before * after < 0 else f"moves by {signed(after - before, 2)}"
                 name = letter(parameter.name)
                 row["text"] = (
-                    f"{name} goes from {plain(before, 3)} to {plain(after, 3)} ({fate}): over these trials {effect.name} and distance go together "
+                    f"With {effect.name} in the model {name} {fate}: over these trials {effect.name} and distance go together "
                     f"(correlation {signed(r, 2)}), so a fit without {effect.name} charges it to {name}."
                 )
             found.append(row)

@@ -22,7 +22,7 @@ MARKERS = {"effect": "s"}
 
 
 def draw(table: Rows, look: Style) -> Figure:
-    """Campaigns from top to bottom in the order given; grey is the fit before the loop where that differs."""
+    """Campaigns from top to bottom in the order given."""
     keys = list(dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)))
     panels = [_select(table, (table["panel"] == b) & (table["coefficient"] == c)) for b, c in keys]
     lines = [len(rows["value"]) for rows in panels]
@@ -49,9 +49,6 @@ def _panel(ax: Axes, rows: Rows) -> None:
         elif kind == "next":
             ax.plot(span, [y[i]] * 2, color=accent, linestyle=(0, (3, 1.5)), zorder=3)
         else:
-            if rows["before"][i] != rows["value"][i]:
-                ax.plot([rows["before_lo90"][i], rows["before_hi90"][i]], [y[i] + 0.28] * 2, color="0.6", zorder=1)
-                ax.plot(rows["before"][i], y[i] + 0.28, "|", color="0.6", zorder=1)
             ax.plot(span, [y[i]] * 2, color=colour, zorder=2)
             filled = "white" if rows["verdict"][i] == "unexplained" else colour
             ax.plot(rows["value"][i], y[i], MARKERS.get(rows["verdict"][i], "o"), color=colour, markerfacecolor=filled, zorder=3)
@@ -84,6 +81,4 @@ def _legend(figure: Figure, table: Rows) -> None:
         for v, word in nomenclature.VERDICTS.items()
         if v in seen
     ]
-    if (table["before"] != table["value"])[table["kind"] == "campaign"].any():
-        handles.append(Line2D([], [], color="0.6", marker="|", label="before the loop"))
     figure.legend(handles=handles, loc="outside lower center", ncols=2, columnspacing=1.0)

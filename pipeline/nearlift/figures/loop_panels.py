@@ -22,13 +22,6 @@ LINEAR = 10.0
 CLIPPED = 5.0
 #: Behind numbers that stand on a line.
 PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.2}
-INTERVALS = {
-    "base": "before",
-    "discrepancy": "what is left carried",
-    "union": "after, union",
-    "conditional": "conditional",
-    "constrained": "constrained",
-}
 
 
 def candidates(ax: Axes, rows: Rows) -> None:
@@ -122,9 +115,7 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
     y = np.arange(len(kinds))[::-1]
     for at, kind, when, value, low, high in zip(y, kinds, whens, values, lows, highs, strict=True):
         colour, marker = LOOKS[str(when)]
-        ax.plot(
-            [low, high], [at, at], color=colour, linewidth=2.2 if kind in ("base", "union", "discrepancy") else 1.1, solid_capstyle="butt", zorder=2
-        )
+        ax.plot([low, high], [at, at], color=colour, linewidth=2.2 if kind == "quoted" else 0.9, solid_capstyle="butt", zorder=2)
         for end, arrow in ((low, "<"), (high, ">")):
             outside = end < left or end > right
             inside = (0.02 if lone else 0.05) * (right - left)
@@ -142,9 +133,9 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
             words = f"{low:#.{digits}g} to {high:#.{digits}g}".replace("-", "−")
             text = ax.annotate(words, (0.5, at), xycoords=("axes fraction", "data"), xytext=(0, 4), textcoords="offset points", ha="center")
             text.set(fontsize=rcParams["legend.fontsize"], bbox=PAPER, in_layout=False)
-        if kind != "constrained":
+        if left <= value <= right:
             ax.plot([value], [at], marker, color=colour, markersize=3.6, markeredgewidth=0, zorder=3)
-    ax.set_yticks(y, [INTERVALS[str(k)] if len(kinds) > 2 or k != "base" else "base fit" for k in kinds])
+    ax.set_yticks(y, ["quoted" if k == "quoted" else f"if ({i})" for i, k in enumerate(kinds)])
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(-0.6, len(y) - (0.15 if reference.any() else 0.4))
     ax.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 2.5, 5, 10]))
@@ -153,8 +144,8 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
 
 
 def _limits(kinds: Any, lows: Any, highs: Any, references: Any) -> tuple[float, float]:
-    """Ends of the axis: a constrained interval of many times the others' width runs out of it, or nothing else could be seen."""
-    own = kinds != "constrained"
+    """Ends of the axis: conditions of many times the quoted interval's width run out of it, or nothing else could be seen."""
+    own = kinds == "quoted"
     narrow = [float(np.min([*lows[own], *references])), float(np.max([*highs[own], *references]))]
     wide = [float(np.min([*lows, *references])), float(np.max([*highs, *references]))]
     low, high = narrow if wide[1] - wide[0] > CLIPPED * (narrow[1] - narrow[0]) else wide

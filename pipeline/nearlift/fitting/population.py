@@ -40,6 +40,8 @@ class Population:
         Cochran's statistic against no spread at all, its degrees of freedom, and its chance.
     prior_scale : float
         Scale of the half-Cauchy prior of the spread.
+    if_doubled : Estimate
+        The mean were that scale twice as large.
     """
 
     mean: Estimate
@@ -50,6 +52,7 @@ class Population:
     dof: int
     p: float
     prior_scale: float
+    if_doubled: Estimate
 
 
 def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Population:
@@ -90,9 +93,14 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
     information = weight @ ones**2
     mean = (weight @ (ones * y)) / information
     misfit = np.einsum("gi,gi->g", weight, (y - mean[:, None] * ones) ** 2)
-    log_density = 0.5 * np.log(weight).sum(axis=1) - 0.5 * np.log(information) - 0.5 * misfit - np.log1p((spread / scale) ** 2)
-    density = np.exp(log_density - log_density.max()) * np.gradient(spread)
-    density /= density.sum()
+    log_likelihood = 0.5 * np.log(weight).sum(axis=1) - 0.5 * np.log(information) - 0.5 * misfit
+
+    def posterior(prior_scale: float) -> FloatArray:
+        log_density = log_likelihood - np.log1p((spread / prior_scale) ** 2)
+        density = np.exp(log_density - log_density.max()) * np.gradient(spread)
+        return np.asarray(density / density.sum(), dtype=np.float64)
+
+    density = posterior(scale)
     u_mean = np.sqrt(1.0 / information)
     shrunk, u_shrunk = _campaigns(y, ones, axes, weight, spread, mean, u_mean)
     q = float(misfit[0])
@@ -105,6 +113,7 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
         dof=n - 1,
         p=float(chi2.sf(q, n - 1)),
         prior_scale=scale,
+        if_doubled=_mixture(mean, u_mean, posterior(2 * scale), unit),
     )
 
 

@@ -61,9 +61,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         needs=(FIT, POSTERIOR),
         figures=("corner", "prior_posterior"),
     ),
-    Chapter(
-        name="budget", title="Uncertainty budget of the base models", facts=uncertainty.budget, needs=(FIT,), figures=("budget",), pictures_lead=True
-    ),
+    Chapter(name="budget", title="Uncertainty budget", facts=uncertainty.budget, needs=(FIT,), figures=("budget",), pictures_lead=True),
     Chapter(name="limits", title="What the data cannot say", facts=uncertainty.limits, needs=(FIT,), figures=("profiles",)),
     Chapter(
         name="safety", title="Safety", facts=safety.facts, needs=(SAFETY,), figures=("fig6", "safety", "crash_map", "routes"), pictures_lead=True

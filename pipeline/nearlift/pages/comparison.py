@@ -18,7 +18,7 @@ from nearlift.summaries.evidence import Columns
 TITLE = "Campaigns compared"
 
 
-def page(table: Columns, png: bytes, reports: Collection[str] = ()) -> bytes:
+def page(table: Columns, png: bytes, reports: Collection[str] = (), remarks: Collection[str] = ()) -> bytes:
     """index.html of a comparison.
 
     Parameters
@@ -29,6 +29,8 @@ def page(table: Columns, png: bytes, reports: Collection[str] = ()) -> bytes:
         The printed figure.
     reports : collection of str
         Campaigns whose own report stands beside this one, to be linked.
+    remarks : collection of str
+        What to hold against the groups.
     """
     drawn = chart.chart(table)
     picture = Picture(name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table), png=png)
@@ -40,6 +42,7 @@ def page(table: Columns, png: bytes, reports: Collection[str] = ()) -> bytes:
             title=TITLE,
             chapter={"charts": (drawn,), "pictures": [picture]},
             groups=_groups(table, reports),
+            remarks=list(remarks),
             policy=Markup(policy(run)),
             scripts=[Markup(s) for s in run],
             charts=Markup(embedded([drawn])),
@@ -58,7 +61,6 @@ def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:
                 "linked": rows["kind"][i] == "campaign" and rows["label"][i] in reports,
                 "vehicle": str(rows["vehicle"][i]),
                 "value": forest.interval(rows, i),
-                "before": forest.interval(rows, i, "before") if rows["kind"][i] == "campaign" else "",
                 "verdict": VERDICTS[rows["verdict"][i]] if rows["kind"][i] == "campaign" else "",
             }
             for i in range(len(rows["value"]))

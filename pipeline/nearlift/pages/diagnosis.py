@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from nearlift.declare import BOUNDARIES
 from nearlift.pages import loop_words
-from nearlift.pages.number import Number, Quoted, chance, cite, interval, quote
+from nearlift.pages.number import Number, chance, cite
 from nearlift.pages.verdict import WORDS
 from nearlift.products import DIAGNOSIS
 from nearlift.summaries.evidence import Evidence
@@ -55,7 +54,6 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "error": _error(evidence, boundary, found),
         "outcome": loop_words.outcome(found),
         "folds": loop_words.folds(evidence, boundary, found),
-        "coefficients": [_coefficient(evidence, boundary, n, coefficients) for n in coefficients.get("before", {})],
         "within": loop_words.within(evidence, boundary, found),
         "candidates": loop_words.candidates(evidence, boundary, found),
         "nearly_all": next((r["reason"] for r in found.get("rounds", []) if r["reason"].startswith("accounts for")), ""),
@@ -100,18 +98,3 @@ def _error(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str
             f"change_{k}": cite(evidence, DIAGNOSIS, *path, "change", k, scale=100, digits=2, how="in percent") for k in ("value", "lo90", "hi90")
         }
     return cited
-
-
-def _coefficient(evidence: Evidence, boundary: str, name: str, coefficients: dict[str, Any]) -> dict[str, Any]:
-    path = ("boundaries", boundary, "coefficients")
-    after: Quoted | None = quote(evidence, DIAGNOSIS, *path, "after", name) if name in coefficients.get("after", {}) else None
-    before = quote(evidence, DIAGNOSIS, *path, "before", name)
-    constrained = interval(evidence, boundary, name, "constrained")
-    width = before.hi90.value - before.lo90.value
-    return {
-        "before": before,
-        "after": after,
-        "conditional": interval(evidence, boundary, name, "conditional"),
-        "constrained": constrained,
-        "moved": bool(after and math.isfinite(width) and abs(after.value.value - before.value.value) > width / 2),
-    }

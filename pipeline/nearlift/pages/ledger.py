@@ -38,7 +38,7 @@ def _whole(evidence: Evidence, *path: str) -> Number:
 
 
 def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str, Any]:
-    """One boundary's table: the coefficient as fitted, and with exclusions put back."""
+    """One boundary's table: by how much the base fit's coefficient changes with exclusions put back."""
     path = ("put_back", boundary)
     rows = []
     if entry["all"]:
@@ -54,8 +54,6 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
         "excluded": cite(evidence, QUALITY, *path, "excluded", places=0),
         "head": {"alpha": "\u03b1", "lambda": "\u03bb"}.get(head, head),
         "sub": sub,
-        "value": cite(evidence, QUALITY, *path, "accepted", "value", like_u=entry["accepted"]["u"]),
-        "u": cite(evidence, QUALITY, *path, "accepted", "u", like_u=entry["accepted"]["u"]),
         "rows": rows,
         "single": single,
         "never": list(entry["cannot_be_put_back"].items()),
@@ -65,11 +63,8 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
 def _change(evidence: Evidence, found: dict[str, Any], *path: str) -> dict[str, Any]:
     if found["value"] is None:
         return {"trials": cite(evidence, QUALITY, *path, "trials", places=0), "why_not": found["why_not"]}
-    u = found["u"]
     return {
         "trials": cite(evidence, QUALITY, *path, "trials", places=0),
-        "value": cite(evidence, QUALITY, *path, "value", like_u=u),
-        "u": cite(evidence, QUALITY, *path, "u", like_u=u),
         "change": cite(evidence, QUALITY, *path, "change", digits=2),
         "change_in_u": cite(evidence, QUALITY, *path, "change_in_u", digits=2),
         "why_not": "",

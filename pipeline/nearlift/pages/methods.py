@@ -15,8 +15,9 @@ from nearlift.fitting import budget
 from nearlift.pages.latex import SYMBOLS, escape
 from nearlift.pages.references import bibtex, keys
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
+from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import code, rejected
-from nearlift.rounding import plain, plus_minus
+from nearlift.rounding import like, plain, plus_minus
 from nearlift.summaries.evidence import Evidence
 from nearlift.summaries.loop import stand_ins
 
@@ -31,8 +32,8 @@ APART = re.compile(r"(\$[^$]+\$|\[@[a-z0-9_; @]+\])")
 
 
 def paragraphs(evidence: Evidence) -> list[str]:
-    """Design, reduction, fits, loop and programs, a paragraph each, in pandoc's Markdown: ``$K_b$``, ``[@key]``."""
-    return [p for p in (_design(evidence), _reduction(evidence), _fits(evidence), _loop(evidence), _programs(evidence)) if p]
+    """Design, reduction, fits, loop, results and programs, a paragraph each, in pandoc's Markdown: ``$K_b$``, ``[@key]``."""
+    return [p for p in (_design(evidence), _reduction(evidence), _fits(evidence), _loop(evidence), _results(evidence), _programs(evidence)) if p]
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:
@@ -117,14 +118,11 @@ def _fits(evidence: Evidence) -> str:
     parts = []
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)
-        told = _listed(
-            [f"${SYMBOLS.get(n, n)}$ = {plus_minus(e['value'], e['u'] or 0.0)}" for n, e in entry["parameters"].items()] or ["no free coefficient"]
-        )
         rivals = [catalogue.model(n) for n in content["boundaries"][boundary] if n != model.name]
         beside = f", beside {_plural(len(rivals), 'rival')} {_cite(*(k for r in rivals for k in keys(r)))}" if rivals else ""
         parts.append(
             f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to {_plural(int(entry['n_trials']), 'trial')}"
-            f"{_scatter(entry)} ({told}, one standard uncertainty)"
+            f"{_scatter(evidence.quoted(boundary))}"
         )
     declared = [f"{_safe(c.name)} (shared by {c.scope})" for c in budget.components(evidence.campaign)]
     shared = f", and of declared components that no repeat shows: {_listed(declared)}" if declared else ""
@@ -140,17 +138,16 @@ def _fits(evidence: Evidence) -> str:
     return text
 
 
-def _scatter(entry: Mapping[str, Any]) -> str:
+def _scatter(quoted: BoundaryResult) -> str:
     """What the trials scatter by: each part with at least a hundredth of the headline's variance, the largest first."""
-    headline = next(iter(entry.get("budget", {}).values()), None)
+    headline = next(iter(quoted.coefficients.values()), None)
     if headline is None:
         return ""
-    least = LEAST_SHARE * headline["u"] ** 2
-    parts = sorted((a for a in headline["lines"] if a["type"] == "A" and a["u"] ** 2 >= least), key=lambda a: -a["u"])
+    parts = [line for line in headline.budget if line.kind == "A" and line.u**2 >= LEAST_SHARE * headline.u**2 and line.u_input is not None]
     if not parts:
         return ""
     scales = {"1": (1e2, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}
-    sized = [(a["component"], a["u_input"] * scales[a["unit"]][0], scales[a["unit"]][1]) for a in parts]
+    sized = [(a.source, (a.u_input or 0.0) * scales[a.unit][0], scales[a.unit][1]) for a in parts]
     return f", whose errors are {_listed([f'{name} ({plain(size, 2)} {unit})' for name, size, unit in sized])}"
 
 
@@ -181,19 +178,12 @@ def _loop(evidence: Evidence) -> str:
         if not found:
             continue
         said = VERDICTS.get(found["verdict"], "")
-        corrected = [
-            f"${SYMBOLS.get(n, n)}$ = {plain(e['value'], 3)} (90 %: {plain(e['lo90'], 3)} to {plain(e['hi90'], 3)})"
-            for n, e in found.get("coefficients", {}).get("after", {}).items()
-        ]
         if found["verdict"] == "effect":
             said = _listed([f"{e['name'].replace('_', ' ')} {_cite(*keys(known[e['name']]))}" for e in found["effects"] if e["name"] in known])
             rivals = list(dict.fromkeys(r.replace(" + ", " with ") for e in found["effects"] for r in stand_ins(found, e)))
             said = f"what was left is accounted for by {said}" + (
                 f", which the design cannot tell from {_listed(rivals).replace('_', ' ')}" if rivals else ""
             )
-            said += "".join(f", with which {c}" for c in corrected)
-        if corrected and found["coefficients"].get("carried"):
-            said += f"; carried as a random discrepancy along {_listed(found['coefficients']['carried'])}, it leaves {_listed(corrected)}"
         error = found.get("error")
         if error:
             after = f" to {plain(100 * error['after']['held_out_rmse'], 3)} %" if found["verdict"] == "effect" else ""
@@ -210,6 +200,16 @@ def _loop(evidence: Evidence) -> str:
         f"for any claim at a boundary where nothing is missing: {'; '.join(parts)}."
     )
     return " ".join([tested, *silent])
+
+
+def _results(evidence: Evidence) -> str:
+    """The coefficients to quote, with what their intervals hold."""
+    parts = []
+    for boundary in evidence.boundaries:
+        for name, c in evidence.quoted(boundary).coefficients.items():
+            ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
+            parts.append(f"Near the {boundary}, ${SYMBOLS.get(name, name)}$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {ends}). {_safe(c.holds)}")
+    return " ".join(parts)
 
 
 def _programs(evidence: Evidence) -> str:

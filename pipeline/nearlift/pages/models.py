@@ -8,7 +8,7 @@ from typing import Any
 from nearlift.declare import Boundary
 from nearlift.fitting import budget
 from nearlift.fitting.remedies import SCALES
-from nearlift.pages.number import Number, cite, pointer, quote
+from nearlift.pages.number import Number, Quoted, cite, headline, pointer, quote
 from nearlift.pages.uncertainty import untold
 from nearlift.pages.verdict import reduced
 from nearlift.products import FIT
@@ -40,7 +40,7 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
                 "title": fits[name]["title"],
                 "name": name,
                 "base": name == base,
-                "parameters": [quote(evidence, FIT, *path, "parameters", p) for p in fits[name]["parameters"]],
+                "parameters": [_coefficient(evidence, boundary, name, p) for p in fits[name]["parameters"]],
                 "reduced": reduced(evidence, boundary, name),
                 "rmse": cite(evidence, FIT, *path, "rmse", places=2, scale=100, how="in percent"),
                 "r2": cite(evidence, FIT, *path, "r2", places=4),
@@ -53,6 +53,13 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
             }
         )
     return {"boundary": boundary, "rows": rows, "near": near, "failed": sorted(content.get("failed", {}).get(boundary, {}).items())}
+
+
+def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) -> Quoted:
+    """A model's coefficient by its own fit; the base model's as it is quoted."""
+    if model == evidence.quoted(boundary).base_model:
+        return headline(evidence, boundary, name)
+    return quote(evidence, FIT, "boundaries", boundary, model, "parameters", name)
 
 
 def grouped(found: list[dict[str, Any]], parameters: dict[str, Any]) -> list[str]:
@@ -116,7 +123,7 @@ def noise(evidence: Evidence) -> dict[str, Any]:
                 "force": cite(evidence, FIT, "noise", boundary, "force_N", digits=3, scale=1000, how="in mN"),
                 "height": cite(evidence, FIT, "noise", boundary, "height_m", digits=3, scale=1000, how="in mm"),
                 "source": evidence.document(FIT)["noise"][boundary]["source"],
-                "untold": sorted({c for own in evidence.base(boundary)[1].get("budget", {}).values() for c in untold(own["lines"])}),
+                "untold": sorted({c for own in evidence.quoted(boundary).coefficients.values() for c in untold(own)}),
                 "dof": cite(evidence, FIT, "noise", boundary, "dof", digits=6) if dof is not None and math.isfinite(dof) else None,
             }
         )

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from nearlift.products import DIAGNOSIS, Product
+from nearlift.products import RESULTS, Product
 from nearlift.rounding import fixed, like, plain
 from nearlift.summaries.evidence import Evidence
 
@@ -99,16 +99,17 @@ class Quoted:
     at_bound: bool
 
 
-def quote(evidence: Evidence, product: Product, *path: str) -> Quoted:
-    """The estimate at `path`: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`."""
+def quote(evidence: Evidence, product: Product, *path: str, name: str = "") -> Quoted:
+    """The estimate at `path`: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`; of the path's last key, or of `name`."""
     entry = follow(evidence.document(product), path)
     known = {k: v for k, v in entry.items() if isinstance(v, int | float)}
     # an interval without `u` still says to how many digits its centre is known
     width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
     u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
-    head, _, sub = SYMBOLS.get(path[-1], path[-1]).partition("_")
+    name = name or path[-1]
+    head, _, sub = SYMBOLS.get(name, name).partition("_")
     return Quoted(
-        name=path[-1],
+        name=name,
         head=head,
         sub=sub,
         unit="" if entry.get("unit", "1") == "1" else entry["unit"],
@@ -142,16 +143,6 @@ def count(product: Product, value: int, how: str) -> Number:
     return Number(text=str(value), value=float(value), source=product.file, how=how)
 
 
-def interval(evidence: Evidence, boundary: str, name: str, kind: str) -> tuple[Number, Number] | None:
-    """Another 90 % interval of a coefficient after the loop, where it was worked out."""
-    path = ("boundaries", boundary, "coefficients", "after", name, kind)
-    found = follow(evidence.document(DIAGNOSIS), path)
-    if not found:
-        return None
-    low, high = (float(x) for x in found)
-    u = (high - low) / 3.3
-    texts = [like(x, u) if u > 0 else plain(x) for x in (low, high)]
-    return (
-        Number(text=texts[0], value=low, source=pointer(DIAGNOSIS, *path, "0")),
-        Number(text=texts[1], value=high, source=pointer(DIAGNOSIS, *path, "1")),
-    )
+def headline(evidence: Evidence, boundary: str, name: str) -> Quoted:
+    """A coefficient as it is to be quoted."""
+    return quote(evidence, RESULTS, "boundaries", boundary, "coefficients", name)

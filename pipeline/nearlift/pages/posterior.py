@@ -36,17 +36,14 @@ def _row(evidence: Evidence, boundary: str, model: str, parameter: str, base: bo
     path = ("boundaries", boundary, model)
     entry = evidence.document(FIT)["boundaries"][boundary][model]
     after = (*path, "posterior", "parameters", parameter)
-    u = entry["posterior"]["parameters"][parameter]["u"] or None
     return {
         "model": entry["title"],
         "base": base,
-        "after": quote(evidence, FIT, *after),
-        "fit": quote(evidence, FIT, *path, "parameters", parameter),
+        "of": quote(evidence, FIT, *after),
         "prior": entry["posterior"]["parameters"][parameter]["prior"]["text"],
         "prior_low": cite(evidence, FIT, *after, "prior", "lo90", digits=3),
         "prior_high": cite(evidence, FIT, *after, "prior", "hi90", digits=3),
         "ratio": cite(evidence, FIT, *after, "width_ratio", digits=2, scale=100, how="in percent"),
-        "median": cite(evidence, FIT, *after, "median", like_u=u),
         "ess": cite(evidence, FIT, *after, "ess", places=0),
         "r_hat": cite(evidence, FIT, *after, "r_hat", places=3) if entry["posterior"]["sampler"] == "emcee" else None,
     }

@@ -11,27 +11,27 @@ from nearlift.pages.latex import SYMBOLS, comment, escape
 from nearlift.pages.number import FEW
 from nearlift.pages.uncertainty import LEAST, untold
 from nearlift.products import FIT
+from nearlift.quotation import BudgetLine
 from nearlift.summaries.budget import fall
 from nearlift.summaries.evidence import Columns, Evidence
 
-BUDGET = ("component", "type", "distribution", "scope", "u_input", "unit", "sensitivity", "u", "u_without", "dof")
+BUDGET = ("source", "kind", "distribution", "scope", "u_input", "unit", "sensitivity", "u", "u_without", "dof")
 SCORES = ("visits", "skipped", "elpd", "d_elpd", "u_d_elpd", "rmse", "d_rmse", "u_d_rmse", "aic", "bic", "r2")
 UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
 #: What a figure or table calls a score: every RMSE here is of visits left out.
-HEADS = {"rmse": "held_out_rmse", "d_rmse": "d_held_out_rmse", "u_d_rmse": "u_d_held_out_rmse"}
+HEADS = {"kind": "type", "rmse": "held_out_rmse", "d_rmse": "d_held_out_rmse", "u_d_rmse": "u_d_held_out_rmse"}
 
 
 def budget(evidence: Evidence) -> Columns:
-    """Every source of error of every coefficient of every model, a row each; the combined uncertainty is a row named so."""
-    rows = []
-    for boundary, fits in evidence.document(FIT)["boundaries"].items():
-        for model, fit in fits.items():
-            for name, own in fit.get("budget", {}).items():
-                head = (boundary, model, name)
-                rows += [(*head, *(_cell(line[k]) for k in BUDGET), math.nan, math.nan) for line in own["lines"]]
-                whole = ("combined", "", "", "", math.nan, "", math.nan, own["u"], 0.0, _cell(own["dof"]))
-                rows.append((*head, *whole, own["k"], own["U95"]))
-    names = ("boundary", "model", "coefficient", *BUDGET, "k95", "U95")
+    """Every source of error of every coefficient that is quoted, a row each; the combined uncertainty is a row named so."""
+    rows: list[tuple[Any, ...]] = []
+    for boundary in evidence.boundaries:
+        own = evidence.quoted(boundary)
+        for name, c in own.coefficients.items():
+            head = (boundary, own.base_model, name)
+            rows += [(*head, *(_cell(getattr(line, k)) for k in BUDGET)) for line in c.budget]
+            rows.append((*head, "combined", "", "", "", math.nan, "", math.nan, c.u, 0.0, c.dof))
+    names = ("boundary", "model", "coefficient", *(HEADS.get(k, k) for k in BUDGET))
     return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
 
 
@@ -54,38 +54,32 @@ def _cell(value: Any) -> Any:
 
 
 def budget_table(evidence: Evidence) -> str:
-    r"""The budgets of the base models; needs ``\usepackage{booktabs,siunitx}``."""
+    r"""The budgets of the coefficients that are quoted; needs ``\usepackage{booktabs,siunitx}``."""
     lines = _head(
         evidence,
-        "uncertainty budget of each coefficient of the base models",
+        "uncertainty budget of each coefficient that is quoted",
         r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} & {Sensitivity} & {$u$} & {$u$ without} & {$\nu$} \\",
         "lllllrrrrr",
     )
     first, marked = True, False
     for boundary in evidence.boundaries:
-        for name, own in evidence.base(boundary)[1].get("budget", {}).items():
+        for name, own in evidence.quoted(boundary).coefficients.items():
             lines += [] if first else [r"\addlinespace"]
             first = False
             label = f"${SYMBOLS.get(name, name)}$, {boundary}"
-            few = untold(own["lines"])
+            few = untold(own)
             marked = marked or bool(few)
-            for line in sorted(own["lines"], key=lambda one: one["u_without"]):
-                if fall(line, own["u"]) < LEAST and line["type"] == "A":
+            for line in sorted(own.budget, key=lambda one: one.u_without):
+                if fall(line, own.u) < LEAST and line.kind == "A":
                     # tables/budget.csv has it
                     continue
-                unit = UNITS[line["unit"]]
-                size = rf"\qty{{{line['u_input']:.3g}}}{{{unit}}}" if unit else rf"\num{{{line['u_input']:.3g}}}"
-                per = rf"\qty{{{line['sensitivity']:.3g}}}{{\per{unit}}}" if unit else rf"\num{{{line['sensitivity']:.3g}}}"
                 lines.append(
-                    f"{label} & {escape(line['component'])}{FOOTMARK if line['component'] in few else ''} & {line['type']} & "
-                    f"{escape(line['distribution'])} & {escape(line['scope'])} & {size} & {per} & "
-                    rf"\num{{{line['u']:.2g}}} & \num{{{line['u_without']:.2g}}} & {_dof(line['dof'])} \\"
+                    f"{label} & {escape(line.source)}{FOOTMARK if line.source in few else ''} & {line.kind} & "
+                    f"{escape(line.distribution)} & {escape(line.scope)} & {_input(line)} & "
+                    rf"\num{{{line.u:.2g}}} & \num{{{line.u_without:.2g}}} & {_dof(line.dof)} \\"
                 )
                 label = ""
-            lines.append(
-                rf"{label} & combined, $k = \num{{{own['k']:.2f}}}$, $U_{{95}} = \num{{{own['U95']:.2g}}}$ & & & & & & "
-                rf"\num{{{own['u']:.2g}}} & & {_dof(own['dof'])} \\"
-            )
+            lines.append(rf"{label} & combined ($k = 1$) & & & & & & \num{{{own.u:.2g}}} & & {_dof(own.dof)} \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", *([FOOTNOTE] if marked else []), ""])
 
 
@@ -94,6 +88,16 @@ FOOTNOTE = (
     rf"\par\smallskip{{\footnotesize {FOOTMARK}\,Fewer than two degrees of freedom: repeats tell nothing of this size, "
     "which is what they cannot exclude and no finding.}"
 )
+
+
+def _input(line: BudgetLine) -> str:
+    """Standard uncertainty of the input, and the sensitivity to it; two cells."""
+    if line.u_input is None or line.sensitivity is None:
+        return "& "
+    unit = UNITS[line.unit]
+    size = rf"\qty{{{line.u_input:.3g}}}{{{unit}}}" if unit else rf"\num{{{line.u_input:.3g}}}"
+    per = rf"\qty{{{line.sensitivity:.3g}}}{{\per{unit}}}" if unit else rf"\num{{{line.sensitivity:.3g}}}"
+    return f"{size} & {per}"
 
 
 def _dof(dof: float | None) -> str:

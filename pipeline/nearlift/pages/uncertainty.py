@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from nearlift.declare import Boundary
-from nearlift.pages.number import Number, cite, degrees, follow, pointer, quote
-from nearlift.products import DIAGNOSIS, FIT
+from nearlift.pages.number import Number, cite, degrees, follow, headline, pointer
+from nearlift.products import FIT, RESULTS
+from nearlift.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain
-from nearlift.summaries import superseded as loop
 from nearlift.summaries.budget import fall
 from nearlift.summaries.evidence import Evidence
 
@@ -30,68 +30,52 @@ TREATMENTS = {
 
 
 def budget(evidence: Evidence) -> dict[str, Any]:
-    """A table for each coefficient of the base models."""
-    tables = []
-    for boundary in evidence.boundaries:
-        model, entry = evidence.base(boundary)
-        for name, own in entry.get("budget", {}).items():
-            tables.append(_budget(evidence, boundary, ("boundaries", boundary, model.name), name, own))
+    """A table for each coefficient that is quoted."""
+    tables = [_budget(evidence, b, name, c) for b in evidence.boundaries for name, c in evidence.quoted(b).coefficients.items() if c.budget]
     heights = [_heights(evidence, b) for b in evidence.boundaries]
     return {"tables": tables, "heights": [h for h in heights if h["lines"]]}
 
 
-def _budget(evidence: Evidence, boundary: Boundary, path: tuple[str, ...], name: str, own: dict[str, Any]) -> dict[str, Any]:
-    here = (*path, "budget", name)
+def _budget(evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult) -> dict[str, Any]:
+    here = ("boundaries", boundary, "coefficients", name)
     rows, small = [], 0
-    for i, line in sorted(enumerate(own["lines"]), key=lambda pair: pair[1]["u_without"]):
-        if fall(line, own["u"]) < LEAST and line["type"] == "A":
+    for i, line in sorted(enumerate(own.budget), key=lambda pair: pair[1].u_without):
+        if fall(line, own.u) < LEAST and line.kind == "A":
             small += 1
             continue
-        at = (*here, "lines", str(i))
-        scale, unit = SCALES[line["unit"]]
+        at = (*here, "budget", str(i))
+        scale, unit = SCALES[line.unit] if line.unit else (1.0, "")
+        known = line.u_input is not None
         rows.append(
             {
-                "component": line["component"],
-                "type": line["type"],
-                "distribution": line["distribution"],
-                "scope": line["scope"],
-                "input": cite(evidence, FIT, *at, "u_input", digits=3, scale=scale, how=f"in {unit}"),
+                "source": line.source,
+                "type": line.kind,
+                "distribution": line.distribution,
+                "scope": line.scope,
+                "input": cite(evidence, RESULTS, *at, "u_input", digits=3, scale=scale, how=f"in {unit}") if known else None,
                 "unit": unit,
-                "sensitivity": cite(evidence, FIT, *at, "sensitivity", digits=3, scale=1 / scale, how=f"per {unit}"),
-                "u": cite(evidence, FIT, *at, "u", digits=2),
-                "u_without": cite(evidence, FIT, *at, "u_without", digits=2),
-                "dof": degrees(evidence, FIT, *at, "dof"),
+                "sensitivity": cite(evidence, RESULTS, *at, "sensitivity", digits=3, scale=1 / scale, how=f"per {unit}") if known else None,
+                "u": cite(evidence, RESULTS, *at, "u", digits=2),
+                "u_without": cite(evidence, RESULTS, *at, "u_without", digits=2),
+                "dof": degrees(evidence, RESULTS, *at, "dof"),
             }
         )
     return {
         "boundary": boundary,
-        "superseded": superseded(evidence, boundary, name),
-        "quoted": quote(evidence, FIT, *path, "parameters", name),
+        "quoted": headline(evidence, boundary, name),
         "rows": rows,
         "small": small,
-        "untold": untold(own["lines"]),
-        "u": cite(evidence, FIT, *here, "u", digits=3),
-        "dof": degrees(evidence, FIT, *here, "dof"),
-        "k": cite(evidence, FIT, *here, "k", digits=3),
-        "U95": cite(evidence, FIT, *here, "U95", digits=2),
+        "untold": untold(own),
+        "u": cite(evidence, RESULTS, *here, "u", digits=3),
+        "dof": degrees(evidence, RESULTS, *here, "dof"),
+        "lo95": cite(evidence, RESULTS, *here, "lo95", like_u=own.u),
+        "hi95": cite(evidence, RESULTS, *here, "hi95", like_u=own.u),
     }
 
 
-def untold(lines: list[dict[str, Any]]) -> list[str]:
-    """The sources of which repeats tell next to nothing; `lines` as in a budget of fit.json."""
-    return [str(line["component"]) for line in lines if line["dof"] is not None and line["dof"] < TELLING]
-
-
-def superseded(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, Any] | None:
-    """What the loop named at this boundary, and the coefficient with it; None where the base model stands."""
-    found = loop.found(evidence, boundary)
-    if name not in found.get("coefficients", {}).get("after", {}):
-        return None
-    return {
-        "effects": loop.named(evidence, boundary),
-        "after": quote(evidence, DIAGNOSIS, "boundaries", boundary, "coefficients", "after", name),
-        "before": quote(evidence, FIT, "boundaries", boundary, evidence.base(boundary)[0].name, "parameters", name),
-    }
+def untold(own: CoefficientResult) -> list[str]:
+    """The sources of a coefficient's uncertainty of which repeats tell next to nothing."""
+    return [line.source for line in own.budget if line.dof < TELLING]
 
 
 def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
@@ -101,7 +85,7 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         {
             "component": own["component"],
             "words": TREATMENTS[own["treatment"]],
-            "coefficient": quote(evidence, FIT, *path, "parameters", own["coefficient"]),
+            "coefficient": headline(evidence, boundary, own["coefficient"]),
             "size": cite(evidence, FIT, *path, "heights", str(i), "standard_m", digits=2, scale=1e3, how="in mm"),
             "shift": cite(evidence, FIT, *path, "heights", str(i), "shift", digits=2),
             "ratio": cite(evidence, FIT, *path, "heights", str(i), "ratio", digits=2, scale=100, how="in percent"),
@@ -116,28 +100,16 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
 
 
 def limits(evidence: Evidence) -> dict[str, Any]:
-    """Profile intervals, what would halve each uncertainty, and coefficients at a bound."""
+    """What would halve each uncertainty, and coefficients at a bound."""
     sections = []
     for boundary in evidence.boundaries:
-        model, entry = evidence.base(boundary)
-        path = ("boundaries", boundary, model.name)
-        rows = []
-        for name, own in entry.get("profiles", {}).items():
-            quoted = quote(evidence, FIT, *path, "parameters", name)
-            u = float(entry["parameters"][name]["u"])
-            ends = {
-                f"{end}{level}": cite(evidence, FIT, *path, "profiles", name, f"{end}{level}", like_u=u)
-                for level in ("68", "90", "95")
-                for end in ("lo", "hi")
-            }
-            rows.append({"quoted": quoted, **ends, "open": bool(own["open"]), "skew": cite(evidence, FIT, *path, "profiles", name, "skew", digits=3)})
+        _, entry = evidence.base(boundary)
         halves = [
             {"texts": [k["text"] for k in own["knowledge"]] + [own["repeats"]["text"]], "coefficient": name}
             for name, own in entry.get("would_halve", {}).items()
         ]
-        bound = [name for name, e in entry["parameters"].items() if e["at_bound"]]
-        gone_beyond = [s for s in (superseded(evidence, boundary, name) for name in entry["parameters"]) if s]
-        sections.append({"boundary": boundary, "title": entry["title"], "rows": rows, "halves": halves, "bound": bound, "superseded": gone_beyond})
+        bound = [name for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
+        sections.append({"boundary": boundary, "halves": halves, "bound": bound})
     return {"sections": sections}
 
 

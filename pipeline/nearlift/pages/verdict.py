@@ -8,13 +8,13 @@ from typing import Any
 
 from nearlift.declare import Boundary
 from nearlift.fitting.budget import components
-from nearlift.pages.number import LEAST_CHANCE, Number, Quoted, cite, interval, pointer, quote
+from nearlift.pages.number import LEAST_CHANCE, Number, cite, headline, pointer, quote
 from nearlift.pages.uncertainty import SCALES
-from nearlift.products import DIAGNOSIS, FIT, TRIALS
+from nearlift.products import DIAGNOSIS, FIT, RESULTS, TRIALS
+from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.forest import WIDTH_90
 from nearlift.summaries.loop import stand_ins
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
@@ -35,34 +35,32 @@ def facts(evidence: Evidence) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt:
-    """One reason to doubt headlines: their boundaries (none where it concerns the campaign), the text, and the numbers that end it."""
+class Reservation:
+    """One reason to doubt headlines: their boundaries (none where it concerns the campaign), and the text."""
 
     boundaries: tuple[str, ...]
     text: str
-    ends: tuple[Number, Number] | None = None
 
 
-def doubts(evidence: Evidence) -> list[Doubt]:
+def doubts(evidence: Evidence) -> list[Reservation]:
     """What a reader should hold against the numbers above, the gravest first; nothing that is not in a product."""
-    merged: dict[tuple[str, object], Doubt] = {}
+    merged: dict[str, Reservation] = {}
     for own in (doubt for b in evidence.boundaries for doubt in _doubts(evidence, b)):
         # what is said of several boundaries is said once
-        before = merged.get((own.text, own.ends))
-        merged[own.text, own.ends] = replace(own, boundaries=before.boundaries + own.boundaries) if before else own
+        before = merged.get(own.text)
+        merged[own.text] = replace(own, boundaries=before.boundaries + own.boundaries) if before else own
     listed = list(merged.values())
     out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
     if out:
         every = len(evidence.table(TRIALS)["quality"])
-        listed.append(Doubt(boundaries=(), text=f"{out} of {every} trials were left out; the quality ledger says why, and what they are worth"))
+        listed.append(Reservation(boundaries=(), text=f"{out} of {every} trials were left out; the quality ledger says why, and what they are worth"))
     if not components(evidence.campaign):
-        listed.append(Doubt(boundaries=(), text="the manifest declares no error that repeats share, so none is in these intervals"))
+        listed.append(Reservation(boundaries=(), text="the manifest declares no error that repeats share, so none is in these intervals"))
     return listed
 
 
-def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
+def _doubts(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     model, entry = evidence.base(boundary)
-    names = list(entry["parameters"])
     found = evidence.diagnosed(boundary)
     said = [str(s["text"]) for s in evidence.document(FIT)["influence"][boundary]["suspects"]]
     if reason := evidence.not_diagnosed(boundary):
@@ -79,28 +77,21 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Doubt]:
             said.append(f"{effect['name']} and {' and '.join(alone)} look alike in this design; which of them it is rests on prior plausibility")
         if together:
             said.append(f"{effect['name']} alone would do, but {' or '.join(together)} is likelier, if not plainly")
-    said += [f"{name} ends at a bound of its range" for name in names if entry["parameters"][name]["at_bound"]]
+    said += [f"{name} ends at a bound of its range" for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
     said += [str(d["text"]) for d in entry["degeneracies"][:1]]
-    said += _undeclared(entry, found)
-    listed = [Doubt(boundaries=(boundary,), text=text) for text in said]
-    wide = _constrained(evidence, boundary, names, found)
-    if wide and _wider(wide, found["coefficients"]["after"][names[0]]):
-        text = f"effects too small to be seen here could, together at their plausible sizes, put {letter(names[0])} anywhere from"
-        listed.append(Doubt(boundaries=(boundary,), text=text, ends=wide))
+    said += _undeclared(entry, evidence.quoted(boundary))
+    listed = [Reservation(boundaries=(boundary,), text=text) for text in said]
     unseen = [str(u["effect"]) for u in found.get("untestable", [])]
     if unseen:
-        listed.append(Doubt(boundaries=(boundary,), text=f"nothing was logged that could tell of {', '.join(unseen)}"))
+        listed.append(Reservation(boundaries=(boundary,), text=f"nothing was logged that could tell of {', '.join(unseen)}"))
     return listed
 
 
-def _undeclared(entry: dict[str, Any], found: dict[str, Any]) -> list[str]:
-    """Inputs without a declared uncertainty whose plausible error would move the headline by more than its u, the loop's if it named an effect."""
-    name = next(iter(entry["parameters"]), "")
-    u = entry["parameters"][name]["u"] if name else None
-    if found.get("verdict") == "effect":
-        after = found.get("coefficients", {}).get("after", {}).get(name, {})
-        u = (after["hi90"] - after["lo90"]) / WIDTH_90 if after else u
-    if not u:
+def _undeclared(entry: dict[str, Any], quoted: BoundaryResult) -> list[str]:
+    """Inputs without a declared uncertainty whose plausible error would move the headline by more than its u."""
+    name = quoted.headline
+    u = quoted.coefficients[name].u if name else math.inf
+    if not (u > 0 and math.isfinite(u)):
         return []
     worth = [(abs(line["shift"][name]) / u, line) for line in entry.get("undeclared", [])]
     moves = [
@@ -113,39 +104,33 @@ def _undeclared(entry: dict[str, Any], found: dict[str, Any]) -> list[str]:
     return [f"what was not declared could move {letter(name)}: {', '.join(moves)}; declare what is known of it under [[uncertainty]]"]
 
 
-def _wider(constrained: tuple[Number, Number], after: dict[str, Any]) -> bool:
-    """Whether allowing for unseen effects at least doubles the interval."""
-    return constrained[1].value - constrained[0].value > 2 * (float(after["hi90"]) - float(after["lo90"]))
+def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+    """What each coefficient would be, and what it takes to believe that."""
+    rows = []
+    for name, c in evidence.quoted(boundary).coefficients.items():
+        path = ("boundaries", boundary, "coefficients", name, "doubts")
+        rows += [{"condition": d.condition, "quoted": quote(evidence, RESULTS, *path, str(i), name=name)} for i, d in enumerate(c.doubts)]
+    return rows
 
 
 def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     """Headline, goodness of fit and verdict of one boundary."""
-    model, entry = evidence.base(boundary)
-    names = list(entry["parameters"])
-    path = ("boundaries", boundary, model.name)
+    model, _ = evidence.base(boundary)
+    quoted = evidence.quoted(boundary)
+    listed = [headline(evidence, boundary, name) for name in quoted.coefficients]
     strays, words = goodness(evidence, boundary)
-    tone = "bad" if strays else "fair"
-    source = str(evidence.document(FIT)["noise"][boundary]["source"])
-    reason = evidence.not_diagnosed(boundary)
-    verdict = f"not diagnosed: {reason}" if reason else ""
-    found = evidence.diagnosed(boundary)
-    if found:
-        verdict = WORDS.get(found["verdict"], found["verdict"])
-        tone = {"adequate": "good", "effect": "fair"}.get(found["verdict"], "bad")
-    after = _after(evidence, boundary, found)
+    tone = {"adequate": "good", "effect": "fair", "unexplained": "bad"}.get(quoted.verdict, "bad" if strays else "fair")
     return {
         "boundary": boundary,
         "model": model.title,
-        "headline": quote(evidence, FIT, *path, "parameters", names[0]) if names else None,
-        "others": [quote(evidence, FIT, *path, "parameters", n) for n in names[1:]],
+        "headline": listed[0] if listed else None,
+        "others": listed[1:],
+        "holds": next((c.holds for c in quoted.coefficients.values()), ""),
         "reduced": reduced(evidence, boundary, model.name),
         "words": words,
-        "verdict": verdict,
-        "effects": [_effect(found, e) for e in found.get("effects", [])],
-        "noise": "what repeats scatter" if source.startswith(REPEATS) else f"the {source}",
-        "superseded": bool(after),
-        "after": after,
-        "constrained": _constrained(evidence, boundary, names, found),
+        "verdict": WORDS.get(quoted.verdict, f"not diagnosed: {quoted.reason}"),
+        "effects": [_effect(evidence.diagnosed(boundary), e) for e in evidence.diagnosed(boundary).get("effects", [])],
+        "conditions": conditions(evidence, boundary),
         "tone": tone,
     }
 
@@ -153,18 +138,6 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
 def _effect(found: dict[str, Any], effect: dict[str, Any]) -> str:
     others = stand_ins(found, effect)
     return str(effect["name"]) + (f" (or {', '.join(others)}, which this design cannot tell from it)" if others else "")
-
-
-def _after(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> list[Quoted]:
-    """The coefficients once the named effects are in the model, or what has no name is carried."""
-    if not (found.get("verdict") == "effect" or found.get("coefficients", {}).get("carried")):
-        return []
-    return [quote(evidence, DIAGNOSIS, "boundaries", boundary, "coefficients", "after", n) for n in found.get("coefficients", {}).get("after", {})]
-
-
-def _constrained(evidence: Evidence, boundary: Boundary, names: list[str], found: dict[str, Any]) -> tuple[Number, Number] | None:
-    """The headline's interval when every effect too small to be seen is allowed for."""
-    return interval(evidence, boundary, names[0], "constrained") if found and names else None
 
 
 def reduced(evidence: Evidence, boundary: Boundary, model: str) -> Number:

@@ -1,4 +1,4 @@
-"""What fit.json says of a fit's uncertainty: its budget, its profiles, what would halve it, and how the models compare."""
+"""What fit.json says of a fit's uncertainty: its profiles, what would halve it, and how the models compare."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ def entry(fit: Fit, profiled: Sequence[Profile]) -> dict[str, Any]:
     marginal = fit.marginal
     offset = dict(zip(("value", "u"), marginal.offset(), strict=True)) | {"unit": "m"} if marginal else None
     return {
-        "budget": _budget(fit),
         "profiles": {p.parameter: _profile(p) for p in profiled},
         "would_halve": _would_halve(fit),
         "undeclared": [
@@ -35,36 +34,6 @@ def entry(fit: Fit, profiled: Sequence[Profile]) -> dict[str, Any]:
         ],
         "heights": [asdict(m) for m in fit.plan.measures],
         **({"height_error": offset} if offset else {}),
-    }
-
-
-def _budget(fit: Fit) -> dict[str, Any]:
-    found, total = gum.of(fit)
-    without = gum.u_without(fit)
-    known = {name: i for i, (name, e) in enumerate(fit.estimates.items()) if np.isfinite(e.u) and total.u[i] > 0}
-    return {
-        name: {
-            "lines": [
-                {
-                    "component": line.component,
-                    "type": line.kind,
-                    "distribution": line.distribution,
-                    "scope": line.scope,
-                    "u_input": line.standard,
-                    "unit": line.unit,
-                    "sensitivity": line.sensitivity[i],
-                    "u": float(np.sqrt(line.covariance[i, i])),
-                    "u_without": without[line.component][i] if line.component in without else total.u[i],
-                    "dof": line.dof[i],
-                }
-                for line in found
-            ],
-            "u": total.u[i],
-            "dof": total.dof[i],
-            "k": total.k[i],
-            "U95": total.U95[i],
-        }
-        for name, i in known.items()
     }
 
 

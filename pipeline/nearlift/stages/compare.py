@@ -18,14 +18,16 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ProductError, UsageError
 from nearlift.fitting.population import FEWEST, Population, population
 from nearlift.lock import settled
-from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, PROVENANCE
+from nearlift.products import PROVENANCE, RESULTS
+from nearlift.quotation import CoefficientResult, Results, Verdict
 from nearlift.results import Estimate
-from nearlift.summaries.forest import WIDTH_90
 from nearlift.transaction import JOURNAL, Homes
 
 FOLDER = "comparison"
 #: Below this a p-value means no more than that.
 LEAST_CHANCE = 1e-12
+#: Where a prior of twice the width moves an end of the mean's interval by more than this part of the interval, that is said.
+PRIOR_MATTERS = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,12 +37,11 @@ class Entry:
     Attributes
     ----------
     campaign, vehicle, boundary, model, coefficient : str
-    before, after : Estimate
-        By the fit, and after the loop (over its rivals, with their form uncertain; what has no name carried; the same where nothing was found).
+    quoted : CoefficientResult
     verdict : str
         Of the loop; ``not_diagnosed`` where it has not run as well.
     parts : dict of str to float
-        What each declared component of scope boundary or campaign contributes to `after`, signed.
+        What each declared component of scope boundary or campaign contributes, signed.
     """
 
     campaign: str
@@ -48,9 +49,8 @@ class Entry:
     boundary: str
     model: str
     coefficient: str
-    before: Estimate
-    after: Estimate
-    verdict: str
+    quoted: CoefficientResult
+    verdict: Verdict
     parts: dict[str, float]
 
 
@@ -66,11 +66,11 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
     for journal in home.glob(f"*/{JOURNAL}"):
         settled(Homes.of(out, journal.parent.name))
     if not names:
-        found = sorted(path.parent for path in home.glob(f"*/{FIT.file}"))
+        found = sorted(path.parent for path in home.glob(f"*/{RESULTS.file}"))
         if not found:
             raise UsageError(str(home), "holds no fitted campaign", "`nearlift run CAMPAIGN` first, or say --out")
         return found
-    missing = [name for name in names if not (home / name / FIT.file).is_file()]
+    missing = [name for name in names if not (home / name / RESULTS.file).is_file()]
     if missing:
         raise UsageError(str(home / missing[0]), f"is not fitted ({len(missing)} of {len(names)} campaigns)", "`nearlift run` them first")
     return [home / name for name in names]
@@ -78,45 +78,34 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
 
 def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
-    fitted = store.read_json(folder / FIT.file)
-    if fitted.get("schema") != FIT.schema:
-        raise ProductError(str(folder / FIT.file), f"has schema {fitted.get('schema')}", "it was written by another version: run again")
-    found = store.read_json_if_whole(folder / DIAGNOSIS.file).get("boundaries", {})
+    content = store.read_json(folder / RESULTS.file)
+    if content.get("schema") != RESULTS.schema:
+        raise ProductError(str(folder / RESULTS.file), f"has schema {content.get('schema')}", "it was written by another version: run again")
     about = store.read_json_if_whole(folder / PROVENANCE.file)
     listed = []
-    for boundary, base in fitted["base"].items():
-        model = fitted["boundaries"][boundary][base]
-        if not model["parameters"]:
+    for boundary, own in Results.model_validate(content).boundaries.items():
+        if not own.headline:
             continue
-        name = next(iter(model["parameters"]))
-        before = Estimate.of(model["parameters"][name])
-        loop = found.get(boundary, {})
-        after = loop.get("coefficients", {}).get("after", {}).get(name)
+        quoted = own.coefficients[own.headline]
         listed.append(
             Entry(
                 campaign=folder.name,
                 vehicle=about.get("vehicle", ""),
                 boundary=boundary,
-                model=base,
-                coefficient=name,
-                before=before,
-                after=_after(after, before) if after and (loop["verdict"] == "effect" or loop["coefficients"].get("carried")) else before,
-                verdict=loop.get("verdict", NOT_DIAGNOSED),
-                parts=_shared_parts(model, name),
+                model=own.base_model,
+                coefficient=own.headline,
+                quoted=quoted,
+                verdict=own.verdict,
+                parts=_shared_parts(quoted),
             )
         )
     return listed
 
 
-def _after(found: dict[str, Any], before: Estimate) -> Estimate:
-    u = (found["hi90"] - found["lo90"]) / WIDTH_90
-    return Estimate(value=found["value"], u=u, lo90=found["lo90"], hi90=found["hi90"], unit=before.unit)
-
-
-def _shared_parts(model: dict[str, Any], name: str) -> dict[str, float]:
+def _shared_parts(quoted: CoefficientResult) -> dict[str, float]:
     """Signed contribution of each component that is one unknown for the whole campaign."""
-    lines = model.get("budget", {}).get(name, {}).get("lines", [])
-    return {line["component"]: math.copysign(line["u"], line["sensitivity"]) for line in lines if line["scope"] in ("boundary", "campaign")}
+    shared = (line for line in quoted.budget if line.scope in ("boundary", "campaign"))
+    return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,15 +142,15 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str] = ()) -> tuple[Group,
     for key in keys:
         own = tuple(e for e in listed if (e.boundary, e.model, e.coefficient) == key)
         # an interval over rivals is lopsided, and its best value no centre: the population is fitted to the interval
-        value = np.array([(e.after.lo90 + e.after.hi90) / 2 for e in own])
-        together = population(value, covariance(own, shared), own[0].after.unit) if len(own) >= FEWEST else None
+        value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in own])
+        together = population(value, covariance(own, shared), own[0].quoted.unit) if len(own) >= FEWEST else None
         groups.append(Group(boundary=key[0], model=key[1], coefficient=key[2], entries=own, together=together))
     return tuple(groups)
 
 
 def covariance(own: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
     """Of the errors of these entries; what is shared stands off the diagonal too."""
-    total: FloatArray = np.diag([e.after.u**2 for e in own])
+    total: FloatArray = np.diag([e.quoted.u**2 for e in own])
     for name in shared:
         part = np.array([e.parts.get(name, 0.0) for e in own])
         if (part**2 > np.diag(total) * (1 + 1e-9)).any():
@@ -183,15 +172,17 @@ def run(out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: 
 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     groups = grouped(listed, shared)
-    content = {"schema": "nearlift.comparison/1", "shared": list(shared), "groups": [_told(group) for group in groups]}
+    told = [_told(group) for group in groups]
+    content: dict[str, Any] = {"schema": "nearlift.comparison/1", "shared": list(shared), "groups": told}
     target = out / "reports" / FOLDER
     rows = forest.summarise(content)
     files = render(draw_forest.draw, rows, style(look))
     for kind in ("pdf", "png"):
         store.write_bytes(target / f"forest.{kind}", files[kind])
     store.write_bytes(target / "forest.csv", to_csv(rows))
+    said = [f"{g['boundary'].capitalize()}, {g['coefficient']}: {remark}" for g in told for remark in g["remarks"]]
     own = {str(name) for name in rows["label"] if (out / "reports" / str(name) / "index.html").is_file()}
-    store.write_bytes(target / "index.html", comparison.page(rows, files["page"], own))
+    store.write_bytes(target / "index.html", comparison.page(rows, files["page"], own, said))
     store.write_json(target / "comparison.json", content)
     return content
 
@@ -203,7 +194,7 @@ def table(content: dict[str, Any]) -> list[str]:
     lines = []
     for group in content["groups"]:
         lines.append(f"{group['boundary']}: {group['coefficient']} of {group['model']}")
-        rows = [(own["campaign"], own["after"], own["verdict"]) for own in group["campaigns"]]
+        rows = [(own["campaign"], own["quoted"], own["verdict"]) for own in group["campaigns"]]
         together = group.get("population")
         if together:
             spread = together["spread"]
@@ -213,7 +204,30 @@ def table(content: dict[str, Any]) -> list[str]:
         for name, e, words in rows:
             value, low, high = (like(e[key], e["u"]) for key in ("value", "lo90", "hi90"))
             lines.append(f"  {name:<{wide}}  {value} ({low} to {high})  {words}".rstrip())
+        lines += [f"  {remark}" for remark in group["remarks"]]
     return lines
+
+
+def remarks(group: Group) -> list[str]:
+    """What to hold against a group: campaigns that are one and the same, and a spread of which the prior decides."""
+    from nearlift.rounding import like
+
+    listed = []
+    same: dict[tuple[float, float], list[str]] = {}
+    for e in group.entries:
+        same.setdefault((e.quoted.value, e.quoted.u), []).append(e.campaign)
+    for names in same.values():
+        if len(names) > 1:
+            listed.append(f"{', '.join(names)} agree to the last digit: if they are the same trials, they count once, not {len(names)} times")
+    p = group.together
+    if p is not None:
+        wider = max(abs(p.if_doubled.lo90 - p.mean.lo90), abs(p.if_doubled.hi90 - p.mean.hi90))
+        if wider > PRIOR_MATTERS * (p.mean.hi90 - p.mean.lo90):
+            ends = " to ".join(like(x, p.mean.u) for x in (p.if_doubled.lo90, p.if_doubled.hi90))
+            listed.append(
+                f"of {len(group.entries)} campaigns the spread is little known, and its prior counts: were it twice as wide, the mean would be {ends}"
+            )
+    return listed
 
 
 def _chance(p: float) -> str:
@@ -228,13 +242,13 @@ def _told(group: Group) -> dict[str, Any]:
             "campaign": e.campaign,
             "vehicle": e.vehicle,
             "verdict": e.verdict,
-            "before": _estimate(e.before),
-            "after": _estimate(e.after),
+            "quoted": {k: getattr(e.quoted, k) for k in ("value", "u", "lo90", "hi90", "unit", "holds")},
             "in_population": _estimate(group.together.campaigns[i]) if group.together else None,
         }
         for i, e in enumerate(group.entries)
     ]
     told: dict[str, Any] = {"boundary": group.boundary, "model": group.model, "coefficient": group.coefficient, "campaigns": campaigns}
+    told["remarks"] = remarks(group)
     if group.together is not None:
         p = group.together
         told["population"] = {
@@ -244,7 +258,7 @@ def _told(group: Group) -> dict[str, Any]:
             "q": p.q,
             "dof": p.dof,
             "p_value": p.p,
-            "spread_prior": {"distribution": "half-Cauchy", "scale": p.prior_scale},
+            "spread_prior": {"distribution": "half-Cauchy", "scale": p.prior_scale, "mean_if_doubled": _estimate(p.if_doubled)},
         }
     return told
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from nearlift import store
 from nearlift.errors import UsageError
-from nearlift.products import DIAGNOSIS, FIT, PROVENANCE
+from nearlift.products import PROVENANCE, RESULTS
+from nearlift.quotation import Results
 from nearlift.rounding import fixed, like, plain
-from nearlift.summaries.forest import WIDTH_90
 
 #: What of a run decides its numbers, and how a line of the table calls it.
 PARTS = ("inputs", "manifest", "options", "versions", "code", "products", "report")
@@ -87,22 +87,18 @@ def _part(ledger: Mapping[str, Any], part: str) -> dict[str, Any]:
     return {file.removeprefix(home): sha for s in stages.values() for file, sha in s["outputs"].items() if file.startswith(home)}
 
 
-Key = tuple[str, str, str, str]
+Key = tuple[str, str, str]
 
 
 def _numbers(folder: Path) -> dict[Key, dict[str, float]]:
-    """Coefficients of every base model as fitted, and after the loop: value, u and 90 % interval."""
-    found: dict[Key, dict[str, float]] = {}
-    fit = store.read_json(folder / FIT.file) if (folder / FIT.file).is_file() else {"base": {}}
-    for boundary, base in fit["base"].items():
-        for name, e in fit["boundaries"][boundary][base]["parameters"].items():
-            found[boundary, base, name, "fit"] = {k: e[k] for k in ("value", "u", "lo90", "hi90")}
-    loop = store.read_json(folder / DIAGNOSIS.file) if (folder / DIAGNOSIS.file).is_file() else {"boundaries": {}}
-    for boundary, own in loop["boundaries"].items():
-        for name, e in own.get("coefficients", {}).get("after", {}).items():
-            u = (e["hi90"] - e["lo90"]) / WIDTH_90
-            found[boundary, own["base_model"], name, "loop"] = {"value": e["value"], "u": u, "lo90": e["lo90"], "hi90": e["hi90"]}
-    return found
+    """The coefficients that each run quotes: value, u and 90 % interval."""
+    path = folder / RESULTS.file
+    boundaries = Results.model_validate(store.read_json(path)).boundaries if path.is_file() else {}
+    return {
+        (boundary, own.base_model, name): {k: getattr(c, k) for k in ("value", "u", "lo90", "hi90")}
+        for boundary, own in boundaries.items()
+        for name, c in own.coefficients.items()
+    }
 
 
 def _moved(key: Key, one: dict[str, float] | None, two: dict[str, float] | None) -> dict[str, Any]:
@@ -110,15 +106,14 @@ def _moved(key: Key, one: dict[str, float] | None, two: dict[str, float] | None)
     if one and two:
         shift = two["value"] - one["value"]
         in_u = shift / one["u"] if one["u"] else None
-    names = dict(zip(("boundary", "model", "name", "by"), key, strict=True))
+    names = dict(zip(("boundary", "model", "name"), key, strict=True))
     return {**names, "a": one, "b": two, "shift": shift, "shift_in_u": in_u}
 
 
 def _verdicts(folder: Path) -> dict[str, str]:
-    if not (folder / DIAGNOSIS.file).is_file():
-        return {}
-    found = store.read_json(folder / DIAGNOSIS.file)["boundaries"]
-    return {b: own["verdict"] + (f": {', '.join(e['name'] for e in own['effects'])}" if own.get("effects") else "") for b, own in found.items()}
+    path = folder / RESULTS.file
+    found = Results.model_validate(store.read_json(path)).boundaries if path.is_file() else {}
+    return {b: own.verdict + (f": {', '.join(own.effects)}" if own.effects else "") for b, own in found.items()}
 
 
 def table(content: Mapping[str, Any]) -> list[str]:
@@ -136,7 +131,7 @@ def table(content: Mapping[str, Any]) -> list[str]:
         lines.append("verdicts:")
         lines += [f"  {b}: {one or '-'}" + ("" if one == two else f" -> {two or '-'}") for b, (one, two) in content["verdicts"].items()]
     lines.append("coefficients (shift in u of A):")
-    rows = [(f"{c['boundary']} {c['name']} by the {c['by']}", _estimate(c["a"]), _estimate(c["b"]), _shift(c)) for c in content["coefficients"]]
+    rows = [(f"{c['boundary']} {c['name']}", _estimate(c["a"]), _estimate(c["b"]), _shift(c)) for c in content["coefficients"]]
     wide = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
     lines += [f"  {what:<{wide[0]}}  {one:<{wide[1]}}  {two:<{wide[2]}}  {shift}" for what, one, two, shift in rows]
     return lines

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from nearlift import store
-from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, TRIALS
+from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, RESULTS, TRIALS
 from nearlift.stages import overlays
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from nearlift.stages.gallery import FigureSpec
 
 #: Products without which there is nothing to report.
-NEEDED = (TRIALS, FIT)
+NEEDED = (TRIALS, FIT, RESULTS)
 
 
 def run(job: Job) -> Outcome:
@@ -62,7 +62,7 @@ def gather(job: Job) -> Evidence:
     from nearlift.stages.gallery import FIGURES
     from nearlift.stages.graph import versions
 
-    read = {p for spec in FIGURES for p in spec.needs} | {p for chapter in CHAPTERS for p in chapter.needs} | {JOINT}
+    read = {p for spec in FIGURES for p in spec.needs} | {p for chapter in CHAPTERS for p in chapter.needs} | {JOINT, RESULTS}
     tables: dict[str, Any] = {}
     documents: dict[str, Any] = {}
     digests = {}

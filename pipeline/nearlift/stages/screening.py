@@ -13,7 +13,7 @@ from nearlift.fitting.budget import Component
 from nearlift.fitting.influential import Screening, Suspect
 from nearlift.fitting.least_squares import Fit
 from nearlift.reduction import outliers
-from nearlift.rounding import plus_minus
+from nearlift.rounding import like, plain, plus_minus
 from nearlift.store import Table
 
 
@@ -38,7 +38,7 @@ def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, A
 
 
 def words(fitted: Fit, found: Screening) -> list[str]:
-    """A sentence for each suspect: what the headline is without it, and what it is with it."""
+    """A sentence for each suspect: how far the headline moves without it."""
     name = fitted.names[0] if fitted.names else ""
     headline = fitted.estimates[name] if name else None
 
@@ -51,8 +51,8 @@ def words(fitted: Fit, found: Screening) -> list[str]:
         moves = f"moves {name} by {ratio} standard uncertainties" if alone else f"moves {name} with others that stand out"
         why = "stands beyond what noise allows" if s.outlying else moves
         beside = " and the trials named" if s.kind == "visit" and any(o.kind == "trial" for o in found.suspects) else ""
-        value, without = (plus_minus(e.value, e.u) for e in (headline, s.without))
-        return f"{what} {why}: without it{beside} {name} = {without}, with it {value}"
+        moved = f"{like(abs(s.shift), s.without.u)} {'higher' if s.shift > 0 else 'lower'}"
+        return f"{what} {why}: without it{beside} the base fit’s {name} is {moved}, ± {plain(s.without.u, 2)} for ± {plain(headline.u, 2)}"
 
     return [said(s) for s in found.suspects]
 

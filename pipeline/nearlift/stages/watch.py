@@ -17,7 +17,8 @@ from nearlift import campaign as manifests
 from nearlift import store
 from nearlift.errors import NearliftError
 from nearlift.lock import Busy
-from nearlift.products import FIT, TRIALS
+from nearlift.products import RESULTS, TRIALS
+from nearlift.quotation import Results
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plus_minus
 from nearlift.stages import graph
@@ -105,16 +106,17 @@ def _round(root: Path, out: Path, executor: str, seed: int, say: Callable[[str],
                 ran += [step.stage.name] if step.why else []
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
-            fitted = store.read_json_if_whole(job.processed / FIT.file)
+            quoted = store.read_json_if_whole(job.processed / RESULTS.file)
     except NearliftError as refusal:
         return Round(ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)), isinstance(refusal, Busy)
     good = len(quality) - int(rejected(quality).sum())
-    words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(fitted)])
+    words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted)])
     return Round(ran=tuple(ran), good=good, scheduled=len(quality), words=words), pending
 
 
-def _headlines(fitted: dict[str, Any]) -> Iterator[str]:
-    """The base models' first coefficients."""
-    for boundary, base in fitted.get("base", {}).items():
-        for name, entry in list(fitted["boundaries"][boundary][base]["parameters"].items())[:1]:
-            yield f"{boundary} {letter(name)} = {plus_minus(entry['value'], entry['u'] if entry['u'] is not None else float('inf'))}"
+def _headlines(content: dict[str, Any]) -> Iterator[str]:
+    """Each boundary's first coefficient, as quoted."""
+    for boundary, own in Results.model_validate(content).boundaries.items() if content else ():
+        if own.headline:
+            c = own.coefficients[own.headline]
+            yield f"{boundary} {letter(own.headline)} = {plus_minus(c.value, c.u)}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -12,7 +11,8 @@ from nearlift.rounding import letter, like, plain, plus_minus
 from nearlift.summaries.loop import stand_ins
 
 if TYPE_CHECKING:
-    from nearlift.study.found import Coefficient, Diagnosis, Drawing, Finding, Finished, Fit, Reduction
+    from nearlift.quotation import CoefficientResult
+    from nearlift.study.found import Diagnosis, Drawing, Finding, Finished, Fit, Reduction
 
 #: Trials listed by name; more are counted.
 LISTED = 5
@@ -31,27 +31,27 @@ def reduction(found: Reduction) -> str:
 
 
 def fit(found: Fit) -> str:
-    """Base models: each coefficient with its uncertainty and 90 % interval."""
+    """Coefficients to be quoted, with uncertainty and 90 % interval."""
     rows = []
-    for at in found:
-        for name, c in at.base.coefficients.items():
-            interval = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
-            rows.append((at.boundary, at.base.title, letter(name), plus_minus(c.value, c.u), interval, plain(at.base.chi2 / at.base.dof, 3)))
-    return _whole(found, ("boundary", "base model", "", "value", "90 % interval", "χ²/dof"), rows)
+    for boundary, own in found.quoted.items():
+        base = found[boundary].base
+        for name, c in own.coefficients.items():
+            rows.append((boundary, base.title, letter(name), plus_minus(c.value, c.u), _interval(c), c.holds, plain(base.chi2 / base.dof, 3)))
+    return _whole(found, ("boundary", "base model", "", "value (k = 1)", "90 % interval", "", "χ²/dof"), rows)
 
 
 def diagnosis(found: Diagnosis) -> str:
-    """Verdicts, named effects with rivals, coefficients before and after, error on what was held out."""
+    """Verdicts, named effects with rivals, coefficients to be quoted, error on what was held out."""
     rows = []
     for at in found:
         others = [stand_ins(at.content, e) for e in at.content["effects"]]
         named = "; ".join(e.name + (f" (or {', '.join(o)})" if o else "") for e, o in zip(at.effects, others, strict=True))
         error = f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor {plain(100 * at.noise_floor, 2)})"
-        if at.reason:
-            rows.append((at.boundary, f"not diagnosed: {at.reason}", *5 * ("",)))
-        for name, after in at.after.items():
-            rows.append((at.boundary, at.verdict, named or "none", letter(name), _interval(at.before[name]), _interval(after), error))
-    return _whole(found, ("boundary", "verdict", "effects", "", "before (90 %)", "after (90 %)", "held-out error, % of lift"), rows)
+        verdict = f"not diagnosed: {at.reason}" if at.reason else at.verdict
+        for name, c in found.quoted[at.boundary].coefficients.items():
+            told = (named or "none", letter(name), plus_minus(c.value, c.u), _interval(c), c.holds, "" if at.reason else error)
+            rows.append((at.boundary, verdict, *told))
+    return _whole(found, ("boundary", "verdict", "effects", "", "value (k = 1)", "90 % interval", "", "held-out error, % of lift"), rows)
 
 
 def finished(found: Finished) -> str:
@@ -68,9 +68,8 @@ def drawing(found: Drawing) -> str:
     return f'<figure style="margin:0.5em 0">{picture}<figcaption>{escape(found.caption)}</figcaption></figure>'
 
 
-def _interval(c: Coefficient) -> str:
-    u = (c.hi90 - c.lo90) / 3.3
-    return f"{like(c.value, u)} ({like(c.lo90, u)} to {like(c.hi90, u)})" if math.isfinite(u) else plain(c.value)
+def _interval(c: CoefficientResult) -> str:
+    return f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
 
 
 def _whole(found: Finding, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

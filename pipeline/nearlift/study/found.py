@@ -6,17 +6,17 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
+from nearlift.quotation import BoundaryResult, Verdict
 from nearlift.results import Estimate
 from nearlift.study import display
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Verdict = Literal["adequate", "effect", "unexplained", "not_diagnosed"]
 Found = TypeVar("Found")
 
 
@@ -170,12 +170,14 @@ class BoundaryFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit(Finding):
-    """Every model at every boundary: ``fit.json``, and the draws of ``posterior.parquet``.
+    """Every model at every boundary: ``fit.json``, the draws of ``posterior.parquet``, and what is to be quoted: ``results.json``.
 
-    ``fit["ground"].base.coefficients["K_b"].lo90`` is the lower end of a 90 % interval.
+    ``fit.quoted["ground"].coefficients["K_b"].lo90`` is the lower end of the 90 % interval to publish; until the residuals have been
+    diagnosed it is that of the base fit. A model's own `coefficients` are what it would be if that model were right and nothing missing.
     """
 
     boundaries: Mapping[Boundary, BoundaryFit]
+    quoted: Mapping[Boundary, BoundaryResult]
     posterior: pd.DataFrame = field(repr=False, compare=False)
 
     def __getitem__(self, boundary: str) -> BoundaryFit:
@@ -188,18 +190,8 @@ class Fit(Finding):
 
     @property
     def table(self) -> pd.DataFrame:
-        """A coefficient a row, of every model."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
-                {"boundary": at.boundary, "model": m.model, "base": m is at.base, "coefficient": name}
-                | {"value": c.value, "u": c.u, "lo90": c.lo90, "hi90": c.hi90, "unit": c.unit, "chi2": m.chi2, "dof": m.dof, "aic": m.aic}
-                for at in self
-                for m in at.models.values()
-                for name, c in m.coefficients.items()
-            ]
-        )
+        """A coefficient to be quoted a row."""
+        return _quoted(self.quoted)
 
     def draws(self, boundary: str, model: str | None = None) -> pd.DataFrame:
         """Posterior draws, a draw a row and a parameter a column; of the base model unless another is named."""
@@ -309,9 +301,13 @@ class BoundaryDiagnosis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis(Finding):
-    """The closed loop at every boundary: ``diagnosis.json``. ``diagnosis["ground"].verdict`` is one word."""
+    """The closed loop at every boundary: ``diagnosis.json``, and what is to be quoted after it: ``results.json``.
+
+    ``diagnosis["ground"].verdict`` is one word.
+    """
 
     boundaries: Mapping[Boundary, BoundaryDiagnosis]
+    quoted: Mapping[Boundary, BoundaryResult]
 
     def __getitem__(self, boundary: str) -> BoundaryDiagnosis:
         """What was found at that boundary; `UsageError` with those that there are."""
@@ -323,19 +319,8 @@ class Diagnosis(Finding):
 
     @property
     def table(self) -> pd.DataFrame:
-        """A coefficient a row: verdict and named effects, before and after."""
-        import pandas as pd
-
-        ends = ("value", "lo90", "hi90")
-        return pd.DataFrame(
-            [
-                {"boundary": at.boundary, "verdict": at.verdict, "effects": " + ".join(e.name for e in at.effects), "coefficient": name}
-                | {f"{key}_before": getattr(at.before[name], key) for key in ends}
-                | {f"{key}_after": getattr(after, key) for key in ends}
-                for at in self
-                for name, after in at.after.items()
-            ]
-        )
+        """A coefficient to be quoted a row, with verdict and named effects."""
+        return _quoted(self.quoted)
 
     def _repr_html_(self) -> str:
         return display.diagnosis(self)
@@ -350,6 +335,21 @@ class Finished(Finding):
 
     def _repr_html_(self) -> str:
         return display.finished(self)
+
+
+def _quoted(quoted: Mapping[Boundary, BoundaryResult]) -> pd.DataFrame:
+    """A coefficient a row."""
+    import pandas as pd
+
+    keys = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit", "holds")
+    return pd.DataFrame(
+        [
+            {"boundary": boundary, "model": own.base_model, "verdict": own.verdict, "effects": " + ".join(own.effects), "coefficient": name}
+            | {key: getattr(c, key) for key in keys}
+            for boundary, own in quoted.items()
+            for name, c in own.coefficients.items()
+        ]
+    )
 
 
 def _of(found: Mapping[Any, Found], key: str, what: str) -> Found:

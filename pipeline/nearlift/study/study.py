@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from nearlift.campaign import Campaign
+    from nearlift.declare import Boundary
     from nearlift.products import Product
+    from nearlift.quotation import BoundaryResult
     from nearlift.stages.graph import Step
 
 
@@ -75,7 +77,7 @@ class Study:
         for boundary, entries in content["boundaries"].items():
             models = {name: ModelFit.of(name, entry) for name, entry in entries.items()}
             boundaries[boundary] = BoundaryFit(boundary=boundary, base=models[content["base"][boundary]], models=models)
-        return Fit(**told, drawing=self.figure("fig2", bring=False), boundaries=boundaries, posterior=self.read(POSTERIOR))
+        return Fit(**told, drawing=self.figure("fig2", bring=False), boundaries=boundaries, quoted=self._quoted(), posterior=self.read(POSTERIOR))
 
     def diagnose(self) -> Diagnosis:
         """The loop: what the base models leave, traced to a named effect, or not."""
@@ -84,7 +86,7 @@ class Study:
         told = self._bring("diagnose")
         found = {boundary: BoundaryDiagnosis.of(boundary, entry) for boundary, entry in self._document(DIAGNOSIS)["boundaries"].items()}
         drawn = any(not at.reason for at in found.values())
-        return Diagnosis(**told, drawing=self.figure("diagnosis", bring=False) if drawn else None, boundaries=found)
+        return Diagnosis(**told, drawing=self.figure("diagnosis", bring=False) if drawn else None, boundaries=found, quoted=self._quoted())
 
     def run(self) -> Finished:
         """Every stage that is stale, the report last: what ``nearlift run`` does."""
@@ -157,6 +159,12 @@ class Study:
                 raise UsageError(product, "is no table product", f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}")
             product = tables[product]
         return pd.DataFrame(store.read_table(self._whole(product), product))
+
+    def _quoted(self) -> dict[Boundary, BoundaryResult]:
+        from nearlift.products import RESULTS
+        from nearlift.quotation import Results
+
+        return dict(Results.model_validate(self._document(RESULTS)).boundaries)
 
     def _document(self, product: Product) -> dict[str, Any]:
         from nearlift import store

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from nearlift.quotation import BudgetLine, CoefficientResult
 from nearlift.rounding import letter
-from nearlift.summaries import superseded
 from nearlift.summaries.evidence import Columns, Evidence
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is not drawn; what was declared always is.
@@ -23,7 +24,7 @@ def summarise(evidence: Evidence) -> Columns:
         `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared), `fall_percent` of the coefficient's standard
         uncertainty if the source were known exactly, `u` that it adds, `u_without` it. Every panel has every component, the largest fall first.
     """
-    bars = [(b, name, entry) for b in evidence.boundaries for name, entry in evidence.base(b)[1].get("budget", {}).items()]
+    bars = [(b, name, c) for b in evidence.boundaries for name, c in evidence.quoted(b).coefficients.items() if c.budget]
     rows = _rows(bars)
     kinds: tuple[tuple[str, type], ...] = (
         ("panel", object),
@@ -37,25 +38,25 @@ def summarise(evidence: Evidence) -> Columns:
     return {name: np.array([row[i] for row in rows], dtype=kind) for i, (name, kind) in enumerate(kinds)}
 
 
-def fall(line: dict[str, Any], u: float) -> float:
+def fall(line: BudgetLine, u: float) -> float:
     """By which part of itself the coefficient's standard uncertainty `u` falls if the source of `line` were known exactly."""
-    return 1.0 - float(line["u_without"]) / u
+    return 1.0 - line.u_without / u if np.isfinite(u) else 0.0
 
 
-def _rows(bars: list[tuple[Any, str, dict[str, Any]]]) -> list[tuple[Any, ...]]:
+def _rows(bars: Sequence[tuple[str, str, CoefficientResult]]) -> list[tuple[Any, ...]]:
     falls: dict[str, list[float]] = {}
     kinds: dict[str, str] = {}
-    for _, _, entry in bars:
-        for line in entry["lines"]:
-            falls.setdefault(line["component"], []).append(fall(line, entry["u"]))
-            kinds[line["component"]] = line["type"]
+    for _, _, own in bars:
+        for line in own.budget:
+            falls.setdefault(line.source, []).append(fall(line, own.u))
+            kinds[line.source] = line.kind
     shown = sorted((c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"), key=lambda c: -sum(falls[c]))
     rows: list[tuple[Any, ...]] = []
-    for boundary, name, entry in bars:
-        lines = {line["component"]: line for line in entry["lines"]}
-        for component in shown:
-            line = lines.get(component, {"u": 0.0, "u_without": entry["u"]})
-            rows.append((boundary, name, component, kinds[component], 100 * fall(line, entry["u"]), line["u"], line["u_without"]))
+    for boundary, name, own in bars:
+        lines = {line.source: line for line in own.budget}
+        for source in shown:
+            line = lines.get(source, BudgetLine(source=source, kind="A", u=0.0, u_without=own.u))
+            rows.append((boundary, name, source, kinds[source], 100 * fall(line, own.u), line.u, line.u_without))
     return rows
 
 
@@ -67,8 +68,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         top = np.flatnonzero(mine)[np.argmax(table["fall_percent"][mine])]
         words.append(f"{letter(name)} ({panel}): {table['component'][top]}, {table['fall_percent'][top]:.0f} %")
     return (
-        "By how much the standard uncertainty of each coefficient of the base models would fall if one source of error were known exactly; "
-        f"type A from repeats, type B declared in the manifest, always shown. {superseded.warning(evidence)}Sources are correlated through "
+        "By how much the standard uncertainty of each coefficient would fall if one source of error were known exactly; "
+        f"type A from repeats, type B declared in the manifest, always shown. Sources are correlated through "
         f"the fit, so the falls do not add. Largest: {'; '.join(words)}."
     )
 

@@ -131,12 +131,5 @@ def _word(name: str) -> str:
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
-    told = []
-    for boundary in evidence.boundaries:
-        spans = []
-        for name, x in draws(evidence, boundary).items():
-            low, high = np.quantile(x, [0.05, 0.95])
-            unit = " mN" if "_mN[" in name else ""
-            spans.append(f"{_word(name)} from {plain(float(low), 4)} to {plain(float(high), 4)}{unit}")
-        told.append(f"{boundary.capitalize()}: {', '.join(spans)} (90 %).")
+    told = [f"{b.capitalize()}: {', '.join(_word(name) for name in draws(evidence, b))}." for b in evidence.boundaries]
     return f"Corner plots of the posteriors. {' '.join(told)}"

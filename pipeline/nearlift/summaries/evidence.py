@@ -13,7 +13,8 @@ from nearlift import catalogue
 from nearlift.campaign import Campaign, Overlay, boundaries_of
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import ProductError
-from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, Product
+from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, Product
+from nearlift.quotation import BoundaryResult
 from nearlift.results import Observations
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
@@ -80,6 +81,10 @@ class Evidence:
         content = self.document(FIT)
         name = content["base"][boundary]
         return catalogue.model(name), content["boundaries"][boundary][name]
+
+    def quoted(self, boundary: str) -> BoundaryResult:
+        """What is to be quoted of a boundary."""
+        return BoundaryResult.model_validate(self.document(RESULTS)["boundaries"][boundary])
 
     def diagnosed(self, boundary: str) -> dict[str, Any]:
         """The loop's findings at a boundary; empty where there are none, as where it could not be diagnosed."""

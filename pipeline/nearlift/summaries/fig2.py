@@ -16,7 +16,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.products import LIFT, POSTERIOR
-from nearlift.rounding import fixed, letter, like, plain, plus_minus
+from nearlift.rounding import fixed, letter, plain, plus_minus
 from nearlift.summaries import curves
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
@@ -162,9 +162,10 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
 
 def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> str:
     model, entry = evidence.base(boundary)
-    by_least_squares = bool(((table["panel"] == boundary) & (table["kind"] == LEAST_SQUARES)).any())
-    coefficients = ", ".join(_coefficient(n, entry, by_least_squares) for n in entry["parameters"])
-    of = f" ({coefficients})" if coefficients else ""
+    quoted = evidence.quoted(boundary)
+    told = ", ".join(f"{letter(n)} = {plus_minus(c.value, c.u)}" for n, c in quoted.coefficients.items())
+    beyond = f", with {' and '.join(quoted.effects)} in the model, which the line is without" if quoted.effects else ""
+    of = f" ({told}, k = 1{beyond})" if told else ""
     mine = (table["panel"] == boundary) & (table["kind"] == "data")
     if not mine.any():
         return ""
@@ -183,19 +184,6 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
         f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, "
         f"where ΔL is 0 by construction and the fit stands at {fixed(100 * there, 2)} %{apart}.{_shared_far(evidence, boundary)}{without}{moved}"
     )
-
-
-def _coefficient(name: str, entry: Mapping[str, Any], apart: bool) -> str:
-    """``K_b = 2.0 ± 0.3``; where least squares and posterior part, both."""
-    e = entry["parameters"][name]
-    fitted = plus_minus(e["value"], e["u"] or math.nan)
-    if not apart:
-        return f"{letter(name)} = {fitted}"
-    drawn = entry["posterior"]["parameters"][name]
-    if drawn["lo90"] is None:
-        return f"{letter(name)} = {like(drawn['median'], drawn['u'])}, no end to its interval; least squares {plain(e['value'])}"
-    middle, low, high = (like(drawn[k], drawn["u"]) for k in ("median", "lo90", "hi90"))
-    return f"{letter(name)} = {middle}, 90 %: {low} to {high}; least squares {fitted}"
 
 
 def _shared_far(evidence: Evidence, boundary: Boundary) -> str:

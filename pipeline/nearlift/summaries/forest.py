@@ -13,20 +13,19 @@ from nearlift.summaries.evidence import Columns
 #: A 90 % interval of a normal is so many standard deviations wide.
 WIDTH_90 = 3.289707253902945
 TEXT = ("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict")
-REAL = ("value", "lo90", "hi90", "before", "before_lo90", "before_hi90")
+REAL = ("value", "lo90", "hi90")
 
 
 def summarise(content: Mapping[str, Any]) -> Columns:
-    """Rows of comparison.json: `kind` is campaign, population or next; `before` is the fit without what the loop found."""
+    """Rows of comparison.json: `kind` is campaign, population or next."""
     rows: list[dict[str, Any]] = []
     for group in content["groups"]:
-        unit = group["campaigns"][0]["after"]["unit"]
+        unit = group["campaigns"][0]["quoted"]["unit"]
         shared = {"panel": group["boundary"], "coefficient": group["coefficient"], "unit": unit}
         for own in group["campaigns"]:
             rows.append(
                 {**shared, "kind": "campaign", "label": own["campaign"], "vehicle": own["vehicle"], "verdict": own["verdict"]}
-                | _interval(own["after"])
-                | {f"before{name}": own["before"][key] for name, key in (("", "value"), ("_lo90", "lo90"), ("_hi90", "hi90"))}
+                | _interval(own["quoted"])
             )
         together = group.get("population")
         if together:
@@ -46,9 +45,9 @@ def select(table: Columns, boundary: str, coefficient: str) -> Columns:
     return {name: values[own] for name, values in table.items()}
 
 
-def interval(rows: Columns, i: int, of: str = "") -> str:
-    """``2.00 (1.84 to 2.16)``: value and 90 % interval of one row, of `of` ("before") or of what it became."""
-    value, low, high = (float(rows[f"{of}_{end}" if of and end != "value" else of or end][i]) for end in ("value", "lo90", "hi90"))
+def interval(rows: Columns, i: int) -> str:
+    """``2.00 (1.84 to 2.16)``: value and 90 % interval of one row."""
+    value, low, high = (float(rows[end][i]) for end in ("value", "lo90", "hi90"))
     u = (high - low) / WIDTH_90
     return f"{like(value, u)} ({like(low, u)} to {like(high, u)})"
 
@@ -58,9 +57,6 @@ def caption(table: Columns) -> str:
     campaigns = table["kind"] == "campaign"
     n = len(set(table["label"][campaigns].tolist()))
     parts = [f"Headline coefficients of {n} campaign{'s' if n != 1 else ''}, with 90 % intervals."]
-    moved = campaigns & (table["before"] != table["value"])
-    if moved.any():
-        parts.append(f"Grey: the fit before the loop, where the loop named an effect ({int(moved.sum())} of {int(campaigns.sum())} coefficients).")
     if (table["verdict"][campaigns] == "unexplained").any():
         parts.append("Open symbols: structure that no named effect explains.")
     if (table["kind"] == "population").any():

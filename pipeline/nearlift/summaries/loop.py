@@ -21,6 +21,8 @@ from nearlift.summaries.loop_residuals import residuals
 CANDIDATES = 8
 #: And so many coefficients of a base model.
 COEFFICIENTS = 2
+#: And so many of the conditions on which it would be another.
+DOUBTS = 3
 TEXT = ("panel", "letter", "part", "kind", "when", "covariate", "series", "label", "note", "unit")
 REAL = ("x", "value", "u", "lo90", "hi90", "n_trials")
 
@@ -162,24 +164,19 @@ def errors(boundary: str, found: Mapping[str, Any]) -> Columns:
 
 
 def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any]) -> Columns:
-    """The first coefficients with their 90 % intervals, and the literature's value where there is one."""
-    after = found.get("coefficients", {}).get("after", {})
+    """The first coefficients as quoted, beneath them what they would be on other conditions, and the literature's value where there is one."""
     columns = []
-    for name, before in list(found.get("coefficients", {}).get("before", {}).items())[:COEFFICIENTS]:
-        own = after.get(name, {})
-        spans = [("base", "before", before["value"], before["lo90"], before["hi90"])]
-        if found["verdict"] == "effect" and own:
-            spans.append(("union", "after", own["value"], own["lo90"], own["hi90"]))
-            spans += [("conditional", "after", own["value"], *own["conditional"])] if own.get("conditional") else []
-        if found["coefficients"].get("carried") and own:
-            spans.append(("discrepancy", "before", own["value"], own["lo90"], own["hi90"]))
-        last = "after" if found["verdict"] == "effect" else "before"
-        spans += [("constrained", last, own["value"], *own["constrained"])] if own.get("constrained") else []
-        for kind, when, value, low, high in spans:
-            columns.append(rows(boundary, part="coefficient", kind=kind, when=when, label=name, value=value, lo90=low, hi90=high, unit="1"))
+    when = "after" if found["verdict"] == "effect" else "before"
+    for name, c in list(evidence.quoted(boundary).coefficients.items())[:COEFFICIENTS]:
+        shown = [("quoted", "", c.value, c.lo90, c.hi90)]
+        shown += [("doubt", d.condition, d.value, d.lo90, d.hi90) for d in c.doubts[:DOUBTS]]
+        for kind, note, value, low, high in shown:
+            columns.append(
+                rows(boundary, part="coefficient", kind=kind, when=when, label=name, note=note, value=value, lo90=low, hi90=high, unit=c.unit)
+            )
         for reference in fig2.references(evidence, boundary):
             if reference.model == found.get("base_model") and name in reference.arguments:
                 source = reference.label.partition("(")[2].rstrip(")")
                 value = float(reference.arguments[name])
-                columns.append(rows(boundary, part="coefficient", kind="reference", label=name, note=source, value=value, unit="1"))
+                columns.append(rows(boundary, part="coefficient", kind="reference", label=name, note=source, value=value, unit=c.unit))
     return stack([_full(c) for c in columns]) if columns else rows(boundary, label=[])

@@ -37,11 +37,9 @@ def caption(evidence: Evidence, table: Columns) -> str:
     if (table["part"] == "error").any():
         parts.append(f"Held-out error ({_letters(table, 'error')}): visits that took no part in the search, 90 % intervals; dashed: noise floor.")
     if (table["part"] == "coefficient").any():
-        more = "over all rivals, their form uncertain (union); given the best answer (conditional); " if after else ""
-        more += "with what is left carried as a random discrepancy (discrepancy); " if (table["kind"] == "discrepancy").any() else ""
         parts.append(
-            f"Coefficients ({_letters(table, 'coefficient')}), 90 % intervals: by the base fit; {more}allowing for every effect too small to be seen "
-            "(constrained; an arrow where it leaves the axis, its ends in figures)."
+            f"Coefficients ({_letters(table, 'coefficient')}): bold, as quoted, 90 %; thin and numbered, what they would be on a condition "
+            "(an arrow where it leaves the axis, its ends in figures)."
         )
     for boundary in dict.fromkeys(table["panel"].tolist()):
         parts.append(_boundary(table, boundary))
@@ -61,8 +59,8 @@ def alt(evidence: Evidence, table: Columns) -> str:
             line += f" Bin means {when} stray up to {plain(float(own.max()), 2)} % from zero against {name}." if len(own) else ""
         for i in np.flatnonzero(mine & (table["part"] == "coefficient") & (table["kind"] != "reference")).tolist():
             row = {k: v[i] for k, v in table.items()}
-            value = "" if row["kind"] == "constrained" else f"{plain(row['value'], 3)}, "
-            line += f" {row['label']} {row['kind']}: {value}90 % {plain(row['lo90'], 3)} to {plain(row['hi90'], 3)}."
+            condition = f", if {row['note']}" if row["note"] else ""
+            line += f" {row['label']}{condition}: {plain(row['value'], 3)}, 90 % {plain(row['lo90'], 3)} to {plain(row['hi90'], 3)}."
         parts.append(line)
     return " ".join(parts)
 
@@ -77,7 +75,9 @@ def _boundary(table: Columns, boundary: str) -> str:
         values = [f"{plain(float(v), 3)} %" for v in table["value"][rmse]]
         floor = plain(float(table["value"][mine & (table["kind"] == "floor") & (table["part"] == "error")][0]), 3)
         text += f"; held-out error {' to '.join(values)}, noise floor {floor} %"
-    return text + "."
+    conditions = table["note"][mine & (table["part"] == "coefficient") & (table["kind"] == "doubt")]
+    listed = "; ".join(f"({i}) {c}" for i, c in enumerate(dict.fromkeys(conditions.tolist()), 1))
+    return text + (f"; if {listed}" if listed else "") + "."
 
 
 def _letters(table: Columns, part: str) -> str:

@@ -8,7 +8,6 @@ import numpy as np
 
 from nearlift.products import PROFILES
 from nearlift.rounding import letter
-from nearlift.summaries import superseded
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
 #: Profiles are drawn up to this rise of chi2.
@@ -68,7 +67,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     text = "; ".join(words)
     return (
         "Rise of chi² above its least with one coefficient held, L_inf and everything else optimised again (line), and the parabola of its standard "
-        f"uncertainty (dashes), of the base models. {superseded.warning(evidence)}Marks: ends of the 68, 90 and "
+        f"uncertainty (dashes), of the base models. Marks: ends of the 68, 90 and "
         f"95 % intervals. {text[:1].upper()}{text[1:]}."
     )
 

@@ -10,7 +10,6 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.pages.charts.chart import AREAS, DASHES, SERIES, SHAPES, Chart, Choice, Control, Spec, View, axis, column, frame, params, shade
 from nearlift.products import FIT
-from nearlift.rounding import letter, like, plus_minus
 from nearlift.summaries import curves, fig2
 from nearlift.summaries.evidence import Columns, Evidence, values
 from nearlift.summaries.points import force_unit, points, throttle_key
@@ -138,10 +137,10 @@ def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: floa
     if own.sampled:
         # the line's own level, for its lift in newtons
         entry = {**entry, "L_inf_N": {t: {"value": e["median"]} for t, e in entry["posterior"]["L_inf_N"].items()}}
-    source = f"posterior median{_medians(entry) if apart else _coefficients(entry)}" if own.sampled else f"least squares{_coefficients(entry)}"
+    source = "posterior median" if own.sampled else "least squares"
     add(base.name, f"{entry['title']}, {source}", own.middle + 1, entry, True, (own.low + 1, own.high + 1))
     if apart:
-        add("least squares", f"{entry['title']}, least squares{_coefficients(entry)}", own.least_squares + 1, entry, True)
+        add("least squares", f"{entry['title']}, least squares", own.least_squares + 1, entry, True)
     for reference in fig2.references(evidence, boundary):
         add(f"reference:{reference.label}", reference.label, curves.ratio(catalogue.model(reference.model), grid, reference.arguments), entry, True)
     for name, fit in fits.items():
@@ -149,20 +148,9 @@ def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: floa
         if name != base.name:
             stood = grid + curves.height_found_m(fit) / evidence.observations[boundary].radius_m
             ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **values(fit)})
-            add(name, f"{fit['title']}, least squares{_coefficients(fit)}", ratio, fit, False)
+            add(name, f"{fit['title']}, least squares", ratio, fit, False)
     names = ("z_hat", "ratio", "lo", "hi", "model", "label", "colour", "dash")
     return {n: column([x for row in rows for x in (row[n].tolist() if isinstance(row[n], np.ndarray) else row[n])]) for n in names}, choices, levels
-
-
-def _coefficients(entry: dict[str, Any]) -> str:
-    told = ", ".join(f"{letter(n)} = {plus_minus(e['value'], e['u'] or 0.0)}" for n, e in entry["parameters"].items())
-    return f" ({told})" if told else ""
-
-
-def _medians(entry: dict[str, Any]) -> str:
-    """Coefficients of the posterior's line, where least squares would say otherwise."""
-    told = ", ".join(f"{letter(n)} = {like(e['median'], e['u'])}" for n, e in entry["posterior"]["parameters"].items())
-    return f" ({told})"
 
 
 def _overlays(evidence: Evidence, boundary: Boundary) -> Columns:

@@ -1,8 +1,6 @@
-"""The forest plot to be pointed at: a line for each campaign, in the order given or by value, with and without what the loop found."""
+"""The forest plot to be pointed at: a line for each campaign, in the order given or by value."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
@@ -14,14 +12,13 @@ from nearlift.summaries.forest import interval, select
 
 LINE = 30
 SHAPES = {"effect": "square"}
-TOOLTIP = (("label", "campaign"), ("vehicle", "vehicle"), ("told", "value, 90 %"), ("judged", "verdict"), ("earlier", "before the loop"))
+TOOLTIP = (("label", "campaign"), ("vehicle", "vehicle"), ("told", "value, 90 %"), ("judged", "verdict"))
 
 
 def chart(table: Columns) -> Chart:
     """A view for each boundary and coefficient of `summaries.forest`."""
     keys = dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True))
     views = tuple(_view(b, c, select(table, b, c)) for b, c in keys)
-    moved = bool(np.any(_moved(table)))
     controls = (
         Control(
             signal="order",
@@ -29,7 +26,6 @@ def chart(table: Columns) -> Chart:
             kind="one",
             choices=(Choice(value="given", label="as given"), Choice(value="value", label="by value", on=False)),
         ),
-        Control(signal="before", legend="Before the loop", kind="switch", choices=(Choice(value="before", label="shown"),) if moved else ()),
     )
     return Chart(
         name="forest",
@@ -42,32 +38,21 @@ def chart(table: Columns) -> Chart:
     )
 
 
-def _moved(rows: Columns) -> Any:
-    return (rows["kind"] == "campaign") & (rows["before"] != rows["value"])
-
-
 def _view(boundary: str, coefficient: str, rows: Columns) -> View:
     unit = "" if rows["unit"][0] == "1" else f" ({rows['unit'][0]})"
     told = [interval(rows, i) for i in range(len(rows["value"]))]
     judged = [VERDICTS[v] if k == "campaign" else "" for v, k in zip(rows["verdict"], rows["kind"], strict=True)]
-    moved = _moved(rows)
-    earlier = [interval(rows, i, "before") if moved[i] else "the same" if rows["kind"][i] == "campaign" else "" for i in range(len(told))]
     lines = {
         "label": rows["label"],
         "kind": rows["kind"],
         "vehicle": rows["vehicle"],
         **{name: rows[name] for name in ("value", "lo90", "hi90")},
-        **{name: np.where(moved, rows[name], np.nan) for name in ("before", "before_lo90", "before_hi90")},
         "told": column(told),
         "judged": column(judged),
-        "earlier": column(earlier),
         "shape": column([SHAPES.get(v, "circle") for v in rows["verdict"]]),
         "fill": column(["var(--paper)" if v == "unexplained" else "var(--s0)" for v in rows["verdict"]]),
         "words": column(
-            [
-                f"{name}: {letter(coefficient)} = {t}" + (f"; {j}; before the loop {e}" if j else "")
-                for name, t, j, e in zip(rows["label"], told, judged, earlier, strict=True)
-            ]
+            [f"{name}: {letter(coefficient)} = {t}" + (f"; {j}" if j else "") for name, t, j in zip(rows["label"], told, judged, strict=True)]
         ),
     }
     own = rows["kind"] == "campaign"
@@ -76,7 +61,7 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
     spec = frame(
         f"{letter(coefficient)} near the {boundary}, campaign by campaign",
         height=LINE * len(given) + 10,
-        parameters=params(before=True),
+        parameters=params(),
         layers=_layers(f"{letter(coefficient)}{unit}"),
     )
     return View(
@@ -89,7 +74,7 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
 
 
 def _layers(title: str) -> list[Spec]:
-    """From back to front: the population's band, the fits before the loop, intervals, values."""
+    """From back to front: the population's band, intervals, values."""
     x: Spec = {"type": "quantitative", "scale": {"zero": False}, "axis": {"title": title}}
     y: Spec = {"field": "label", "type": "nominal", "scale": {"domain": "$places"}, "axis": {"title": None, "labelLimit": 220}}
     raw: Spec = {"type": "nominal", "scale": None}
@@ -98,7 +83,6 @@ def _layers(title: str) -> list[Spec]:
     def only(*kinds: str) -> list[Spec]:
         return [{"filter": " || ".join(f"datum.kind == '{k}'" for k in kinds)}]
 
-    earlier: list[Spec] = [{"filter": "before && isValid(datum.before)"}]
     span: Spec = {"x": {**x, "field": "lo90"}, "x2": {"field": "hi90"}}
     rule: Spec = {"type": "rule", "aria": False, "strokeWidth": 2}
     return [
@@ -107,18 +91,6 @@ def _layers(title: str) -> list[Spec]:
             "transform": only("population"),
             "mark": {"type": "rect", "aria": False, "color": "var(--soft)", "opacity": 0.2},
             "encoding": span,
-        },
-        {
-            "data": data,
-            "transform": earlier,
-            "mark": {**rule, "color": "var(--soft)", "strokeWidth": 1.3, "yOffset": -8},
-            "encoding": {"x": {**x, "field": "before_lo90"}, "x2": {"field": "before_hi90"}, "y": y},
-        },
-        {
-            "data": data,
-            "transform": earlier,
-            "mark": {"type": "point", "shape": "stroke", "angle": 90, "size": 60, "color": "var(--soft)", "yOffset": -8, "aria": False},
-            "encoding": {"x": {**x, "field": "before"}, "y": y},
         },
         {"data": data, "transform": only("campaign"), "mark": {**rule, "color": "var(--s0)"}, "encoding": {**span, "y": y}},
         {"data": data, "transform": only("population"), "mark": {**rule, "color": "var(--s1)", "strokeWidth": 3}, "encoding": {**span, "y": y}},

@@ -1,0 +1,100 @@
+"""Whatever prints a coefficient of a campaign prints the one that is quoted; another number stands only behind its condition."""
+
+from __future__ import annotations
+
+import csv
+import html
+import io
+import json
+import re
+
+import pytest
+
+from nearlift.pages.number import SYMBOLS
+from nearlift.products import FIT, RESULTS
+from nearlift.quotation import Results
+from nearlift.rounding import like, plus_minus
+from nearlift.stages import compare, diagnose, export, ledger, report
+from nearlift.study import display
+from nearlift.study.found import BoundaryFit, Fit, ModelFit
+
+from . import verdicts
+
+#: A coefficient and a value: ``K_b = 2.0``, ``$K_b = \num{2.0(2)}$``, ``K_b (ground) = 2``.
+SAID = re.compile(r"(?<![\w/])K_?b\$?\s*[=≈]\s*(?:\\num\{)?([−-]?\d+(?:\.\d+)?)")
+
+
+@pytest.fixture(scope="module", params=verdicts.MADE)
+def job(request, make_job):
+    made = make_job(("ground",), **verdicts.MADE[request.param])
+    diagnose.run(made)
+    ledger.run(made)
+    with pytest.MonkeyPatch.context() as patch:
+        from . import small_run
+
+        patch.setattr("nearlift.figures.render.render", small_run.undrawn)
+        report.run(made)
+    (made.root / "campaign.toml").write_text("")
+    export.export(made, ("c", "document", "python"))
+    return made
+
+
+@pytest.fixture
+def quoted(job):
+    return Results.model_validate(job.read_json(RESULTS)).boundaries["ground"]
+
+
+def visible(page: str) -> str:
+    """Text of the page without its chart data, and without what is folded behind a condition or is another model's."""
+    page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
+    page = re.sub(r"<details><summary>(What it would be|The coefficient at each exponent).*?</details>", " ", page, flags=re.S)
+    page = re.sub(r"<tr>(?:(?!</tr>).)*</tr>", " ", page, flags=re.S)  # of the tables of models, only the base's row is marked
+    page = re.sub(r'alt="([^"]*)"', r">\1<", page)
+    return html.unescape(re.sub(r"<[^>]+>", "", page))
+
+
+def test_the_page_says_one_number(job, quoted):
+    c = quoted.coefficients["K_b"]
+    text = visible((job.reports / "index.html").read_text())
+    # conditions are said in captions as such
+    said = SAID.findall(re.sub(r"\bif \(1\).*?\.(?=\s|$)|if [^.;]*: [−\d.]+, 90 %[^.]*\.\d*", " ", text))
+    assert len(said) >= 3
+    # the literature's value, K_b = 2, is drawn and named too
+    assert set(said) - {"2"} == {plus_minus(c.value, c.u).partition(" ")[0]}
+
+
+def test_every_document_says_one_number(job, quoted):
+    c = quoted.coefficients["K_b"]
+    value, low, high = (like(x, c.u) for x in (c.value, c.lo90, c.hi90))
+    for name in ("methods.md", "methods.tex", "tables/coefficients.tex"):
+        text = (job.reports / name).read_text()
+        assert set(SAID.findall(text)) == {value}, name
+        assert f"{low} to {high}" in text or rf"\numrange{{{low}}}{{{high}}}" in text
+    (row,) = csv.DictReader(io.StringIO((job.reports / "tables/coefficients.csv").read_text()))
+    assert [float(row[k]) for k in ("value", "lo90", "hi90")] == pytest.approx([c.value, c.lo90, c.hi90], rel=1e-8)
+
+
+def test_exports_say_one_number(job, quoted):
+    c = quoted.coefficients["K_b"]
+    told = f"K_b = {c.value:.6g} (90 %: {c.lo90:.6g} to {c.hi90:.6g})"
+    folder = job.processed / "export"
+    assert told in (folder / "lift_model.h").read_text()
+    document = json.loads((folder / "lift_model.json").read_text())
+    text = json.dumps(document)
+    assert all(repr(x) in text for x in (c.value, c.lo90, c.hi90))
+
+
+def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
+    c = quoted.coefficients["K_b"]
+    (entry,) = compare.entries(job.processed)
+    assert entry.quoted == c
+    content = job.read_json(FIT)["boundaries"]["ground"]
+    models = {name: ModelFit.of(name, e) for name, e in content.items()}
+    fit = BoundaryFit(boundary="ground", base=models["sanchez_cuevas"], models=models)
+    shown = display.fit(Fit(campaign="small", boundaries={"ground": fit}, quoted={"ground": quoted}, posterior=None))
+    assert f"<td>{plus_minus(c.value, c.u)}</td><td>{like(c.lo90, c.u)} to {like(c.hi90, c.u)}</td>" in shown
+    assert len(re.findall(r"± ", shown)) == 1
+
+
+def test_the_symbols_that_are_looked_for_are_those_that_pages_print():
+    assert "K_b" not in SYMBOLS
