@@ -213,3 +213,17 @@ def test_a_fit_writes_posterior_nc_when_asked_and_leaves_no_old_one(done, tmp_pa
     assert (products(out) / "posterior.nc").is_file()
     assert small_run.nearlift("fit", raw, "--out", out).exit_code == 0
     assert not (products(out) / "posterior.nc").exists()
+
+
+def test_one_coefficient_is_quoted_from_the_grid_and_the_draws_agree_within_their_error(small_job):
+    fits, draws = small_job.read_json(FIT)["boundaries"]["ground"], small_job.read(POSTERIOR)
+    for model, entry in fits.items():
+        if len(entry["parameters"]) != 1:
+            continue
+        ((name, told),) = entry["posterior"]["parameters"].items()
+        mine = (draws["boundary"] == "ground") & (draws["model"] == model) & (draws["parameter"] == name)
+        sampled = np.quantile(draws["value"][mine], [0.05, 0.5, 0.95])
+        # four standard errors of a quantile in the tail of a normal, sqrt(0.05 0.95 / n) / 0.103 u, at the effective number of draws
+        within = 4 * np.sqrt(0.05 * 0.95 / told["ess_tail"]) / 0.103 * told["u"]
+        assert [told["lo90"], told["median"], told["hi90"]] == pytest.approx(sampled, abs=within)
+        assert not np.array_equal([told["lo90"], told["hi90"]], sampled[[0, 2]])

@@ -34,6 +34,18 @@ class Grid:
         """Share of the posterior in which a parameter lies below `value`."""
         return _below(self.theta[:, parameter], self.mass, self.width[parameter], value)
 
+    def moments(self, parameter: int) -> tuple[float, float]:
+        """Mean and standard deviation of one parameter."""
+        x = self.theta[:, parameter]
+        mean = float(self.mass @ x)
+        return mean, float(np.sqrt(self.mass @ (x - mean) ** 2))
+
+    def quantiles(self, probability: FloatArray) -> FloatArray:
+        """Quantiles of the only parameter; its points' cells lie side by side."""
+        order = np.argsort(self.theta[:, 0])
+        ends = np.append(self.theta[order, 0] - self.width[0] / 2, self.theta[order[-1], 0] + self.width[0] / 2)
+        return np.interp(probability, np.append(0.0, np.cumsum(self.mass[order])), ends)
+
 
 def _below(x: FloatArray, mass: FloatArray, width: float, value: float) -> float:
     """Cumulative probability; each point stands for its cell, which is `width` wide along this parameter."""

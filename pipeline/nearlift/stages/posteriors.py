@@ -15,6 +15,7 @@ from nearlift import store
 from nearlift.declare import FloatArray
 from nearlift.fitting import gum, posterior
 from nearlift.fitting.density import Density
+from nearlift.fitting.grid import grid
 from nearlift.fitting.learnt import beside_fit, learnt
 from nearlift.fitting.least_squares import Fit
 from nearlift.fitting.posterior import Posterior, Settings
@@ -103,9 +104,25 @@ def _empty() -> Table:
     return {c.name: np.zeros(0, dtype=object if c.kind == "text" else float) for c in POSTERIOR.columns}
 
 
+SHOWN = np.array([0.05, 0.5, 0.95])
+
+
 def _spread(draws: FloatArray, unit: str) -> dict[str, Any]:
-    low, median, high = np.quantile(draws, [0.05, 0.5, 0.95])
-    return {"value": draws.mean(), "u": draws.std(), "median": median, "lo90": low, "hi90": high, "unit": unit}
+    return _entry(draws.mean(), draws.std(), np.quantile(draws, SHOWN), unit)
+
+
+def _entry(mean: float, sd: float, quantiles: FloatArray, unit: str) -> dict[str, Any]:
+    low, median, high = quantiles
+    return {"value": mean, "u": sd, "median": median, "lo90": low, "hi90": high, "unit": unit}
+
+
+def _marginal(density: Density, draws: FloatArray, unit: str) -> dict[str, Any]:
+    """One parameter's spread: where it is the only one by the grid that judges the draws, which has no Monte Carlo error; else by the draws."""
+    if len(density.problem.names) == 1 and draws.std() > 0:
+        exact = grid(density, np.array([draws.mean()]), np.array([[draws.var()]]))
+        if exact.resolved:
+            return _entry(*exact.moments(0), exact.quantiles(SHOWN), unit)
+    return _spread(draws, unit)
 
 
 def _record(density: Density, found: Posterior, fitted: Fit) -> dict[str, Any]:
@@ -117,7 +134,7 @@ def _record(density: Density, found: Posterior, fitted: Fit) -> dict[str, Any]:
         estimate = fitted.estimates[belief.parameter.name]
         over_fit, why = beside_fit(belief, draws, estimate.lo90, estimate.hi90)
         parameters[belief.parameter.name] = {
-            **_spread(draws, belief.parameter.unit),
+            **_marginal(density, draws, belief.parameter.unit),
             "ess": found.ess[i],
             "ess_tail": found.ess_tail[i],
             "r_hat": found.r_hat[i],
