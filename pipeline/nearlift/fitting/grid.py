@@ -44,7 +44,7 @@ class Grid:
         """Quantiles of the only parameter; its points' cells lie side by side."""
         order = np.argsort(self.theta[:, 0])
         ends = np.append(self.theta[order, 0] - self.width[0] / 2, self.theta[order[-1], 0] + self.width[0] / 2)
-        return np.interp(probability, np.append(0.0, np.cumsum(self.mass[order])), ends)
+        return np.asarray(np.interp(probability, np.append(0.0, np.cumsum(self.mass[order])), ends), dtype=np.float64)
 
 
 def _below(x: FloatArray, mass: FloatArray, width: float, value: float) -> float:
