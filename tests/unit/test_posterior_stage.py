@@ -56,7 +56,8 @@ def test_the_table_holds_every_model_and_fit_json_says_how(done):
         for parameter, summary in said["parameters"].items():
             draws = table["value"][(table["model"] == name) & (table["parameter"] == parameter)]
             assert len(draws) == said["chains"] * said["draws"] >= 4000
-            assert summary["value"] == pytest.approx(draws.mean(), rel=1e-9)
+            # the grid's where there is one coefficient: within five standard errors of the mean of the draws
+            assert summary["value"] == pytest.approx(draws.mean(), rel=1e-9, abs=5 * summary["u"] / np.sqrt(summary["ess"]))
             assert summary["lo90"] < summary["median"] < summary["hi90"]
             assert summary["ess"] >= 4000
             assert summary["prior"]["text"]

@@ -17,6 +17,7 @@ from nearlift.stages import watch as watching
 from nearlift.stages.watch import Round, watch
 
 from . import small_run
+from . import test_compare as compared
 
 pytestmark = pytest.mark.usefixtures("plain_pictures")
 FIRST = graph.STAGES[:2]
@@ -146,9 +147,8 @@ def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
     assert (found.exit_code, "was given 2 campaigns" in found.stderr) == (2, True)
 
 
-def test_what_the_round_says_of_the_fit():
-    fitted = {"base": {"ground": "m"}, "boundaries": {"ground": {"m": {"parameters": {"alpha": {"value": 0.125, "u": 0.01}, "b": {}}}}}}
-    assert list(watching._headlines(fitted)) == ["ground α = 0.125 ± 0.010"]
-    fitted["boundaries"]["ground"]["m"]["parameters"]["alpha"]["u"] = None
-    assert list(watching._headlines(fitted)) == ["ground α = 0.125"]
+def test_what_the_round_says_is_what_is_quoted(tmp_path):
+    compared.write(tmp_path, "a", 0.125, 0.01)
+    content = json.loads((tmp_path / "processed" / "a" / "results.json").read_text())
+    assert list(watching._headlines(content)) == ["ground K_b = 0.125 ± 0.010"]
     assert list(watching._headlines({})) == []

@@ -10,7 +10,7 @@ from nearlift.declare import Boundary
 from nearlift.fitting.budget import components
 from nearlift.pages.number import LEAST_CHANCE, Number, cite, headline, pointer, quote
 from nearlift.pages.uncertainty import SCALES
-from nearlift.products import DIAGNOSIS, FIT, RESULTS, TRIALS
+from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plain
@@ -78,7 +78,9 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         if together:
             said.append(f"{effect['name']} alone would do, but {' or '.join(together)} is likelier, if not plainly")
     said += [f"{name} ends at a bound of its range" for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
-    said += [str(d["text"]) for d in entry["degeneracies"][:1]]
+    if evidence.quoted(boundary).verdict == NOT_DIAGNOSED:
+        # by the noise of the fit; after the loop the conditions say it by the loop's
+        said += [str(d["text"]) for d in entry["degeneracies"][:1]]
     said += _undeclared(entry, evidence.quoted(boundary))
     listed = [Reservation(boundaries=(boundary,), text=text) for text in said]
     unseen = [str(u["effect"]) for u in found.get("untestable", [])]
