@@ -78,7 +78,7 @@ def run(data: Path, n: int) -> dict[str, Any]:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         begin = time.perf_counter()
         options = ["--out", out, "--executor", f"processes:{WORKERS}", "--json"]
-        command = [sys.executable, "-c", "from nearlift.cli import main; main()", "run", *roots, *options]
+        command = [sys.executable, "-c", "from nearlift.console import main; main()", "run", *roots, *options]
         done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
         wall = time.perf_counter() - begin
         used = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -105,7 +105,7 @@ def nearlift(data: Path, form: str) -> list[str]:
     out = data / "formats-out" / form
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
-    return [sys.executable, "-c", "from nearlift.cli import main; main()", "ingest", str(campaign(data, form)), "--out", str(out), "-q"]
+    return [sys.executable, "-c", "from nearlift.console import main; main()", "ingest", str(campaign(data, form)), "--out", str(out), "-q"]
 
 
 BENCH = Bench(

@@ -29,7 +29,18 @@ def command(data: Path, verb: str) -> list[str]:
     if verb == "run":
         shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
-    return [sys.executable, "-c", "from nearlift.cli import main; main()", verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2"]
+    return [
+        sys.executable,
+        "-c",
+        "from nearlift.console import main; main()",
+        verb,
+        str(campaign),
+        "--out",
+        str(out),
+        "-q",
+        "--executor",
+        "threads:2",
+    ]
 
 
 def contestant(verb: str, title: str) -> Contestant:

@@ -27,7 +27,18 @@ def command(data: Path, verb: str, again: bool) -> list[str]:
     if not again:
         shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
-    return [sys.executable, "-c", "from nearlift.cli import main; main()", verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2"]
+    return [
+        sys.executable,
+        "-c",
+        "from nearlift.console import main; main()",
+        verb,
+        str(campaign),
+        "--out",
+        str(out),
+        "-q",
+        "--executor",
+        "threads:2",
+    ]
 
 
 def contestant(name: str, title: str, verb: str, again: bool, rounds: int | None = None) -> Contestant:

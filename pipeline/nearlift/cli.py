@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import functools
 import gc
@@ -21,8 +20,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 # what a manifest means is for nearlift to say, and to look for packages that would have a say takes longer than to check it
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-# the system takes all memory back at once; Python would first look through every module for garbage, a fifth of a short command's time
-atexit.register(gc.freeze)
 
 from nearlift import __version__  # noqa: E402
 from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, UsageError  # noqa: E402

@@ -124,6 +124,12 @@ def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
         raise UsageError("--executor", f"{text!r} is not an executor", "use serial, threads:N, processes:N or dask:ADDRESS")
 
 
+def threads_of(text: str) -> int:
+    """How many threads of this process will work; 0 where other processes do."""
+    kind, _, rest = text.partition(":")
+    return 1 if kind == "serial" else _count(rest, text) if kind == "threads" else 0
+
+
 #: Time for a scheduler to answer, s.
 ANSWER_S = 10.0
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import multiprocessing
-import multiprocessing.connection
 import os
 import stat
 import sys
@@ -56,13 +54,17 @@ def library(name: str) -> Any:
 
 def end_with_parent() -> None:
     """A process of `multiprocessing` ends as soon as the one that started it does, were it by `kill -9`."""
+    import multiprocessing
+
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_await_end, args=(parent.sentinel,), daemon=True).start()
 
 
 def _await_end(sentinel: int) -> None:
-    multiprocessing.connection.wait([sentinel])
+    from multiprocessing import connection
+
+    connection.wait([sentinel])
     # nobody is left to whom anything could be handed over
     os._exit(1)
 

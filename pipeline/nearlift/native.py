@@ -46,10 +46,13 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> int:
         """Call it; numbers and addresses are not checked."""
-        if self.call is None:
-            with _ONE_AT_A_TIME:
-                self.call = self.call or self._ready()
-        return self.call(*arguments)
+        return (self.call or self.prepare())(*arguments)
+
+    def prepare(self) -> Call:
+        """Make it ready, which is done once."""
+        with _ONE_AT_A_TIME:
+            self.call = self.call or self._ready()
+        return self.call
 
     def _ready(self) -> Call:
         """The machine code, loaded if this machine has it, else compiled and kept."""

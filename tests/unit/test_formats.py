@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -392,33 +397,76 @@ def test_a_reader_that_takes_too_long_is_stopped(tmp_path: Path) -> None:
 
 def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path: Path) -> None:
     """Whether the files are then asked for in turn or not, and whether the child dies or not: a death costs one file at most."""
-    paths = [written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3)) for k in range(8)]
-    form = readers.reader("hdf5").format
+    asked = [
+        {"reader": "hdf5", "dialect": {}, "names": None, "path": str(written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3)))}
+        for k in range(8)
+    ]
 
-    def number(read: Any, path: Path) -> float:
+    def number(worker: child.Child, *k: int) -> float:
         try:
-            return float(read(path, {}, None).channels[0].values[0])
+            [(_, values)] = worker.ask(*(asked[i] for i in k))
         except Malformed:
             return -1.0
+        return float(values[0][0])
 
-    with child.lasting(form, paths) as read:
-        assert [number(read, path) for path in (paths[0], paths[1], paths[5], paths[6])] == [0.0, 1.0, 5.0, 6.0]
-    with child.lasting(form, paths) as read:
-        assert number(read, paths[0]) == 0.0
-        read.args[0].process.kill()
-        rest = [number(read, path) for path in paths[1:]]
+    with child.Child() as worker:
+        assert [number(worker, *k) for k in ((0, 1, 2), (1, 2, 3), (5, 6, 7), (6, 7))] == [0.0, 1.0, 5.0, 6.0]
+    with child.Child() as worker:
+        assert number(worker, 0, 1, 2) == 0.0
+        worker.begin().kill()
+        rest = [number(worker, *range(k, min(k + 3, 8))) for k in range(1, 8)]
     assert sorted({*range(1, 8)} - {*rest}) == [k + 1 for k, found in enumerate(rest) if found == -1.0]
     assert rest.count(-1.0) <= 1
 
 
-def test_a_child_started_beforehand_is_the_one_that_reads() -> None:
+def test_children_started_beforehand_are_those_that_read() -> None:
     child.dismiss()
-    child.start()
-    [ready] = child._idle
-    process = ready.begin()
-    with child.borrowed() as reading:
-        assert reading.begin() is process
-    assert process.poll() is None
+    child.start(2)
+    processes = {worker.begin().pid for worker in child._idle}
+    assert len(processes) == 2
+    with child.borrowed() as one, child.borrowed() as other:
+        assert {one.begin().pid, other.begin().pid} == processes
+        assert one.begin().poll() is other.begin().poll() is None
+
+
+COPY = """
+import json, os, sys
+from pathlib import Path
+import nearlift.readers.child as child
+[path] = map(Path, sys.argv[1:])
+with path.open() as held, child.Child(memory=1 << 30, time_s=20.0) as worker:
+    process = worker.begin()
+    request = {"reader": "hdf5", "dialect": {}, "names": None, "path": str(path)}
+    [(answer, values)] = worker.ask(request)
+    about = {"kind": type(process).__name__, "session": os.getsid(process.pid) == process.pid}
+    files = [os.readlink(link) for link in Path(f"/proc/{process.pid}/fd").iterdir()]
+    limits = Path(f"/proc/{process.pid}/limits").read_text()
+    for line in ("Max address space 1073741824 1073741824", "Max file size 0 0", "Max core file size 0 0"):
+        assert line in " ".join(limits.split()), line
+    print(json.dumps({**about, "values": values[0].tolist(), "held": str(path) in files, "pwned": os.path.exists("pwned")}))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no process is copied")
+def test_a_copy_of_this_process_has_a_childs_limits_and_none_of_this_ones_files(tmp_path: Path) -> None:
+    """Code stands in the current folder, which is on this one's path."""
+    path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
+    written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    done = subprocess.run([sys.executable, "-c", COPY, str(path)], cwd=tmp_path, env=environment, check=True, stdout=subprocess.PIPE)
+    assert json.loads(done.stdout) == {"kind": "Copy", "session": True, "values": [1.0, 2.0, 3.0], "held": False, "pwned": False}
+
+
+def test_a_process_with_threads_is_not_copied() -> None:
+    wait = threading.Event()
+    thread = threading.Thread(target=wait.wait)
+    thread.start()
+    try:
+        with child.Child() as worker:
+            assert isinstance(worker.begin(), subprocess.Popen)
+    finally:
+        wait.set()
+        thread.join()
 
 
 def test_a_child_imports_nothing_from_the_folder_of_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

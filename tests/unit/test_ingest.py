@@ -14,6 +14,7 @@ from nearlift import executors
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.products import TRIALS
 from nearlift.readers import csv_trial
+from nearlift.readers import row as rows_of_records
 from nearlift.stages import ingest
 from nearlift.stages.job import Job
 from nearlift.store import sha256
@@ -210,7 +211,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(root: Path, monkeypat
         calls.append(where)
         raise fault
 
-    monkeypatch.setattr(ingest, "reduce_record", reduced)
+    monkeypatch.setattr(rows_of_records, "reduce_record", reduced)
     if row:
         assert [r.reduced.codes for r in ingest.reduce_piece(task)] == [("MALFORMED",)] * 2
         assert len(calls) == 2

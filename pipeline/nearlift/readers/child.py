@@ -10,20 +10,20 @@ from __future__ import annotations
 import atexit
 import contextlib
 import functools
-import itertools
 import json
 import math
 import os
 import select
+import signal
 import struct
 import subprocess
 import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from nearlift.readers.channel import Channel, Contents, Malformed
 from nearlift.readers.per_file import Format, Names
 from nearlift.readers.seam import FloatArray
 
+if TYPE_CHECKING:
+    from nearlift.readers.row import Row
+
 #: Address space of the child, bytes, and time for one file, s.
 MEMORY = 2 << 30
 TIME_S = 120.0
@@ -40,6 +43,10 @@ TIME_S = 120.0
 FILES, AHEAD = 1000, 3
 #: Bytes that may wait in the pipe, where the system grants as many: several records, so that the child need not wait at each.
 PIPE = 1 << 20
+#: What asks a process to end.
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+#: The folder that holds nearlift.
+PACKAGE = str(Path(__file__).parents[2])
 _LENGTH = struct.Struct("<Q")
 
 Reading = Callable[[Path, Mapping[str, Any], Names], Contents]
@@ -53,30 +60,51 @@ def source(form: Format, time_s: float = TIME_S, memory: int = MEMORY) -> Iterat
         yield form.contents
         return
     with Child(time_s, memory) as child:
-        yield functools.partial(_contents, child, form.name, deque())
+        yield functools.partial(_contents, child, form.name)
 
 
-def _contents(child: Child, reader: str, later: deque[Path], path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
-    """The contents of one file, before those of `later` ones; raises as `Child.ask` does."""
-    while path in later:
-        later.popleft()
-    about = {"reader": reader, "dialect": dict(dialect), "names": names}
-    [(answer, values)] = child.ask(*({**about, "path": str(p)} for p in (path, *itertools.islice(later, AHEAD))))
+def _contents(child: Child, reader: str, path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    """The contents of one file; raises as `Child.ask` does."""
+    [(answer, values)] = child.ask({"reader": reader, "path": str(path), "dialect": dict(dialect), "names": names})
     channels = tuple(Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v) for c, v in zip(answer["channels"], values, strict=True))
     return Contents(channels=channels, kind=answer["kind"], codes=tuple(answer["codes"]), notes=tuple(answer["notes"]))
 
 
 @contextlib.contextmanager
-def lasting(form: Format, paths: Iterable[Path] = ()) -> Iterator[Reading]:
-    """As `source`, by a child that is kept for whoever asks next; the last ones end with this process.
-
-    `paths`: what it will be asked for, each once and in this order, with the same names.
-    """
+def lasting(form: Format) -> Iterator[Reading]:
+    """As `source`, by a child that is kept for whoever asks next; the last ones end with this process."""
     if not form.child:
         yield form.contents
         return
     with borrowed() as worker:
-        yield functools.partial(_contents, worker, form.name, deque(paths))
+        yield functools.partial(_contents, worker, form.name)
+
+
+def rows(asked: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
+    """The rows of records that a child reads and reduces, in the order in which they are asked for; no sample leaves the child.
+
+    A file that is damaged, or that its reader crashed over, is MALFORMED.
+
+    Raises
+    ------
+    InputRefused
+        A record cannot be read in the way that the manifest asks for.
+    """
+    from nearlift.readers.row import Row
+    from nearlift.reduction.record import Reduced, prepare
+
+    # a child could not keep what it compiles
+    prepare()
+    with borrowed() as worker:
+        for i, request in enumerate(asked):
+            about = {"trial": request["trial"], "source": request["source"]}
+            try:
+                [(answer, _)] = worker.ask(*asked[i : i + 1 + AHEAD])
+            except Malformed as fault:
+                yield Row(**about, reduced=Reduced(codes=("MALFORMED",)), fault=f"{request['source']}: {fault}")
+                continue
+            reduced = Reduced(**{**answer["reduced"], "codes": tuple(answer["reduced"]["codes"])})
+            yield Row(**about, reduced=reduced, samples=answer["samples"], notes=tuple(answer["notes"]), fault=answer["fault"])
 
 
 @contextlib.contextmanager
@@ -105,12 +133,13 @@ _lock = threading.Lock()
 _idle: list[Child] = []
 
 
-def start() -> None:
-    """Start a child for whoever asks first: it takes as long to be ready as to read a hundred files, and the caller has something else to do."""
-    worker = Child()
-    worker.begin()
+def start(number: int = 1) -> None:
+    """Start children for whoever asks first, while the caller has something else to do."""
+    workers = [Child() for _ in range(number)]
+    for worker in workers:
+        worker.begin()
     with _lock:
-        _idle.append(worker)
+        _idle.extend(workers)
 
 
 @atexit.register
@@ -121,12 +150,103 @@ def dismiss() -> None:
             _idle.pop().end()
 
 
+def _alone() -> bool:
+    """Whether this process has a single thread, by the system's own count, which knows those of libraries as well."""
+    try:
+        return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1  # noqa: PTH208
+    except OSError:
+        return False
+
+
+def _fresh(environment: Mapping[str, str], memory: int) -> subprocess.Popen[bytes]:
+    """A child in an interpreter of its own, which takes as long to be ready as to read a hundred files."""
+    return subprocess.Popen(
+        # -P: the current folder, which may be one of data, is no place to import from; -B: write nothing
+        [sys.executable, "-P", "-B", "-c", f"from nearlift.readers.child import serve; serve(0, 1, {memory})"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, **environment},
+        # an interrupt at the terminal is the parent's to handle
+        start_new_session=True,
+    )
+
+
+class Copy:
+    """A child that begins as a copy of this process, ready at once; a process with threads is not copied, for their locks would stay locked.
+
+    It has the interface of `subprocess.Popen`, as far as that is used here.
+    """
+
+    def __init__(self, environment: Mapping[str, str], memory: int) -> None:
+        (requests, put), (get, answers) = os.pipe(), os.pipe()
+        self.returncode: int | None = None
+        # an interrupt must not find the copy where this process stands
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
+        try:
+            self.pid = os.fork()
+            if self.pid == 0:
+                _as_if_fresh(environment, requests, answers, memory)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        os.close(requests)
+        os.close(answers)
+        self.stdin, self.stdout = os.fdopen(put, "wb"), os.fdopen(get, "rb")
+
+    def poll(self) -> int | None:
+        """The exit code, negative for a signal; None while it runs."""
+        return self._status(os.WNOHANG)
+
+    def wait(self) -> int | None:
+        """The exit code, once it has ended."""
+        return self._status(0)
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+    def _status(self, how: int) -> int | None:
+        with _reaping:
+            if self.returncode is None:
+                try:
+                    pid, status = os.waitpid(self.pid, how)
+                except ChildProcessError:
+                    # where nobody may wait for children, how they ended is lost
+                    pid, status = self.pid, 0
+                self.returncode = os.waitstatus_to_exitcode(status) if pid else None
+        return self.returncode
+
+
+#: A number that was given back may be another process's.
+_reaping = threading.Lock()
+
+
+def _as_if_fresh(environment: Mapping[str, str], requests: int, answers: int, memory: int) -> NoReturn:
+    """The copy's life: it forgets what it has from the original, and serves."""
+    try:
+        os.setsid()
+        for number in INTERRUPTS:
+            signal.signal(number, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
+        nothing = os.open(os.devnull, os.O_RDWR)
+        kept = [os.dup2(old, new) for new, old in enumerate((requests, answers, nothing))]
+        os.closerange(len(kept), os.sysconf("SC_OPEN_MAX"))
+        os.environ.update(environment)
+        sys.dont_write_bytecode = True
+        here = str(Path.cwd())
+        sys.path[:] = [PACKAGE, *(p for p in sys.path if p not in ("", here))]
+        serve(0, 1, memory)
+    finally:
+        os._exit(1)
+
+
 class Child:
     """The process, started when the first file comes and again after each that killed it; `files` counts the questions put to it."""
 
     def __init__(self, time_s: float = TIME_S, memory: int = MEMORY) -> None:
         self.time_s, self.memory = time_s, memory
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: subprocess.Popen[bytes] | Copy | None = None
         self.files = 0
         #: Requests that wait for their answers, and until when the first one's may take (time.monotonic).
         self._sent: deque[bytes] = deque()
@@ -139,34 +259,27 @@ class Child:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def begin(self) -> subprocess.Popen[bytes]:
+    def begin(self) -> subprocess.Popen[bytes] | Copy:
         """The process, started unless it runs."""
         if self.process is None:
-            package = str(Path(__file__).parents[2])
-            environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)}
-            # HDF5 would load filters from wherever this points
-            environment |= {isolation.SAFE_PATH: "1", "HDF5_PLUGIN_PRELOAD": "::", "ARROW_DEFAULT_MEMORY_POOL": "system"}
-            environment |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-            self.process = subprocess.Popen(
-                # -P: the current folder, which may be one of data, is no place to import from; -B: write nothing
-                [sys.executable, "-P", "-B", "-c", "from nearlift.readers.child import serve; serve()", str(self.memory)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env=environment,
-                # an interrupt at the terminal is the parent's to handle
-                start_new_session=True,
-            )
+            environment = {
+                isolation.SAFE_PATH: "1",
+                # HDF5 would load filters from wherever this points
+                "HDF5_PLUGIN_PRELOAD": "::",
+                "ARROW_DEFAULT_MEMORY_POOL": "system",
+                "OPENBLAS_NUM_THREADS": "1",
+                "OMP_NUM_THREADS": "1",
+                "PYTHONPATH": os.pathsep.join(p for p in (PACKAGE, os.environ.get("PYTHONPATH", "")) if p),
+            }
+            self.process = Copy(environment, self.memory) if _alone() else _fresh(environment, self.memory)
             with contextlib.suppress(ImportError, AttributeError, OSError):
                 import fcntl
 
-                assert self.process.stdout is not None
-                fcntl.fcntl(self.process.stdout, fcntl.F_SETPIPE_SZ, PIPE)
+                fcntl.fcntl(self.process.stdout, fcntl.F_SETPIPE_SZ, PIPE)  # type: ignore[arg-type]
             self._ended = threading.Event()
-            threading.Thread(target=self._watch, args=(self.process, self._ended), daemon=True).start()
         return self.process
 
-    def _watch(self, process: subprocess.Popen[bytes], ended: threading.Event) -> None:
+    def _watch(self, process: subprocess.Popen[bytes] | Copy, ended: threading.Event) -> None:
         """Kill the process once an answer is overdue."""
         while not ended.wait(min(max(self._until - time.monotonic(), 0.0), self.time_s)):
             if time.monotonic() >= self._until:
@@ -206,6 +319,9 @@ class Child:
     def _answer(self, lines: list[bytes]) -> Answer:
         """Put those requests that have not been put yet, and wait for the next answer."""
         process = self.begin()
+        if not self.files:
+            # not before: a copy of this process is made only while it has no other thread
+            threading.Thread(target=self._watch, args=(process, self._ended), daemon=True).start()
         self.files += 1
         assert process.stdin is not None
         assert process.stdout is not None
@@ -256,16 +372,16 @@ def _received(pipe: IO[bytes]) -> Answer:
     return answer, [np.frombuffer(_exactly(pipe, 8 * n), dtype="<f8") for n in answer.pop("lengths")]
 
 
-def serve() -> None:
-    """The child: reads requests from stdin, one JSON object to a line, until there are no more."""
-    out = os.fdopen(os.dup(1), "wb")
+def serve(requests: int, answers: int, memory: int) -> None:
+    """The child: reads requests, one JSON object to a line, until there are no more."""
+    out = os.fdopen(os.dup(answers), "wb")
     # whatever a library prints must not stand between the answers
     os.dup2(2, 1)
     from nearlift import readers  # noqa: F401 - before memory is counted
 
-    threading.Thread(target=_await_parents_end, daemon=True).start()
-    _limit(int(sys.argv[1]))
-    for line in sys.stdin.buffer:
+    threading.Thread(target=_await_parents_end, args=(requests,), daemon=True).start()
+    _limit(memory)
+    for line in os.fdopen(requests, "rb"):
         request = json.loads(line)
         for answer, values in _answers(request):
             head = json.dumps(answer | {"lengths": [len(v) for v in values]}).encode()
@@ -275,13 +391,13 @@ def serve() -> None:
             out.flush()
 
 
-def _await_parents_end() -> None:
+def _await_parents_end(requests: int) -> None:
     """End with the parent, were it killed while a file is being read: nobody is left to stop the clock."""
     # Windows has no such call; there the child ends with its answer, which nobody takes
     if hasattr(select, "poll"):
         lifeline = select.poll()
         # the other end closed is told unasked
-        lifeline.register(sys.stdin.fileno(), 0)
+        lifeline.register(requests, 0)
         lifeline.poll()
         os._exit(1)
 
@@ -289,7 +405,7 @@ def _await_parents_end() -> None:
 def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
     name = request.get("piv") or request.get("reader") or "Parquet"
     try:
-        read = _read_fields if "piv" in request else _read_table if "table" in request else _read_contents
+        read = _read_fields if "piv" in request else _read_table if "table" in request else _reduce if "said" in request else _read_contents
         yield from read(name, Path(request["path"]), request)
     except InputRefused as refusal:
         yield {"refused": [refusal.where, refusal.what, refusal.remedy]}, []
@@ -298,19 +414,54 @@ def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
     except MemoryError:
         yield {"malformed": "it needs more memory than its reader is allowed"}, []
     except Exception as fault:  # libraries raise anything on damaged bytes; the child turns it into one kind
-        told = (str(fault).splitlines() or [""])[0]
-        yield {"malformed": f"cannot be read as {name}: {told or type(fault).__name__}"}, []
+        yield {"malformed": _unreadable(name, fault)}, []
 
 
-def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+def _unreadable(name: str, fault: Exception) -> str:
+    told = (str(fault).splitlines() or [""])[0]
+    return f"cannot be read as {name}: {told or type(fault).__name__}"
+
+
+def _format(name: str) -> Format:
     from nearlift import readers
 
     # that no package takes a built-in name is for the parent to see
     form = (readers.built_in(name) if name in readers.BUILT_IN else readers.reader(name)).format
     assert form is not None
-    found = form.contents(path, request["dialect"], None if request["names"] is None else tuple(request["names"]))
+    return form
+
+
+def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+    found = _format(name).contents(path, request["dialect"], None if request["names"] is None else tuple(request["names"]))
     listed = [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz} for c in found.channels]
     yield {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes}, [c.values for c in found.channels]
+
+
+def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+    from nearlift.readers.per_file import Said, record
+    from nearlift.readers.row import Conditions, row_of
+    from nearlift.reduction.record import Limits
+
+    def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+        try:
+            return _format(name).contents(path, dialect, names)
+        except (InputRefused, Malformed, MemoryError):
+            raise
+        except Exception as fault:
+            raise Malformed(_unreadable(name, fault)) from None
+
+    conditions = Conditions(**{**request["conditions"], "limits": Limits(**request["conditions"]["limits"])})
+    found = record(contents, Said(**request["said"]), request["trial"], path, request["source"])
+    try:
+        # damaged numbers may be anything
+        with np.errstate(over="ignore", invalid="ignore"):
+            row = row_of(found, conditions, request["tare_after_N"])
+    except (InputRefused, MemoryError):
+        raise
+    except Exception as fault:
+        raise Malformed(f"{type(fault).__name__}: {fault}") from None
+    reduced = {name: getattr(row.reduced, name) for name in row.reduced.__slots__}
+    yield {"reduced": reduced, "samples": row.samples, "notes": row.notes, "fault": row.fault}, []
 
 
 def _read_fields(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:

@@ -58,17 +58,14 @@ def datasets(group: Any, notes: list[str], above: str = "", deep: int = 0, seen:
     seen = {h5o.get_info(group.id).addr} if seen is None else seen
     for key in group.id:
         name = f"{above}/{key.decode(errors='surrogateescape')}"
-        kind = group.id.links.get_info(key).type
-        if kind == h5l.TYPE_EXTERNAL:
+        link = group.id.links.get_info(key)
+        if link.type == h5l.TYPE_EXTERNAL:
             notes.append(f"{name} is a link to another file, and was not followed")
-        if kind != h5l.TYPE_HARD:
+        # links may make circles; of a hard one `u` is the address that it leads to
+        if link.type != h5l.TYPE_HARD or link.u in seen or deep > DEEPEST:
             continue
+        seen.add(link.u)
         item = h5o.open(group.id, key)
-        where = h5o.get_info(item).addr
-        # links may make circles
-        if where in seen or deep > DEEPEST:
-            continue
-        seen.add(where)
         if isinstance(item, h5g.GroupID):
             yield from datasets(Group(item), notes, name, deep + 1, seen)
         elif isinstance(item, h5d.DatasetID):

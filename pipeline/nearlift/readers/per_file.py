@@ -7,10 +7,11 @@ Two layouts: a file for each trial (``files = "trials/{trial}.tdms"``), or one f
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, files
 
 if TYPE_CHECKING:
     from nearlift.campaign import Campaign
+    from nearlift.readers.row import Conditions, Row
 
 #: Files of one task, and bytes: whatever is reached first.
 PER_PIECE = 32
@@ -100,14 +102,35 @@ def reader_of(form: Format) -> Reader:
         return Plan(pieces=tuple(_pieces(there)), notes=notes)
 
     def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-        paths = piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials)
-        # a file for each trial: the next ones may be read while this one is reduced
-        later = filter(_filled, paths) if len(set(paths)) == len(paths) else ()
-        with _source(form, later) as contents:
-            for trial, path in zip(piece.trials, paths, strict=True):
-                yield _record(form, contents, campaign, root, trial, path)
+        from nearlift.readers import child
 
-    return Reader(name=form.name, title=form.title, files=files, plan=plan, read_piece=read_piece, format=form)
+        said = Said.by(campaign)
+        with child.lasting(form) as contents:
+            for trial, path in _files_of(piece):
+                yield record(contents, said, trial, path, source_of(root, path))
+
+    def reduce_piece(campaign: Campaign, root: Path, piece: Piece, conditions: Conditions, tare_after_N: Mapping[str, float]) -> Iterator[Row]:
+        from nearlift.readers import child
+
+        about = {"reader": form.name, "said": asdict(Said.by(campaign)), "conditions": asdict(conditions)}
+        files = list(_files_of(piece))
+        asked = [{**about, "trial": t, "path": str(p), "source": source_of(root, p), "tare_after_N": tare_after_N.get(t, math.nan)} for t, p in files]
+        return child.rows(asked)
+
+    return Reader(
+        name=form.name,
+        title=form.title,
+        files=files,
+        plan=plan,
+        read_piece=read_piece,
+        reduce_piece=reduce_piece if form.child else None,
+        format=form,
+    )
+
+
+def _files_of(piece: Piece) -> Iterator[tuple[str, Path]]:
+    """Each trial of a piece with its file."""
+    return zip(piece.trials, piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials), strict=True)
 
 
 def _one_for_all(campaign: Campaign) -> bool:
@@ -141,54 +164,72 @@ def _pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
         yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials), bytes=size)
 
 
-def _filled(path: Path) -> bool:
-    try:
-        return path.stat().st_size > 0
-    except OSError:
-        return False
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """What the manifest says of a record's channels, in plain values that can be sent to another process.
+
+    Lift in N is ``factor * (number - zero)``; the clock's numbers times `tick` are seconds. A rate, Hz, is what a file's own is held against.
+    """
+
+    column: str
+    unit: str
+    factor: float
+    zero: float
+    clock: str | None
+    clock_unit: str
+    tick: float
+    rate_Hz: float | None
+    dialect: Dialect
+
+    @classmethod
+    def by(cls, campaign: Campaign) -> Self:
+        """What a campaign's manifest says."""
+        force, clock, dialect = force_channel(campaign), campaign.records.time, campaign.records.dialect
+        factor, zero = force.linear()
+        return cls(
+            column=force.column,
+            unit=force.unit,
+            factor=factor,
+            zero=zero,
+            clock=clock.column if clock else None,
+            clock_unit=clock.unit if clock else "s",
+            tick=units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0,
+            rate_Hz=None if dialect.get("ignore_rate") else campaign.load_cell.sample_rate,
+            dialect=dict(dialect),
+        )
 
 
-def _source(form: Format, later: Iterable[Path]) -> Any:
-    from nearlift.readers import child
-
-    return child.lasting(form, later)
-
-
-def _record(form: Format, contents: Any, campaign: Campaign, root: Path, trial: str, path: Path) -> Record:
+def record(contents: Callable[[Path, Dialect, Names], Contents], said: Said, trial: str, path: Path, source: str) -> Record:
     """The record of one trial from its file."""
-    force, clock = force_channel(campaign), campaign.records.time
     nothing: FloatArray = np.empty(0)
-    source = source_of(root, path)
     if path.stat().st_size == 0:
         return Record(trial=trial, force_N=nothing, source=source, codes=("EMPTY",))
-    column = force.column.replace("{trial}", trial)
-    tick = clock.column.replace("{trial}", trial) if clock else None
+    column = said.column.replace("{trial}", trial)
+    tick = said.clock.replace("{trial}", trial) if said.clock is not None else None
     try:
-        found: Contents = contents(path, campaign.records.dialect, (column,) if tick is None else (column, tick))
+        found = contents(path, said.dialect, (column,) if tick is None else (column, tick))
     except Malformed as fault:
         return Record(trial=trial, force_N=nothing, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}")
     if not found.channels and "NO_DATA" in found.codes:
         return Record(trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes)
     channel = pick(found.channels, column, "records.force.column", str(path))
-    _same_unit(channel, force.unit, "force", "records.force.unit", str(path))
-    _same_rate(channel, campaign, str(path))
-    factor, zero = force.linear()
+    _same_unit(channel, said.unit, "force", "records.force.unit", str(path))
+    _same_rate(channel, said.rate_Hz, str(path))
     time_s = None
-    if clock is not None and tick is not None:
+    if tick is not None:
         own = pick(found.channels, tick, "records.time.column", str(path))
-        _same_unit(own, clock.unit, "time", "records.time.unit", str(path))
+        _same_unit(own, said.clock_unit, "time", "records.time.unit", str(path))
         if len(own.values) != len(channel.values):
             raise InputRefused(
                 str(path),
                 f"has {len(channel.values)} samples of {channel.name!r} and {len(own.values)} of {own.name!r}",
                 "under [records] time, name the clock of the force, or none",
             )
-        time_s = units.to_si(clock.unit, "time", "records.time.unit")[0] * own.values
+        time_s = said.tick * own.values
     codes = found.codes if len(channel.values) else (*found.codes, "NO_DATA")
-    counted = channel.values - zero if zero else channel.values
     return Record(
         trial=trial,
-        force_N=factor * counted,
+        force_N=said.factor * (channel.values - said.zero if said.zero else channel.values),
         time_s=time_s,
         source=source,
         codes=codes,
@@ -217,10 +258,9 @@ def _same_unit(channel: Channel, unit: str, dimension: str, key: str, where: str
         )
 
 
-def _same_rate(channel: Channel, campaign: Campaign, where: str) -> None:
+def _same_rate(channel: Channel, rate: float | None, where: str) -> None:
     """Refuse a file whose own rate is not the manifest's, by more than 1 %."""
-    rate = campaign.load_cell.sample_rate
-    if channel.rate_Hz is None or rate is None or campaign.records.dialect.get("ignore_rate"):
+    if channel.rate_Hz is None or rate is None:
         return
     if abs(channel.rate_Hz / rate - 1) > 0.01:
         raise InputRefused(

@@ -14,7 +14,7 @@ import glob
 import os
 import re
 import stat
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +27,7 @@ from nearlift.errors import InputRefused, ManifestError
 if TYPE_CHECKING:
     from nearlift.campaign import Campaign, ForceChannel
     from nearlift.readers.per_file import Format
+    from nearlift.readers.row import Conditions, Row
 
 FloatArray = NDArray[np.float64]
 #: What stands for a trial's id in ``[records] files``.
@@ -105,6 +106,9 @@ class Reader:
         ``plan(campaign, root, trials)``: the `Plan`; reads no samples.
     read_piece : callable
         ``read_piece(campaign, root, piece)``: the piece's records in the plan's order, one in memory at a time.
+    reduce_piece : callable or None
+        ``reduce_piece(campaign, root, piece, conditions, tare_after_N)``: the same records' rows, where another process reads the samples and
+        reduces them as well. Zero readings after a trial, N, by trial.
     series : bool
         False for a format without samples (`means`), which takes its lift from the schedule.
     format : Format or None
@@ -116,6 +120,7 @@ class Reader:
     files: Callable[[Campaign, Path, Sequence[str]], list[Path]]
     plan: Callable[[Campaign, Path, Sequence[str]], Plan]
     read_piece: Callable[[Campaign, Path, Piece], Iterator[Record]]
+    reduce_piece: Callable[[Campaign, Path, Piece, Conditions, Mapping[str, float]], Iterator[Row]] | None = None
     series: bool = True
     format: Format | None = None
 

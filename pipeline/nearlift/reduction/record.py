@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination
 from nearlift.reduction.steps import stepped
-from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median, steady, stretch
+from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, Stretch, median, steady, stretch
 
 FloatArray = NDArray[np.float64]
 
@@ -186,6 +186,12 @@ def reduce_record(
         sd_N=sd,
         codes=tuple(dict.fromkeys(found)),
     )
+
+
+def prepare() -> None:
+    """Make what is compiled ready."""
+    for kernel in (STRETCH, STEADY, contamination.LOOK):
+        kernel.prepare()
 
 
 def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool = True) -> tuple[float, Stretch]:

@@ -16,10 +16,11 @@ from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.executors import ordered
 from nearlift.products import TRIALS
+from nearlift.readers.row import Conditions, Row, row_of
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
-from nearlift.readers.seam import MARK, Piece, Reader, Record, source_of
+from nearlift.readers.seam import MARK, Piece, Reader, source_of
 from nearlift.reduction import outliers, plausibility, quality
-from nearlift.reduction.record import Limits, Reduced, reduce_record
+from nearlift.reduction.record import Limits, Reduced, prepare
 from nearlift.stages import intact, sums
 from nearlift.stages.job import Job, Outcome
 
@@ -47,23 +48,6 @@ class Task:
     piece: Piece
     tare_after_N: Mapping[str, float]
     inputs: Mapping[str, str]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
-    """What one worker answers for one trial.
-
-    `fault` says what is wrong with a MALFORMED record; `refusal` is there where it cannot be read in the way that the manifest asks for.
-    """
-
-    trial: str
-    reduced: Reduced
-    source_sha256: str
-    source: str = ""
-    samples: int = 0
-    notes: tuple[str, ...] = ()
-    fault: str = ""
-    refusal: InputRefused | None = None
 
 
 class Rows:
@@ -113,13 +97,15 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     return [source_of(root, path) for path in (root / "campaign.toml", schedule_file(campaign, root), *sums.files(root, campaign), *records)]
 
 
-def soon(campaign: Campaign) -> None:
-    """Start the process that will read the records, if one will: it becomes ready while they are digested."""
-    form = readers.reader(campaign.records.reader).format
-    if form is not None and form.child:
+def soon(campaign: Campaign, workers: int) -> None:
+    """Start the processes that will read the records, if any will: they become ready while files are digested."""
+    reader = readers.reader(campaign.records.reader)
+    if reader.format is not None and reader.format.child:
         from nearlift.readers import child
 
-        child.start()
+        if reader.reduce_piece is not None:
+            prepare()
+        child.start(workers)
 
 
 def run(job: Job) -> Outcome:
@@ -264,16 +250,14 @@ def reduce_piece(task: Task) -> list[Row]:
     OSError, MemoryError
         The machine is at fault.
     """
-    reader, piece = readers.reader(task.campaign.records.reader), task.piece
-    choice, digests = task.campaign.quality, dict(task.inputs)
-    limits = Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=task.campaign.load_cell.range)
+    piece, digests = task.piece, dict(task.inputs)
     rows: list[Row] = []
     while len(rows) < len(task.piece.trials):
         try:
             # damaged numbers may be anything
             with np.errstate(over="ignore", invalid="ignore"):
-                for record in reader.read_piece(task.campaign, task.root, piece):
-                    rows.append(_row(task, record, limits, digests))
+                for row in _rows(task, piece, digests):
+                    rows.append(row)
             break
         except Exception as fault:
             if len(rows) == len(task.piece.trials) or not _of_the_record(fault):
@@ -283,31 +267,31 @@ def reduce_piece(task: Task) -> list[Row]:
     return rows
 
 
-def _row(task: Task, record: Record, limits: Limits, digests: dict[str, str]) -> Row:
-    """A record reduced."""
-    cell = task.campaign.load_cell
-    reduced = reduce_record(
-        record.force_N,
-        rate_Hz=cell.sample_rate or 1.0,
-        tare_s=task.campaign.tare_s,
-        settle_s=cell.settle,
-        time_s=record.time_s,
-        tare_after_N=task.tare_after_N.get(record.trial, np.nan),
-        limits=limits,
-        codes=record.codes,
-        where=f"{record.source}, trial {record.trial!r}",
+def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
+    """The rows of a piece, by the process that reads it; `digests` grows by those of its files."""
+    campaign, choice = task.campaign, task.campaign.quality
+    conditions = Conditions(
+        rate_Hz=campaign.load_cell.sample_rate or 1.0,
+        tare_s=campaign.tare_s,
+        settle_s=campaign.load_cell.settle,
+        limits=Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=campaign.load_cell.range),
     )
-    if record.source not in digests:
-        digests[record.source] = record.sha256() if record.sha256 else store.sha256(task.root / record.source)
-    return Row(
-        trial=record.trial,
-        reduced=reduced,
-        source_sha256=digests[record.source],
-        source=record.source,
-        samples=len(record.force_N),
-        notes=record.notes,
-        fault=record.fault,
-    )
+    reader = readers.reader(campaign.records.reader)
+    if reader.reduce_piece is not None:
+        for row in reader.reduce_piece(campaign, task.root, piece, conditions, task.tare_after_N):
+            yield replace(row, source_sha256=_digest(task, row.source, digests))
+        return
+    for record in reader.read_piece(campaign, task.root, piece):
+        if record.sha256 and record.source not in digests:
+            digests[record.source] = record.sha256()
+        row = row_of(record, conditions, task.tare_after_N.get(record.trial, np.nan), _digest(task, record.source, digests))
+        yield row
+
+
+def _digest(task: Task, source: str, digests: dict[str, str]) -> str:
+    if source not in digests:
+        digests[source] = store.sha256(task.root / source)
+    return digests[source]
 
 
 def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> Row:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from nearlift import campaign as manifests
-from nearlift.executors import open_executor
+from nearlift.executors import open_executor, threads_of
 from nearlift.lock import settled
 from nearlift.stages import ingest
 from nearlift.stages.inputs import digests, remember
@@ -36,9 +36,8 @@ def open_job(
     settled(homes)
 
     def meanwhile() -> None:
-        # other processes start readers of their own
-        if keep and executor.startswith(("serial", "threads")):
-            ingest.soon(loaded)
+        if keep and (threads := threads_of(executor)):
+            ingest.soon(loaded, threads)
 
     inputs, stamps = digests(root, loaded, homes.processed, meanwhile)
     with open_executor(executor) as pool:
