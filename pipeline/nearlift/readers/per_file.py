@@ -225,7 +225,8 @@ def record(contents: Callable[[Path, Dialect, Names], Contents], said: Said, tri
                 f"has {len(channel.values)} samples of {channel.name!r} and {len(own.values)} of {own.name!r}",
                 "under [records] time, name the clock of the force, or none",
             )
-        time_s = said.tick * own.values
+        # a clock in seconds is not copied
+        time_s = own.values if said.tick == 1.0 else said.tick * own.values
     codes = found.codes if len(channel.values) else (*found.codes, "NO_DATA")
     return Record(
         trial=trial,
