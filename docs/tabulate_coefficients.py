@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from nearlift.quotation import Results
+
 HEAD = """# Coefficients of measured and blind campaigns
 
     nearlift run ../shared/... --out OUT
@@ -30,11 +32,11 @@ exponents* is the range of the least-squares value over the quantities that a tr
 BUDGET = """
 ## Where the uncertainty comes from
 
-What u would be, over what it is, if one source were known exactly; A from repeats, B declared. Sources that would save less
-than half a per cent are left out.
+What u would be, over what it is, if one source were known exactly; A from repeats, B declared or taken for granted. Of the
+coefficients that are [quoted](results.md). Sources that would save less than half a per cent are left out.
 
-| campaign | coefficient | U95 | effective dof | sources |
-|---|---|---|---|---|
+| campaign | coefficient | verdict | u | dof | sources |
+|---|---|---|---|---|---|
 """
 COLLAPSE = """
 ## Does relative lift depend on throttle?
@@ -97,14 +99,15 @@ def estimates(out: Path, name: str) -> list[str]:
 
 
 def budgets(out: Path, name: str) -> list[str]:
-    """A line per coefficient."""
+    """A line per coefficient, as it is quoted."""
     lines = []
-    for _, _, entry, _ in bases(out, name):
-        for p, b in entry.get("budget", {}).items():
-            shown = sorted((x for x in b["lines"] if x["u_without"] < 0.995 * b["u"]), key=lambda x: x["u_without"])
-            sources = "; ".join(f"{x['component']} ({x['type']}) {x['u_without'] / b['u']:.2f}" for x in shown)
-            dof = f"{b['dof']:.0f}" if b["dof"] is not None and math.isfinite(b["dof"]) else "inf"
-            lines.append(f"| {name} | {p.rstrip('_')} | {b['U95']:.3g} | {dof} | {sources} |")
+    quoted = Results.model_validate_json((out / "processed" / name / "results.json").read_text())
+    for own in quoted.boundaries.values():
+        for p, c in own.coefficients.items():
+            shown = sorted((x for x in c.budget if x.u_without < 0.995 * c.u), key=lambda x: x.u_without)
+            sources = "; ".join(f"{x.source} ({x.kind}) {x.u_without / c.u:.2f}" for x in shown)
+            dof = f"{c.dof:.0f}" if math.isfinite(c.dof) else "inf"
+            lines.append(f"| {name} | {p.rstrip('_')} | {own.verdict} | {c.u:.3g} | {dof} | {sources} |")
     return lines
 
 
