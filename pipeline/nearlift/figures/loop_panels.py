@@ -93,12 +93,14 @@ def coefficients(ax: Axes, rows: Rows) -> Axes:
         axes = [figure.add_subplot(inside[0, i]) for i in range(len(names))]
         for other in axes[1:]:
             other.tick_params(axis="y", labelleft=False)
+    conditions = list(dict.fromkeys(rows["note"][rows["kind"] == "doubt"].tolist()))
     for own, name in zip(axes, names, strict=False):
-        _coefficient(own, {k: v[rows["label"] == name] for k, v in rows.items()}, name, lone=len(names) == 1)
+        _coefficient(own, {k: v[rows["label"] == name] for k, v in rows.items()}, name, conditions, lone=len(names) == 1)
     return axes[0]
 
 
-def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
+def _coefficient(ax: Axes, rows: Rows, name: str, conditions: list[str], lone: bool) -> None:
+    """One coefficient: as quoted, and beneath it on each of the conditions, which have the same places in neighbouring axes."""
     ticks, digits = (4, 3) if lone else (2, 2)
     reference = rows["kind"] == "reference"
     kinds, whens, values, lows, highs = (rows[k][~reference] for k in ("kind", "when", "value", "lo90", "hi90"))
@@ -112,11 +114,13 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
             ha="left" if side > 0 else "right", va="top", fontsize=rcParams["legend.fontsize"], color="0.25",
         )  # fmt: skip
         text.set_in_layout(False)
-    y = np.arange(len(kinds))[::-1]
+    y = [len(conditions) - (1 + conditions.index(n) if k == "doubt" else 0) for k, n in zip(kinds, rows["note"][~reference], strict=True)]
     for at, kind, when, value, low, high in zip(y, kinds, whens, values, lows, highs, strict=True):
         colour, marker = LOOKS[str(when)]
         ax.plot([low, high], [at, at], color=colour, linewidth=2.2 if kind == "quoted" else 0.9, solid_capstyle="butt", zorder=2)
-        for end, arrow in ((low, "<"), (high, ">")):
+        # one that lies outside altogether has one arrow, towards where it is
+        shown = [(low, "<")] if high < left else [(high, ">")] if low > right else [(low, "<"), (high, ">")]
+        for end, arrow in shown:
             outside = end < left or end > right
             inside = (0.02 if lone else 0.05) * (right - left)
             edge = min(max(end, left + inside), right - inside)
@@ -135,9 +139,9 @@ def _coefficient(ax: Axes, rows: Rows, name: str, lone: bool) -> None:
             text.set(fontsize=rcParams["legend.fontsize"], bbox=PAPER, in_layout=False)
         if left <= value <= right:
             ax.plot([value], [at], marker, color=colour, markersize=3.6, markeredgewidth=0, zorder=3)
-    ax.set_yticks(y, ["quoted" if k == "quoted" else f"if ({i})" for i, k in enumerate(kinds)])
+    ax.set_yticks(range(len(conditions), -1, -1), ["quoted", *(f"if ({i})" for i in range(1, len(conditions) + 1))])
     ax.tick_params(axis="y", length=0)
-    ax.set_ylim(-0.6, len(y) - (0.15 if reference.any() else 0.4))
+    ax.set_ylim(-0.6, len(conditions) + 1 - (0.15 if reference.any() else 0.4))
     ax.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 2.5, 5, 10]))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
     ax.set_xlabel(nomenclature.label(name), labelpad=1)
