@@ -92,6 +92,8 @@ def act(bench: Bench, name: str, folder: Path) -> None:
 def measure(command: Sequence[str]) -> dict[str, Any]:
     """Run a program and measure it: wall and processor time in s, peak resident memory in MiB, and what its last line tells as JSON."""
     environment = {**os.environ, **ENVIRONMENT}
+    # a source without its compiled form would be compiled in every turn, and not in the first alone
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     begin = time.clock_gettime(time.CLOCK_MONOTONIC)
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment, cwd=ROOT) as process:
         assert process.stdout is not None
