@@ -42,7 +42,7 @@ SAME = 1e-9
 #: tells a size of noise that is 1e-4 of the scatter by the square of that.
 DIRECTIONS, REPEATS, WEIGHTS, SLOPES, SIZES = 1e-6, 1e-6, 1e-7, 1e-8, 1e-6
 LARGER = {
-    r"diagnosis\.json.*": DIRECTIONS,
+    r"(diagnosis|results)\.json.*": DIRECTIONS,
     r"loop_residuals\.parquet:.*": DIRECTIONS,
     r".*\.u_limit": REPEATS,
     r".*\.pareto_k": WEIGHTS,
@@ -51,7 +51,7 @@ LARGER = {
 }
 #: Differences of numbers that agree, and what they are of: held against the largest of their column, list or family; its place has a star.
 DIFFERENCES = re.compile(
-    r"(.*\.budget\..*\.lines\[)\d+(\]\.u)|(.*\.models\.)\w+\.(?:u_)?(?:d_)?(rmse|elpd)"
+    r"(.*\.budget\[)\d+(\]\.u)|(.*\.models\.)\w+\.(?:u_)?(?:d_)?(rmse|elpd)"
     r"|(.*\.candidates\[)\d+(\]\.(?:gain|log_evidence|plausibility))|(.*\.(?:silent|limits)\[)\d+(\]\.share(?:_visible)?)"
     r"|(rise|before|after|held_out_before|held_out_after)()"
 )
