@@ -113,6 +113,9 @@ def test_one_stage_runs_even_if_it_is_up_to_date_and_makes_the_same(raw, finishe
     found = nearlift("fit", raw, "--out", out)
     assert found.exit_code == 0
     assert "fit      lift models by least squares, and their posteriors (asked for)" in found.stderr
+    # what is quoted is the fit's again, until it is diagnosed
+    again = nearlift("diagnose", raw, "--out", out)
+    assert again.exit_code == 0
     assert {name: sha for name, (sha, _) in state(out).items() if "provenance" not in name and "cache" not in name} == before
 
 
