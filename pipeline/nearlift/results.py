@@ -112,27 +112,37 @@ class Noise:
         Standard deviation of an additive force.
     height_m : float
         Standard deviation of the height of one visit of the traverse, shared by the visit's trials.
-    serial, serial_length : float
-        Standard deviation, in proportion to lift, of noise that neighbouring trials of one visit have in common, and the number
-        of trials over which it fades.
+    common : float
+        Standard deviation, in proportion to lift, of what else the trials of a visit have in common.
+    drift : tuple of float
+        Standard deviations, in proportion to lift, of slow drifts between trials, one for each length in `fitting.noise.DRIFT_LENGTHS`.
     source : str
         What they were estimated from.
     dof : float
         Degrees of freedom behind them.
     sizes, log_covariance : tuple
-        The names of those above zero that repeats told apart, and the covariance of the logarithms of their sizes: how well the
-        noise itself is known. Empty where it is not known.
-    between : float
-        Degrees of freedom that tell what the trials of a visit share; 0 where nothing does, infinite where there is nothing to tell.
+        The names of what was estimated (`drift0` and so on for the drifts), and the covariance of the logarithms of their sizes: how well
+        the noise itself is known. Empty where it was declared.
     """
 
     relative: float
     force_N: float = 0.0
     height_m: float = 0.0
-    serial: float = 0.0
-    serial_length: float = 1.0
+    common: float = 0.0
+    drift: tuple[float, ...] = ()
     source: str = "declared"
     dof: float = np.inf
     sizes: tuple[str, ...] = ()
     log_covariance: tuple[tuple[float, ...], ...] = ()
-    between: float = np.inf
+
+    def record(self) -> dict[str, Any]:
+        """Its block in a product."""
+        sizes = {name: getattr(self, name) for name in ("relative", "force_N", "height_m", "common")}
+        drift = float(np.sqrt(np.sum(np.square(self.drift))))
+        return {**sizes, "drift": drift, "drift_by_length": list(self.drift), "source": self.source, "dof": self.dof}
+
+    @classmethod
+    def recorded(cls, block: Mapping[str, Any]) -> Noise:
+        """The noise of such a block."""
+        own = {name: value for name, value in block.items() if name != "drift_by_length"}
+        return cls(**{**own, "drift": tuple(block["drift_by_length"])})

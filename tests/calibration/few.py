@@ -22,8 +22,7 @@ from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
 from nearlift.executors import ordered
-from nearlift.fitting import noise
-from nearlift.fitting.least_squares import Fit, fit
+from nearlift.fitting.least_squares import fit
 
 #: Distances and visits of each.
 DESIGNS = {"4x2": (4, 2), "5x2": (5, 2), "9x1": (9, 1), "6x3": (6, 3)}
@@ -49,15 +48,9 @@ def campaign(job: Job) -> list[Row]:
     model = catalogue.model(BASE[boundary])
     right = fit(model, made.data)
     # the same trials, each taken for a visit of its own
-    apart = noise.estimate(
-        replace(made.data, visit=np.arange(made.data.n)), model, dict(zip(right.names, right.theta, strict=True)), _jacobian(right)
-    )
+    apart = fit(model, replace(made.data, visit=np.arange(made.data.n))).noise
     found = {"declared": intervals(right), "ignored": intervals(fit(model, made.data, (), apart))}
     return [Row(boundary, 0.0, seed, name, truth, {way: i[name] for way, i in found.items()}) for name, truth in made.truth.theta.items()]
-
-
-def _jacobian(found: Fit) -> np.ndarray:
-    return found.problem.jacobian(found.theta)
 
 
 def run(

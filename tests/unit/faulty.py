@@ -121,9 +121,25 @@ def homes(place: Path) -> Homes:
 
 
 def outputs(place: Path) -> Outputs:
-    """What provenance.json says that each stage has written."""
+    """What provenance.json says that each stage has written, and no other stage writes too: `shared` files are their last writer's."""
     content = json.loads((homes(place).processed / "provenance.json").read_text())
-    return {name: entry["outputs"] for name, entry in content["stages"].items()}
+    told = {name: entry["outputs"] for name, entry in content["stages"].items()}
+    for name in shared():
+        owners = [files[name] for files in told.values() if name in files]
+        assert len(owners) <= 1, f"{name} belongs to its last writer"
+        assert not owners or owners[0] == _digest(homes(place).place(name))
+    return own(told)
+
+
+def shared() -> set[str]:
+    """Files that more than one stage writes."""
+    written = [f"processed/{product.file}" for stage in graph.STAGES for product in stage.writes]
+    return {name for name in written if written.count(name) > 1}
+
+
+def own(told: Outputs) -> Outputs:
+    """Each stage's files without those."""
+    return {stage: {name: digest for name, digest in files.items() if name not in shared()} for stage, files in told.items()}
 
 
 def _digest(path: Path) -> str | None:

@@ -15,6 +15,7 @@ def example(seed, n=23, shared=2, height=1.0):
         visit=rng.integers(0, 6, n),
         per_visit=height * rng.normal(size=n),
         shared=rng.normal(size=(n, shared)),
+        common=0.7,
     )
 
 

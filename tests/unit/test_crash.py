@@ -22,7 +22,7 @@ from nearlift.stages import graph
 from nearlift.transaction import Homes
 
 from . import small_run
-from .faulty import Book, Fault, Faulty, Outputs, Scene, book, calls, copied, failing, homes, litter, outputs, run, stands, written
+from .faulty import Book, Fault, Faulty, Outputs, Scene, book, calls, copied, failing, homes, litter, outputs, own, run, stands, written
 from .small_run import nearlift, state
 
 ROOT = Path(__file__).parents[2]
@@ -110,7 +110,7 @@ class Bookkeeping:
             pass
 
     def ended(self, of: Book) -> Outputs:
-        return {stage: {n: hashlib.sha256(c).hexdigest() for n, c in sorted(files.items())} for stage, files in of.items()}
+        return own({stage: {n: hashlib.sha256(c).hexdigest() for n, c in sorted(files.items())} for stage, files in of.items()})
 
     def places(self, stage: str) -> int:
         return len(calls(lambda: self.write(copied(self.folder), self.new, self.old, [stage])))

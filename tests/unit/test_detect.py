@@ -13,7 +13,7 @@ from nearlift.figures.render import render
 from nearlift.figures.style import style
 from nearlift.flight_manifest import Reading
 from nearlift.pages import proximity as chapter
-from nearlift.products import DETECTION, FIT, PROXIMITY
+from nearlift.products import DETECTION, FIT, PROXIMITY, RESULTS
 from nearlift.stages import detect
 from nearlift.stages.belief import believe
 from nearlift.stages.gallery import FIGURES
@@ -166,10 +166,9 @@ def test_without_a_sensor_the_bench_s_own_noise_counts(remake):
 
 def test_a_model_that_folds_is_not_inverted_and_said_so(remake):
     job = remake("ground", detect=SENSOR)
-    content = job.read_json(FIT)
-    entry = content["boundaries"]["ground"]["sanchez_cuevas"]
-    entry["parameters"]["K_b"] |= {"value": -3.0}
-    job.write_json(FIT, content)
+    content = job.read_json(RESULTS)
+    content["boundaries"]["ground"]["coefficients"]["K_b"] |= {"value": -3.0}
+    job.write_json(RESULTS, content)
     (note,) = detect.run(job).notes
     assert "the model folds at z_hat" in note
     assert "located" not in job.read_json(PROXIMITY)["boundaries"]["ground"]

@@ -7,13 +7,14 @@ import pytest
 from scipy.stats import binom
 
 from nearlift import catalogue
-from nearlift.diagnosis import confirmation, families, few_visits, loop, noise_floor, search, separation, structure
+from nearlift.diagnosis import confirmation, families, few_visits, loop, search, separation, structure
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.diagnosis.candidate import fit as candidate_fit
 from nearlift.diagnosis.loop import close_loop, set_up
 from nearlift.diagnosis.search import EFFECT, Options, pair_gains, run
 from nearlift.diagnosis.setting import missing
 from nearlift.errors import NotConverged
+from nearlift.fitting import noise
 
 from .simulated import L_INF, STATIONS, campaign, hsiao
 
@@ -138,8 +139,8 @@ def test_neighbours_that_share_noise_are_noticed():
     rng = np.random.default_rng(0)
     shared = rng.normal(0, 0.004, data.visit.max() + 1)[data.visit]
     stage = set_up(dataclasses.replace(data, lift_N=data.lift_N * (1 + shared)), GROUND, (), Options())[0]
-    assert stage.noise.serial == pytest.approx(0.004, rel=0.35)
-    assert set_up(data, GROUND, (), Options())[0].noise.serial == 0.0
+    assert stage.noise.common == pytest.approx(0.004, rel=0.35)
+    assert set_up(data, GROUND, (), Options())[0].noise.common < 0.001
 
 
 def test_an_outlier_is_pulled_in_and_the_rest_left_alone():
@@ -254,7 +255,7 @@ def test_the_change_of_the_error_is_known_better_than_the_errors():
 def test_families_do_not_carry_the_trials_own_noise(null_stage):
     # a column made of measured lift would explain the noise by itself: the residual about all families would lose its size
     columns = np.hstack([f.columns for f in families.families(null_stage.data)])
-    basis = noise_floor.orthonormal(columns)
+    basis = noise.orthonormal(columns)
     white = np.random.default_rng(8).normal(size=null_stage.data.n)
     truth = null_stage.log_lift - null_stage.candidate().log_ratio(null_stage.theta)
     level = np.eye(4)[null_stage.data.level]
@@ -556,44 +557,12 @@ def test_a_step_is_neither_a_drift_nor_a_gain_of_each_session():
     assert run(set_up(stepped, GROUND, (), Options(seed=6))[0]).verdict == "unexplained"
 
 
-def test_the_score_of_the_noise_is_that_of_the_matrices_written_out():
-    """P = V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1, n x n; visits of two sizes."""
-    rng = np.random.default_rng(5)
-    visit = np.repeat(np.arange(12), [3, 2] * 6)
-    n = len(visit)
-    index = noise_floor.visits_by_size(visit)
-    lever = rng.standard_normal(n)
-    parts = [
-        [np.broadcast_to(np.eye(i.shape[1]), (len(i), *[i.shape[1]] * 2)) for i in index],
-        [lever[i][:, :, None] * lever[i][:, None] for i in index],
-    ]
-    serial = [np.broadcast_to(noise_floor.serial_block(i.shape[1], 2.0), (len(i), *[i.shape[1]] * 2)) for i in index]
-    model = noise_floor._Components(index=index, own=rng.uniform(1, 2, n), parts=parts)
-    x, y, sizes = rng.standard_normal((n, 4)), rng.standard_normal(n), np.array([0.5, 0.3])
-
-    def dense(part):
-        whole = np.zeros((n, n))
-        for i, block in zip(index, part, strict=True):
-            whole[i[:, :, None], i[:, None, :]] = block
-        return whole
-
-    several = [dense(p) for p in (*parts, serial)]
-    v = np.diag(model.own) + 0.5 * several[0] + 0.3 * several[1]
-    w = np.linalg.inv(v)
-    p = w - w @ x @ np.linalg.solve(x.T @ w @ x, x.T @ w)
-    gradient, information = model.score(x, y, sizes, [serial])
-    np.testing.assert_allclose(gradient, [y @ p @ a @ p @ y - np.trace(p @ a) for a in several])
-    np.testing.assert_allclose(information, [[np.trace(p @ a @ p @ b) for b in several] for a in several])
-    log_det = np.linalg.slogdet(v)[1] + np.linalg.slogdet(x.T @ w @ x)[1]
-    assert model.deviance(x, y, sizes) == pytest.approx(log_det + y @ p @ y)
-
-
 @pytest.mark.filterwarnings("error")
 def test_with_hardly_any_freedom_the_noise_stays_finite():
     data = campaign(2, visits=1)
     rng = np.random.default_rng(1)
     for free in (0, 1, 2):
-        found, _ = noise_floor.estimate(data, np.log(data.lift_N), rng.standard_normal((data.n, data.n - free)), np.zeros(data.n))
+        found, _ = noise.estimate(data, np.log(data.lift_N), rng.standard_normal((data.n, data.n - free)), [], np.zeros(data.n))
         assert np.isfinite([found.relative, found.force_N]).all()
 
 

@@ -332,8 +332,9 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     """The union over the accepted with their form uncertain and the best as it stands; wider with every effect that was not named."""
     accepted = (tried["supply_sag"], tried["warm_up"])
     answer = search.Answer(stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted)
-    reach = t.ppf(0.95, stage.noise.dof)
-    found = coefficients.answers(stage, answer, {}).block()
+    answers = coefficients.answers(stage, answer, {})
+    reach, found = t.ppf(0.95, answers.dof[0]), answers.block()
+    assert 1 <= answers.dof[0] < stage.data.n
     members = [coefficients.spread(stage, e.fitted, e.tube) for e in accepted]
     (value,), (u,) = best = coefficients.spread(stage, accepted[0].fitted)
     after = found["after"]["K_b"]
@@ -353,8 +354,8 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     """The families flagged, curves that change with time, coefficients by throttle, each at the size that its moments give."""
     answer = search.Answer(stage=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=())
     unnamed = discrepancy.columns(stage, ["supply"])
-    after = coefficients.answers(stage, answer, {}).block()
-    reach = t.ppf(0.95, stage.noise.dof)
+    answers = coefficients.answers(stage, answer, {})
+    reach, after = t.ppf(0.95, answers.dof[0]), answers.block()
     (value,), (u,) = coefficients.spread(stage, stage.base_fit, unnamed)
     assert after["carried"] == ["supply"]
     assert after["after"]["K_b"]["conditional"] == pytest.approx([value - reach * u, value + reach * u])
@@ -390,7 +391,7 @@ def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
     assert row["correlation"] == pytest.approx(sign * r)
     assert ("text" in row) == (r > 0.5)
     if "text" in row:
-        assert ("its sign turns" in row["text"], "it changes" in row["text"]) == (turns, not turns)
+        assert ("changes its sign" in row["text"], "moves by" in row["text"]) == (turns, not turns)
         assert f"correlation {'-' if sign < 0 else '+'}{r:.2f}" in row["text"].replace("−", "-").replace(" ", " ")
         assert "a fit without supply_sag charges it to K_b" in row["text"]
     assert absorption.shifts(stage, SimpleNamespace(accepted=()), told) == []

@@ -49,17 +49,18 @@ def test_an_outlier_is_named_with_the_value_that_it_spoilt(clean):
 
 
 @pytest.mark.parametrize("factor", [3.0, 10.0])
-def test_an_outlier_near_the_pole_widens_the_scatter_of_heights_and_the_fit_stands(factor):
-    """It makes stops scatter by so much that some would stand where the model has no value."""
+def test_an_outlier_near_the_pole_is_named_and_the_fit_stands(factor):
+    """Taken for scatter of heights, it would put stops where the model has no value."""
     stations = np.array([20.0, 24, 30, 40, 55, 80, 130, 300]) / 23
     data = campaign(3, stations=stations, visits=5, relative=0.005, height=3e-5)
     near = np.flatnonzero(data.z_hat == stations[1])[2]
     spoilt = least_squares.fit(MODEL, replace(data, lift_N=np.where(np.arange(data.n) == near, factor, 1.0) * data.lift_N), PARTS)
     (suspect,) = influential.screen(spoilt, PARTS, {str(data.trial[near])}).suspects
-    assert spoilt.noise.height_m > 1e-3
+    # pulled in where noise is estimated, it does not make stops scatter
+    assert spoilt.noise.height_m < 3e-4
     assert suspect.id == data.trial[near]
     assert suspect.without.value == pytest.approx(2.0, abs=3 * suspect.without.u)
-    assert suspect.without.u < spoilt.estimates["K_b"].u / 5
+    assert abs(spoilt.estimates["K_b"].value - suspect.without.value) > 3 * suspect.without.u
 
 
 def test_a_trial_that_moves_the_headline_is_named_though_no_screen_marked_it():

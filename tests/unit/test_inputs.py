@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -117,14 +118,15 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     assert set(listed) == {"rotor_radius", "rotor_spacing", "height"}
     one = fitted(data, (part("rotor_radius"),))
     assert {u.on for u in inputs.undeclared(one)} == {"rotor_spacing", "height"}
-    entry = {
-        "parameters": {"K_b": {"u": abs(float(listed["rotor_radius"].shift[0])) / 4.4}},
-        "undeclared": [{"on": "rotor_radius", "size": 0.01, "unit": "1", "shift": {"K_b": float(listed["rotor_radius"].shift[0])}}],
-    }
-    [text] = verdict._undeclared(entry, {})
+    entry = {"undeclared": [{"on": "rotor_radius", "size": 0.01, "unit": "1", "shift": {"K_b": float(listed["rotor_radius"].shift[0])}}]}
+
+    def quoted(u):
+        return SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
+
+    u = abs(float(listed["rotor_radius"].shift[0])) / 4.4
+    [text] = verdict._undeclared(entry, quoted(u))
     assert text.startswith("what was not declared could move K_b: 1 % of rotor radius by 4.4 u")
-    entry["parameters"]["K_b"]["u"] *= 10
-    assert verdict._undeclared(entry, {}) == []
+    assert verdict._undeclared(entry, quoted(10 * u)) == []
 
 
 def parsed(**line):

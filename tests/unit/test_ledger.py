@@ -107,7 +107,8 @@ def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(mak
     entry, parameter = fitted["influence"]["ground"], fitted["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
     (suspect,) = entry["suspects"]
     assert (suspect["id"], suspect["outlying"]) == ("t0050", True)
-    assert suspect["without"]["u"] < 0.5 * parameter["u"]
+    # the scatter pulls it in, the fit does not: what it moves is the value
+    assert abs(suspect["shift"]) > 2 * suspect["without"]["u"]
     assert suspect["shift"] == pytest.approx(suspect["without"]["value"] - parameter["value"])
     assert store.read_json(job.processed / RESULTS.file)["boundaries"]["ground"]["coefficients"]["K_b"]["influence"]["trial"]["id"] == "t0050"
     quality = store.read_json(job.processed / QUALITY.file)

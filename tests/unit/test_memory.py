@@ -10,7 +10,6 @@ from nearlift import catalogue
 from nearlift.diagnosis import loop, search
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.fitting import collapse, gum, least_squares, predictive, profiles
-from nearlift.fitting.noise import MOST_CELLS, estimate
 from nearlift.reduction import cells
 from nearlift.stages import beside, expense
 
@@ -87,15 +86,6 @@ def test_what_a_search_keeps_of_a_candidate_grows_with_the_trials_and_not_with_t
     for kept in (*singles, *(e.fitted for e in singles)):
         arrays = [x for x in (getattr(kept, f.name) for f in dataclasses.fields(kept)) if isinstance(x, np.ndarray)]
         assert all(x.size <= stage.data.n for x in arrays)
-
-
-def test_where_cells_are_too_many_repeats_are_taken_from_the_stations_visited_most():
-    data = scattered(campaign(3, visits=45), stops=150)
-    noise = estimate(data, GROUND, {"K_b": 2.0})
-    assert len(np.unique(data.z_hat)) * 4 > MOST_CELLS
-    assert "scatter of repeats" in noise.source
-    assert noise.dof <= data.n - MOST_CELLS
-    assert noise.relative == pytest.approx(0.004, rel=0.25)
 
 
 @pytest.mark.parametrize("law", [expense.FIT, expense.DIAGNOSE])

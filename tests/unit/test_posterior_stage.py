@@ -136,7 +136,7 @@ def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
     assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "emcee", "--ess", "300").exit_code == 0
     said = json.loads((products(again) / FIT.file).read_text())["boundaries"]["ground"]["sanchez_cuevas"]["posterior"]
     assert said["sampler"] == "emcee"
-    assert 300 <= said["ess"] < 4000
+    assert said["ess"] >= 300
     assert said["parameters"]["K_b"]["ess_tail"] >= 150
     recorded = json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
     assert recorded["overrides"] == {"sampler": "emcee", "ess": 300}

@@ -14,7 +14,7 @@ from nearlift.results import Noise
 
 from .simulated import campaign, hsiao
 
-SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, serial=0.001, serial_length=1e6)
+SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, common=0.001)
 PARTS = (
     Component(name="datum", on="height", standard=2e-4, distribution="normal", scope="boundary"),
     Component(name="gain", on="gain", standard=0.005, distribution="normal", scope="session"),

@@ -22,8 +22,8 @@ from .simulated import L_INF, RADIUS, THROTTLES, campaign, sanchez_cuevas
 
 MODEL = catalogue.model("sanchez_cuevas")
 FREE = catalogue.model("sanchez_cuevas_free_exponent")
-#: Every layer of the covariance at once: own variance, a visit's height, a serial part, shared unknowns.
-SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, serial=0.002, serial_length=2.0)
+#: Every layer of the covariance at once: own variance, a visit's height, what else its trials share, shared unknowns.
+SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, common=0.002)
 BUDGET = (
     budget.Component(name="datum", on="height", standard=2e-4, distribution="normal", scope="boundary"),
     budget.Component(name="zero", on="force", standard=5e-4, distribution="normal", scope="session"),
@@ -86,7 +86,6 @@ def test_a_gain_common_to_all_lifts_leaves_chi2_and_scales_L_inf(scale):
 @given(seed=st.integers(0, 10_000))
 def test_order_of_visits_does_not_matter(seed):
     data, theta = campaign(3, visits=3), np.array([1.7])
-    # trials of one visit keep their order: neighbours share serial noise
     visits = np.random.default_rng(seed).permutation(np.unique(data.visit))
     shuffled = data.take(np.concatenate([np.flatnonzero(data.visit == v) for v in visits]))
     one, other = problem(data=data), problem(data=shuffled)
@@ -204,9 +203,7 @@ def test_covariance_enters_only_through_its_whitening():
     """A covariance four times as large leaves the best L_inf and divides chi2 by four."""
     p, theta = problem(), np.array([1.5])
     c = p.covariance
-    wide = Covariance(
-        variance=4 * c.variance, visit=c.visit, per_visit=2 * c.per_visit, shared=2 * c.shared, serial=2 * c.serial, serial_length=c.serial_length
-    )
+    wide = Covariance(variance=4 * c.variance, visit=c.visit, per_visit=2 * c.per_visit, shared=2 * c.shared, common=2 * c.common)
     other = Problem(model=p.model, data=p.data, covariance=wide)
     assert other.chi2(theta) == pytest.approx(p.chi2(theta) / 4)
     assert other.log_levels(theta)[0] == pytest.approx(p.log_levels(theta)[0])

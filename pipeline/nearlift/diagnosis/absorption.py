@@ -9,8 +9,8 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.few_visits import applies
-from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import SILENT, Answer, Stage
+from nearlift.fitting.noise import orthonormal
 from nearlift.rounding import letter, signed
 
 #: A coefficient that owes this share of its information to one distance or visit rests on it.

@@ -10,9 +10,9 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray
 from nearlift.diagnosis import discrepancy
 from nearlift.diagnosis.candidate import WIDE, Candidate, Fitted, moments
-from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import Answer, Stage
-from nearlift.fitting import student
+from nearlift.fitting import gum, student
+from nearlift.fitting.noise import orthonormal
 
 #: Values and standard uncertainties of the coefficients, (p,) each.
 Pair = tuple[FloatArray, FloatArray]
@@ -93,8 +93,8 @@ class Answers:
     Attributes
     ----------
     names : tuple of str
-    dof : float
-        Degrees of freedom behind every uncertainty.
+    dof : (p,)
+        Degrees of freedom behind the uncertainties.
     before : pair of arrays
         By the base fit alone.
     members : tuple of (str, pair of arrays)
@@ -110,7 +110,7 @@ class Answers:
     """
 
     names: tuple[str, ...]
-    dof: float
+    dof: FloatArray
     before: Pair
     members: tuple[tuple[str, Pair], ...]
     conditional: Pair
@@ -130,17 +130,15 @@ class Answers:
 
     def block(self) -> dict[str, Any]:
         """The `coefficients` block of diagnosis.json."""
-        reach = student.quantile(0.95, self.dof)
-
-        def about(value: float, u: float) -> list[float]:
-            return [value - reach * u, value + reach * u]
-
-        def simple(pair: Pair, i: int) -> dict[str, Any]:
-            low, high = about(pair[0][i], pair[1][i])
-            return {"value": pair[0][i], "lo90": low, "hi90": high}
-
-        after = {}
+        before, after = {}, {}
         for i, name in enumerate(self.names):
+            reach = student.quantile(0.95, float(self.dof[i]))
+
+            def about(value: float, u: float, reach: float = reach) -> list[float]:
+                return [value - reach * u, value + reach * u]
+
+            low90, high90 = about(self.before[0][i], self.before[1][i])
+            before[name] = {"value": self.before[0][i], "lo90": low90, "hi90": high90}
             all_of_them = [about(v, u) for v, u in self.spans(i)]
             after[name] = {
                 "value": self.value[i],
@@ -149,7 +147,6 @@ class Answers:
                 "conditional": about(self.conditional[0][i], self.conditional[1][i]),
                 "constrained": about(self.constrained[0][i], self.constrained[1][i]),
             }
-        before = {name: simple(self.before, i) for i, name in enumerate(self.names)}
         return {"before": before, "after": after, "carried": list(self.carried)}
 
 
@@ -165,7 +162,7 @@ def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers
     chosen = answer.accepted[0].effects if answer.accepted else ()
     return Answers(
         names=tuple(p.name for p in stage.base.parameters),
-        dof=stage.noise.dof,
+        dof=_freedom(stage),
         before=spread(stage, stage.base_fit),
         members=members,
         conditional=members[0][1] if carried else conditional,
@@ -173,6 +170,12 @@ def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers
         carried=tuple(carried),
         unnamed=unnamed,
     )
+
+
+def _freedom(stage: Stage) -> FloatArray:
+    """Effective degrees of freedom (p,) of the base fit's coefficients: what is behind the sizes of noise that each rests on."""
+    g = gum.gain(stage.space, stage.base_fit.vector) if len(stage.theta) else np.zeros((0, stage.data.n))
+    return gum.freedom(stage.space, g, stage.parts, stage.noise, stage.slope)
 
 
 def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:

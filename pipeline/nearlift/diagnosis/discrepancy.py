@@ -14,10 +14,10 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.diagnosis.families import cosines, families, indicators, powers, times
-from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import Stage
 from nearlift.diagnosis.setting import SCHEDULE_WORDS
 from nearlift.diagnosis.structure import Structure
+from nearlift.fitting.noise import orthonormal
 from nearlift.results import Observations
 
 #: Smooth shapes of log distance, and of time, whose products may change the curve in the course of a campaign.

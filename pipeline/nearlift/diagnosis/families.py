@@ -20,8 +20,9 @@ STEPS = 40
 STEP = "time, step"
 #: Covariates that have a family of their own below; any other numeric column gets a smooth one.
 SPOKEN_FOR = {
-    "supply_V", "temperature_K", "approach", "tilt_rad", "start_s", "elapsed_hat", "run_order", "since_start_s", "rest_s", "previous_lift_N",
-    "previous_throttle", "previous_z_hat", "order_in_visit", "drift_N_s", "drift_hat", "record_s", "session", "lift_sd_N", "lift_inf_N", "n", "visit",
+    "supply_V", "temperature_K", "approach", "tilt_rad", "start_s", "elapsed_hat", "run_order", "elapsed_trials", "since_start_s", "rest_s",
+    "previous_lift_N", "previous_throttle", "previous_z_hat", "order_in_visit", "drift_N_s", "drift_hat", "record_s", "session",
+    "lift_sd_N", "lift_inf_N", "n", "visit",
 }  # fmt: skip
 
 

@@ -15,11 +15,11 @@ import dataclasses
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.diagnosis import coefficients, noise_floor
+from nearlift.diagnosis import coefficients
 from nearlift.diagnosis.candidate import Fitted, search
 from nearlift.diagnosis.confirmation import FEW_VISITS, standard_error
 from nearlift.diagnosis.search import RIVAL, SILENT, Answer, Explanation, Stage, visibility
-from nearlift.fitting import batched
+from nearlift.fitting import batched, noise
 from nearlift.fitting.finite import where_finite
 from nearlift.results import IntArray, Observations
 
@@ -130,7 +130,7 @@ def run(stage: Stage, listed: bool = True) -> Answer:
     if not first.present:
         return Answer(stage=working, first=first, singles=(), pairs=(), accepted=())
     visible = list({e.name: e for e, _ in working.library if visibility(working, e) > SILENT}.values())
-    noise = stage.data.n * noise_floor.floor(stage.data, stage.noise, stage.slope) ** 2
+    scatter = stage.data.n * noise.floor(stage.data, stage.noise, stage.slope) ** 2
     none = by_visit(working, left_out(working, ()))
     best: tuple[Effect, ...] = ()
     to_beat = none
@@ -139,7 +139,7 @@ def run(stage: Stage, listed: bool = True) -> Answer:
         tried, errors = [], {}
         for effect in (e for e in visible if e not in best):
             squares = by_visit(working, left_out(working, (*best, effect)))
-            explanation = _explanation(working, (*best, effect), none, squares, convinces(to_beat, squares, noise), listed)
+            explanation = _explanation(working, (*best, effect), none, squares, convinces(to_beat, squares, scatter), listed)
             tried.append(explanation)
             errors[explanation.name] = squares
         rounds.append(tuple(tried))
@@ -188,7 +188,7 @@ def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> coeffic
     constrained = np.sqrt(u**2 + np.maximum(wide**2 - naive**2, 0.0))
     return coefficients.Answers(
         names=tuple(q.name for q in stage.base.parameters),
-        dof=freedom(stage),
+        dof=np.full(len(stage.theta), freedom(stage)),
         before=left_out_in_turn(stage.base_fit),
         members=members,
         conditional=(value, u),

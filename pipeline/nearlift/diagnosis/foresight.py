@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter
 from nearlift.diagnosis import structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, moments, search
-from nearlift.diagnosis.loop import LEAST_FREEDOM, LEAST_TRIALS, could_act
-from nearlift.diagnosis.noise_floor import orthonormal
+from nearlift.diagnosis.loop import LEAST_TRIALS, could_act
 from nearlift.diagnosis.search import CREDIT, FORM_SD, RIVAL, SILENT, Options, Stage, prepare, visibility
 from nearlift.diagnosis.setting import derive
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget, inputs
-from nearlift.fitting.noise import trial_covariance
+from nearlift.fitting.noise import orthonormal, trial_covariance
 from nearlift.fitting.problem import usable
 from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
@@ -404,11 +403,7 @@ def planned(
 
 
 def _rehearsed(stage: Stage) -> Foresight:
-    """The stage at the noise floor that its own drawn campaigns would be given; as it is where the plan leaves too little for one."""
-    left = stage.data.n - len(stage.data.levels) - stage.hypotheses[1].shape[1]
-    if left < LEAST_FREEDOM:
-        noise = dataclasses.replace(stage.noise, dof=float(max(left, LEAST_FREEDOM)))
-        return Foresight(stage=dataclasses.replace(stage, noise=noise), seed=stage.options.seed)
+    """The stage at the noise floor that its own drawn campaigns would be given; its sizes the rehearsals' mean squares."""
     root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
     found, quiet = [], []
     for i in range(REHEARSALS):
@@ -427,7 +422,8 @@ def _rehearsed(stage: Stage) -> Foresight:
         relative=typical("relative"),
         force_N=typical("force_N"),
         height_m=typical("height_m"),
-        serial=typical("serial"),
+        common=typical("common"),
+        drift=tuple(np.sqrt(np.mean([np.square(n.drift) for n in found], axis=0)).tolist()),
         dof=float(np.mean([n.dof for n in found])),
     )
     return Foresight(stage=dataclasses.replace(stage, noise=noise), seed=stage.options.seed, quiet=float(np.sqrt(np.mean(quiet))))

@@ -12,23 +12,21 @@ from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import Effect, FloatArray, LiftModel
-from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, loop_result, noise_floor, separation
-from nearlift.diagnosis.candidate import Candidate, Fitted
-from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, flexible, prepare, run, settle
+from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, loop_result, separation
+from nearlift.diagnosis.candidate import Fitted
+from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, run, settle
 from nearlift.diagnosis.setting import derive, missing
 from nearlift.diagnosis.within_trial import heating
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget, inputs, student
+from nearlift.fitting import budget, inputs, noise, student
 from nearlift.fitting.heights import Plan
 from nearlift.fitting.least_squares import fit
 from nearlift.fitting.problem import usable
 from nearlift.quotation import BoundaryResult, Correlation, HeldOutError
-from nearlift.randomness import generator
 from nearlift.results import Observations
 
-#: Fewer trials than this beyond the unknowns, and a noise floor cannot be told from structure; nor with fewer degrees of freedom than this
-#: beside all that is flexible.
-LEAST_TRIALS, LEAST_FREEDOM = 40, 10
+#: Fewer trials than this beyond the unknowns, and a noise floor cannot be told from structure.
+LEAST_TRIALS = 40
 #: With more sessions than this no effect has a size of its own in each: such an effect's unknowns times the trials would not fit into memory.
 MOST_SESSIONS = 400
 
@@ -101,6 +99,9 @@ def diagnose(
     # each fold makes its own choice of how to weigh trials, so it starts from the stage as it was
     named = answer.best.candidate.effects
     scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run, named) if confirm else None
+    if scored is not None and not scored.predicted.any():
+        # every visit has a throttle or a session that no other visit has
+        scored = None
     stage = answer.stage
     refuted: tuple[Explanation, ...] = ()
     if scored is not None and answer.accepted and not confirmation.improves(stage, scored):
@@ -115,16 +116,8 @@ def diagnose(
     if scored is not None:
         after = scored.before if refuted else scored.after
         residuals |= {"held_out_before": scored.before, "held_out_after": after}
-        findings["error"] = confirmation.error(answer, scored, noise_floor.floor(stage.data, stage.noise, stage.slope))
-    floor = stage.noise
-    findings["noise_floor"] = {
-        "relative": floor.relative,
-        "force_N": floor.force_N,
-        "height_m": floor.height_m,
-        "serial": floor.serial,
-        "serial_length": floor.serial_length,
-        "source": floor.source,
-    }
+        findings["error"] = confirmation.error(answer, scored, noise.floor(stage.data, stage.noise, stage.slope))
+    findings["noise_floor"] = stage.noise.record()
     answers = (few_visits if few else coefficients).answers(stage, answer, declared_sizes(parts, library))
     findings["coefficients"] = answers.block()
     findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
@@ -158,46 +151,7 @@ def set_up(
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if "drift_hat" not in e.needs)
     stage = prepare(kept, base, between, inputs.acting(parts, base, first.theta), first.theta, options)
-    _insist_on_freedom(stage)
     return stage, known, untestable
-
-
-def _insist_on_freedom(stage: Stage) -> None:
-    """Refuse trials that every covariate and effect together nearly use up: no noise floor is left to test against."""
-    data, freedom = stage.data, int(stage.noise.dof)
-    if freedom >= LEAST_FREEDOM:
-        return
-    where, what = f"diagnosis of the {data.boundary}", f"{data.n} usable trials leave {max(freedom, 0)} degrees of freedom"
-    what += " beside all that may have moved them (covariates, sessions, effects)"
-    # what is asked for is more than the least: another run of a schedule differs in what it happens to vary
-    tried = (int(data.n * 1.2**i) for i in range(1, 14))
-    enough = next((n for n in tried if _freedom_of(stage, n) >= 3 * LEAST_FREEDOM), None)
-    if enough is None:
-        remedy = "more of the same schedule would not help: leave columns out of it, or run several trials in each session and at each throttle"
-        raise NotConverged(where, what, remedy)
-    raise NotConverged(where, what, f"{enough} trials of the same schedule would be enough, or fewer columns in it")
-
-
-def _freedom_of(stage: Stage, n: int) -> int:
-    """Degrees of freedom that `n` trials would leave: the same visits again, in another order and in new sessions, as often as it takes."""
-    rng = generator(stage.options.seed, "freedom", str(n))
-    visits = np.split(np.arange(stage.data.n), np.flatnonzero(np.diff(stage.data.visit)) + 1)
-    runs = [np.arange(stage.data.n)]
-    while sum(map(len, runs)) < n:
-        runs.append(np.concatenate([visits[i] for i in rng.permutation(len(visits))]))
-    index, again = np.concatenate(runs)[:n], np.arange(n) // stage.data.n
-    data = stage.data.take(index)
-    levels = np.array([data.covariates["lift_inf_N"][data.level == k][0] for k in range(len(data.levels))])
-    # what was logged is dealt anew: copies would seem to say less than trials do
-    known = {name: rng.permutation(values) for name, values in data.covariates.items()}
-    if "start_s" in known:
-        start = stage.data.covariates["start_s"]
-        known["start_s"] = start[np.arange(n) % stage.data.n] + again * 1.01 * np.ptp(start)
-    visit, session = (x + again * (int(x.max()) + 1) for x in (data.visit, data.session))
-    data = derive(dataclasses.replace(data, visit=visit, session=session, covariates=known), levels)
-    candidate = Candidate(base=stage.base, effects=(), data=data)
-    columns = flexible(candidate, stage.theta, stage.effects)
-    return int(n - noise_floor.orthonormal(columns).shape[1])
 
 
 def could_act(data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None) -> tuple[tuple[Effect, ...], list[dict[str, Any]]]:

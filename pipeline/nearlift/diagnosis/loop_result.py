@@ -11,13 +11,12 @@ from nearlift.diagnosis import few_visits
 from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.coefficients import Answers, Pair
 from nearlift.diagnosis.search import Answer, Stage
-from nearlift.fitting import budget, gum
+from nearlift.fitting import gum
 from nearlift.fitting.estimator import Estimator, largest
 from nearlift.fitting.problem import Problem
 from nearlift.quotation import BoundaryResult, Correlation, Doubt, HeldOutError, LargestShifts, Shift
 
 VISITS = "visits left out in turn"
-WANDER = "slow wander of the gain"
 
 
 def result(stage: Stage, answer: Answer, found: Answers, correlation: Correlation, error: HeldOutError | None) -> BoundaryResult:
@@ -104,7 +103,7 @@ def _estimator(stage: Stage, answer: Answer, found: Answers) -> Estimator:
         problem=problem,
         theta=value,
         u=u,
-        dof=np.full(p, found.dof),
+        dof=found.dof,
         lines=lines,
         without=without,
         parts=stage.parts,
@@ -121,8 +120,7 @@ def _with_unknowns(stage: Stage, answer: Answer, found: Answers) -> tuple[Proble
     jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
     shift = candidate.log_ratio(vector) - stage.candidate().log_ratio(vector[:p]) - jacobian[:, p:] @ (vector - mean)[p:]
     own = space.covariance.shared
-    declared = budget.shared(stage.data, stage.parts, stage.slope).shape[1] if not stage.independent else own.shape[1]
-    blocks: list[tuple[str, FloatArray]] = [(WANDER, own[:, declared:])]
+    blocks: list[tuple[str, FloatArray]] = []
     for effect in candidate.effects:
         mine = candidate.of(effect.name)
         blocks.append((f"size of {effect.name}", jacobian[:, mine] * sd[mine]))
@@ -131,8 +129,8 @@ def _with_unknowns(stage: Stage, answer: Answer, found: Answers) -> tuple[Proble
     if found.carried:
         blocks.append((f"what has no name along {' and '.join(found.carried)}", found.unnamed))
     blocks = [(name, columns) for name, columns in blocks if columns.shape[1]]
-    shared = np.hstack([own[:, :declared], *(columns for _, columns in blocks)])
-    ends = declared + np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
+    shared = np.hstack([own, *(columns for _, columns in blocks)])
+    ends = own.shape[1] + np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
     unknowns = {name: slice(int(a), int(b)) for (name, _), a, b in zip(blocks, ends[:-1], ends[1:], strict=True)}
     covariance = dataclasses.replace(space.covariance, shared=shared)
     return Problem(model=stage.base, data=data, covariance=covariance, shift=shift), unknowns

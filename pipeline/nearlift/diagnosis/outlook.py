@@ -49,7 +49,7 @@ def outlook(foresight: Foresight, library: tuple[Effect, ...], variants: Mapping
         "base_model": stage.base.name,
         "trials": stage.data.n,
         "false_alarm_rate": stage.options.false_alarm_rate,
-        "noise": {k: getattr(stage.noise, k) for k in ("relative", "force_N", "height_m", "source", "dof")},
+        "noise": stage.noise.record(),
         "coefficients": {
             p.name: {"expected": float(v), "u": float(s), "u_with_undetected_effects": float(w)}
             for p, v, s, w in zip(stage.base.parameters, value, u, u_wide, strict=True)

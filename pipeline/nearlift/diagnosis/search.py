@@ -11,15 +11,14 @@ from itertools import combinations
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray, LiftModel
-from nearlift.diagnosis import noise_floor, structure
+from nearlift.diagnosis import structure
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, search
-from nearlift.diagnosis.families import STEP, cosines, families
-from nearlift.diagnosis.noise_floor import orthonormal
+from nearlift.diagnosis.families import STEP, families
 from nearlift.diagnosis.setting import SCHEDULE_WORDS
 from nearlift.diagnosis.structure import Hypothesis, Null, Structure
-from nearlift.fitting import budget
+from nearlift.fitting import budget, noise
 from nearlift.fitting.frame import framed
-from nearlift.fitting.noise import trial_covariance
+from nearlift.fitting.noise import orthonormal, trial_covariance
 from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import IntArray, Noise, Observations
 
@@ -30,9 +29,6 @@ PAIRS = 40
 EFFECT = "effect "
 #: A column that keeps less than this share of its energy beside theta and L_inf cannot be seen.
 SILENT = 1e-4
-#: Every bench's gain wanders a little, slowly; below this fraction of lift (rms) that is no finding. Pink, over so many periods.
-WANDER = 3e-4
-WANDER_MODES = 40
 #: An explanation must beat "no effect" by this in log evidence, or chance would be given a name.
 CREDIT = 2.0
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
@@ -138,14 +134,14 @@ class Stage:
         slope = self.slope
         if self.independent:
             return Problem(model=self.base, data=self.data, covariance=trial_covariance(self.data, self.assumed_noise, slope))
-        shared = np.hstack([budget.shared(self.data, self.parts, slope), wander(self.data)])
+        shared = budget.shared(self.data, self.parts, slope)
         covariance = trial_covariance(self.data, self.assumed_noise, slope, shared, budget.own_variance(self.data, self.parts, slope))
         return Problem(model=self.base, data=self.data, covariance=covariance)
 
     @property
     def assumed_noise(self) -> Noise:
         """The noise floor, without what ties the trials of a visit together where they are fitted as if nothing did."""
-        return dataclasses.replace(self.noise, height_m=0.0, serial=0.0) if self.independent else self.noise
+        return dataclasses.replace(self.noise, height_m=0.0, common=0.0, drift=()) if self.independent else self.noise
 
     @cached_property
     def slope(self) -> FloatArray:
@@ -293,14 +289,6 @@ class Stage:
         return found, log_evidence
 
 
-def wander(data: Observations) -> FloatArray:
-    """Unit-variance columns (n, m) of a slow wander of the gain that is taken for granted."""
-    modes = min(WANDER_MODES, len(np.unique(data.visit)) - 1)
-    power = 1 / np.arange(1, modes + 1)
-    columns: FloatArray = cosines(data.covariates["run_order"], modes) * WANDER * np.sqrt(2 * power / power.sum())
-    return columns
-
-
 class _Deform:
     """(1 + T T')^(-1/2) for a few columns T."""
 
@@ -328,14 +316,20 @@ def library_columns(base: LiftModel, effects: tuple[Effect, ...], data: Observat
     return found
 
 
-def flexible(candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]) -> FloatArray:
-    """All that the noise floor is orthogonal to, side by side: levels, a fit's Jacobian, families, library; (n, k) of any rank."""
+#: Families of time: the drifts stand for them where noise is estimated.
+TIME = ("time, slow", "time, slow, additive", "time, fast", STEP, "session", "session, additive", "time since start")
+#: Noise is estimated anew until the coefficients move by less than this many of their standard uncertainties, at most so many times.
+SETTLED, ROUNDS = 0.1, 5
+
+
+def what_may_be(candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]) -> list[FloatArray]:
+    """What the trials may hold beside a candidate: the families that are not of time, and every effect; a list of (n, k) of any rank."""
     data, theta = candidate.data, vector[: len(candidate.base.parameters)]
-    columns = [np.eye(len(data.levels))[data.level], candidate.jacobian(vector)]
-    # single steps add nothing smooth, and together they would use up the visits that a height error shows in
-    columns += [f.columns for f in families(data) if f.name != STEP]
-    columns += [c for _, c in library_columns(candidate.base, effects, data, theta)]
-    return np.hstack(columns)
+    found = [f.columns for f in families(data) if f.name not in TIME]
+    shapes: dict[str, list[FloatArray]] = defaultdict(list)
+    for effect, columns in library_columns(candidate.base, effects, data, theta):
+        shapes[effect.name].append(columns)
+    return [*found, *(np.hstack(each) for each in shapes.values())]
 
 
 def prepare(
@@ -347,17 +341,36 @@ def prepare(
     options: Options,
     about: Fitted | None = None,
 ) -> Stage:
-    """Noise floor first, from what no model and no effect touches; then everything else.
+    """Noise first, beside all that the trials may hold; then everything else.
 
-    The floor is taken about the base model at `theta`, or about the explanation `about`: beside an effect of many times the
-    noise, the base model's slope and the families' curvature are not good enough to tell noise and outliers by.
+    It is estimated about the base model at `theta`, or about the explanation `about`: beside an effect of many times the noise, the base
+    model's slope and the families' curvature are not good enough to tell noise and outliers by.
     """
+    p, found = len(theta), None
     candidate, vector = (Candidate(base=base, effects=(), data=data), theta) if about is None else (about.candidate, about.vector)
-    log_ratio = candidate.log_ratio(vector)
-    theta = vector[: len(theta)]
-    slope = height_slope(base, data, dict(zip((p.name for p in base.parameters), theta, strict=True)))
-    noise, target = noise_floor.estimate(data, np.log(data.lift_N) - log_ratio, flexible(candidate, vector, effects), slope)
-    return Stage(data=data, base=base, effects=effects, parts=parts, noise=noise, log_lift=target + log_ratio, theta=theta, options=options)
+    for _ in range(ROUNDS):
+        log_ratio = candidate.log_ratio(vector)
+        slope = height_slope(base, data, dict(zip((q.name for q in base.parameters), vector[:p], strict=True)))
+        levels = np.eye(len(data.levels))[data.level]
+        found, target = noise.estimate(
+            data,
+            np.log(data.lift_N) - log_ratio,
+            np.hstack([levels, candidate.jacobian(vector)]),
+            what_may_be(candidate, vector, effects),
+            slope,
+            budget.shared(data, parts, slope),
+            budget.own_variance(data, parts, slope),
+            found,
+        )
+        stage = Stage(data=data, base=base, effects=effects, parts=parts, noise=found, log_lift=target + log_ratio, theta=vector[:p], options=options)
+        if about is not None:
+            break
+        moved = stage.base_fit.vector - vector
+        u = np.sqrt(np.diag(np.linalg.pinv(stage.base_fit.jacobian.T @ stage.base_fit.jacobian))) if p else np.zeros(0)
+        if not p or np.all(np.abs(moved) < SETTLED * u):
+            break
+        vector = vector + 0.62 * moved
+    return stage
 
 
 def settle(stage: Stage) -> Answer:

@@ -9,9 +9,8 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.diagnosis.candidate import Candidate
-from nearlift.diagnosis.noise_floor import orthonormal
 from nearlift.diagnosis.search import Answer, Explanation, Stage
-from nearlift.fitting.noise import trial_covariance
+from nearlift.fitting.noise import orthonormal, trial_covariance
 from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Observations
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.effects import STAND_INS
+from nearlift.fitting.noise import elapsed_trials
 from nearlift.results import Observations
 
 #: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute where the scale is fixed.
@@ -45,6 +46,7 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
     order = known["start_s"] if "start_s" in known and np.isfinite(known["start_s"]).all() else index
     known["elapsed_hat"] = _scaled(order)
     known["run_order"] = index
+    known["elapsed_trials"] = elapsed_trials(order)
     if "start_s" in known:
         begin = known["start_s"][np.maximum.accumulate(np.where(first, np.arange(n), 0))]
         known["since_start_s"] = known["start_s"] - begin

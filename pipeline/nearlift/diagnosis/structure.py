@@ -17,6 +17,8 @@ from nearlift.declare import FloatArray
 
 #: So many that the rate at a threshold of 5 % is known to a seventeenth of itself (a binomial count of 300); so many at once.
 DRAWS, AT_ONCE = 6000, 1500
+#: Of a continued fraction, enough where it is used: far out in the tail.
+TERMS = 40
 #: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the first in order stands before.
 SAME = 1e-9
 
@@ -118,14 +120,18 @@ def log10_p(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> Float
 
 def log10_tail(chi2: FloatArray, ranks: FloatArray) -> FloatArray:
     """Log10 of the chance that a chi-square with `ranks` degrees of freedom exceeds `chi2`."""
-    from scipy.special import gammaincc
+    from scipy.special import gammaincc, gammaln
 
     with np.errstate(divide="ignore"):
         result: FloatArray = np.log10(gammaincc(ranks / 2, chi2 / 2))
     far = ~np.isfinite(result) | (result < -250)
     if far.any():
-        # the survival function underflows; its leading term does not
-        result = np.where(far, -chi2 / 2 / np.log(10), result)
+        # the survival function underflows; its logarithm by Legendre's continued fraction does not
+        a, z = np.broadcast_arrays(ranks / 2, np.maximum(chi2, 1.0) / 2)
+        fraction = z + 2 * TERMS + 1 - a
+        for n in range(TERMS, 0, -1):
+            fraction = z + 2 * n - 1 - a - n * (n - a) / fraction
+        result = np.where(far, (a * np.log(z) - z - np.log(fraction) - gammaln(a)) / np.log(10), result)
     return result
 
 

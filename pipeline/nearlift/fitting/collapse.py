@@ -16,7 +16,7 @@ from nearlift.declare import FloatArray
 from nearlift.fitting import batched, student
 from nearlift.fitting.frame import framed
 from nearlift.fitting.least_squares import parameter_covariance
-from nearlift.fitting.noise import MOST_CELLS
+from nearlift.fitting.noise import MOST_MEANS
 from nearlift.fitting.problem import Problem
 from nearlift.results import IntArray
 
@@ -217,7 +217,7 @@ def cells(problem: Problem, freedom: Freedom) -> FTest | None:
     data = problem.data
     distance = np.unique(data.z_hat, return_inverse=True)[1]
     both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
-    if len(data.levels) < 2 or both.max() + 1 >= min(data.n, MOST_CELLS + 1):
+    if len(data.levels) < 2 or both.max() + 1 >= min(data.n, MOST_MEANS + 1):
         return None
     (common, left), (each, rest) = (_left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both))
     extra = each.shape[1] - common.shape[1]

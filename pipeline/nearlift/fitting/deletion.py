@@ -80,26 +80,23 @@ def visits_of(problem: Problem, theta: FloatArray, free: Sequence[int], offset: 
     z = np.hstack([known, np.eye(len(data.levels))[data.level], jacobian / length])
     y = np.log(data.lift_N) - problem.log_ratio(theta, offset) + slope * offset
     size = z.shape[1]
-    curved, right = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])]), np.zeros(size)
-    blocks = covariance.precision_blocks()
-    weighed = []
-    for index, precision in blocks:
-        own = precision @ z[index]
-        weighed.append(own)
-        curved += np.einsum("mbi,mbj->ij", z[index], own)
-        right += np.einsum("mbi,mb->i", own, y[index])
+    curved = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])])
+    solved = covariance.solve_own(np.column_stack([z, y]).T).T
+    weighed, weighed_y = solved[:, :-1], solved[:, -1]
+    curved += z.T @ weighed
     inverse = np.linalg.pinv(curved, rcond=1e-13, hermitian=True)
-    solved = inverse @ right
+    rest = weighed_y - weighed @ (inverse @ (weighed.T @ y))
+    gains = np.zeros((data.n, len(theta)))
+    gains[:, free] = weighed @ inverse[:, size - len(free) :] / length
     result = []
-    for (index, precision), own in zip(blocks, weighed, strict=True):
-        gain = np.zeros((len(index), len(theta), index.shape[1]))
-        gain[:, free] = (inverse[size - len(free) :] / length[:, None]) @ own.swapaxes(-1, -2)
+    for index, precision in covariance.precision_blocks():
+        own = weighed[index]
         result.append(
             Deletion(
                 index=index,
                 information=precision - own @ inverse @ own.swapaxes(-1, -2),
-                weighed=np.einsum("mij,mj->mi", precision, y[index]) - own @ solved,
-                gain=gain,
+                weighed=rest[index],
+                gain=gains[index].swapaxes(-1, -2),
                 whole=np.linalg.eigvalsh(precision).max(axis=1),
             )
         )

@@ -8,15 +8,15 @@ none counted twice, and the shares add to one for the very estimator that was us
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fitting import budget, student
+from nearlift.fitting import budget, noise, semiseparable, student
 from nearlift.fitting.budget import GROUPED, INPUTS, Component, groups
-from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, group_sums, serial_block, visits_by_size
+from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, group_sums
 from nearlift.fitting.problem import Problem
 from nearlift.results import Noise, Observations
 
@@ -48,6 +48,8 @@ class Line:
         over its elements, so that ``|sensitivity| standard`` is the contribution in both cases.
     dof : (p,)
         Effective degrees of freedom of the contribution; inf for a declared one.
+    sizes : dict of (p,)
+        Of what the scatter of trials adds: the variance by each size of `Noise`.
     """
 
     component: str
@@ -59,6 +61,7 @@ class Line:
     covariance: FloatArray
     sensitivity: FloatArray
     dof: FloatArray
+    sizes: dict[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,14 +98,14 @@ def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
     p, over, shared = len(fit.theta), fit.marginal, fit.plan.shared
     if over is None:
         found = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
-        return found, told(total(found, fit.noise, p), fit.noise)
+        return found, total(found, fit.noise, p)
     wider, offset, slope = linearised(fit)
     g = gain(wider, fit.theta, offset)
     found = (*lines(wider, g, fit.parts, fit.noise, fit.slope), *(_declared(fit.problem.data, g, part, slope) for part in shared))
     linear = sum((np.diag(line.covariance) for line in found), np.zeros(p))
     factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
     found = tuple(replace(a, covariance=a.covariance * np.outer(factor, factor), sensitivity=a.sensitivity * factor) for a in found)
-    return found, told(total(found, fit.noise, p), fit.noise)
+    return found, total(found, fit.noise, p)
 
 
 def u_without(fit: Fit) -> dict[str, FloatArray]:
@@ -162,7 +165,8 @@ def _lacking(
     for name, variance in trial_by_trial.items():
         yield name, replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
     yield NAMES["height_m"], replace(whole, per_visit=np.zeros(data.n))
-    yield NAMES["serial"], replace(whole, serial=0.0)
+    yield NAMES["common"], replace(whole, common=0.0)
+    yield NAMES["drift"], replace(whole, drift=np.zeros(len(scatter.drift)))
     first = 0
     for part, _ in parts:
         width = groups(data, part.scope).max() + 1 if part.scope in GROUPED else 0
@@ -229,20 +233,45 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
     own = g**2 * record**2
     with np.errstate(divide="ignore", invalid="ignore"):
         record_dof = own.sum(axis=1) ** 2 / (own**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
-    known = {name: 1 / (2 * scatter.log_covariance[i][i]) for i, name in enumerate(scatter.sizes)}
-    dof = {name: np.full(len(g), known.get(name, scatter.dof)) for name in ("relative", "force_N", "height_m", "serial")}
-    per_force = 1 / data.lift_N
-    blocks = [(index, serial_block(index.shape[1], scatter.serial_length)) for index in visits_by_size(data.visit)]
-    by_visit = group_sums(g * slope, np.unique(data.visit, return_inverse=True)[1])
-    common: FloatArray = sum((np.einsum("pmi,ij,qmj->pq", g[:, i], b, g[:, i]) for i, b in blocks), np.zeros((len(g), len(g))))
+    visit = np.unique(data.visit, return_inverse=True)[1]
+    by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
+    age = noise.ages(data)
+    drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
     rms = float(np.sqrt(np.mean(record**2)))
+
+    def line(kind: str, scope: str, standard: float, unit: str, parts: dict[str, FloatArray]) -> Line:
+        sizes = {name: np.diag(covariance) for name, covariance in parts.items()}
+        covariance: FloatArray = sum(parts.values(), np.zeros((len(g), len(g))))
+        own, known = _told_by(scatter, sizes, len(g))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dof = np.where(known > 0, 2 * own**2 / known, scatter.dof)
+        return replace(_line(NAMES[kind], "A", "normal", scope, standard, unit, covariance, dof), sizes=sizes)
+
     return [
         _trials(g, record**2, RECORD, "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)),
-        _trials(g, np.full(data.n, scatter.relative**2), "scatter in proportion to lift", "trial", scatter.relative, "1", dof["relative"]),
-        _trials(g, (scatter.force_N * per_force) ** 2, "scatter of force", "trial", scatter.force_N, "N", dof["force_N"]),
-        _line("height of a stop", "A", "normal", "visit", scatter.height_m, "m", by_visit @ by_visit.T * scatter.height_m**2, dof["height_m"]),
-        _line("common to a visit", "A", "normal", "visit", scatter.serial, "1", common * scatter.serial**2, dof["serial"]),
+        line("relative", "trial", scatter.relative, "1", {"relative": scatter.relative**2 * g @ g.T}),
+        line("force_N", "trial", scatter.force_N, "N", {"force_N": (g * (scatter.force_N / data.lift_N) ** 2) @ g.T}),
+        line("height_m", "visit", scatter.height_m, "m", {"height_m": by_height @ by_height.T * scatter.height_m**2}),
+        line("common", "visit", scatter.common, "1", {"common": by_common @ by_common.T * scatter.common**2}),
+        line("drift", "campaign", float(np.sqrt(np.sum(np.square(scatter.drift)))), "1", drifts),
     ]
+
+
+def _told_by(scatter: Noise, sizes: dict[str, FloatArray], p: int) -> tuple[FloatArray, FloatArray]:
+    """The variance that some sizes of the scatter add, and the variance of that variance, as far as the trials tell; (p,) each."""
+    names = [name for name in scatter.sizes if name in sizes]
+    index = [scatter.sizes.index(name) for name in names]
+    own = np.array([sizes[name] for name in names]).reshape(len(names), p)
+    spread = np.array(scatter.log_covariance).reshape(len(scatter.sizes), len(scatter.sizes))[np.ix_(index, index)]
+    return own.sum(axis=0), 4 * np.einsum("ip,ij,jp->p", own, spread, own)
+
+
+def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
+    """G M G' (p, p) of a drift of unit size; `age` (n,) as in `Covariance`, in run order."""
+    memory = np.exp(-np.abs(np.diff(age, prepend=age[:1])))
+    memory[:1] = 0.0
+    one = np.ones((len(age), 1))
+    return np.asarray(g @ semiseparable.product(one, memory[:, None], np.ascontiguousarray(g.T)), dtype=np.float64)
 
 
 def _trials(g: FloatArray, variance: FloatArray, name: str, scope: str, standard: float, unit: str, dof: FloatArray) -> Line:
@@ -301,28 +330,18 @@ def freedom(problem: Problem, g: FloatArray, parts: Sequence[Component], scatter
     return total(lines(problem, g, parts, scatter, slope), scatter, len(g)).dof
 
 
-def told(found: Total, scatter: Noise) -> Total:
-    """The same where the trials tell what they share; else without degrees of freedom, and without an end."""
-    if scatter.between >= 1:
-        return found
-    endless = np.full(len(found.u), np.inf)
-    return Total(u=found.u, dof=np.zeros(len(found.u)), k=endless, U95=endless)
-
-
 def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
     """Combined uncertainty with Welch and Satterthwaite's degrees of freedom, at least `LEAST_DOF`.
 
     Their formula takes the variances of repeats as estimated apart from one another; the parts of one scatter are not, and theirs
     are combined with the covariance that the fit of the noise gives. Where they are independent the two formulas are one.
     """
-    parts = {line.component: np.diag(line.covariance) for line in found}
-    variance: FloatArray = sum(parts.values(), np.zeros(p))
-    joint = [NAMES[name] for name in scatter.sizes]
-    own = np.array([parts.get(name, np.zeros(p)) for name in joint]).reshape(len(joint), p)
-    spread = 4 * np.einsum("ip,ij,jp->p", own, np.array(scatter.log_covariance).reshape(len(joint), len(joint)), own)
+    variance: FloatArray = sum((np.diag(line.covariance) for line in found), np.zeros(p))
+    sizes = {name: size for line in found for name, size in line.sizes.items()}
+    _, spread = _told_by(scatter, sizes, p)
     for line in found:
-        if line.component not in joint:
-            spread = spread + 2 * parts[line.component] ** 2 / line.dof
+        if not line.sizes.keys() & set(scatter.sizes):
+            spread = spread + 2 * np.diag(line.covariance) ** 2 / line.dof
     dof = np.where(spread > 0, np.maximum(2 * variance**2 / np.where(spread > 0, spread, 1.0), LEAST_DOF), np.inf)
     k = np.array([student.quantile(0.975, d) for d in dof])
     return Total(u=np.sqrt(variance), dof=dof, k=k, U95=k * np.sqrt(variance))
@@ -335,5 +354,6 @@ NAMES = {
     "relative": "scatter in proportion to lift",
     "force_N": "scatter of force",
     "height_m": "height of a stop",
-    "serial": "common to a visit",
+    "common": "common to a visit",
+    "drift": "slow drift",
 }

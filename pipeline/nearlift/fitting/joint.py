@@ -79,8 +79,19 @@ class JointProblem(Problem):
         return np.concatenate([super().residuals(theta, offset_m), self.downwash_residuals(theta)], axis=-1)
 
     def derivatives(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """Of both, at one theta: (p, n)."""
-        return np.hstack([super().derivatives(theta, offset_m), _downwash_derivatives(self, theta)])
+        """Of both, (..., p, n)."""
+        return np.concatenate([super().derivatives(theta, offset_m), self._downwash_derivatives(theta)], axis=-1)
+
+    def _downwash_derivatives(self, theta: FloatArray) -> FloatArray:
+        """Derivatives of the downwash's residuals, (..., p, n), by central differences within the bounds."""
+        rows = []
+        for i, p in enumerate(self.model.parameters):
+            step = 1e-4 * np.maximum(np.abs(theta[..., i]), 1e-2 * (p.bounds[1] - p.bounds[0]))
+            up, down = theta.copy(), theta.copy()
+            up[..., i], down[..., i] = np.minimum(theta[..., i] + step, p.bounds[1]), np.maximum(theta[..., i] - step, p.bounds[0])
+            width = (up[..., i] - down[..., i])[..., None]
+            rows.append((self.downwash_residuals(up) - self.downwash_residuals(down)) / width)
+        return np.stack(rows, axis=-2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,14 +152,3 @@ def fit_joint(lift: Fit, data: Observations, downwash: Downwash, parts: tuple[bu
         n_downwash=len(own),
         p_value=float(chi2.sf(rise, len(own))),
     )
-
-
-def _downwash_derivatives(problem: JointProblem, theta: FloatArray) -> FloatArray:
-    """Derivatives of the downwash's residuals, (p, n), by central differences within the bounds."""
-    rows = []
-    for i, p in enumerate(problem.model.parameters):
-        step = 1e-4 * max(abs(theta[i]), 1e-2 * (p.bounds[1] - p.bounds[0]))
-        up, down = theta.copy(), theta.copy()
-        up[i], down[i] = min(theta[i] + step, p.bounds[1]), max(theta[i] - step, p.bounds[0])
-        rows.append((problem.downwash_residuals(up) - problem.downwash_residuals(down)) / (up[i] - down[i]))
-    return np.stack(rows)

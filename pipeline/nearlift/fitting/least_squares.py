@@ -202,15 +202,18 @@ def fit(
         parts = inputs.acting(declared_parts, model, theta)
         if scatter is None:
             trial = Problem(model=model, data=data, covariance=noise.trial_covariance(data, settled, np.zeros(data.n)))
-            jacobian = trial.jacobian(theta) if p else None
-            declared = height_slope(model, data, dict(zip(trial.names, theta, strict=True)))
-            settled = noise.estimate(
+            declared = trial.height_slope(theta)
+            lacking, source = noise.curves(data)
+            settled, _ = noise.estimate(
                 data,
-                model,
-                dict(zip(trial.names, theta, strict=True)),
-                jacobian,
+                np.log(data.lift_N) - trial.log_ratio(theta),
+                np.hstack([np.eye(levels)[data.level], trial.jacobian(theta) if p else np.zeros((data.n, 0))]),
+                lacking,
+                declared,
                 budget.shared(data, parts, declared),
                 budget.own_variance(data, parts, declared),
+                settled if settled.sizes else None,
+                source,
             )
         problem = assemble(model, data, parts, settled, theta, None if slope is None else slope[keep])
         before, theta = theta, minimise(problem, theta)
@@ -291,7 +294,7 @@ def _describe(
     covariance, determined = parameter_covariance(problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1))
     g = gum.gain(problem, theta) if p else np.zeros((0, data.n))
     lines = gum.lines(problem, g, parts, scatter, slope)
-    effective = gum.told(gum.total(lines, scatter, p), scatter).dof
+    effective = gum.total(lines, scatter, p).dof
     width = np.array([q.bounds[1] - q.bounds[0] for q in model.parameters])
     determined &= np.sqrt(np.diag(covariance)) < VAGUE * width
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
@@ -299,7 +302,7 @@ def _describe(
     log_levels, given = problem.log_levels(theta)
     toll = problem.level_sensitivity(jacobian) if p else np.zeros((k, 0))
     level_covariance = given + toll @ covariance @ toll.T
-    level_dof = gum.told(gum.total(gum.lines(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope), scatter, k), scatter).dof
+    level_dof = gum.freedom(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope)
     levels = {
         float(t): _estimate(v, v * u, student.quantile(0.95, dof), "N", (0.0, np.inf))
         for t, v, u, dof in zip(data.levels, np.exp(log_levels), np.sqrt(np.diag(level_covariance)), level_dof, strict=True)

@@ -1,42 +1,52 @@
-"""How trials scatter, from repeats that no model touches where there are enough of them.
+"""How trials scatter: variance components of log lift, estimated once for each mean model by penalised restricted maximum likelihood.
 
-Restricted maximum likelihood of variance components - in proportion to lift, additive, height of a visit, common to a visit - about the
-mean of each (distance, throttle) cell. A height error of one visit moves all its throttles together, in proportion to the
-slope of the curve; that slope is the only thing taken from a model, and only to first order.
+A trial's noise has a part within its record (known), one in proportion to lift and one of force; the trials of a visit share an error of
+height, which acts through the slope of the curve, and whatever else a stop may bring; and slow drift ties neighbours in time: four
+Ornstein-Uhlenbeck processes that forget over fixed numbers of trials, so that only their sizes are unknown.
 
-Where distances were hardly visited again, what the trials of a visit share is learnt from how whole visits scatter about the fitted
-curve: between distances only, trials within a distance keep their cell means. Few visits cannot tell a small size from none, and the
-likeliest size is then too often none; the likelihood is multiplied by the root of each of these sizes, which keeps it off zero by about
-a standard error (after Chung, Rabe-Hesketh, Dorie, Gelman & Liu 2013, Psychometrika 78, 685, who multiply by the size itself).
+What the mean model may lack (structure) is no noise. It takes part as unknowns of a generous size, so that neither hides in the other and nothing
+runs out of degrees of freedom. Every size has a weak prior, half-t, maximised in its logarithm (see `PRIORS`): none
+is ever zero, and few visits do not let one grow without bound. Trials that stand beyond `CLIP` standard deviations from all others are pulled in
+to there. Sources: Patterson & Thompson 1971, Biometrika 58, 545 (restricted likelihood); Gilmour, Thompson & Cullis
+1995, Biometrics 51, 1440 (average information); Gelman 2006, Bayesian Anal. 1, 515 (half-t priors on standard deviations).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray, LiftModel
-from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance, group_sums
-from nearlift.fitting.problem import height_slope, need
+from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
+from nearlift.fitting import semiseparable
+from nearlift.fitting.covariance import LEAST_VARIANCE, Covariance
 from nearlift.results import IntArray, Noise, Observations
 
-#: Repeats must leave this many degrees of freedom, or the scatter is taken about the model instead.
-ENOUGH = 12
-#: Said of noise where visits are too few to show what their trials share.
-UNSEEN = "what the trials of a visit have in common cannot be told"
-#: Power of a visit's sizes by which the likelihood is multiplied where fewer degrees of freedom than `FEW` tell them; by what covers
-#: (docs/coverage.md).
-OFF_ZERO, FEW = 0.5, 30
-#: Few visits are not asked to tell a scatter of stops beyond this part of the least distance.
-WORST_STOP = 0.1
-#: Cells whose means are taken away at most: what that costs grows with trials times cells.
-MOST_CELLS = 400
-#: Trials over which noise common to a visit fades: not at all.
-WHOLE_VISIT = 1e6
+#: Trials over which the drifts forget; a drift is looked for where a boundary has four times as many.
+DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
+#: Scale and degrees of freedom of the half-t prior on each size: a fraction of lift, of the median lift, metres, a fraction of lift. Converters and
+#: propellers repeat to half a percent, screw traverses to a tenth of a millimetre. What else a stop brings (a settling flow, a cable) is likelier
+#: than a drift that fades within a stop and passes for it; the slow drifts of a bench's gain stay below a part in a thousand.
+PRIORS = {"relative": (5e-3, 1.0), "force_N": (2e-3, 1.0), "height_m": (1e-4, 2.0), "common": (1e-3, 1.0)}
+DRIFT_PRIORS = ((2e-4, 2.0), (2e-4, 2.0), (6e-4, 1.0), (6e-4, 1.0))
+#: What the source of noise says that repeats tell.
+REPEATS = "scatter of repeats"
+#: What a family of structure may amount to, as a fraction of lift; where trials scatter more about the model, as much as that.
+STRUCTURE = 0.01
+CLIP = 3.5
+#: A column that keeps less than this part of itself beside others is spanned by them: what is left is rounding, and differs by processor.
+SPANNED = 1e-6
+#: A trial that keeps less than this part of its precision beside what is free cannot be foretold from the rest.
+DETERMINED = 1e-8
+#: Smooth curves of distance; trials that a free mean must rest on, and the most means; revisits that tell what visits share.
+SHAPES, REPEATED, MOST_MEANS, REVISITS = 6, 3, 400, 20
+#: Heights and short drifts are also looked for from so many times their usual size on.
+FAR = 30.0
+#: How often outliers are pulled in.
+PASSES = 2
+#: A step in the logarithm of a size that is a last one, before outliers are in place and after, and the most of them.
+ROUGH_STEP, LAST_STEP, MOST_STEPS = 0.1, 1e-6, 40
 
 
 def trial_covariance(
@@ -49,9 +59,29 @@ def trial_covariance(
         visit=data.visit,
         per_visit=noise.height_m * slope,
         shared=np.zeros((data.n, 0)) if shared is None else shared,
-        serial=noise.serial,
-        serial_length=noise.serial_length,
+        common=noise.common,
+        drift=np.array(noise.drift),
+        age=ages(data)[:, : len(noise.drift)],
     )
+
+
+def elapsed_trials(order: FloatArray) -> FloatArray:
+    """Time since the first trial in units of the median spacing of trials, from start times or any other order (n,)."""
+    spacing = float(np.median(np.diff(np.sort(order)))) if len(order) > 1 else 0.0
+    return (order - order.min()) / spacing if spacing > 0 else np.arange(len(order), dtype=float)
+
+
+def ages(data: Observations) -> FloatArray:
+    """When each trial was run, in units of the time over which each drift forgets, (n, drifts)."""
+    known = data.covariates
+    if "elapsed_trials" in known:
+        # of the whole campaign, where these trials are a part of it
+        elapsed = known["elapsed_trials"]
+    else:
+        start = known.get("start_s", np.full(data.n, np.nan))
+        elapsed = elapsed_trials(start if np.isfinite(start).all() else np.arange(data.n, dtype=float))
+    lengths: FloatArray = np.array(DRIFT_LENGTHS)
+    return elapsed[:, None] / lengths
 
 
 def cells(data: Observations) -> IntArray:
@@ -62,256 +92,277 @@ def cells(data: Observations) -> IntArray:
 
 def estimate(
     data: Observations,
-    model: LiftModel,
-    parameters: dict[str, float],
-    jacobian: FloatArray | None = None,
+    log_lift: FloatArray,
+    mean: FloatArray,
+    structure: list[FloatArray],
+    slope: FloatArray,
     shared: FloatArray | None = None,
     extra: FloatArray | float = 0.0,
-) -> Noise:
-    """Variance components of the trials.
+    start: Noise | None = None,
+    source: str = "trials beside every family and effect",
+) -> tuple[Noise, FloatArray]:
+    """Variance components, and the log lift with outliers pulled in.
 
     Parameters
     ----------
     data : Observations
-    model, parameters
-        Whose slope carries a height error into lift.
-    jacobian : (n, p) or None
-        d log ratio / d theta; used only where repeats or revisits are too few, when scatter is taken about the fitted model.
+        Trials in run order.
+    log_lift : (n,)
+        Log lift less the model's prediction.
+    mean : (n, q)
+        Levels and model Jacobian: what is free.
+    structure : list of (n, k)
+        What the model may lack, one entry for each family.
+    slope : (n,)
+        d log ratio / dz per metre, which carries a visit's height error.
     shared, extra
         What the budget declares, as in `trial_covariance`: scatter that it accounts for is not counted again.
+    start : Noise or None
+        Of the same trials about a model much like this one: where the search begins, which saves steps.
+    source : str
+        What `Noise.source` is to say, before the degrees of freedom of a typical trial's variance.
 
     Returns
     -------
-    Noise
+    Noise, (n,) array
+
+    Raises
+    ------
+    NotConverged
+        Variances of trials that no arithmetic can hold beside one another.
     """
-    from scipy.optimize import minimize
-
-    if (some := _most_visited(data)) is not None:
-        few = None if shared is None else shared[some]
-        return estimate(data.take(some), model, parameters, None, few, np.broadcast_to(extra, data.n)[some])
-    slope = height_slope(model, data, parameters)
-    log_lift = np.log(data.lift_N)
-    layout = _layout(data, jacobian)
-    if not layout.model_free:
-        known = {n: need(data, n, model.name) for n in model.needs}
-        log_lift = log_lift - np.log(np.asarray(model.evaluate(data.z_hat, **parameters, **known), dtype=float))
-    mean = layout.mean
-    # the same restricted likelihood for whatever of the mean is taken away first, and nothing large to cancel
-    centred = log_lift - mean @ (mean.T @ log_lift)
-    dof = max(data.n - mean.shape[1], 1)
-    start = max(float(np.sqrt(np.mean(centred**2))), 1e-6)
-
-    def noise_of(sizes: FloatArray) -> Noise:
-        named: dict[str, Any] = {name: float(size) for name, size in zip(guess, sizes, strict=True)}
-        return replace(Noise(relative=0.0, serial_length=WHOLE_VISIT), **named)
-
-    def deviance(log_sizes: FloatArray) -> float:
-        return _deviance(trial_covariance(data, noise_of(np.exp(log_sizes)), slope, shared, extra), mean, centred)[0]
-
-    def with_slope(log_sizes: FloatArray) -> tuple[float, FloatArray]:
-        covariance = trial_covariance(data, noise_of(np.exp(log_sizes)), slope, shared, extra)
-        value, by_variance, by_visit = _deviance(covariance, mean, centred, acts)
-        change = {"relative": by_variance.sum(), "force_N": by_variance @ data.lift_N**-2.0, **dict(zip(acts, by_visit, strict=True))}
-        # by the logarithm of a standard deviation: twice its square times the change by variance
-        steep = np.array([2 * np.exp(2 * x) * change[name] for name, x in zip(guess, log_sizes, strict=True)])
-        return value - 2 * OFF_ZERO * float(of_few @ log_sizes), steep - 2 * OFF_ZERO * of_few
-
-    typical_slope = np.sqrt(np.mean(slope**2))
-    guess = {"relative": np.log(start)}
-    if layout.repeated:
-        guess["force_N"] = np.log(0.3 * start * np.median(data.lift_N))
-    if 0 < layout.between < np.inf:
-        # what a visit's trials have in common whatever the distance (a drift, a sag) is not a height error
-        guess["serial"] = np.log(0.3 * start)
-        if typical_slope > 0:
-            guess["height_m"] = np.log(0.5 * start / typical_slope)
-    acts = {name: act for name, act in (("serial", np.ones(data.n)), ("height_m", slope)) if name in guess}
-    of_few = np.array([float(layout.between < FEW and name in acts) for name in guess])
-    bounds = {name: (g - 9, g + 4) for name, g in guess.items()}
-    if "height_m" in guess and layout.between < FEW:
-        # visits that tell next to nothing of it would let it grow to where no slope could carry it
-        most = float(np.log(WORST_STOP * data.z_hat.min() * data.radius_m))
-        bounds["height_m"] = (min(bounds["height_m"][0], most - 9), min(bounds["height_m"][1], most))
-        guess["height_m"] = min(guess["height_m"], most - 1)
-    # the slope in closed form: differences leave the minimum where their rounding puts it, and the order of trials would show
-    found = minimize(with_slope, list(guess.values()), method="L-BFGS-B", jac=True, bounds=list(bounds.values()))
-    # a component at the bottom of its range is indistinguishable from none
-    at_floor = found.x <= np.array([b[0] for b in bounds.values()]) + 0.5
-    seen = [i for i in range(len(guess)) if not at_floor[i]]
-    inside = [i for i in seen if found.x[i] < list(bounds.values())[i][1] - SMALL]
-    best = _settled(lambda x: with_slope(x)[1], np.asarray(found.x, dtype=np.float64), inside)
-    spread = _log_covariance(deviance, np.where(at_floor, -np.inf, best), seen)
-    return replace(
-        noise_of(np.where(at_floor, 0.0, np.exp(best))),
-        source=layout.source,
-        dof=float(dof),
-        sizes=tuple(name for i, name in enumerate(guess) if i in seen),
-        log_covariance=tuple(tuple(float(x) for x in row) for row in spread),
-        between=layout.between,
+    mean = orthonormal(mean)
+    rms = float(np.sqrt(np.mean((log_lift - mean @ (mean.T @ log_lift)) ** 2)))
+    generous = max(STRUCTURE, rms)
+    unknown = [np.zeros((data.n, 0)) if shared is None else shared]
+    unknown += [s * (generous * np.sqrt(data.n) / norm) for s in structure if (norm := float(np.linalg.norm(s))) > 0]
+    model = _Components.of(data, slope, np.hstack([mean, *unknown]), mean.shape[1], extra)
+    typical_N = float(np.median(data.lift_N))
+    unit = np.array([typical_N if name == "force_N" else 1.0 for name in model.priors])
+    if start is None:
+        # neighbours differ by their noise whatever the model lacks
+        near = float(np.median(np.abs(np.diff(log_lift - mean @ (mean.T @ log_lift))))) if data.n > 1 else rms
+        usual = np.log([max(min(0.7 * rms, near), 1e-7) if name == "relative" else scale for name, (scale, _) in model.priors.items()])
+        # of heights, short drifts and what else visits share, one could have taken another's part before that is looked for
+        starts = [usual + np.log([FAR if name in far else 1.0 for name in model.priors]) for far in ((), ("height_m",), ("drift0", "drift1"))]
+        x = min((model.maximise(x, log_lift, ROUGH_STEP) for x in starts), key=lambda end: end[1].deviance)[0]
+    else:
+        x = np.log(np.array([*(getattr(start, name) for name in model.priors if not name.startswith("drift")), *start.drift]) / unit)
+    y = log_lift
+    for last in (ROUGH_STEP,) * PASSES + (LAST_STEP,):
+        x, found = model.maximise(x, y, last)
+        if last == ROUGH_STEP:
+            y = _pulled_in(y, found)
+    sizes = np.exp(x)
+    spread = np.linalg.inv(found.curvature)
+    # of the variance of a trial like the others
+    own = sizes**2 * np.array([np.mean(a) for a in model.diagonals])
+    dof = float(own.sum() ** 2 / (2 * own @ spread @ own))
+    sizes = sizes * unit
+    noise = Noise(
+        **{name: float(size) for name, size in zip(model.priors, sizes, strict=True) if not name.startswith("drift")},
+        drift=tuple(float(size) for name, size in zip(model.priors, sizes, strict=True) if name.startswith("drift")),
+        source=f"{source} ({dof:.0f} degrees of freedom)",
+        dof=dof,
+        sizes=tuple(model.priors),
+        log_covariance=tuple(tuple(float(v) for v in row) for row in spread),
     )
+    return noise, y
 
 
-def _deviance(
-    covariance: Covariance, mean: FloatArray, centred: FloatArray, acts: dict[str, FloatArray] | None = None
-) -> tuple[float, FloatArray, FloatArray]:
-    """Minus twice the restricted log likelihood, and its change with each trial's variance (n,) and with what a visit shares by `acts`.
+def curves(data: Observations) -> tuple[list[FloatArray], str]:
+    """What a model of distance and throttle may lack, and in words what trials scatter about beside it.
 
-    With P = C^-1 - U U', U the part of C^-1 that the mean takes, the change with a component V is tr(P V) - y' P V P y.
-    Without `acts` the changes are not worked out.
+    Free means of distances and of (distance, throttle) cells, where distances were visited again often enough to tell what a visit's trials
+    share. Else how far distances lie apart is left to the model, and throttles alone are free to differ from each other at a distance, smoothly
+    where trials repeat too rarely for means.
     """
-    from scipy.linalg import solve_triangular
-
-    x, white = covariance.whiten(mean.T), covariance.whiten(centred)
-    try:
-        triangle = np.linalg.cholesky(x @ x.T)
-    except np.linalg.LinAlgError:
-        triangle = np.linalg.qr(x.T)[1].T
-    diagonal = np.abs(np.diag(triangle))
-    explained = solve_triangular(triangle, x @ white, lower=True, check_finite=False)
-    value = float(covariance.log_det + 2 * np.log(np.maximum(diagonal, 1e-30)).sum() + white @ white - explained @ explained)
-    if acts is None:
-        return value, np.zeros(0), np.zeros(0)
-    rows = solve_triangular(triangle, x, lower=True, check_finite=False)
-    # C^-1 is the visits' own precision less what the shared unknowns take; then the mean's part and the data's, all as columns
-    taken = np.vstack([covariance.unwhiten(rows), covariance.unwhiten(white - explained @ rows)[None], covariance.shared_precision()])
-    by_variance, by_visit = -np.sum(taken**2, axis=0), np.zeros(len(acts))
-    for index, precision in covariance.precision_blocks():
-        by_variance[index] += np.diagonal(precision, axis1=1, axis2=2)
-        for i, act in enumerate(acts.values()):
-            h = act[index]
-            by_visit[i] += np.sum(h * (precision @ h[:, :, None])[:, :, 0]) - np.sum(np.einsum("kmi,mi->km", taken[:, index], h) ** 2)
-    return value, by_variance, by_visit
+    _, distance = np.unique(data.z_hat, return_inverse=True)
+    label, level = cells(data), np.eye(len(data.levels))[data.level]
+    few = [x.max() + 1 <= min(data.n / REPEATED, MOST_MEANS) for x in (distance, label)]
+    if len(np.unique(data.visit)) - len(np.unique(distance)) >= REVISITS and all(few):
+        return [np.eye(x.max() + 1)[x] for x in (distance, label)], f"{REPEATS} about cell means"
+    near = np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
+    shapes = np.cos(np.pi * np.outer(near / max(near.max(), 1e-300), np.arange(1, SHAPES + 1)))
+    columns = (np.eye(distance.max() + 1)[distance] if few[1] else shapes)[:, :, None] * level[:, None, :]
+    columns = columns - columns.mean(axis=2, keepdims=True)
+    return [columns.reshape(data.n, -1)], "scatter about the fitted model (too few revisits)"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Layout:
-    """About which mean (an orthonormal basis, (n, q)) the trials' scatter is taken, and what of it that can show.
+class _At:
+    """The penalised restricted likelihood at given sizes.
 
-    `model_free`: cell means alone; `repeated`: trials repeat within cells often enough to part force from proportion; `between`: degrees of
-    freedom between visits (inf where trials share no visit, so that there is nothing to tell).
+    `weighed` is P y, and `precision` P's diagonal, infinite where the other trials do not say what a trial should be; (n,).
     """
 
-    mean: FloatArray
-    model_free: bool
-    repeated: bool
-    between: float
-    source: str
+    deviance: float
+    gradient: FloatArray
+    curvature: FloatArray
+    weighed: FloatArray
+    precision: FloatArray
 
 
-def _layout(data: Observations, jacobian: FloatArray | None) -> _Layout:
-    label, visit = cells(data), np.unique(data.visit, return_inverse=True)[1]
-    repeats, again = _repeats(label, visit)
-    about_cells = f"scatter of repeats about cell means ({repeats} degrees of freedom)"
-    many = label.max() >= MOST_CELLS
-    if repeats >= ENOUGH and again >= ENOUGH and not many:
-        return _Layout(mean=_basis(np.eye(label.max() + 1)[label]), model_free=True, repeated=True, between=again, source=about_cells)
-    curve = np.eye(len(data.levels))[data.level]
-    if jacobian is not None:
-        curve = np.hstack([curve, jacobian])
-    curve = _basis(curve)
-    about_curve = "scatter about the fitted model (too few repeats)"
-    if not np.isfinite(again):
-        return _Layout(mean=curve, model_free=False, repeated=False, between=np.inf, source=about_curve)
-    between = _gained(curve, visit)
-    if repeats >= ENOUGH and not many:
-        # what throttles make of a distance stays free; how far distances lie apart is the curve's to say
-        distance = np.unique(data.z_hat, return_inverse=True)[1]
-        share, cell = (_basis(np.eye(x.max() + 1)[x]) for x in (distance, label))
-        wider = _basis(np.hstack([curve, cell - share @ (share.T @ cell)]))
-        # unless visits of a distance ran other throttles, when it would take what tells of visits
-        if _gained(wider, visit) == between:
-            curve, about_curve = wider, about_cells
-    if between < 1:
-        told = f"{UNSEEN} ({visit.max() + 1} visits, none to spare): every interval has no end"
-    else:
-        told = f"what the trials of a visit have in common from the scatter of {visit.max() + 1} visits about the fitted curve"
-        told += f" ({between:.0f} degrees of freedom; revisits alone leave {again:.0f})"
-    return _Layout(mean=curve, model_free=False, repeated=repeats >= ENOUGH, between=between, source=f"{about_curve}; {told}")
+@dataclass(frozen=True, kw_only=True)
+class _Components:
+    """A covariance linear in the squares of its sizes: `own` + sum of size^2 times a diagonal, or times what trials pass on.
 
-
-def _repeats(cell: IntArray, visit: IntArray) -> tuple[int, float]:
-    """Degrees of freedom within cells, and those between visits that cell means leave; inf where no two trials share a visit."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    n, count, visits = len(cell), int(cell.max()) + 1, int(visit.max()) + 1
-    if visits == n:
-        return n - count, np.inf
-    # what the two sets of indicators span in common: the indicators of what neither of them parts
-    met = csr_array((np.ones(n), (cell, count + visit)), shape=(count + visits, count + visits))
-    return n - count, float(visits - connected_components(met, directed=False)[0])
-
-
-def _most_visited(data: Observations) -> NDArray[np.bool_] | None:
-    """The trials of the stations visited most, where the cells of all are more than `MOST_CELLS` and repeats at those tell enough."""
-    label = cells(data)
-    if label.max() < MOST_CELLS:
-        return None
-    station = np.unique(data.z_hat, return_inverse=True)[1]
-    visits, each = (np.bincount(np.unique(np.stack([station, of]), axis=1)[0]) for of in (data.visit, label))
-    order = np.argsort(-visits, kind="stable")
-    some = np.isin(station, order[np.cumsum(each[order]) <= MOST_CELLS])
-    if not some.any():
-        return None
-    repeats, again = _repeats(*(np.unique(x[some], return_inverse=True)[1] for x in (label, data.visit)))
-    return some if repeats >= ENOUGH and again >= ENOUGH else None
-
-
-def _gained(mean: FloatArray, visit: IntArray) -> float:
-    """Degrees of freedom between visits that a mean (an orthonormal basis) leaves."""
-    along = group_sums(mean.T, visit) / np.sqrt(np.bincount(visit))
-    return float(visit.max() + 1 - (np.linalg.eigvalsh(along @ along.T) > 1 - 1e-9).sum())
-
-
-#: A step in the logarithm of a size that may be a last one.
-SMALL = 0.05
-
-
-def _settled(gradient: Callable[[FloatArray], FloatArray], at: FloatArray, inside: list[int]) -> FloatArray:
-    """Newton's steps in the log sizes named by `inside` from a minimum to where the gradient vanishes.
-
-    A search stops where the deviance, a large number, no longer falls, and where exactly depends on the processor.
+    `unknown` (n, q + k) are columns of the mean (q, free) and of structure (k, unit variance).
     """
-    if not inside:
-        return at
-    unit = np.eye(len(at))[inside] * 1e-4
-    curved = np.array([(gradient(at + u) - gradient(at - u))[inside] for u in unit]) / 2e-4
-    if np.linalg.eigvalsh(curved + curved.T).min() <= 0:
-        return at
-    for _ in range(3):
-        step = np.linalg.solve(curved, -gradient(at)[inside])
-        if not np.abs(step).max() < SMALL:
-            break
-        at = at + step @ np.eye(len(at))[inside]
-    return at
+
+    priors: dict[str, tuple[float, float]]
+    own: FloatArray
+    diagonals: list[FloatArray]
+    amplitude: FloatArray
+    memory: FloatArray
+    order: IntArray
+    unknown: FloatArray
+    free: int
+
+    @classmethod
+    def of(cls, data: Observations, slope: FloatArray, unknown: FloatArray, free: int, extra: FloatArray | float) -> _Components:
+        """The components that these trials can show."""
+        priors = {name: PRIORS[name] for name in ("relative", "force_N")}
+        per_visit, common, drifts = np.zeros(data.n), 0.0, 0
+        if np.any(slope):
+            priors["height_m"], per_visit = PRIORS["height_m"], slope
+        if len(np.unique(data.visit)) < data.n:
+            priors["common"], common = PRIORS["common"], 1.0
+        if data.ordered:
+            drifts = sum(length <= data.n / 4 for length in DRIFT_LENGTHS)
+            priors |= {f"drift{k}": DRIFT_PRIORS[k] for k in range(drifts)}
+        # of unit sizes: what there is of the rest is set by the sizes
+        whole = Covariance(
+            variance=np.ones(data.n),
+            visit=data.visit,
+            per_visit=per_visit,
+            shared=np.zeros((data.n, 0)),
+            common=common,
+            drift=np.ones(drifts),
+            age=ages(data)[:, :drifts],
+        )
+        amplitude, memory = whole.processes
+        order = whole.order
+        own = np.maximum((data.u_lift_N / data.lift_N) ** 2 + extra, LEAST_VARIANCE)
+        # force in units of the median lift: no lift is too small for a square
+        diagonals = [np.ones(data.n), (np.median(data.lift_N) / data.lift_N) ** 2, *(amplitude**2).T]
+        return cls(
+            priors=priors,
+            own=own[order],
+            diagonals=[diagonals[0], diagonals[1][order], *diagonals[2:]],
+            amplitude=amplitude,
+            memory=memory,
+            order=order,
+            unknown=np.ascontiguousarray(unknown[order]),
+            free=free,
+        )
+
+    def at(self, x: FloatArray, y: FloatArray, steep: bool = True) -> _At:
+        """Minus twice the log posterior of the sizes (up to a constant), its gradient and curvature in their logarithms; y in `order`."""
+        size2 = np.exp(2 * x)
+        variance = self.own + size2[0] * self.diagonals[0] + size2[1] * self.diagonals[1]
+        amplitude = np.ascontiguousarray(self.amplitude * np.sqrt(size2[2:]))
+        d, w = semiseparable.factor(variance, amplitude, self.memory)
+        parts = (d, w, amplitude, self.memory)
+        both = semiseparable.forward(*parts, np.ascontiguousarray(np.column_stack([self.unknown, y])))
+        white, y_white = np.ascontiguousarray(both[:, :-1]), both[:, -1]
+        information = white.T @ white
+        information[np.arange(self.free, len(information)), np.arange(self.free, len(information))] += 1.0
+        try:
+            triangle = np.linalg.cholesky(information)
+        except np.linalg.LinAlgError as fault:
+            what = (
+                f"the variances of trials differ by a factor of {variance.max() / variance.min():.0e} and more: beside some, others count for nothing"
+            )
+            raise NotConverged("noise floor", what, "look for lifts in another unit, near zero, or with a wrong standard error") from fault
+        from scipy.linalg import solve_triangular
+
+        explained = solve_triangular(triangle, white.T @ y_white, lower=True, check_finite=False)
+        value = float(np.log(d).sum() + 2 * np.log(np.diag(triangle)).sum() + y_white @ y_white - explained @ explained)
+        scale2, nu = (np.array(v) for v in zip(*((s**2, nu) for s, nu in self.priors.values()), strict=True))
+        share = size2 / (nu * scale2 + size2)
+        value += float(np.sum((nu + 1) * np.log1p(size2 / (nu * scale2)) - 2 * x))
+        none = np.zeros(0)
+        if not steep:
+            return _At(deviance=value, gradient=none, curvature=none, weighed=none, precision=none)
+        u = solve_triangular(triangle, white.T, lower=True, check_finite=False)
+        weighed_white = y_white - explained @ u
+        back = semiseparable.backward(*parts, np.ascontiguousarray(np.column_stack([u.T, weighed_white])))
+        taken, weighed = np.ascontiguousarray(back[:, :-1]), back[:, -1]
+        precision = semiseparable.near_inverse(*parts, np.zeros(len(d), dtype=np.int64))[:, 0]
+        count = len(x)
+        trace, acted = np.zeros(count), np.zeros((len(d), count))
+        inverse_diagonal = precision
+        left = np.sum(taken**2, axis=1)
+        for i in range(2):
+            trace[i] = self.diagonals[i] @ (inverse_diagonal - left)
+            acted[:, i] = self.diagonals[i] * weighed
+        for i in range(2, count):
+            one, memory = np.ascontiguousarray(self.amplitude[:, i - 2 : i - 1]), np.ascontiguousarray(self.memory[:, i - 2 : i - 1])
+            # the determinant's derivative by a step along the imaginary axis, which cancels nothing
+            turned = amplitude.astype(complex)
+            turned[:, i - 2] *= 1 + 1e-30j
+            log_det_slope = float(np.log(semiseparable.factor(variance.astype(complex), turned, self.memory.astype(complex))[0]).sum().imag) * 1e30
+            together = semiseparable.product(one, memory, back)
+            trace[i] = log_det_slope / (2 * size2[i]) - float(np.vdot(together[:, :-1], taken))
+            acted[:, i] = together[:, -1]
+        quadratic = weighed @ acted
+        of_acted = semiseparable.forward(*parts, np.ascontiguousarray(acted))
+        along = u @ of_acted
+        average = 0.5 * (of_acted.T @ of_acted - along.T @ along)
+        slope = size2 * (trace - quadratic)
+        # twice: by the logarithm of a size, of minus twice the logarithm
+        gradient = 2 * slope + 2 * ((nu + 1) * share - 1)
+        curvature = 2 * (4 * np.outer(size2, size2) * average)
+        prior = 4 * (nu + 1) * share * (1 - share)
+        # below its likeliest size the likelihood is flat, and above it as steep as its gradient says
+        curvature[np.diag_indices(count)] += prior + 2 * np.maximum(2 * slope, 0)
+        left = np.where(precision - left > DETERMINED * precision, precision - left, np.inf)
+        return _At(deviance=value, gradient=gradient, curvature=0.5 * curvature, weighed=weighed, precision=left)
+
+    def maximise(self, x: FloatArray, y: FloatArray, last: float) -> tuple[FloatArray, _At]:
+        """The likeliest sizes by average-information steps from `x` until one is smaller than `last`, y as the trials stand."""
+        y = y[self.order]
+        here = self.at(x, y)
+        for _ in range(MOST_STEPS):
+            step = -np.linalg.solve(here.curvature, here.gradient) / 2
+            step *= min(1.0, 2.0 / np.abs(step).max())
+            for _ in range(12):
+                there = self.at(x + step, y)
+                if there.deviance <= here.deviance + 1e-9 * abs(here.deviance):
+                    break
+                step = step / 2
+            x, here = x + step, there
+            if np.abs(step).max() < last:
+                break
+        back = np.argsort(self.order)
+        return x, replace(here, weighed=here.weighed[back], precision=here.precision[back])
 
 
-#: Step in the logarithm of a size by which the deviance's curvature is taken.
-STEP = 0.1
+def _pulled_in(y: FloatArray, at: _At) -> FloatArray:
+    """The data with trials that stand beyond `CLIP` standard deviations from what all others say of them moved to it."""
+    root = np.sqrt(at.precision)
+    z = at.weighed / root
+    return y - (z - np.clip(z, -CLIP, CLIP)) / root
 
 
-def _log_covariance(deviance: Callable[[FloatArray], float], at: FloatArray, seen: list[int]) -> FloatArray:
-    """Covariance of the log sizes named by `seen`, from the curvature of the restricted deviance (twice its inverse)."""
-    unit = np.eye(len(at))[seen] * STEP
-    top = deviance(at)
-    curved = np.zeros((len(seen), len(seen)))
-    for i, a in enumerate(unit):
-        curved[i, i] = deviance(_moved(at, a)) + deviance(_moved(at, -a)) - 2 * top
-        for j, b in enumerate(unit[:i]):
-            mixed = sum(s * deviance(_moved(at, a + s * b)) - s * deviance(_moved(at, s * b - a)) for s in (1, -1))
-            curved[i, j] = curved[j, i] = mixed / 4
-    value, vector = np.linalg.eigh(curved / STEP**2)
-    # a direction without curvature is one that the repeats say nothing about: known to a factor of e, no better
-    result: FloatArray = (vector * (2 / np.maximum(value, 2.0))) @ vector.T
-    return result
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """An orthonormal basis of the columns' span, rank found by pivoting; (n, rank)."""
+    from scipy.linalg import qr
+
+    length = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    kept = length > 1e-12 * max(length.max(initial=0.0), 1e-300)
+    if not kept.any():
+        return np.zeros((len(columns), 0))
+    # one copy, laid out so that the factorisation works in its place
+    x = np.array(columns[:, kept], order="F", copy=None)
+    np.divide(x, [float(np.sqrt(np.sum(column**2))) for column in x.T], out=x)
+    q, r, _ = qr(x, mode="economic", pivoting=True, check_finite=False, overwrite_a=True)
+    diagonal = np.abs(np.diag(r))
+    rank = int((diagonal > SPANNED * diagonal[0]).sum())
+    return np.asarray(q[:, :rank], dtype=np.float64)
 
 
-def _moved(at: FloatArray, step: FloatArray) -> FloatArray:
-    return np.where(np.isfinite(at), at + step, at)
-
-
-def _basis(columns: FloatArray) -> FloatArray:
-    """Orthonormal columns that span the same, (n, rank)."""
-    u, size, _ = np.linalg.svd(columns, full_matrices=False)
-    result: FloatArray = u[:, size > 1e-9 * size[0]]
-    return result
+def floor(data: Observations, noise: Noise, slope: FloatArray) -> float:
+    """Root mean square over trials of the relative scatter that no model could remove."""
+    return float(np.sqrt(np.mean(trial_covariance(data, noise, slope).sigma ** 2)))

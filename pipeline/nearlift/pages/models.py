@@ -122,6 +122,8 @@ def noise(evidence: Evidence) -> dict[str, Any]:
                 "relative": cite(evidence, FIT, "noise", boundary, "relative", digits=3, scale=100, how="in percent"),
                 "force": cite(evidence, FIT, "noise", boundary, "force_N", digits=3, scale=1000, how="in mN"),
                 "height": cite(evidence, FIT, "noise", boundary, "height_m", digits=3, scale=1000, how="in mm"),
+                "common": cite(evidence, FIT, "noise", boundary, "common", digits=3, scale=100, how="in percent"),
+                "drift": cite(evidence, FIT, "noise", boundary, "drift", digits=3, scale=100, how="in percent"),
                 "source": evidence.document(FIT)["noise"][boundary]["source"],
                 "untold": sorted({c for own in evidence.quoted(boundary).coefficients.values() for c in untold(own)}),
                 "dof": cite(evidence, FIT, "noise", boundary, "dof", digits=6) if dof is not None and math.isfinite(dof) else None,

@@ -8,6 +8,7 @@ from typing import Any
 
 from nearlift.declare import Boundary
 from nearlift.fitting.budget import components
+from nearlift.fitting.noise import REPEATS
 from nearlift.pages.number import LEAST_CHANCE, Number, cite, headline, pointer, quote
 from nearlift.pages.uncertainty import SCALES
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS
@@ -19,8 +20,6 @@ from nearlift.summaries.loop import stand_ins
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
 REJECTED = 1e-3
-#: What the noise's source begins with where repeats told it.
-REPEATS = "scatter of repeats"
 INPUT_WORDS = {"rotor_radius": "rotor radius", "rotor_spacing": "rotor spacing", "height": "distance datum"}
 WORDS = {
     "adequate": "adequate: nothing is left beyond the noise floor",

@@ -74,15 +74,7 @@ def run(job: Job, name: str) -> dict[str, Any]:
 
 def _at_floor(stage: Stage, floor: dict[str, Any]) -> Stage:
     """The stage at the noise floor that the loop ended with: beside a large effect it is taken about the explanation."""
-    noise = Noise(
-        relative=floor["relative"],
-        force_N=floor["force_N"],
-        height_m=floor["height_m"],
-        serial=floor["serial"],
-        serial_length=floor["serial_length"],
-        source=floor["source"],
-        dof=stage.noise.dof,
-    )
+    noise = Noise.recorded(floor)
     return dataclasses.replace(stage, noise=noise)
 
 
@@ -129,7 +121,7 @@ def _at(
         "false_alarm_rate": stage.options.false_alarm_rate,
         "draws": DRAWS,
         "few_visits": applies(stage.data),
-        "noise": {k: getattr(stage.noise, k) for k in ("relative", "force_N", "height_m", "serial", "source")},
+        "noise": stage.noise.record(),
         "in_this_campaign": _verdict(effect.name, loop),
     }
     if "drift_hat" in effect.needs:

@@ -10,7 +10,7 @@ from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fitting import budget, inputs, profiles
 from nearlift.fitting.least_squares import Fit, fit
-from nearlift.fitting.noise import ENOUGH, UNSEEN
+from nearlift.fitting.noise import REPEATS
 from nearlift.fitting.predictive import HeldOut, leave_visit_out
 from nearlift.fitting.problem import height_slope
 from nearlift.products import FIT, PROFILES, RESULTS, TRIALS
@@ -107,17 +107,9 @@ def run(job: Job) -> Outcome:
         content["boundaries"][boundary] = fits
         content["comparison"][boundary] = accounts.comparison(base.name, fits, held_out)
         assert scatter is not None
-        if scatter.between < ENOUGH:
+        if not scatter.source.startswith(REPEATS):
             notes.append(f"{boundary}: the noise is the {scatter.source}")
-        content["noise"][boundary] = {
-            "relative": scatter.relative,
-            "force_N": scatter.force_N,
-            "height_m": scatter.height_m,
-            "visit": scatter.serial,
-            "source": scatter.source,
-            "dof": scatter.dof,
-            "between_visits": scatter.between,
-        }
+        content["noise"][boundary] = scatter.record()
     posteriors.write()
     job.write(PROFILES, accounts.profile_table(rows))
     job.write_json(FIT, content)
@@ -175,8 +167,6 @@ FEW = 5.0
 
 def _warned(dof: float) -> dict[str, str]:
     """What to say of a coefficient whose uncertainty is itself hardly known."""
-    if dof == 0:
-        return {"warning": f"{UNSEEN}: the interval has no end"}
     if dof < FEW:
         return {"warning": f"the uncertainty itself is known with {dof:.1f} degrees of freedom only: measure more visits"}
     return {}

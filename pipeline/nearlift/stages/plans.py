@@ -177,14 +177,7 @@ def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noi
         if not floors:
             raise UsageError("--noise-from", f"no boundary of {earlier.name} could be diagnosed", "name another campaign, or give [design.noise]")
         floor = floors.get(boundary) or next(iter(floors.values()))
-        return Noise(
-            relative=floor["relative"],
-            force_N=floor["force_N"],
-            height_m=floor["height_m"],
-            serial=floor["serial"],
-            serial_length=floor["serial_length"],
-            source=f"the noise floor of {earlier.name}",
-        )
+        return dataclasses.replace(Noise.recorded(floor), dof=np.inf, source=f"the noise floor of {earlier.name}")
     if campaign.design is not None and campaign.design.noise is not None:
         given = campaign.design.noise
         return Noise(relative=given.relative, force_N=given.force, height_m=given.height, source="[design.noise]")

@@ -64,7 +64,7 @@ def rows(stage: Stage, handle: Handle, boundary: str, found: dict[str, Any], raw
 
 def _typical(stage: Stage) -> float:
     """Scatter of one trial about any curve, rms over trials."""
-    from nearlift.diagnosis.noise_floor import floor
+    from nearlift.fitting.noise import floor
 
     return floor(stage.data, stage.noise, stage.slope)
 

@@ -60,11 +60,8 @@ def residuals(evidence: Evidence, boundary: Boundary) -> tuple[Observations, Flo
     z_hat = data.z_hat + curves.height_found_m(entry) / data.radius_m
     log_ratio = np.log(np.broadcast_to(np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape))
     log_level = np.log([entry["L_inf_N"][f"{t:g}"]["value"] for t in data.levels])[data.level]
-    scatter = evidence.document(FIT)["noise"][boundary]
-    kept = Noise(**{k: scatter[k] for k in ("relative", "force_N", "height_m")})
-    slope = height_slope(model, data, parameters)
-    implied = noise.trial_covariance(data, kept, slope)
-    sigma = np.sqrt(implied.variance + implied.per_visit**2)
+    kept = Noise.recorded(evidence.document(FIT)["noise"][boundary])
+    sigma = noise.trial_covariance(data, kept, height_slope(model, data, parameters)).sigma
     return data, np.log(data.lift_N) - log_ratio - log_level, sigma
 
 
