@@ -26,15 +26,14 @@ the supply charges its effect to distance (over the trials the two correlate by 
 
 Nine runs are nine long visits of one distance each, so each is left out in turn, and what predicts it decides (see the
 [stage page](stages/diagnose.md)). `supply_sag` is found unaided, and in each of the nine folds: the error on runs left
-out falls from 5.70 % to 1.65 % (to 29 %), the exponent is 2.31 (90 %: 2.17 to 2.45, jackknife over runs), and k goes
+out falls from 5.71 % to 1.64 % (to 29 %), the exponent is 2.31 (90 %: 2.17 to 2.45, jackknife over runs), and k goes
 from -2.8 to 0.6. A plain least-squares fit, by hand, gives 5.98 to 1.60 %, 2.27 and 0.52. No second effect earns its
 place.
 
 What stays unknown is said by the loop itself: k rests to two thirds on the one run near the ground (0.6 with a 90 %
-interval from -0.7 to 1.9, which holds 1 and 0 alike, and is not forced to theory); and a gain of its own for every run
+interval from -0.7 to 1.8, which holds 1 and 0 alike, and is not forced to theory); and a gain of its own for every run
 would absorb k altogether, since no run holds more than one distance. It asks for more visits near the ground, and for
-several distances within each session. Structure within runs is left (noise of about 1.1 % shared by some ten
-neighbours); it decides nothing.
+several distances within each session. Structure within runs is left; it decides nothing.
 """
 
 

@@ -253,7 +253,7 @@ PAGE = """# Coverage with shared errors: do the intervals hold the truth as ofte
 
     nice python -m tests.calibration.coverage --n {n} --rows out/coverage.jsonl
 
-wrote this page (0.29 s of one core for each campaign; `--rows` keeps finished ones, so an interrupted run goes on).
+wrote this page (0.1 s of one core for each campaign; `--rows` keeps finished ones, so an interrupted run goes on).
 `make calibrate` asserts what it says, `make test` a smaller version, and both assert that a likelihood that forgets
 what is shared fails the same test.
 

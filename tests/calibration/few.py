@@ -107,9 +107,7 @@ SECTION = """<!-- few visits -->
 trials share a gain error of 0.5 % that no manifest declares. By chance (99 %) a share of 90 % over {n} lies above {low:.0%}.
 
 {table}
-Most designs are covered as they say or a little more (a handful of visits cannot rule out a scatter of heights, and the interval says so). Six
-distances visited three times are the first with the 12 revisits that suffice to do without the curve, and are covered least; an idealised study
-without records (150 linear campaigns, errors normal) gave 91 % at the ground and 89 % at the ceiling.
+A handful of visits hardly tells what they share, nor how it is parted from the scatter of single trials: intervals hold a little less often than they say.
 <!-- end of few visits -->
 """
 

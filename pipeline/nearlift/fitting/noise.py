@@ -28,7 +28,7 @@ DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
 #: Scale and degrees of freedom of the half-t prior on each size: a fraction of lift, of the median lift, metres, a fraction of lift. Converters and
 #: propellers repeat to half a percent, screw traverses to a tenth of a millimetre. What else a stop brings (a settling flow, a cable) is likelier
 #: than a drift that fades within a stop and passes for it; the slow drifts of a bench's gain stay below a part in a thousand.
-PRIORS = {"relative": (5e-3, 1.0), "force_N": (2e-3, 1.0), "height_m": (1e-4, 2.0), "common": (1e-3, 1.0)}
+PRIORS = {"relative": (5e-3, 1.0), "force_N": (2e-3, 1.0), "height_m": (1e-4, 2.0), "common": (2e-3, 1.0)}
 DRIFT_PRIORS = ((2e-4, 2.0), (2e-4, 2.0), (6e-4, 1.0), (6e-4, 1.0))
 #: What the source of noise says that repeats tell.
 REPEATS = "scatter of repeats"
@@ -39,8 +39,10 @@ CLIP = 3.5
 SPANNED = 1e-6
 #: A trial that keeps less than this part of its precision beside what is free cannot be foretold from the rest.
 DETERMINED = 1e-8
-#: Smooth curves of distance; trials that a free mean must rest on, and the most means; revisits that tell what visits share.
-SHAPES, REPEATED, MOST_MEANS, REVISITS = 6, 3, 400, 20
+#: Smooth curves of distance; trials that a free mean must rest on, and the most means.
+SHAPES, REPEATED, MOST_MEANS = 6, 3, 400
+#: Revisits that tell what visits share beside distance, and visits that tell it from a drift.
+ENOUGH = 20
 #: Heights and short drifts are also looked for from so many times their usual size on.
 FAR = 30.0
 #: How often outliers are pulled in.
@@ -180,7 +182,7 @@ def curves(data: Observations) -> tuple[list[FloatArray], str]:
     _, distance = np.unique(data.z_hat, return_inverse=True)
     label, level = cells(data), np.eye(len(data.levels))[data.level]
     few = [x.max() + 1 <= min(data.n / REPEATED, MOST_MEANS) for x in (distance, label)]
-    if len(np.unique(data.visit)) - len(np.unique(distance)) >= REVISITS and all(few):
+    if len(np.unique(data.visit)) - len(np.unique(distance)) >= ENOUGH and all(few):
         return [np.eye(x.max() + 1)[x] for x in (distance, label)], f"{REPEATS} about cell means"
     near = np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
     shapes = np.cos(np.pi * np.outer(near / max(near.max(), 1e-300), np.arange(1, SHAPES + 1)))
@@ -228,7 +230,7 @@ class _Components:
             priors["height_m"], per_visit = PRIORS["height_m"], slope
         if len(np.unique(data.visit)) < data.n:
             priors["common"], common = PRIORS["common"], 1.0
-        if data.ordered:
+        if data.ordered and len(np.unique(data.visit)) >= ENOUGH:
             drifts = sum(length <= data.n / 4 for length in DRIFT_LENGTHS)
             priors |= {f"drift{k}": DRIFT_PRIORS[k] for k in range(drifts)}
         # of unit sizes: what there is of the rest is set by the sizes
