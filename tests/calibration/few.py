@@ -107,7 +107,8 @@ SECTION = """<!-- few visits -->
 trials share a gain error of 0.5 % that no manifest declares. By chance (99 %) a share of 90 % over {n} lies above {low:.0%}.
 
 {table}
-A handful of visits hardly tells what they share, nor how it is parted from the scatter of single trials: intervals hold a little less often than they say.
+A handful of visits hardly tells what they share, nor how it is parted from the scatter of single trials: intervals hold a little less often
+than they say.
 <!-- end of few visits -->
 """
 
