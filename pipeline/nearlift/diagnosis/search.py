@@ -318,8 +318,9 @@ def library_columns(base: LiftModel, effects: tuple[Effect, ...], data: Observat
 
 #: Families of time: the drifts stand for them where noise is estimated.
 TIME = ("time, slow", "time, slow, additive", "time, fast", STEP, "session", "session, additive", "time since start")
-#: Noise is estimated anew until the coefficients move by less than this many of their standard uncertainties, at most so many times.
-SETTLED, ROUNDS = 0.1, 5
+#: Noise is estimated anew until the coefficients move by less than this many of their standard uncertainties, at most so many times; each time they
+#: go this part of the way, since noise and coefficients pull each other to and fro.
+SETTLED, ROUNDS, WAY = 0.1, 5, 0.62
 
 
 def what_may_be(candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]) -> list[FloatArray]:
@@ -365,11 +366,12 @@ def prepare(
         stage = Stage(data=data, base=base, effects=effects, parts=parts, noise=found, log_lift=target + log_ratio, theta=vector[:p], options=options)
         if about is not None:
             break
-        moved = stage.base_fit.vector - vector
-        u = np.sqrt(np.diag(np.linalg.pinv(stage.base_fit.jacobian.T @ stage.base_fit.jacobian))) if p else np.zeros(0)
-        if not p or np.all(np.abs(moved) < SETTLED * u):
+        if not p:
             break
-        vector = vector + 0.62 * moved
+        moved, jacobian = stage.base_fit.vector - vector, stage.base_fit.jacobian
+        if np.all(np.abs(moved) < SETTLED * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))):
+            break
+        vector = vector + WAY * moved
     return stage
 
 

@@ -259,7 +259,7 @@ class _Components:
             free=free,
         )
 
-    def at(self, x: FloatArray, y: FloatArray, steep: bool = True) -> _At:
+    def at(self, x: FloatArray, y: FloatArray) -> _At:
         """Minus twice the log posterior of the sizes (up to a constant), its gradient and curvature in their logarithms; y in `order`."""
         size2 = np.exp(2 * x)
         variance = self.own + size2[0] * self.diagonals[0] + size2[1] * self.diagonals[1]
@@ -284,9 +284,6 @@ class _Components:
         scale2, nu = (np.array(v) for v in zip(*((s**2, nu) for s, nu in self.priors.values()), strict=True))
         share = size2 / (nu * scale2 + size2)
         value += float(np.sum((nu + 1) * np.log1p(size2 / (nu * scale2)) - 2 * x))
-        none = np.zeros(0)
-        if not steep:
-            return _At(deviance=value, gradient=none, curvature=none, weighed=none, precision=none)
         u = solve_triangular(triangle, white.T, lower=True, check_finite=False)
         weighed_white = y_white - explained @ u
         back = semiseparable.backward(*parts, np.ascontiguousarray(np.column_stack([u.T, weighed_white])))
@@ -294,10 +291,9 @@ class _Components:
         precision = semiseparable.near_inverse(*parts, np.zeros(len(d), dtype=np.int64))[:, 0]
         count = len(x)
         trace, acted = np.zeros(count), np.zeros((len(d), count))
-        inverse_diagonal = precision
         left = np.sum(taken**2, axis=1)
         for i in range(2):
-            trace[i] = self.diagonals[i] @ (inverse_diagonal - left)
+            trace[i] = self.diagonals[i] @ (precision - left)
             acted[:, i] = self.diagonals[i] * weighed
         for i in range(2, count):
             one, memory = np.ascontiguousarray(self.amplitude[:, i - 2 : i - 1]), np.ascontiguousarray(self.memory[:, i - 2 : i - 1])
