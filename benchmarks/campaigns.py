@@ -6,14 +6,13 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 from benchmarks import _paper
-from benchmarks.harness import Bench, Contestant, Target
+from benchmarks.harness import Bench, Contestant, Target, command_line
 
 WHICH = "campaigns-pool"
 FEW, MANY, HUNDRED = 4, 12, 100
@@ -78,8 +77,7 @@ def run(data: Path, n: int) -> dict[str, Any]:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         begin = time.perf_counter()
         options = ["--out", out, "--executor", f"processes:{WORKERS}", "--json"]
-        command = [sys.executable, "-c", "from nearlift.console import main; main()", "run", *roots, *options]
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
+        done = subprocess.run(command_line("run", *roots, *options), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
         wall = time.perf_counter() - begin
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
     ends = json.loads(done.stdout)["campaigns"]

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from benchmarks import _paper
-from benchmarks.harness import Bench, Contestant, Target
+from benchmarks.harness import Bench, Contestant, Target, command_line
 
 WHICH = "formats-scale"
 #: What a count of the integer records is worth, mN.
@@ -105,7 +105,7 @@ def nearlift(data: Path, form: str) -> list[str]:
     out = data / "formats-out" / form
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
-    return [sys.executable, "-c", "from nearlift.console import main; main()", "ingest", str(campaign(data, form)), "--out", str(out), "-q"]
+    return command_line("ingest", str(campaign(data, form)), "--out", str(out), "-q")
 
 
 BENCH = Bench(

@@ -109,6 +109,11 @@ def measure(command: Sequence[str]) -> dict[str, Any]:
     return {**found, **told}
 
 
+def command_line(*words: str) -> list[str]:
+    """A command of nearlift, started as the installed script starts it."""
+    return [sys.executable, "-c", "from nearlift.console import main; main()", *words]
+
+
 def here(*arguments: str) -> list[str]:
     """The command of this very module tree with these arguments."""
     return [sys.executable, "-m", "benchmarks", *arguments]

@@ -7,11 +7,10 @@ Each stage's process starts Python, reads the manifest, looks at every raw file'
 from __future__ import annotations
 
 import shutil
-import sys
 from pathlib import Path
 
 from benchmarks import _paper
-from benchmarks.harness import Bench, Contestant
+from benchmarks.harness import Bench, Contestant, command_line
 
 WHICH = "profile-campaign"
 STAGES = ("ingest", "reduce", "fit", "diagnose", "ledger", "report")
@@ -29,18 +28,7 @@ def command(data: Path, verb: str) -> list[str]:
     if verb == "run":
         shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
-    return [
-        sys.executable,
-        "-c",
-        "from nearlift.console import main; main()",
-        verb,
-        str(campaign),
-        "--out",
-        str(out),
-        "-q",
-        "--executor",
-        "threads:2",
-    ]
+    return command_line(verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2")
 
 
 def contestant(verb: str, title: str) -> Contestant:

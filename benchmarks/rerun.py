@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from pathlib import Path
 
 from benchmarks import _paper
-from benchmarks.harness import Bench, Contestant, Target
+from benchmarks.harness import Bench, Contestant, Target, command_line
 
 WHICH = "rerun-campaigns"
 
@@ -27,18 +26,7 @@ def command(data: Path, verb: str, again: bool) -> list[str]:
     if not again:
         shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
-    return [
-        sys.executable,
-        "-c",
-        "from nearlift.console import main; main()",
-        verb,
-        str(campaign),
-        "--out",
-        str(out),
-        "-q",
-        "--executor",
-        "threads:2",
-    ]
+    return command_line(verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2")
 
 
 def contestant(name: str, title: str, verb: str, again: bool, rounds: int | None = None) -> Contestant:
