@@ -6,6 +6,7 @@ Median and deviation hold out against damage to nearly half of the samples, wher
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,7 +82,7 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     It is the one that explains most of the squares of the blocks' means: the longer, the smaller a change shows. The noise about the two levels
     leaves out the two blocks that fit worst, in which the segment may begin and end.
     """
-    means, noise = _blocks(values, step)
+    means, noise = blocks(values, step)
     n = len(means)
     if n < FEWEST_BLOCKS:
         return 0.0, False
@@ -107,7 +108,7 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
 
 def ends_apart(values: FloatArray, step: float) -> float:
     """By how much the first or the last block differs from the median one, where that is more than the noise between neighbours; else 0."""
-    means, noise = _blocks(values, step)
+    means, noise = blocks(values, step)
     if len(means) < FEWEST_BLOCKS:
         return 0.0
     apart = float(np.abs(means[[0, -1]] - median(means)).max())
@@ -115,19 +116,18 @@ def ends_apart(values: FloatArray, step: float) -> float:
     return apart if apart > _apart(len(means)) * noise else 0.0
 
 
-def wander(values: FloatArray, step: float) -> float:
-    """How far the level goes up or down from its middle, by a cubic through the blocks' means, where that is more than noise; else 0.
+def wander(values: FloatArray, means: FloatArray, step: float) -> float:
+    """How far the level goes up or down from its middle, by a cubic through the blocks' `means`, where that is more than noise; else 0.
 
     A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes for noise.
     """
-    means, noise = _blocks(values, step)
-    n = len(means)
+    n, noise = len(means), _hidden(values, step)
     if n < FEWEST_BLOCKS or len(values) < n * SHORTEST_BLOCK:
         return 0.0
     curves = _cubic(n)
     weights = curves.T @ means
     curve = curves @ weights
-    left = means - means.mean() - curve
+    left = means - np.add.reduce(means) / n - curve
     least = max(float(left @ left) / (n - 1 - CUBIC), noise**2) * _memory(left)
     if float(weights @ weights) <= TREND * (1 + (FEW / n) ** 2) ** 2 * CUBIC * least:
         return 0.0
@@ -148,11 +148,18 @@ def _cubic(n: int) -> FloatArray:
     return np.ascontiguousarray(curves[:, 1:])
 
 
-def _blocks(values: FloatArray, step: float) -> tuple[FloatArray, float]:
+def blocks(values: FloatArray, step: float) -> tuple[FloatArray, float]:
     """Means of blocks, and what a converter's `step` lets them scatter by."""
     length = _length(len(values))
     number = len(values) // length
-    return values[: number * length].reshape(number, length).mean(axis=1), HIDDEN * step / length**0.5
+    # what `mean` does, without looking at its arguments
+    means: FloatArray = np.add.reduce(values[: number * length].reshape(number, length), axis=1) / length
+    return means, _hidden(values, step)
+
+
+def _hidden(values: FloatArray, step: float) -> float:
+    """Scatter of a block's mean that a converter's step may hide."""
+    return HIDDEN * step / math.sqrt(_length(len(values)))
 
 
 def _length(n: int) -> int:

@@ -72,6 +72,12 @@ CODES = (
     Code(name="gaps", rejects=False, meaning="the clock column shows missing samples"),
     Code(name="clock", rejects=False, meaning="the clock column stands still or runs backwards somewhere; the samples' order was kept"),
     Code(name="drift", rejects=False, meaning="the force drifts within the record, by less than the limit"),
+    Code(
+        name="slow",
+        rejects=False,
+        meaning="the level wanders about as slowly as the record is long: one record cannot tell how far its "
+        "mean is off, and the uncertainty is a guess on the large side",
+    ),
     Code(name="dead_speed", rejects=False, meaning="a rotor's speed reads zero while there is lift"),
     Code(
         name="spikes",

@@ -9,7 +9,9 @@ each batch, while estimators that add up autocorrelations are fooled by it. Thre
   plain batches. For white noise the weighted means have ``sum(w^2) / sum(w)^2`` of the samples' variance, which is divided out;
 * they overlap by half, which wins back the efficiency that the window costs.
 
-What results is the noise's spectral density at frequency zero, S0 (N^2 per sample), and u^2 = S0 / n.
+What results is the noise's spectral density at frequency zero, S0 (N^2 per sample), and u^2 = S0 / n. Where
+batches far apart are alike, noise outlasts a batch: `nearlift.reduction.slow_noise` then says how far the
+mean is off, and the code `slow` tells where no record of this length can.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.errors import InputRefused
-from nearlift.reduction import contamination
+from nearlift.reduction import contamination, slow_noise
+from nearlift.reduction.slow_noise import SlowNoise
 from nearlift.reduction.steps import stepped
 from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, Stretch, median, steady, stretch
 
@@ -170,6 +173,9 @@ def reduce_record(
         if stepped(batches, limits.drift * abs(lift)) or (moved > math.sqrt(u2) and not at_start):
             found.append("MIXED")
     found += _clipped(live, run)
+    if slow := _slow_noise(live, run.batches, u2, rate_Hz):
+        u2 = slow.variance
+        found += ["slow"] if slow.is_too_long else []
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
     if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
         # the median and its scatter, for a head of stopped rotors takes several batches and would hide behind its own spread
@@ -218,6 +224,17 @@ def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool =
     # each mean is taken from the record's own mean, which shares 1/n of its variance
     # not by BLAS: a record that will be rejected may hold inf
     return float(np.add.reduce(means * means)) / len(means) / (found.gain - 1.0 / n), found
+
+
+def _slow_noise(values: FloatArray, means: FloatArray, u2: float, rate_Hz: float, *, tone: bool = True) -> SlowNoise | None:
+    """Slow noise, where means of batches or blocks raise the suspicion and it is worth more than `u2`."""
+    if not slow_noise.suspected(means):
+        return None
+    # a tone leaks less from longer batches
+    shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
+    finer = stretch(values, max(len(values) // slow_noise.SEGMENTS, shortest // 2))
+    slow = slow_noise.slow_noise(finer.batches)
+    return slow if slow is not None and slow.variance > u2 else None
 
 
 def _slope(run: Stretch, density: float, rate_Hz: float) -> tuple[float, float]:
@@ -305,10 +322,16 @@ def _zero(
         # rotors that run down or up need not have an edge
         if damaged or contamination.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
             return zero, u2, ["TARE"]
-    if (away := contamination.wander(tare, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
-        away := contamination.wander(tare, contamination.step_of(live))
+    means, _ = contamination.blocks(tare, 0.0)
+    slow = _slow_noise(tare, means, u2, rate_Hz, tone=False)
+    if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
+        away := contamination.wander(tare, means, contamination.step_of(live))
     ):
         found, u2 = [*found, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"], u2 + away**2
+    if slow and slow.variance > u2:
+        u2 = slow.variance
+        if slow.is_too_long and not found and u2 > MATTERS**2 * u2_live:
+            found.append("slow")
     return zero, u2, found
 
 
