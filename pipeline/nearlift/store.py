@@ -13,7 +13,8 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift import isolation
 from nearlift.errors import ProductError
 from nearlift.products import Product
 
@@ -57,6 +59,9 @@ disk = Disk()
 _UNFINISHED = re.compile(r"\.\d+\.tmp\Z")
 #: Bytes of a file that are hashed at once, and files that a thread hashes before it takes more (at most).
 PART, PORTION = 1 << 20, 16
+#: Characters of a digest, and files that are hashed at a time.
+HEX = 64
+WORKERS = min(os.cpu_count() or 1, 4)
 
 
 @contextlib.contextmanager
@@ -113,15 +118,61 @@ def sha256(path: str | Path) -> str:
     return digest.hexdigest()
 
 
-def sha256_of(paths: Sequence[str | Path]) -> list[str]:
-    """SHA-256 of each file, a few at a time: hashing and reading leave the interpreter alone."""
-    workers = min(os.cpu_count() or 1, 4)
-    if len(paths) < 2 or workers < 2:
+def sha256_of(paths: Sequence[str | Path], meanwhile: Callable[[], None] = lambda: None) -> list[str]:
+    """SHA-256 of each file; `meanwhile` is done at the same time, unless there is one file only, or none."""
+    if len(paths) < 2:
+        return [sha256(path) for path in paths]
+    found = [""] * len(paths)
+    with contextlib.ExitStack() as held:
+        copies = [held.enter_context(_sha256_aside(paths[i::WORKERS])) for i in range(WORKERS if isolation.alone() else 0)]
+        meanwhile()
+    for i, copy in enumerate(copies):
+        found[i::WORKERS] = copy
+    # what could not be read says why when it is read here
+    return found if all(len(digest) == HEX for digest in found) else _sha256_here(paths)
+
+
+@contextlib.contextmanager
+def _sha256_aside(paths: Sequence[str | Path]) -> Iterator[list[str]]:
+    """Digests by a copy of this process, which is not kept waiting by what this one imports; there at the end, as far as it came."""
+    found = [""] * len(paths)
+    answers, end = os.pipe()
+    try:
+        pid = os.fork()
+    except OSError:
+        # the system allows no more processes
+        os.close(end)
+        os.close(answers)
+        yield found
+        return
+    if pid == 0:
+        try:
+            with open(end, "wb") as file:  # noqa: PTH123
+                for path in paths:
+                    file.write(sha256(path).encode())
+        finally:
+            os._exit(0)
+    os.close(end)
+    with open(answers, "rb") as file:  # noqa: PTH123
+        try:
+            yield found
+            content = file.read().decode()
+        except BaseException:
+            os.kill(pid, signal.SIGKILL)
+            raise
+        finally:
+            os.waitpid(pid, 0)
+    found[:] = [content[HEX * i : HEX * (i + 1)] for i in range(len(paths))]
+
+
+def _sha256_here(paths: Sequence[str | Path]) -> list[str]:
+    """SHA-256 of each file by threads: hashing and reading leave the interpreter alone."""
+    if WORKERS < 2:
         return [sha256(path) for path in paths]
     # few files may be large ones; of many, handing over each would take as long as to hash it
-    many = min(max(len(paths) // (8 * workers), 1), PORTION)
+    many = min(max(len(paths) // (8 * WORKERS), 1), PORTION)
     portions = [paths[i : i + many] for i in range(0, len(paths), many)]
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(WORKERS) as pool:
         return [digest for found in pool.map(lambda portion: [sha256(path) for path in portion], portions) for digest in found]
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from nearlift.readers.schedule import visits
 from nearlift.reduction.outliers import LEAST_TRIALS, odd_visits, screen, student_tail
+from nearlift.reduction.stretch import distinct, numbered
 
 THROTTLES = np.array([0.25, 0.5, 0.75, 0.92])
 
@@ -116,3 +119,13 @@ def test_a_visit_that_is_off_as_a_whole_is_odd_and_none_of_its_trials_is_outlyin
     assert set(odd_visits(log_lift, z, throttle, visit)) - set(before) == {17}
     assert not screen(log_lift, z, throttle, visit).outlying.any()
     assert odd_visits(log_lift[:4], z[:4], throttle[:4], visit[:4]).tolist() == []
+
+
+@given(st.lists(st.sampled_from([-1.5, -0.0, 0.0, 2.0, 3.25, 1e300]), max_size=12))
+def test_what_occurs_is_numbered_as_numpy_does(values):
+    array = np.array(values, dtype=float)
+    levels, places = np.unique(array, return_inverse=True)
+    np.testing.assert_array_equal(distinct(array), levels)
+    np.testing.assert_array_equal(numbered(array), places)
+    words = np.array([str(value) for value in values], dtype=str)
+    np.testing.assert_array_equal(numbered(words), np.unique(words, return_inverse=True)[1])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -216,3 +219,89 @@ def test_json_that_cannot_be_used_is_refused_with_what_to_do(tmp_path):
 def test_digest_is_that_of_the_bytes(tmp_path):
     (tmp_path / "x").write_bytes(b"abc")
     assert store.sha256(tmp_path / "x") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+ALONE = """
+import os, sys
+from nearlift import isolation, store
+assert isolation.alone()
+real = store.sha256
+copied = []
+fork = os.fork
+os.fork = lambda: copied.append(fork()) or copied[-1]
+"""
+
+
+def by_itself(code: str, *arguments: str) -> str:
+    """What code prints that runs in a process with one thread."""
+    if sys.platform != "linux":
+        pytest.skip("processes are copied on Linux only")
+    done = subprocess.run([sys.executable, "-c", ALONE + code, *arguments], check=True, capture_output=True, text=True, timeout=60)
+    return done.stdout
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Paths of some files, and what their digests are."""
+    contents = [bytes([i]) * (1 + 300 * i) for i in range(37)]
+    for i, content in enumerate(contents):
+        (tmp_path / f"{i}").write_bytes(content)
+    return [str(tmp_path / f"{i}") for i in range(len(contents))], [hashlib.sha256(content).hexdigest() for content in contents]
+
+
+def test_many_files_are_digested_while_something_else_is_done(files):
+    paths, want = files
+    done = []
+    assert store.sha256_of(paths, lambda: done.append(1)) == want
+    assert done == [1]
+    code = "print(store.sha256_of(sys.argv[1:], lambda: print('meanwhile', len(copied) > 0)))"
+    assert by_itself(code, *paths).splitlines() == ["meanwhile True", str(want)]
+
+
+@pytest.mark.parametrize("end", ["os._exit(0)", "os.kill(os.getpid(), 9)", "raise MemoryError"])
+def test_a_copy_that_ends_before_its_last_digest_costs_none(files, end):
+    paths, want = files
+    code = f"""
+def ending(path):
+    if not all(copied) and path.endswith("9"):
+        {end}
+    return real(path)
+store.sha256 = ending
+print(store.sha256_of(sys.argv[1:]))
+"""
+    assert by_itself(code, *paths).strip() == str(want)
+
+
+def test_without_room_for_a_process_files_are_digested_here(files):
+    paths, want = files
+    code = """
+def none():
+    raise BlockingIOError
+os.fork = none
+print(store.sha256_of(sys.argv[1:]), len(os.listdir("/proc/self/fd")) < 8)
+"""
+    assert by_itself(code, *paths).strip() == f"{want} True"
+
+
+def test_an_interrupt_meanwhile_leaves_no_copy_behind(files):
+    code = """
+def interrupted():
+    raise KeyboardInterrupt
+store.sha256 = lambda path: __import__("time").sleep(60)
+try:
+    store.sha256_of(sys.argv[1:], interrupted)
+except KeyboardInterrupt:
+    print([os.path.exists(f"/proc/{pid}") for pid in copied])
+"""
+    assert set(by_itself(code, *files[0]).strip(" []\n").split(", ")) == {"False"}
+
+
+def test_a_file_that_cannot_be_read_says_so(files):
+    paths, _ = files
+    code = """
+try:
+    store.sha256_of([*sys.argv[1:], "missing"])
+except FileNotFoundError as fault:
+    print(fault.filename)
+"""
+    assert by_itself(code, *paths).strip() == "missing"

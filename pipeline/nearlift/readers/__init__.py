@@ -8,7 +8,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 from nearlift.errors import ManifestError
-from nearlift.plugins import gather, points
+from nearlift.plugins import gather
 
 if TYPE_CHECKING:
     from nearlift.readers.seam import Reader
@@ -57,8 +57,8 @@ def reader(name: str) -> Reader:
     ManifestError
         There is none; the nearest name is proposed.
     """
-    # with no package that might take its name, a built-in reader is found without loading the others
-    if name in BUILT_IN and not points(GROUP):
+    # nothing is overridden, so what packages add need not be known
+    if name in BUILT_IN:
         return built_in(name)
     known = {r.name: r for r in readers()}
     if name not in known:

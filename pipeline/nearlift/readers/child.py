@@ -150,14 +150,6 @@ def dismiss() -> None:
             _idle.pop().end()
 
 
-def _alone() -> bool:
-    """Whether this process has a single thread, by the system's own count, which knows those of libraries as well."""
-    try:
-        return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1  # noqa: PTH208
-    except OSError:
-        return False
-
-
 def _fresh(environment: Mapping[str, str], memory: int) -> subprocess.Popen[bytes]:
     """A child in an interpreter of its own, which takes as long to be ready as to read a hundred files."""
     return subprocess.Popen(
@@ -271,7 +263,7 @@ class Child:
                 "OMP_NUM_THREADS": "1",
                 "PYTHONPATH": os.pathsep.join(p for p in (PACKAGE, os.environ.get("PYTHONPATH", "")) if p),
             }
-            self.process = Copy(environment, self.memory) if _alone() else _fresh(environment, self.memory)
+            self.process = Copy(environment, self.memory) if isolation.alone() else _fresh(environment, self.memory)
             with contextlib.suppress(ImportError, AttributeError, OSError):
                 import fcntl
 
@@ -425,8 +417,7 @@ def _unreadable(name: str, fault: Exception) -> str:
 def _format(name: str) -> Format:
     from nearlift import readers
 
-    # that no package takes a built-in name is for the parent to see
-    form = (readers.built_in(name) if name in readers.BUILT_IN else readers.reader(name)).format
+    form = readers.reader(name).format
     assert form is not None
     return form
 

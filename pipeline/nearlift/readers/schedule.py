@@ -36,6 +36,10 @@ MEANS = ("lift", "lift_sd", "n")
 _UNSEEN = ("Cc", "Cf", "Zl", "Zp")
 
 
+#: The last one read: a command wants it when it opens a campaign, and again when it ingests.
+_last: list[tuple[Campaign, Path, str, Schedule]] = []
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
     """The trials of a campaign in run order; every array has one entry per trial.
@@ -93,6 +97,15 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     """
     path = schedule_file(campaign, root)
     text = _text(path)
+    for of, at, said, schedule in _last:
+        if of is campaign and (at, said) == (path, text):
+            return schedule
+    schedule = _read(campaign, path, text)
+    _last[:] = [(campaign, path, text, schedule)]
+    return schedule
+
+
+def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
     cells = _cells(campaign, path, text)
     given = campaign.trials.units
     _units_name_columns(given, list(cells))

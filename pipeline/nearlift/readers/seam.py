@@ -230,11 +230,16 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
     pattern = files_pattern(campaign)
     head, tail, times = pattern.partition(MARK)[0], pattern.rpartition(MARK)[2], pattern.count(MARK)
     listed, names = set(trials), []
-    for path in root.glob(glob.escape(pattern).replace(MARK, "*")):
-        name = source_of(root, path)
+    folder, slash, _ = pattern.rpartition("/")
+    if MARK in folder:
+        there = [source_of(root, path) for path in root.glob(glob.escape(pattern).replace(MARK, "*"))]
+    else:
+        # one folder is listed in a tenth of the time that a search takes
+        there = [f"{folder}{slash}{name}" for name in os.listdir(root / folder)] if (root / folder).is_dir() else []  # noqa: PTH208
+    for name in there:
         length = (len(name) - len(pattern) + times * len(MARK)) // times
         trial = name[len(head) : len(head) + length]
-        if name.endswith(tail) and pattern.replace(MARK, trial) == name and trial not in listed and path.is_file():
+        if name.endswith(tail) and pattern.replace(MARK, trial) == name and trial not in listed and (root / name).is_file():
             names.append(name)
     if not names:
         return ()
@@ -244,6 +249,7 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
 
 def source_of(root: Path, path: Path) -> str:
     """A file's name relative to the campaign's folder, with forward slashes."""
-    folder, name = f"{root.as_posix()}/", path.as_posix()
-    # `relative_to` takes several times as long
-    return name.removeprefix(folder) if name.startswith(folder) else path.relative_to(root).as_posix()
+    # pathlib's own ways take several times as long
+    folder, name = f"{root}{os.sep}", str(path)
+    inside = name[len(folder) :] if name.startswith(folder) else str(path.relative_to(root))
+    return inside if os.sep == "/" else inside.replace(os.sep, "/")

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.reduction.stretch import SD_PER_MAD, median
+from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered
 
 #: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of freedom carries an outlying trial.
 FAMILY_WISE = 0.01
@@ -89,7 +89,7 @@ def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit:
     """
     n = len(log_lift)
     out, departure, sigmas = np.zeros(n, dtype=bool), np.full(n, np.nan), np.full(n, np.nan)
-    level = np.unique(throttle, return_inverse=True)[1].ravel()
+    level = numbered(throttle)
     cell = _cells(z_hat, throttle)
     while True:
         comparisons = _contrasts(np.where(out, np.nan, log_lift), z_hat, level, cell, visit, curve_removed)
@@ -126,7 +126,8 @@ def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, vi
 
 def _cells(z_hat: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
     """Index of each trial's (distance, throttle) cell."""
-    return np.unique(np.stack([np.where(np.isfinite(z_hat), z_hat, -1.0), throttle]), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
+    level = numbered(throttle)
+    return numbered(numbered(np.where(np.isfinite(z_hat), z_hat, -1.0)) * (level.max(initial=0) + 1) + level)
 
 
 def _contrasts(
@@ -152,7 +153,7 @@ def _scaled(comparisons: list[FloatArray], level: NDArray[np.int64]) -> tuple[Fl
         if not mine.any():
             continue
         scale = np.full(len(level), SD_PER_MAD * median(np.abs(comparison[known])))
-        for throttle in np.unique(level[mine]):
+        for throttle in distinct(level[mine]):
             here = known & (level == throttle)
             if here.sum() >= OWN_SCALE:
                 scale[here] = np.maximum(scale[here], SD_PER_MAD * median(np.abs(comparison[here])))
@@ -244,8 +245,10 @@ def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
 @functools.cache
 def _gauss_legendre() -> tuple[FloatArray, FloatArray]:
     """Nodes and weights on the interval from 0 to 1."""
-    root, weight = np.polynomial.legendre.leggauss(32)
-    return (root + 1) / 2, weight / 2
+    # by the eigenvectors of the polynomials' recurrence (Golub & Welsch 1969): numpy's own would load all of its polynomials
+    k = np.arange(1, 32)
+    root, vectors = np.linalg.eigh(np.diag(k / np.sqrt(4.0 * k**2 - 1), -1))
+    return (root + 1) / 2, vectors[0] ** 2
 
 
 def _student_peak(dof: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from nearlift import units
 from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused
 from nearlift.reduction.quality import rejected
-from nearlift.reduction.stretch import SD_PER_MAD, median
+from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered
 
 FloatArray = NDArray[np.float64]
 #: Times the weight beyond which a single trial's lift is no lift, whatever the others are.
@@ -99,7 +99,7 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, 
     found = {}
     for side in dict.fromkeys(table["boundary"][good]):
         here = good & (table["boundary"] == side)
-        throttles = np.unique(table["throttle"][here])
+        throttles = distinct(table["throttle"][here])
         lifts = np.empty(len(throttles))
         for i, throttle in enumerate(throttles):
             level = here & (table["throttle"] == throttle)
@@ -186,7 +186,7 @@ def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, floa
     for side in dict.fromkeys(table["boundary"][good & (table["boundary"] != "none")]):
         here = good & (table["boundary"] == side)
         farthest = float(table["z_hat"][here].max())
-        for level in np.unique(table["throttle"][here]):
+        for level in distinct(table["throttle"][here]):
             far = float(table["z_hat"][here & (table["throttle"] == level)].max())
             if far < 0.5 * farthest and level not in free:
                 found.append((str(side), float(level), far, farthest))
@@ -206,7 +206,7 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     lift = np.asarray(table["lift_N"], dtype=float)
     good = ~rejected(table["quality"]) & np.isfinite(lift)
     usual = np.full(len(lift), np.nan)
-    for throttle in np.unique(table["throttle"]):
+    for throttle in distinct(table["throttle"]):
         here = table["throttle"] == throttle
         if (good & here).any():
             usual[here] = median(lift[good & here])
@@ -224,12 +224,12 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     lift = np.asarray(table["lift_N"], dtype=float)
     good = np.flatnonzero(~rejected(table["quality"]) & np.isfinite(lift))
     found = np.zeros(len(lift), dtype=bool)
-    side = np.unique(table["boundary"][good].astype(str), return_inverse=True)[1]
-    place = np.unique(np.column_stack([side, table["z_hat"][good]]), axis=0, return_inverse=True)[1].ravel()
+    height = numbered(table["z_hat"][good])
+    place = numbered(numbered(table["boundary"][good].astype(str)) * (height.max(initial=0) + 1) + height)
     ends = np.cumsum(np.bincount(place, minlength=1))[:-1]
     for here in np.split(good[np.argsort(place, kind="stable")], ends):
         throttle = table["throttle"][here]
-        levels = [t for t in np.unique(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT]
+        levels = [t for t in distinct(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT]
         medians = np.array([median(lift[here][throttle == t]) for t in levels])
         scatter = np.array([SD_PER_MAD * median(np.abs(lift[here][throttle == t] - m)) for t, m in zip(levels, medians, strict=True)])
         for k, level in enumerate(levels):

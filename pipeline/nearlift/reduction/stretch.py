@@ -12,8 +12,8 @@ from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
 
 FloatArray = NDArray[np.float64]
 
-STRETCH = Kernel("nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER)
-STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
+STRETCH = Kernel("nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER, brief=True)
+STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL, brief=True)
 #: Sums that the kernel gives before the batches' means.
 SUMS = 9
 #: Standard deviations of normal noise in one median absolute deviation.
@@ -57,6 +57,19 @@ def median(values: NDArray[Any]) -> float:
     middle = len(values) // 2
     ranked = np.sort(values)
     return float(ranked[middle] if len(values) % 2 else (ranked[middle - 1] + ranked[middle]) / 2)
+
+
+def distinct(values: NDArray[Any]) -> NDArray[Any]:
+    """The values that occur, rising; numpy's would load its masked arrays."""
+    ranked = np.sort(values)
+    first = np.ones(len(ranked), dtype=bool)
+    first[1:] = ranked[1:] != ranked[:-1]
+    return np.compress(first, ranked)
+
+
+def numbered(values: NDArray[Any]) -> NDArray[np.int64]:
+    """The place of each value among those that occur."""
+    return np.searchsorted(distinct(values), values).astype(np.int64)
 
 
 def stretch(values: FloatArray, half: int) -> Stretch:

@@ -14,6 +14,7 @@ import importlib
 import json
 import os
 import platform
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -185,7 +186,13 @@ def code_digest() -> str:
 @functools.cache
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages whose version can change a number."""
-    return {"python": platform.python_version(), **{name: metadata.version(name) for name in NUMERICAL}}
+    return {"python": platform.python_version(), **{name: _version(name) for name in NUMERICAL}}
+
+
+def _version(package: str) -> str:
+    # among the first lines; the library parses all, with the page's description, as an e-mail
+    stated = re.search(r"^Version: *(.+?) *$", metadata.distribution(package).read_text("METADATA") or "", re.MULTILINE)
+    return stated.group(1) if stated else metadata.version(package)
 
 
 @dataclass(kw_only=True)

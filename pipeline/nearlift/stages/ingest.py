@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from nearlift import readers, store
 from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.executors import ordered
+from nearlift.executors import SerialExecutor, ordered
 from nearlift.products import TRIALS
 from nearlift.readers.row import Conditions, Row, row_of
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
@@ -35,6 +36,8 @@ MISDESCRIBED = {
 }
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
+#: Bytes of a record from which on threads are worth their turns.
+WORTH_A_THREAD = 1 << 20
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
 
@@ -98,14 +101,18 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
 
 
 def soon(campaign: Campaign, workers: int) -> None:
-    """Start the processes that will read the records, if any will: they become ready while files are digested."""
+    """Make ready, while files are digested, what an ingest wants: the processes that will read the records, if any will, and libraries."""
     reader = readers.reader(campaign.records.reader)
-    if reader.format is not None and reader.format.child:
+    if not reader.series:
+        return
+    in_child = reader.format is not None and reader.format.child
+    if not in_child or reader.reduce_piece is not None:
+        prepare()
+    if in_child and workers:
         from nearlift.readers import child
 
-        if reader.reduce_piece is not None:
-            prepare()
         child.start(workers)
+    store.ready()
 
 
 def run(job: Job) -> Outcome:
@@ -202,7 +209,7 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     refusals: list[InputRefused] = []
     # the plan of what is done is not kept beside what was found
     del plan
-    for answer in ordered(job.executor, reduce_piece, _tasks(job, pieces, after)):
+    for answer in ordered(_workers(job, reader, pieces), reduce_piece, _tasks(job, pieces, after)):
         for row in answer:
             rows.put(place[row.trial], row)
             refusals += [row.refusal] if row.refusal else []
@@ -220,6 +227,13 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     if 0 < samples < FEW_OF_TARE:
         told.append(f"the tares have {samples} samples: too few to show damage of more than one of them ({FEW_OF_TARE} would)")
     return rows, [*notes, *told]
+
+
+def _workers(job: Job, reader: Reader, pieces: Collection[Piece]) -> Executor:
+    """Who reads: over small records, threads of one interpreter lose more by taking turns than they gain."""
+    records, size = sum(len(piece.trials) for piece in pieces), sum(piece.bytes for piece in pieces)
+    alone = isinstance(job.executor, ThreadPoolExecutor) and reader.reduce_piece is None and size < WORTH_A_THREAD * records
+    return SerialExecutor() if alone else job.executor
 
 
 def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:

@@ -48,9 +48,7 @@ def digests(root: Path, campaign: Campaign, processed: Path, meanwhile: Callable
             racy = time.time_ns() - status.st_mtime_ns <= RACY_NS
             fresh[name] = {"stamp": stamp, "sha256": known["sha256"] if known and remembered else "", "remembered": remembered, "racy": racy}
             unknown += [] if remembered else [name]
-        if len(unknown) > 1:
-            meanwhile()
-        for name, sha in zip(unknown, store.sha256_of([f"{folder}/{name}" for name in unknown]), strict=True):
+        for name, sha in zip(unknown, store.sha256_of([f"{folder}/{name}" for name in unknown], meanwhile), strict=True):
             fresh[name]["sha256"] = sha
 
     overlays = (o.file for o in campaign.report.overlay if (root / o.file).is_file())

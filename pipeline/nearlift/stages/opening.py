@@ -9,7 +9,7 @@ from pathlib import Path
 from nearlift import campaign as manifests
 from nearlift.executors import open_executor, threads_of
 from nearlift.lock import settled
-from nearlift.stages import ingest
+from nearlift.stages import graph, ingest
 from nearlift.stages.inputs import digests, remember
 from nearlift.stages.job import Job, silent
 from nearlift.stages.workspace import spare_raw
@@ -36,8 +36,10 @@ def open_job(
     settled(homes)
 
     def meanwhile() -> None:
-        if keep and (threads := threads_of(executor)):
-            ingest.soon(loaded, threads)
+        if keep:
+            ingest.soon(loaded, threads_of(executor))
+            graph.code_digest()
+            graph.versions()
 
     inputs, stamps = digests(root, loaded, homes.processed, meanwhile)
     with open_executor(executor) as pool:
