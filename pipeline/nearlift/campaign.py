@@ -358,9 +358,11 @@ class Diagnose(Section):
     """Choices of the closed loop.
 
     `not_feasible`: what this bench cannot do, so that it is not proposed: go closer than it did, go farther, arrive from both directions.
+    `planned_trials`: how long the campaign will be, where the schedule does not say: it grows with the records, or the rest will not be measured.
     """
 
     false_alarm_rate: float = Field(default=0.05, gt=0, lt=1)
+    planned_trials: int | None = Field(default=None, ge=1)
     not_feasible: list[Literal["closer", "farther", "both directions"]] = []
 
 

@@ -27,6 +27,7 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     base fit then stands alone.
     """
     from nearlift import catalogue
+    from nearlift.diagnosis.interim import InterimLook
     from nearlift.diagnosis.loop import diagnose
     from nearlift.diagnosis.search import Options
     from nearlift.errors import NotConverged
@@ -36,7 +37,9 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
 
     base = catalogue.model(catalogue.default_base(campaign.data.boundary, 4))
     try:
-        found = diagnose(campaign.data, base, campaign.parts, Options(**{"seed": campaign.seed, **options}), confirm=confirm)
+        n, scheduled = campaign.data.n, campaign.scheduled
+        look = InterimLook(trials=n, scheduled=scheduled) if scheduled else None
+        found = diagnose(campaign.data, base, campaign.parts, Options(**{"seed": campaign.seed, **options}), confirm=confirm, look=look)
         return found.findings | {"quoted": {n: (c.lo90, c.hi90) for n, c in found.quoted.coefficients.items()}}
     except NotConverged as fault:
         alone = fit(base, campaign.data, campaign.parts)

@@ -241,7 +241,7 @@ KINDS: dict[str, Kind] = {
             group="growing",
             make=partial(_trials, {"visits": 15}, rho=(0.3, 0.6)),
             asks={"null_claimed": Promise("<=", 0.05, 0.05)},
-            looks=tuple(range(160, 1201, 40)),
+            looks=tuple(int(4 * np.round(n / 4)) for n in np.linspace(160, 1200, 20)),
         ),
         *(
             Kind(

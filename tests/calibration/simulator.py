@@ -235,7 +235,7 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A simulated campaign: what the library is given (`data`), and the truth."""
+    """A simulated campaign: what the library is given (`data`), and the truth; `scheduled` trials in all, where it was cut."""
 
     spec: Spec
     seed: int
@@ -246,6 +246,7 @@ class Campaign:
     whitener: Whitener = field(repr=False)
     sensor: Sensor = field(repr=False)
     records: Array | None = field(default=None, repr=False)
+    scheduled: int | None = None
 
     @property
     def parts(self) -> tuple[Component, ...]:
@@ -266,7 +267,7 @@ class Campaign:
         cut = {name: getattr(truth, name)[:n] for name in ("log_lift", "base_log_lift", "variance")}
         known = replace(truth, **cut, contributions={k: v[:n] for k, v in truth.contributions.items()})
         left = self.keep & ~np.isin(np.arange(len(self.keep)), keep)
-        return replace(self, data=self.data.take(rows), truth=known, keep=left, whitener=self.whitener.of(rows))
+        return replace(self, data=self.data.take(rows), truth=known, keep=left, whitener=self.whitener.of(rows), scheduled=self.data.n)
 
     @cached_property
     def jacobian(self) -> Array:

@@ -336,12 +336,12 @@ def test_a_growing_campaign_is_looked_at_until_something_is_claimed():
 
     def stub(campaign):
         looked.append(campaign.data.n)
-        verdict = "unexplained" if campaign.data.n == 240 else "adequate"
+        verdict = "unexplained" if campaign.data.n == 268 else "adequate"
         return {"verdict": verdict, "effects": [], "structure": [{"covariate": "start"}], "quoted": {"K_b": (-9.0, 9.0)}}
 
     row = assess("growing", "ground", 6, stub)
-    assert looked == [160, 200, 240]
-    assert (row["claimed"], row["trials"], row["cover_quoted"], row["failed"]) == (True, 240, True, "")
+    assert looked == [160, 216, 268]
+    assert (row["claimed"], row["trials"], row["cover_quoted"], row["failed"]) == (True, 268, True, "")
     assert by_kind([row])[0]["null: any claim"] == "1 of 1 (3-100)"
     assert by_verdict([row])[0]["verdict"] == "unexplained"
 

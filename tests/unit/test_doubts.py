@@ -51,6 +51,11 @@ def test_structure_without_a_name_is_said(evidence):
     assert any(d.text.startswith("what the base model leaves along supply has no name") for d in told)
 
 
+def test_a_campaign_that_grows_is_said(evidence):
+    told = said(evidence, lambda f: f.update(look={"text": "a look at 240 of 480 trials"}))
+    assert any(d.text == "the campaign is still growing: a look at 240 of 480 trials" and d.boundaries == ("ground",) for d in told)
+
+
 def test_rejected_trials_are_counted_and_silent_where_there_are_none(evidence):
     trials = evidence.table(TRIALS)
     assert any(d.text.startswith(f"1 of {len(trials['trial'])} trials were left out") for d in verdict.doubts(evidence))

@@ -16,7 +16,6 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from nearlift.diagnosis.structure import DRAWS
 from nearlift.pages.chapters import CHAPTERS, Chapter
 from nearlift.pages.latex import escape
 from nearlift.pages.render import Picture, page, scripts
@@ -366,7 +365,14 @@ def test_the_chance_of_the_largest_test_is_said(make_job):
     assert "as large as here in 43 % of campaigns" in said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))[0].replace(
         "Where", "where"
     )
-    assert f"In none of {DRAWS} simulated campaigns" in said(make_job, lambda f: f.update(p_value=1 / (DRAWS + 1)))[0]
+    assert "as large as here with a chance of 3 × 10⁻⁵." in said(make_job, lambda f: f.update(p_value=3e-5))[0]
+    assert "as large as here with a chance < 10⁻¹²." in said(make_job, lambda f: f.update(p_value=1e-90))[0]
+
+
+def test_a_look_before_the_end_is_said(make_job):
+    look = {"trials": 240, "scheduled": 480, "p_value_needed": 7e-5, "text": "a look at 240 of 480 trials; claims need p < 7e-05"}
+    words = said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43, look=look))[0]
+    assert "A look at 240 of 480 trials; claims need p < 7e-05. Where nothing is missing" in words
 
 
 def test_an_adequate_model_is_left_alone_in_words_too(make_job):

@@ -150,5 +150,22 @@ def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
 def test_what_the_round_says_is_what_is_quoted(tmp_path):
     compared.write(tmp_path, "a", 0.125, 0.01)
     content = json.loads((tmp_path / "processed" / "a" / "results.json").read_text())
-    assert list(watching._headlines(content)) == ["ground K_b = 0.125 ± 0.010"]
-    assert list(watching._headlines({})) == []
+    assert next(watching._headlines(content, {})) == "ground K_b = 0.125 ± 0.010"
+    assert list(watching._headlines({}, {})) == []
+
+
+def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
+    raw, late = recording
+    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=graph.STAGES[:4])
+    product = tmp_path / "out/processed/small/diagnosis.json"
+    words = next(rounds).words
+    assert "ground adequate (a look at 84 of 112 trials; claims need p < 0.001, and p < 0.05 once all are measured)" in words
+    assert json.loads(product.read_text())["boundaries"]["ground"]["look"]["scheduled"] == 112
+    for path in late:
+        shutil.copy2(path, raw / "trials" / path.name)
+    last = until(rounds, lambda found: found.good == 112)[-1]
+    assert last.words.endswith("; ground adequate")
+    # as of a campaign that nobody watched
+    plain = small_run.job(raw, tmp_path / "plain")
+    list(graph.run(plain, graph.STAGES[:4]))
+    assert (plain.processed / "diagnosis.json").read_bytes() == product.read_bytes()

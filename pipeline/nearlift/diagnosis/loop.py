@@ -14,6 +14,7 @@ from nearlift import catalogue
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, loop_result, separation
 from nearlift.diagnosis.candidate import Fitted
+from nearlift.diagnosis.interim import InterimLook
 from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, run, settle
 from nearlift.diagnosis.setting import derive, missing
 from nearlift.diagnosis.within_trial import heating
@@ -71,6 +72,7 @@ def diagnose(
     *,
     effects: tuple[Effect, ...] | None = None,
     confirm: bool = True,
+    look: InterimLook | None = None,
 ) -> Diagnosis:
     """Diagnose one boundary.
 
@@ -87,6 +89,8 @@ def diagnose(
         The library; the catalogue's if None.
     confirm : bool
         Repeat the search in folds and score held-out visits (most of the time).
+    look : InterimLook or None
+        Where trials are still to come: what is found is then claimed only beyond the look's boundary.
 
     Raises
     ------
@@ -96,6 +100,10 @@ def diagnose(
     stage, library, untestable = set_up(data, base, parts, options, effects)
     few = few_visits.applies(stage.data)
     answer = few_visits.run(stage) if few else settle(stage)
+    rate = options.false_alarm_rate
+    if look is not None:
+        rate = look.level(rate)
+        answer = answer.claimed_below((stage if few else answer.stage).null.threshold(rate))
     # each fold makes its own choice of how to weigh trials, so it starts from the stage as it was
     named = answer.best.candidate.effects
     scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run, named) if confirm else None
@@ -108,6 +116,8 @@ def diagnose(
         # what does not help where it was not fitted gets no credit, however well it fits
         refuted, answer = answer.accepted, dataclasses.replace(answer, accepted=())
     findings = _findings(stage, answer, refuted)
+    if look is not None:
+        findings["look"] = look.record(options.false_alarm_rate)
     residuals: dict[str, NDArray[Any]] = {
         "trial": stage.data.trial,
         "before": np.log(stage.data.lift_N) - confirmation.predict(stage, stage.base_fit, stage.data),
@@ -122,7 +132,7 @@ def diagnose(
     findings["coefficients"] = answers.block()
     findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
     findings["limits"] = absorption.limits(stage, answer)
-    findings["within_trial"] = heating(stage.data, library, options.false_alarm_rate)
+    findings["within_trial"] = heating(stage.data, library, rate)
     findings["untestable"] = untestable
     findings["silent"] = coefficients.silent(stage, library, SILENT)
     findings["next_experiment"] = separation.next_experiment(stage, answer) + separation.to_part_visits(findings["limits"])

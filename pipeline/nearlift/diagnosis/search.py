@@ -408,6 +408,11 @@ class Answer:
             return "adequate"
         return "effect" if self.accepted else "unexplained"
 
+    def claimed_below(self, threshold: float) -> Answer:
+        """The same, but that nothing is claimed unless a test's log10 p lies below `threshold`."""
+        first = dataclasses.replace(self.first, threshold=threshold)
+        return dataclasses.replace(self, first=first, accepted=self.accepted if first.present else ())
+
     @property
     def best(self) -> Fitted:
         """The model to predict with: the best explanation, else the base model."""

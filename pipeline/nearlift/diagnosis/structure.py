@@ -17,6 +17,9 @@ from nearlift.declare import FloatArray
 
 #: So many that the rate at a threshold of 5 % is known to a seventeenth of itself (a binomial count of 300); so many at once.
 DRAWS, AT_ONCE = 6000, 1500
+#: Below this chance, draws are too few to count: -log10 p of the largest test has an exponential tail there, as a single test has.
+TAIL = 0.02
+LEAST_P = 1e-300
 #: Of a continued fraction, enough where it is used: far out in the tail.
 TERMS = 40
 #: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the first in order stands before.
@@ -165,12 +168,24 @@ class Null:
 
     least: FloatArray
 
+    @property
+    def tail(self) -> tuple[float, float]:
+        """Where the tail begins, and its mean excess there (Hill's estimator), both in log10 p."""
+        start = float(np.quantile(self.least, TAIL))
+        return start, float(np.mean(start - self.least[: max(int(TAIL * len(self.least)), 1)]))
+
     def threshold(self, rate: float) -> float:
         """Log10 p that chance undercuts at this rate."""
-        return float(np.quantile(self.least, rate))
+        if rate >= TAIL:
+            return float(np.quantile(self.least, rate))
+        start, excess = self.tail
+        return start + excess * float(np.log(max(rate, LEAST_P) / TAIL))
 
     def p_value(self, log10_p: float) -> float:
         """Chance that the most significant of all tests is as extreme."""
+        start, excess = self.tail
+        if log10_p < start:
+            return float(max(TAIL * np.exp((log10_p - start) / max(excess, LEAST_P)), LEAST_P))
         return float((1 + np.searchsorted(self.least, log10_p, side="right")) / (1 + len(self.least)))
 
 

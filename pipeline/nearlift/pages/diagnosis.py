@@ -43,6 +43,7 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "carried": coefficients.get("carried", []),
         "verdict": WORDS.get(found["verdict"], found["verdict"]),
         "largest": loop_words.largest(evidence, boundary, found),
+        "look": found.get("look", {}).get("text", ""),
         "effects": loop_words.effects(evidence, boundary, found),
         "not_confirmed": [" + ".join(names) for names in found.get("not_confirmed", [])],
         "partial": [

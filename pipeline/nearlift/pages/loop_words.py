@@ -6,13 +6,14 @@ import dataclasses
 from typing import Any
 
 from nearlift import catalogue
-from nearlift.diagnosis.structure import DRAWS
 from nearlift.pages.number import Number, Quoted, chance, cite, pointer, quote
 from nearlift.products import DIAGNOSIS
 from nearlift.rounding import plain
 from nearlift.summaries.evidence import Evidence
 from nearlift.summaries.loop import stand_ins, tried
 
+#: Chances below this are not told in percent.
+RARE = 1e-3
 #: More parameters than this (a gain for every session) are told by their range.
 PARAMETERS = 3
 #: Nearer to a bound than this part of the allowed range, a parameter is at it.
@@ -20,11 +21,14 @@ AT_BOUND = 1e-6
 
 
 def largest(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Any] | None:
-    """The chance of so large a largest test under the null, in percent; `bound` where no draw came near."""
+    """The chance of so large a largest test under the null, in percent, or as it is where it is `rare`."""
     if found.get("p_value") is None:
         return None
-    p = cite(evidence, DIAGNOSIS, "boundaries", boundary, "p_value", scale=100, digits=2, how="in percent")
-    return {"p": p, "bound": p.value * (1 + DRAWS) < 1.5, "draws": DRAWS}
+    path, rare = ("boundaries", boundary, "p_value"), found["p_value"] < RARE
+    return {
+        "p": chance(evidence, DIAGNOSIS, *path) if rare else cite(evidence, DIAGNOSIS, *path, scale=100, digits=2, how="in percent"),
+        "rare": rare,
+    }
 
 
 def effects(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[dict[str, Any]]:

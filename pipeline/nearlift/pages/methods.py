@@ -184,6 +184,8 @@ def _loop(evidence: Evidence) -> str:
             said = f"what was left is accounted for by {said}" + (
                 f", which the design cannot tell from {_listed(rivals).replace('_', ' ')}" if rivals else ""
             )
+        if look := found.get("look"):
+            said += f" ({look['text']})"
         error = found.get("error")
         if error:
             after = f" to {plain(100 * error['after']['held_out_rmse'], 3)} %" if found["verdict"] == "effect" else ""

@@ -64,6 +64,8 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     said = [str(s["text"]) for s in evidence.document(FIT)["influence"][boundary]["suspects"]]
     if reason := evidence.not_diagnosed(boundary):
         said.append(f"not diagnosed, so an effect of any size may be in the coefficient: {reason}")
+    if look := found.get("look"):
+        said.append(f"the campaign is still growing: {look['text']}")
     if goodness(evidence, boundary)[0]:
         said.append(f"cells stray from {model.title} by more than chance allows, so its interval is that of a curve which is not the data's")
     if found.get("verdict") == "unexplained":

@@ -17,7 +17,7 @@ from nearlift.quotation import BoundaryResult, Results
 from nearlift.stages import expense, quoting
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome
-from nearlift.stages.observe import boundaries, observe
+from nearlift.stages.observe import boundaries, interim_look, observe
 
 
 def run(job: Job) -> Outcome:
@@ -36,7 +36,7 @@ def run(job: Job) -> Outcome:
         expense.announce(job.announce, f"diagnose {boundary}", expense.DIAGNOSE, data, "; several times as long if there is structure to name")
         base, _ = choice(job.campaign, boundary)
         try:
-            found = diagnose(data, base, parts, options)
+            found = diagnose(data, base, parts, options, look=interim_look(trials, job.campaign, boundary))
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"
             findings[boundary] = {"verdict": NOT_DIAGNOSED, "reason": reason, "base_model": base.name, "effects": [], "structure": []}
@@ -44,6 +44,8 @@ def run(job: Job) -> Outcome:
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
         findings[boundary] = found.findings
+        if look := found.findings.get("look"):
+            notes.append(f"{boundary}: {look['text']}")
         # the same likelihood but for its noise
         quoted[boundary] = found.quoted.doubting(quoting.shape(fitted[boundary][base.name])) if found.quoted.verdict == "adequate" else found.quoted
         residuals.append({"boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object), **found.residuals})

@@ -6,8 +6,9 @@ import numpy as np
 
 from nearlift.campaign import Campaign, boundaries_of
 from nearlift.declare import Boundary
+from nearlift.diagnosis.interim import InterimLook
 from nearlift.products import TRIALS
-from nearlift.reduction.quality import rejected
+from nearlift.reduction.quality import EXCLUDED, completeness, rejected
 from nearlift.results import Observations
 from nearlift.store import Table
 
@@ -52,3 +53,22 @@ def _in_order(labels: np.ndarray) -> np.ndarray:
     _, first, index = np.unique(labels, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return rank[index].astype(np.int64)
+
+
+def interim_look(trials: Table, campaign: Campaign, boundary: Boundary) -> InterimLook | None:
+    """How far the boundary's campaign is, free air included; None where no trial is still to come.
+
+    A trial is to come if neither it nor any later one has a record: what is missing between others was lost. In an unknown order, every
+    missing trial is. ``[diagnose] planned_trials`` is the campaign's length where the schedule's is not.
+    """
+    coming = np.array([completeness(text) in ("missing", "pending") for text in trials["quality"]], dtype=bool)
+    if campaign.trials.order == "run":
+        coming[: np.flatnonzero(~coming).max(initial=0)] = False
+    coming &= np.array([EXCLUDED not in text.split() for text in trials["quality"]], dtype=bool)
+    mine = np.isin(trials["boundary"], [boundary, "none"])
+    past, unlisted = int((mine & ~coming).sum()), 0
+    if (planned := campaign.diagnose.planned_trials) is not None:
+        coming &= np.cumsum(coming) <= planned - (~coming).sum()
+        unlisted = max(planned - len(coming), 0)
+    left = int((mine & coming).sum()) + unlisted
+    return InterimLook(trials=past, scheduled=past + left) if left else None

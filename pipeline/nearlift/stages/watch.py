@@ -17,7 +17,7 @@ from nearlift import campaign as manifests
 from nearlift import store
 from nearlift.errors import NearliftError
 from nearlift.lock import Busy
-from nearlift.products import RESULTS, TRIALS
+from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import Results
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plus_minus
@@ -106,17 +106,21 @@ def _round(root: Path, out: Path, executor: str, seed: int, say: Callable[[str],
                 ran += [step.stage.name] if step.why else []
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
-            quoted = store.read_json_if_whole(job.processed / RESULTS.file)
+            quoted, found = (store.read_json_if_whole(job.processed / p.file) for p in (RESULTS, DIAGNOSIS))
     except NearliftError as refusal:
         return Round(ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)), isinstance(refusal, Busy)
     good = len(quality) - int(rejected(quality).sum())
-    words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted)])
+    words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted, found)])
     return Round(ran=tuple(ran), good=good, scheduled=len(quality), words=words), pending
 
 
-def _headlines(content: dict[str, Any]) -> Iterator[str]:
-    """Each boundary's first coefficient, as quoted."""
-    for boundary, own in Results.model_validate(content).boundaries.items() if content else ():
+def _headlines(quoted: dict[str, Any], diagnosis: dict[str, Any]) -> Iterator[str]:
+    """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs where trials are still to come."""
+    for boundary, own in Results.model_validate(quoted).boundaries.items() if quoted else ():
         if own.headline:
             c = own.coefficients[own.headline]
             yield f"{boundary} {letter(own.headline)} = {plus_minus(c.value, c.u)}"
+        if own.verdict != NOT_DIAGNOSED:
+            look = diagnosis.get("boundaries", {}).get(boundary, {}).get("look")
+            claim = " and ".join(own.effects) or own.verdict
+            yield f"{boundary} {claim} ({look['text']})" if look else f"{boundary} {claim}"
