@@ -334,8 +334,8 @@ from it) is no first-order matter: 15 campaigns gave pulls of mean -1.9 and stan
 interval held the truth in two of three. The library now judges each height error by its second order, and integrates over
 one that the slope does not carry ([how](stages/fit.md)); the figures above are with that.
 
-The sidewall's lambda is covered a little too often: 93.6 % at 90 % over both lies just above the 99 % band for it (93.2 %), on the wide
-side, and its pulls have a standard deviation of 0.92. Its curve is so flat that repeats tell next to nothing of the height's scatter, and in these
+The sidewall's lambda is covered a little too often: 94.2 % at 90 % over both lies just above the 99 % band for it (93.2 %), on the wide
+side, and its pulls have a standard deviation of 0.89. Its curve is so flat that repeats tell next to nothing of the height's scatter, and in these
 records visits share nothing else; sizes that cannot be negative then err upward, which is the likely cause. Twelve such figures together
 leave their bands by chance in one run of nine.
 """

@@ -57,7 +57,7 @@ def dense(data, slope, sizes, unknown, free, y):
     information = x.T @ inverse @ x
     p = inverse - inverse @ x @ np.linalg.solve(information, x.T @ inverse)
     value = np.linalg.slogdet(v)[1] + np.linalg.slogdet(information)[1] + y @ p @ y
-    scales = [(0.005, 1), (0.002 * np.median(data.lift_N), 1), (1e-4, 2), (2e-3, 1), *noise.DRIFT_PRIORS]
+    scales = [(0.005, 1), (0.002 * np.median(data.lift_N), 1), (1e-4, 2), (2e-3, 0.25), *noise.DRIFT_PRIORS]
     for s, (c, nu) in zip(sizes, scales, strict=False):
         value += (nu + 1) * np.log(1 + s**2 / (nu * c**2)) - 2 * np.log(s)
     return value

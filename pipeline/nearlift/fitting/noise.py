@@ -27,8 +27,9 @@ from nearlift.results import IntArray, Noise, Observations
 DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
 #: Scale and degrees of freedom of the half-t prior on each size: a fraction of lift, of the median lift, metres, a fraction of lift. Converters and
 #: propellers repeat to half a percent, screw traverses to a tenth of a millimetre. What else a stop brings (a settling flow, a cable) is likelier
-#: than a drift that fades within a stop and passes for it; the slow drifts of a bench's gain stay below a part in a thousand.
-PRIORS = {"relative": (5e-3, 1.0), "force_N": (2e-3, 1.0), "height_m": (1e-4, 2.0), "common": (2e-3, 1.0)}
+#: than a drift that fades within a stop and passes for it; the slow drifts of a bench's gain stay below a part in a thousand. A size far above its
+#: scale is pulled down as if so many more visits had shown none of it: that counts where visits are few, so `common` has a quarter.
+PRIORS = {"relative": (5e-3, 1.0), "force_N": (2e-3, 1.0), "height_m": (1e-4, 2.0), "common": (2e-3, 0.25)}
 DRIFT_PRIORS = ((2e-4, 2.0), (2e-4, 2.0), (6e-4, 1.0), (6e-4, 1.0))
 #: What the source of noise says that repeats tell.
 REPEATS = "scatter of repeats"
