@@ -47,7 +47,7 @@ def quoted(job):
 def visible(page: str) -> str:
     """Text of the page without its chart data, and without what is folded behind a condition or is another model's."""
     page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
-    page = re.sub(r"<details><summary>(What it would be|The coefficient at each exponent).*?</details>", " ", page, flags=re.S)
+    page = re.sub(r"<details><summary>(What it would be|The base fit’s coefficient at each exponent).*?</details>", " ", page, flags=re.S)
     page = re.sub(r"<tr>(?:(?!</tr>).)*</tr>", " ", page, flags=re.S)  # of the tables of models, only the base's row is marked
     page = re.sub(r'alt="([^"]*)"', r">\1<", page)
     return html.unescape(re.sub(r"<[^>]+>", "", page))

@@ -57,7 +57,8 @@ def held(found: held_quantity.Held, name: str) -> str:
     parts = []
     if found.plausible:
         least, most = min(found.plausible, key=lambda x: x.value), max(found.plausible, key=lambda x: x.value)
-        parts.append(f"Over the plausible exponents {name} runs from {least.value:.3g} (n = {least.n:.2g}) to {most.value:.3g} (n = {most.n:.2g}).")
+        ends = f"{least.value:.3g} (n = {least.n:.2g}) to {most.value:.3g} (n = {most.n:.2g})"
+        parts.append(f"Over the plausible exponents the base fit’s {name} runs from {ends}.")
     if np.isfinite(found.n):
         parts.append(f"Lift alone, the form taken for true, gives n = {plus_minus(found.n, found.u_n)}.")
         excluded = [f"{x.n:.2g} ({chance(x.p_value)})" for x in found.plausible if x.p_value < REJECTS]

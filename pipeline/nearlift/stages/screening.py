@@ -64,6 +64,6 @@ def notes(boundary: str, entry: dict[str, Any]) -> Iterable[str]:
         yield f"{boundary}: {suspect['text']}; it stays in unless [quality] exclude = [{ids}] leaves it out"
     if entry["without_all"]:
         both = entry["without_all"]
-        yield f"{boundary}: without all the trials named {plus_minus(both['value'], both['u'])}"
+        yield f"{boundary}: without all the trials named the base fit has {plus_minus(both['value'], both['u'])}"
     if entry["why_not"]:
         yield f"{boundary}: trials were not screened: {entry['why_not']}"

@@ -85,11 +85,11 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What each row of panels shows."""
     parts = []
     if (table["part"] == "throttle").any():
-        parts.append("Coefficient fitted per throttle (symbols) and for all (line, 90 % band).")
+        parts.append("Coefficient of the base fit per throttle (symbols) and for all (line, 90 % band).")
         parts.append("Thick: 90 % interval of what parts a throttle from the others; thin: with the errors that all throttles share.")
     if (table["part"] == "exponent").any():
-        parts.append("Coefficient against the exponent n to which the model's ratio is raised (line, 90 % band): 1 as published, 2/3 constant power,")
-        parts.append("0.60 to 0.82 constant rotor speed (symbols).")
+        parts.append("Coefficient of the base fit against the exponent n to which the model's ratio is raised (line, 90 % band):")
+        parts.append("1 as published, 2/3 constant power, 0.60 to 0.82 constant rotor speed (symbols).")
     if (table["kind"] == "supported").any():
         parts.append("Shade: what the logged speed or power leaves.")
     if (table["part"] == "rotor").any():

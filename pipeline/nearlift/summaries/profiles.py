@@ -67,7 +67,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     text = "; ".join(words)
     return (
         "Rise of chi² above its least with one coefficient held, L_inf and everything else optimised again (line), and the parabola of its standard "
-        f"uncertainty (dashes), of the base models. Marks: ends of the 68, 90 and "
+        f"uncertainty (dashes), of the base fits, without effects. Marks: ends of the 68, 90 and "
         f"95 % intervals. {text[:1].upper()}{text[1:]}."
     )
 
