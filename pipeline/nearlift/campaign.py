@@ -328,9 +328,14 @@ class Overlay(Section):
 
 
 class Report(Section):
-    """How figures look."""
+    """How figures look.
+
+    `reference`: what Figure 2 takes Delta L from: the `fit` (its L_inf, with named effects taken out) or the
+    `farthest` station, as the paper does.
+    """
 
     style: str = "aiaa"
+    reference: Literal["fit", "farthest"] = "fit"
     overlay: list[Overlay] = []
 
 

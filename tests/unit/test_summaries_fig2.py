@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import dataclasses
 import io
 
 import numpy as np
@@ -11,10 +12,10 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.products import FIT, LIFT, POSTERIOR
+from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, POSTERIOR, RESULTS
 from nearlift.rounding import decimals, plus_minus, siunitx
 from nearlift.stages.report import gather
-from nearlift.summaries import curves, fig2, residuals
+from nearlift.summaries import curves, fig2, relative_lift, residuals
 from nearlift.summaries.evidence import values
 from nearlift.summaries.tidy import to_csv
 
@@ -29,19 +30,85 @@ def table(evidence):
     return fig2.summarise(evidence)
 
 
+@pytest.fixture(scope="module")
+def by_farthest(evidence):
+    """The same by the paper's convention."""
+    report = evidence.campaign.report.model_copy(update={"reference": "farthest"})
+    return dataclasses.replace(evidence, campaign=evidence.campaign.model_copy(update={"report": report}))
+
+
 def rows(table, **wanted):
     keep = np.all([table[k] == v for k, v in wanted.items()], axis=0)
     return {k: v[keep] for k, v in table.items()}
 
 
-def test_data_are_the_cells_of_lift_parquet_in_percent(evidence, table):
-    cells = evidence.table(LIFT)
+def test_by_the_farthest_station_data_are_the_cells_of_lift_parquet_in_percent(by_farthest):
+    cells, table = by_farthest.table(LIFT), fig2.summarise(by_farthest)
     for boundary in ("ground", "ceiling", "sidewall"):
         drawn, mine = rows(table, panel=boundary, kind="data"), cells["boundary"] == boundary
         np.testing.assert_allclose(drawn["delta_L_percent"], 100 * cells["delta_L"][mine])
         np.testing.assert_allclose(drawn["u_delta_L_percent"], 100 * cells["u_delta_L"][mine])
         np.testing.assert_allclose(drawn["z_hat"], cells["z_hat"][mine])
         assert set(drawn["label"]) == {"25 %", "50 %", "75 %", "92 %"}
+
+
+def test_data_are_lift_over_the_fitted_level(evidence, table):
+    cells = evidence.table(LIFT)
+    for boundary in ("ground", "ceiling", "sidewall"):
+        drawn, mine = rows(table, panel=boundary, kind="data"), cells["boundary"] == boundary
+        levels = evidence.base(boundary)[1]["posterior"]["L_inf_N"]
+        level = np.array([levels[f"{t:g}"]["median"] for t in cells["throttle"][mine]])
+        # the mean of logs is below the log of the mean by half the scatter squared
+        np.testing.assert_allclose(1 + drawn["delta_L_percent"] / 100, cells["lift_N"][mine] / level, rtol=1e-4)
+        np.testing.assert_allclose(drawn["z_hat"], cells["z_hat"][mine])
+
+
+@pytest.mark.parametrize("effects", [(), ("supply_sag",)])
+def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence, effects):
+    """Chi2 over the cells, each one trial, with the simulated noise told to the fit: within four standard deviations of its mean.
+
+    By the farthest station, one trial's error moves all of its throttle's points together, and chi2 has no such mean. An effect that
+    changes lift by 3 % from trial to trial is taken out by the residual of the whole model.
+    """
+    rng = np.random.default_rng(4)
+    n, throttles, noise = 240, np.array([0.25, 0.5, 0.75, 0.92]), 0.01
+    made = copy.deepcopy(evidence)
+    entry = made.base("ground")[1]
+    data = made.observations["ground"]
+    z = np.exp(rng.uniform(np.log(1.1), np.log(12.0), n))
+    line = relative_lift.line(made, "ground", z).middle
+    levels = entry["posterior"]["L_inf_N"]
+    throttle = throttles[np.arange(n) % 4]
+    error = noise * rng.standard_normal(n)
+    other = 0.03 * rng.standard_normal(n) * bool(effects)
+    level = np.array([levels[f"{t:g}"]["median"] for t in throttle])
+    trial = np.array([f"s{i}" for i in range(n)], dtype=object)
+    lift = level * (1 + line) * np.exp(error + other)
+    scattered = dataclasses.replace(
+        data, trial=trial, z_hat=z, lift_N=lift, u_lift_N=1e-9 * lift, n_eff=np.full(n, 1e3), throttle=throttle,
+        visit=np.arange(n), session=np.zeros(n, dtype=np.int64), covariates={},
+    )  # fmt: skip
+    made = dataclasses.replace(made, observations={**made.observations, "ground": scattered})
+    scatter = {"relative": noise, "force_N": 0.0, "height_m": 0.0, "common": 0.0}
+    made.document(FIT)["noise"]["ground"] |= scatter
+    if effects:
+        residuals = {"boundary": np.full(n, "ground", dtype=object), "trial": trial, "before": error + other, "after": error}
+        quoted = made.document(RESULTS)["boundaries"]["ground"]
+        quoted["effects"] = list(effects)
+        quoted["correlation"] = {"parameters": ["K_b"], "values": [[1.0]]}
+        diagnosis = {"boundaries": {"ground": {"verdict": "effect", "noise_floor": scatter}}}
+        made = dataclasses.replace(
+            made,
+            tables={**made.tables, LOOP_RESIDUALS.file: residuals},
+            documents={**made.documents, DIAGNOSIS.file: diagnosis},
+        )
+    over = relative_lift.relative_lift(made, "ground")
+    away = (over.delta_L - relative_lift.line(made, "ground", over.z_hat).middle) / over.u
+    assert abs(float(away @ away) - n) < 4 * np.sqrt(2 * n)
+    # sixty trials a throttle, and the coefficient's slope beside the level
+    assert noise / np.sqrt(60) < over.u_L_inf < 3 * noise / np.sqrt(60)
+    assert fig2.named(made, "ground") == effects
+    assert ("whose part at each trial" in fig2._fit_note(made, "ground")) == bool(effects)
 
 
 def test_theory_curves_take_the_published_values(table):
@@ -111,7 +178,8 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     assert "No band (ground)" in fig2.caption(moved, fig2.summarise(moved))
 
 
-def test_symbols_that_hang_on_a_few_visits_are_said_to(evidence, table, monkeypatch):
+def test_symbols_that_hang_on_a_few_visits_are_said_to(by_farthest, monkeypatch):
+    evidence, table = by_farthest, fig2.summarise(by_farthest)
     data = evidence.observations["ground"]
     visits = len(np.unique(data.visit[data.z_hat == data.z_hat.max()]))
     monkeypatch.setattr(fig2, "FEW_FAR", visits)
@@ -127,10 +195,13 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
         assert mine["z_hat"].max() <= data["z_hat"].max() * (1 + 1e-9)
 
 
-def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table):
+def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_farthest):
     text = fig2.caption(evidence, table)
-    for words in ("± 1 standard uncertainty", "central 90 %", "spacing is not published", "360 mm", "K_b = 2", "farthest station"):
+    for words in ("± 1 standard uncertainty", "central 90 %", "spacing is not published", "360 mm", "K_b = 2", "L∞ is known to"):
         assert words in text
+    table = fig2.summarise(by_farthest)
+    text = fig2.caption(by_farthest, table)
+    assert "farthest station" in text
     model, entry = evidence.base("ground")
     far = float(rows(table, panel="ground", kind="data")["z_hat"].max())
     there = 100 * float(curves.ratio(model, np.array([far]), {**evidence.known("ground", model), "K_b": entry["parameters"]["K_b"]["value"]})[0] - 1)

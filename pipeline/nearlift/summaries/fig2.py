@@ -1,7 +1,8 @@
-"""Figure 2: Delta L against distance at each boundary, with theory and the fitted base model.
+"""Figure 2: Delta L against distance at each boundary, with theory and the quoted model.
 
-Data are the cells of lift.parquet, whose L_inf is the farthest station (or free air); curves are the models' own L / L_inf - 1,
-whose reference is infinitely far. The caption gives the fit's value at the farthest station, which is the difference.
+Symbols are lift over the fitted L_inf, named effects taken out, so that they belong to the line that is drawn and to the number that is
+quoted. With ``[report] reference = "farthest"`` they are the cells of lift.parquet, whose L_inf is the farthest station (or free air), and the
+line is the base model's; curves are the models' own L / L_inf - 1, whose reference is infinitely far, and the caption gives the difference.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.products import LIFT, POSTERIOR
 from nearlift.rounding import fixed, letter, plain, plus_minus
-from nearlift.summaries import curves
+from nearlift.summaries import curves, relative_lift
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
 POINTS = 240
@@ -28,7 +29,7 @@ PQUAD_SPACING_HAT = 3.0
 #: What other spacings would be plausible, for the caption.
 PQUAD_RANGE = (2.5, 4.0)
 #: How a curve's label says where it comes from; the latter is also the kind of a least-squares curve beside a posterior's.
-POSTERIOR_LABEL, LEAST_SQUARES = "posterior", "least squares"
+POSTERIOR_LABEL, LEAST_SQUARES, QUOTED = "posterior", "least squares", "as quoted"
 #: Up to so many visits of the station that gives L_inf are said to move all symbols of a panel together.
 FEW_FAR = 6
 SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattananon": "H-C"}
@@ -73,6 +74,9 @@ def summarise(evidence: Evidence) -> Columns:
         if not mine.any():
             continue
         cell = {name: np.asarray(values[mine], dtype=float) for name, values in cells.items() if name != "boundary"}
+        if by_fit(evidence):
+            over = relative_lift.relative_lift(evidence, boundary)
+            cell = {"throttle": over.throttle, "z_hat": over.z_hat, "delta_L": over.delta_L, "u_delta_L": over.u}
         labels = np.array([f"{100 * t:.3g} %" for t in cell["throttle"]], dtype=object)
         rows.append(_rows(boundary, "data", labels, cell["z_hat"], 100 * cell["delta_L"], throttle=cell["throttle"], u=100 * cell["u_delta_L"]))
         for overlay, points in evidence.overlays:
@@ -89,6 +93,22 @@ def summarise(evidence: Evidence) -> Columns:
     return {name: column[keep] for name, column in table.items()}
 
 
+def by_fit(evidence: Evidence) -> bool:
+    """Whether symbols are referred to the fitted L_inf, and not to the farthest station."""
+    return evidence.campaign.report.reference == "fit"
+
+
+def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
+    """The line that belongs to the symbols."""
+    model, _ = evidence.base(boundary)
+    return relative_lift.line(evidence, boundary, z_hat) if by_fit(evidence) else curves.band(evidence, boundary, model, z_hat)
+
+
+def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
+    """The effects that are taken out of the symbols."""
+    return relative_lift.named(evidence, boundary) if by_fit(evidence) else ()
+
+
 def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
     """The curves of the literature that belong beside this vehicle's data."""
     several = evidence.campaign.vehicle.rotors > 1
@@ -96,11 +116,11 @@ def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
 
 
 def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float) -> list[Columns]:
-    """The base model's curve and band, and least squares beside it where the two can be told apart."""
+    """The model's curve and band, and least squares beside it where the two can be told apart."""
     model, _ = evidence.base(boundary)
     short = SHORT.get(model.name, model.title)
-    curve = curves.band(evidence, boundary, model, grid)
-    label = f"{short} ({POSTERIOR_LABEL if curve.sampled else LEAST_SQUARES})"
+    curve = line(evidence, boundary, grid)
+    label = f"{short} ({QUOTED if named(evidence, boundary) else POSTERIOR_LABEL if curve.sampled else LEAST_SQUARES})"
     rows = [_rows(boundary, "band", label, grid, 100 * curve.middle, lo90=100 * curve.low, hi90=100 * curve.high)]
     if curve.parts(span):
         rows.append(_rows(boundary, LEAST_SQUARES, f"{short} ({LEAST_SQUARES})", grid, 100 * curve.least_squares))
@@ -126,7 +146,12 @@ def _rows(boundary: str, kind: str, label: Any, z_hat: FloatArray, delta: FloatA
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know to read the figure, numbers included."""
     parts = ["Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius."]
-    parts.append("Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which a throttle's cells share through L∞.")
+    parts.append(
+        "Symbols: cell means over the fit's L∞; bars: ± 1 standard uncertainty from the scatter of trials and visits, without L∞'s own, which "
+        "moves a throttle's symbols together."
+        if by_fit(evidence)
+        else "Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which a throttle's cells share through L∞."
+    )
     parts.append(_line_note(evidence, table))
     drawn = {r.label for b in evidence.boundaries for r in references(evidence, b)}
     if "C-B (theory)" in drawn:
@@ -155,12 +180,31 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
         if apart
         else "least squares falls on the same line"
     )
+    plainly = [b for b in evidence.boundaries if named(evidence, b)]
+    beside += f"; {', '.join(plainly)}: the quoted coefficients', with the band of their uncertainties" if plainly else ""
     endless = [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]
     none = f" No band ({', '.join(endless)}): the intervals of the coefficients have no end." if endless else ""
     return f"Solid line and shade: base model, its posterior's pointwise median and central 90 %; {beside}.{none}"
 
 
+def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
+    """What the line is of, what was taken out of the symbols, and how well L_inf is known."""
+    model, entry = evidence.base(boundary)
+    told = ", ".join(f"{letter(n)} = {plus_minus(c.value, c.u)}" for n, c in evidence.quoted(boundary).coefficients.items())
+    effects = named(evidence, boundary)
+    out = ""
+    if effects:
+        out = f"; line and symbols are without {' and '.join(effects)}, whose part at each trial is taken out of its lift"
+    stood = curves.height_found_m(entry)
+    side = f"{abs(1e3 * stood):.2g} mm {'farther' if stood > 0 else 'nearer'}"
+    moved = f" The fit finds the rotor {side} than recorded; its line is drawn for there." if stood and not effects else ""
+    u = 100 * relative_lift.relative_lift(evidence, boundary).u_L_inf
+    return f"{boundary.capitalize()}: {model.title}{f' ({told}, k = 1)' if told else ''}{out}; L∞ is known to {plain(u, 2)} %, by the scatter.{moved}"
+
+
 def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> str:
+    if by_fit(evidence):
+        return _fit_note(evidence, boundary)
     model, entry = evidence.base(boundary)
     quoted = evidence.quoted(boundary)
     told = ", ".join(f"{letter(n)} = {plus_minus(c.value, c.u)}" for n, c in quoted.coefficients.items())

@@ -13,6 +13,7 @@ from nearlift.products import LIFT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import plain, plus_minus
 from nearlift.summaries.evidence import Columns, Evidence
+from nearlift.summaries.relative_lift import relative_lift
 
 #: So many trials are named; the rest are counted.
 NAMED = 6
@@ -41,7 +42,10 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
     """
     cells, trials = evidence.table(LIFT), evidence.table(TRIALS)
     scale, unit = force_unit(evidence)
-    own = (cells["boundary"] == boundary) & np.isfinite(cells["delta_L"]) & (cells["z_hat"] > 0)
+    by_fit = evidence.campaign.report.reference == "fit"
+    over = relative_lift(evidence, boundary) if by_fit else None
+    at = {} if over is None else {key: i for i, key in enumerate(zip(over.throttle.tolist(), over.z_hat.tolist(), strict=True))}
+    own = (cells["boundary"] == boundary) & (by_fit | np.isfinite(cells["delta_L"])) & (cells["z_hat"] > 0)
     of_boundary = trials["boundary"] == boundary
     out = rejected(trials["quality"])
     rows: list[dict[str, Any]] = []
@@ -49,6 +53,10 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
         z, throttle = float(cells["z_hat"][i]), float(cells["throttle"][i])
         mine = of_boundary & (trials["z_hat"] == z) & (trials["throttle"] == throttle)
         delta, u_delta = 100 * float(cells["delta_L"][i]), 100 * float(cells["u_delta_L"][i])
+        if over is not None:
+            if (throttle, z) not in at:
+                continue
+            delta, u_delta = 100 * float(over.delta_L[at[throttle, z]]), 100 * float(over.u[at[throttle, z]])
         force, u_force = scale * float(cells["lift_N"][i]), scale * float(cells["u_lift_N"][i])
         lost = int((mine & out).sum())
         row = {

@@ -132,12 +132,12 @@ def _models(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: floa
             | {"dash": [list(dash or (1, 0))] * int(keep.sum())}
         )
 
-    own = curves.band(evidence, boundary, base, grid)
+    own, effects = fig2.line(evidence, boundary, grid), fig2.named(evidence, boundary)
     apart = own.parts(span)
     if own.sampled:
         # the line's own level, for its lift in newtons
         entry = {**entry, "L_inf_N": {t: {"value": e["median"]} for t, e in entry["posterior"]["L_inf_N"].items()}}
-    source = "posterior median" if own.sampled else "least squares"
+    source = f"as quoted, beside {' and '.join(effects)}" if effects else "posterior median" if own.sampled else "least squares"
     add(base.name, f"{entry['title']}, {source}", own.middle + 1, entry, True, (own.low + 1, own.high + 1))
     if apart:
         add("least squares", f"{entry['title']}, least squares", own.least_squares + 1, entry, True)
