@@ -88,8 +88,8 @@ def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> Grid:
     error = 0.0
     for i in range(p):
         held = theta[mass > 0.05 * mass.max(), i]
-        for value in np.linspace(float(held.min()), float(held.max()), 9):
-            error = max(error, abs(_below(theta[:, i], mass, width[i], value) - _below(few[:, i], coarse, 2 * width[i], value)))
+        for place in np.linspace(float(held.min()), float(held.max()), 9).tolist():
+            error = max(error, abs(_below(theta[:, i], mass, width[i], place) - _below(few[:, i], coarse, 2 * width[i], place)))
     return Grid(theta=theta, mass=mass, width=width, error=error)
 
 

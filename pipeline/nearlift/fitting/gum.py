@@ -169,7 +169,7 @@ def _lacking(
     yield NAMES["drift"], replace(whole, drift=np.zeros(len(scatter.drift)))
     first = 0
     for part, _ in parts:
-        width = groups(data, part.scope).max() + 1 if part.scope in GROUPED else 0
+        width = int(groups(data, part.scope).max()) + 1 if part.scope in GROUPED else 0
         if width:
             yield part.name, replace(whole, shared=np.delete(whole.shared, np.s_[first : first + width], axis=1))
         first += width

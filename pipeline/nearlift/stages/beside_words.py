@@ -70,8 +70,8 @@ def held(found: held_quantity.Held, name: str) -> str:
     if not found.supported:
         parts.append("Log rpm, or power, and the exponent can be inferred.")
     elif found.at_ends:
-        (low, high), ends = found.supported, [x.value for x in found.at_ends]
-        parts.append(f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(ends):.3g} to {max(ends):.3g}.")
+        (low, high), values = found.supported, [x.value for x in found.at_ends]
+        parts.append(f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(values):.3g} to {max(values):.3g}.")
     return " ".join(parts)
 
 

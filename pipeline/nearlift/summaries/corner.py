@@ -61,7 +61,7 @@ def _histogram(boundary: str, name: str, x: FloatArray) -> Columns:
     edges = _edges(x, BINS)
     count = np.histogram(x, edges)[0]
     none = np.full(BINS, np.nan)
-    return _rows(boundary, "histogram", (name, ""), (edges[:-1], edges[1:], none, none), count / max(count.max(), 1))
+    return _rows(boundary, "histogram", (name, ""), (edges[:-1], edges[1:], none, none), count / max(int(count.max()), 1))
 
 
 def _region(boundary: str, first: tuple[str, FloatArray, FloatArray], second: tuple[str, FloatArray, FloatArray]) -> Columns:

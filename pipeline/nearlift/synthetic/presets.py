@@ -39,18 +39,20 @@ class Claim:
 
 
 CLAIMS = (
-    Claim(name="room", text="the arena is 1.5 m wide (section II)", holds=lambda z: max(v.max() for v in z.values()) * RADIUS_M <= ROOM_M),
-    Claim(name="near_ground", text="R^2 = 0.956 is quoted for 1 < z_hat < 3 (section V.A)", holds=lambda z: z["ground"].min() < 1.5),
+    Claim(name="room", text="the arena is 1.5 m wide (section II)", holds=lambda z: bool(max(v.max() for v in z.values()) * RADIUS_M <= ROOM_M)),
+    Claim(name="near_ground", text="R^2 = 0.956 is quoted for 1 < z_hat < 3 (section V.A)", holds=lambda z: bool(z["ground"].min() < 1.5)),
     # with the vehicle's true spacings the original model passes half of the 20 % at z_hat 1.5
-    Claim(name="ground_gain", text="the ground adds up to 20 % of lift (section V.A)", holds=lambda z: z["ground"].min() <= 1.5),
+    Claim(name="ground_gain", text="the ground adds up to 20 % of lift (section V.A)", holds=lambda z: bool(z["ground"].min() <= 1.5)),
     Claim(
         name="ground_reach",
         text="the ground matters for z_hat < 4 (section V.A)",
         holds=lambda z: bool(np.any((z["ground"] > 3) & (z["ground"] < 6))),
     ),
     # the model gives the measured 1.60 at z_hat = 0.180
-    Claim(name="ceiling_excess", text="closest to the ceiling Eq. 3 gives more than the measured 60 %", holds=lambda z: z["ceiling"].min() < 0.180),
-    Claim(name="near_sidewall", text="the sidewall matters for z_hat < 0.3 only", holds=lambda z: z["sidewall"].min() <= 0.3 + 1e-9),
+    Claim(
+        name="ceiling_excess", text="closest to the ceiling Eq. 3 gives more than the measured 60 %", holds=lambda z: bool(z["ceiling"].min() < 0.180)
+    ),
+    Claim(name="near_sidewall", text="the sidewall matters for z_hat < 0.3 only", holds=lambda z: bool(z["sidewall"].min() <= 0.3 + 1e-9)),
 )
 
 
