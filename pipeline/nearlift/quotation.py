@@ -129,6 +129,25 @@ class CoefficientResult(Record):
     at_bound: bool = False
 
 
+class RestsOn(Record):
+    """The trial without which the boundary's answer would be another: by search and fit made again from the start without it.
+
+    Attributes
+    ----------
+    trial : str
+    shift : float
+        The headline coefficient without it less what it is.
+    verdict : str
+    effects : tuple of str
+        What would be said, and named, without it.
+    """
+
+    trial: str
+    shift: float
+    verdict: Verdict
+    effects: tuple[str, ...] = ()
+
+
 class HeldOutError(Record):
     """Root mean square error of predicting visits that took no part in choosing, before and after the loop, beside the noise floor."""
 
@@ -146,7 +165,10 @@ class Correlation(Record):
 
 
 class BoundaryResult(Record):
-    """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the named `effects`."""
+    """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the named `effects`.
+
+    `rests_on` is set where leaving a single trial out changes the verdict, or moves the headline by more than its standard uncertainty.
+    """
 
     verdict: Verdict
     reason: str = ""
@@ -156,11 +178,20 @@ class BoundaryResult(Record):
     coefficients: Mapping[str, CoefficientResult]
     error: HeldOutError | None = None
     correlation: Correlation = Correlation(parameters=(), values=())
+    rests_on: RestsOn | None = None
 
     @property
     def headline(self) -> str:
         """Name of the first coefficient; empty where the base model has none that is free."""
         return next(iter(self.coefficients), "")
+
+    @property
+    def leaning(self) -> str:
+        """That the answer rests on a single trial, in words; empty where it does not."""
+        if self.rests_on is None:
+            return ""
+        other = f"the verdict is {self.rests_on.verdict} and " if self.rests_on.verdict != self.verdict else ""
+        return f"it rests on trial {self.rests_on.trial}: without it {other}{self.headline} moves by {self.rests_on.shift:+.2g}"
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
         """The same with further doubts, by coefficient."""

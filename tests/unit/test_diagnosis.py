@@ -7,19 +7,23 @@ import pytest
 from scipy.stats import binom
 
 from nearlift import catalogue
-from nearlift.diagnosis import confirmation, families, few_visits, loop, search, separation, structure
+from nearlift.diagnosis import adequacy, confirmation, families, few_visits, loop, search, separation, structure
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.diagnosis.candidate import fit as candidate_fit
 from nearlift.diagnosis.loop import close_loop, set_up
 from nearlift.diagnosis.search import EFFECT, Options, pair_gains, run
 from nearlift.diagnosis.setting import missing
 from nearlift.errors import NotConverged
-from nearlift.fitting import noise
+from nearlift.fitting import budget, noise
 
 from .simulated import L_INF, STATIONS, campaign, hsiao
 
 GROUND = catalogue.model("sanchez_cuevas")
 CEILING = catalogue.model("hsiao_chirarattananon")
+
+
+def datum(standard):
+    return budget.Component(name="datum", on="height", standard=standard, distribution="normal", scope="boundary")
 
 
 def sag(power):
@@ -575,3 +579,55 @@ def test_what_a_pair_could_gain_is_what_both_take_of_the_residual(null_stage):
     )
     left = [np.sum((residual - x @ np.linalg.lstsq(x, residual, rcond=None)[0]) ** 2) for x in (without, both)]
     assert gains["supply_sag", "zero_offset"] == pytest.approx(left[0] - left[1], rel=1e-6)
+
+
+def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plainly_likelier():
+    """The converter adds a little of the inclinometer's voltage to the force: a tilt can imitate it, with five numbers."""
+    data = campaign(21, visits=10)
+    tilt = np.random.default_rng(2).uniform(-0.09, 0.09, data.visit.max() + 1)[data.visit]
+    data = dataclasses.replace(data, lift_N=data.lift_N + 0.15 * tilt * np.median(data.lift_N), covariates={**data.covariates, "tilt_rad": tilt})
+    answer = run(set_up(data, GROUND, (), Options())[0])
+    own = next(e for e in answer.singles if e.name == "tilt")
+    assert answer.stage.straight_line(own) > own.over_none + search.PLAIN
+    assert "tilt" not in {name for e in answer.accepted for name in e.effects}
+    assert answer.verdict == "unexplained"
+
+
+def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage):
+    """Of what accounts for nearly all, what is left may be its form's, along the covariates that the form bends along, and no other's."""
+    stage = dataclasses.replace(sagging_stage)
+    sag = next(e for e, _ in stage.library if e.name == "supply_sag")
+    found = dataclasses.replace(stage.explain((sag,)), gain=1e9, over_none=1e3)
+    for covariate, taken in (("supply", True), ("throttle", True), ("session", False), ("approach", False)):
+        left = dataclasses.replace(found.left, names=("a",), covariates=(covariate,), log10_p=np.full(1, -9.0), threshold=-4.0)
+        judged = dataclasses.replace(found, left=left)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(search.Stage, "judged", lambda *_, judged=judged: judged)
+            (again,) = search.second_look(stage, (found,))
+        assert again.confirmed is taken
+
+
+def test_an_adequate_model_predicts_to_the_noise_floor_and_strains_nothing_declared(null_stage):
+    stage = dataclasses.replace(null_stage)
+    scored = confirmation.held_out(stage, run)
+    assert adequacy.contradictions(stage, scored) == ()
+    quiet = dataclasses.replace(stage.noise, relative=0.5 * stage.noise.relative, force_N=0.5 * stage.noise.force_N, common=0.0, drift=())
+    (told,) = adequacy.contradictions(dataclasses.replace(stage, noise=quiet), scored)
+    assert told.startswith("visits left out are predicted to")
+
+
+def test_a_declared_error_may_not_stand_beyond_two_of_its_uncertainties():
+    """A datum 4 mm off where 1 mm is declared; with 4 mm declared nothing is strained."""
+    data = campaign(9, visits=8, datum=-4e-3)
+    stages = {mm: set_up(data, GROUND, (datum(1e-3 * mm),), Options())[0] for mm in (1, 4)}
+    assert adequacy.contradictions(stages[4], None) == ()
+    (told,) = adequacy.contradictions(stages[1], None)
+    assert told.startswith("datum stands ")
+
+
+def test_what_contradicts_an_adequate_model_is_told_and_carried(null_stage):
+    answer = run(dataclasses.replace(null_stage))
+    doubted = dataclasses.replace(answer, contradicted=("the datum stands far off",))
+    assert (answer.verdict, doubted.verdict) == ("adequate", "unexplained")
+    assert loop.coefficients_of(answer, {}).carried == ()
+    assert loop.coefficients_of(doubted, {}).carried == ("distance",)

@@ -461,7 +461,7 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(stage,
 def test_two_effects_pay_for_what_both_leave(stage, tried):
     """Beside one that will do, a pair comes first if plainly likelier, and stands beside it if likelier; both dearer by what it leaves."""
     d = stage.hypotheses[1].shape[1]
-    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None, log_evidence=0.0)
+    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None, log_evidence=0.0, gain=stage.excess)
     pair = next(e for e in tried.values() if len(e.effects) == 2)
 
     def listed(log_evidence, dispersion):
@@ -477,8 +477,26 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
         assert listed(price + half + 0.1, dispersion) == [2]
 
 
+def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
+    """One whose declared form leaves more than noise gives way to two that leave less and are no more than a rival's distance behind."""
+    pair = next(e for e in tried.values() if len(e.effects) == 2)
+
+    def listed(one_leaves, two_leave, behind):
+        one, two = (
+            dataclasses.replace(
+                of_left(e, False), over_none=50.0, needed=True, confirmed=None, log_evidence=-by, gain=stage.excess - leaves * stage.chance
+            )
+            for e, by, leaves in ((tried["supply_sag"], 0.0, one_leaves), (pair, behind, two_leave))
+        )
+        return [len(e.effects) for e in search.contenders(stage, (one,), (two,))]
+
+    straight, bent, near = search.LEAVES - 0.1, search.LEAVES + 0.1, search.RIVAL / 2 - 0.1
+    assert listed(bent, straight, near) == [2]
+    assert listed(straight, straight, near) == listed(bent, bent, near) == listed(bent, straight, near + 0.2) == [1]
+
+
 def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tried):
-    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None)
+    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None, gain=stage.excess)
     singles = [dataclasses.replace(one, log_evidence=0.0, plausibility=p) for p in (1.0, 3.0, 2.0)]
     assert [e.plausibility for e in search.contenders(stage, tuple(singles), ())] == [3.0, 2.0, 1.0]
     pair = next(e for e in tried.values() if len(e.effects) == 2)

@@ -183,7 +183,7 @@ class Candidate:
         weight = 1 / np.arange(1, TUBE_ORDER + 1)
         weight *= sd * np.sqrt(2 / np.sum(weight**2))
         for effect in self.effects:
-            for name in dict.fromkeys((effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))):
+            for name in bends_along(effect):
                 along = self._along(name)
                 if along is not None:
                     columns.append(self.contribution(vector, effect)[:, None] * cosines(along, TUBE_ORDER) * weight)
@@ -198,6 +198,11 @@ class Candidate:
         if name == "throttle":
             return self.data.throttle
         return self.data.covariates.get(name)
+
+
+def bends_along(effect: Effect) -> tuple[str, ...]:
+    """The covariates along which an effect's true form may depart from the declared one."""
+    return tuple(dict.fromkeys((effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))))
 
 
 def moments(parameter: Parameter) -> tuple[float, float]:

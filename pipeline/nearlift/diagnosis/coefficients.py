@@ -155,7 +155,7 @@ def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers
     best = answer.best
     conditional = spread(stage, best)
     # structure without a name is no noise: it is carried, and the base fit leans away from it
-    carried = discrepancy.covariates(answer.first) if answer.verdict == "unexplained" else []
+    carried = (discrepancy.covariates(answer.first) or ["distance"]) if answer.verdict == "unexplained" else []
     unnamed = discrepancy.columns(stage, carried) if carried else np.zeros((stage.data.n, 0))
     fits = [(e.name, e.fitted, e.tube) for e in answer.accepted] or [("", stage.base_fit, unnamed)]
     members = tuple((name, spread(stage, fitted, tube)) for name, fitted, tube in fits)

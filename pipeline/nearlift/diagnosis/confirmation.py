@@ -14,7 +14,7 @@ from nearlift.diagnosis.candidate import Fitted, search
 from nearlift.diagnosis.search import Answer, Stage, run
 from nearlift.fitting import budget
 from nearlift.fitting.noise import trial_covariance
-from nearlift.results import IntArray, Observations
+from nearlift.results import IntArray, Noise, Observations
 
 FOLDS = 3
 #: With no more visits than this, each is left out in turn.
@@ -102,16 +102,18 @@ def improves(stage: Stage, scored: HeldOut) -> bool:
     Residuals are weighed by the noise floor, visit by visit: beside a ceiling a few visits whose height was off would decide alone,
     and an effect that shows everywhere else would be lost with them. No trial counts for more than `OUTLIER` standard deviations.
     """
+    _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
+    before, named = (misfit(stage, stage.assumed_noise, scored, residual) for residual in (scored.before, scored.named))
+    gained = np.bincount(visit, before - named)
+    return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
+
+
+def misfit(stage: Stage, noise: Noise, scored: HeldOut, residual: FloatArray) -> FloatArray:
+    """Squares of the residuals (n,) of those that were predicted, in units of the noise and of errors of single trials, no outlier counted as one."""
     keep = scored.predicted
     data, slope = stage.data.take(keep), stage.slope[keep]
-    covariance = trial_covariance(data, stage.assumed_noise, slope, extra=budget.own_variance(data, stage.parts, slope))
-
-    def misfit(residual: FloatArray) -> FloatArray:
-        return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
-
-    _, visit = np.unique(data.visit, return_inverse=True)
-    gained = np.bincount(visit, misfit(scored.before) - misfit(scored.named))
-    return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
+    covariance = trial_covariance(data, noise, slope, extra=budget.own_variance(data, stage.parts, slope))
+    return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
 
 
 def standard_error(without: FloatArray) -> FloatArray:

@@ -243,22 +243,27 @@ class Foresight:
         log_lift = stage.candidate().log_ratio(stage.base_fit.vector) + truth.contribution(self.vector(handle, size), handle.effect)
         elsewhere = self._elsewhere(handle, size)
         seen = self.seen(self.visible(handle, size) + elsewhere)
-        none, _ = self._evidence(fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector), elsewhere)
-        by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
+        base = fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector)
+        none, _ = self._evidence(base, elsewhere)
+        structure = self._left(base, elsewhere)
+        by_name: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
         for effect in self.candidates:
             fits = [search(c, stage.space, log_lift, stage.base_fit.vector) for c in self._variants(effect)]
-            found = [self._evidence(f, elsewhere) for f in fits if not f.at_bound]
+            found = [(*self._evidence(f, elsewhere), self._left(f, elsewhere)) for f in fits if not f.at_bound]
             if found:
-                table, order = (np.stack(x) for x in zip(*found, strict=True))
-                pick = table.argmax(axis=0)[None]
-                by_name[effect.name] = np.take_along_axis(table, pick, 0)[0], np.take_along_axis(order, pick, 0)[0]
+                each = [np.stack(x) for x in zip(*found, strict=True)]
+                pick = each[0].argmax(axis=0)[None]
+                table, order, left = (np.take_along_axis(x, pick, 0)[0] for x in each)
+                by_name[effect.name] = table, order, left
         names = list(by_name)
         table = np.stack([by_name[n][0] for n in names]) - none
         order = np.stack([by_name[n][1] for n in names])
-        earned = (table > CREDIT) & seen
-        best = np.where(earned, table, -np.inf).max(axis=0, initial=-1e300)
-        member = earned & (2 * (best - table) <= RIVAL)
-        leader = np.where(member, order, -np.inf).argmax(axis=0)
+        gain = structure - np.stack([by_name[n][2] for n in names])
+        accepted = (table > CREDIT) & seen & stage.greater_part(gain, structure - self._space[0].shape[1])
+        best = np.where(accepted, table, -np.inf).max(axis=0, initial=-1e300)
+        # once one may be named, others stand beside it by their evidence alone
+        member = accepted.any(axis=0) & (table > 0) & (2 * (best - table) <= RIVAL)
+        leader = np.where(accepted & member, order, -np.inf).argmax(axis=0)
         total = max(int(seen.sum()), 1)
         rivals = {n: float(member[i].sum() / total) for i, n in enumerate(names) if n != handle.effect.name}
         if handle.effect.name not in names:
@@ -296,6 +301,18 @@ class Foresight:
             prior + count * float(np.log(self.stage.data.n))
         )
         return by_information, self._marginal(fitted, draws, free, np.arange(p), tube)
+
+    def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
+        """Of every draw of the noise, the chi2 that a fit in its declared form leaves in the reduced space; (m,)."""
+        basis, draws = self._space[0], self._noise[0] + elsewhere
+        _, sd = fitted.candidate.prior
+        low, high = fitted.candidate.bounds
+        free = (fitted.vector > low) & (fitted.vector < high) | ~np.isfinite(sd)
+        jacobian = basis.T @ fitted.jacobian[:, free]
+        # about the optimum, where the priors' pull and the residual's balance
+        moved = draws @ jacobian @ np.linalg.pinv(jacobian.T @ jacobian + np.diag(1 / sd[free] ** 2), rcond=1e-13, hermitian=True)
+        left: FloatArray = draws + basis.T @ fitted.residual - moved @ jacobian.T
+        return np.asarray(np.sum(left**2, axis=1))
 
     def _marginal(self, fitted: Fitted, draws: FloatArray, integrated: NDArray[np.int64], free: NDArray[np.int64], tube: FloatArray) -> FloatArray:
         """Log evidence with some entries integrated over their priors, others free, and the form uncertain."""

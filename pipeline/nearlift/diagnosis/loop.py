@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import Effect, FloatArray, LiftModel
-from nearlift.diagnosis import absorption, coefficients, confirmation, few_visits, loop_result, separation
+from nearlift.diagnosis import absorption, adequacy, coefficients, confirmation, few_visits, loop_result, separation, stability
 from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.interim import InterimLook
 from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, run, settle
@@ -97,24 +97,12 @@ def diagnose(
     NotConverged
         Too few trials to tell a noise floor from structure, or the base model cannot be fitted.
     """
-    stage, library, untestable = set_up(data, base, parts, options, effects)
-    few = few_visits.applies(stage.data)
-    answer = few_visits.run(stage) if few else settle(stage)
-    rate = options.false_alarm_rate
-    if look is not None:
-        rate = look.level(rate)
-        answer = answer.claimed_below((stage if few else answer.stage).null.threshold(rate))
-    # each fold makes its own choice of how to weigh trials, so it starts from the stage as it was
-    named = answer.best.candidate.effects
-    scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run, named) if confirm else None
-    if scored is not None and not scored.predicted.any():
-        # every visit has a throttle or a session that no other visit has
-        scored = None
+    ground, library, untestable = set_up(data, base, parts, options, effects)
+    declared = declared_sizes(parts, library)
+    rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
+    decided = decide(ground, confirm, rate)
+    answer, refuted, scored = decided.answer, decided.refuted, decided.scored
     stage = answer.stage
-    refuted: tuple[Explanation, ...] = ()
-    if scored is not None and answer.accepted and not confirmation.improves(stage, scored):
-        # what does not help where it was not fitted gets no credit, however well it fits
-        refuted, answer = answer.accepted, dataclasses.replace(answer, accepted=())
     findings = _findings(stage, answer, refuted)
     if look is not None:
         findings["look"] = look.record(options.false_alarm_rate)
@@ -128,7 +116,7 @@ def diagnose(
         residuals |= {"held_out_before": scored.before, "held_out_after": after}
         findings["error"] = confirmation.error(answer, scored, noise.floor(stage.data, stage.noise, stage.slope))
     findings["noise_floor"] = stage.noise.record()
-    answers = (few_visits if few else coefficients).answers(stage, answer, declared_sizes(parts, library))
+    answers = coefficients_of(answer, declared)
     findings["coefficients"] = answers.block()
     findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
     findings["limits"] = absorption.limits(stage, answer)
@@ -139,7 +127,71 @@ def diagnose(
     error = findings.get("error")
     scores = HeldOutError(**{w: error[w]["held_out_rmse"] for w in ("before", "after")}, noise_floor=error["noise_floor"]) if error else None
     quoted = loop_result.result(stage, answer, answers, _correlation(stage, answer, answers.unnamed), scores)
+    if confirm:
+        quoted = stability.told(quoted, lambda trial: _without(ground, trial, rate, decided, declared))
     return Diagnosis(findings=findings, residuals=residuals, quoted=quoted)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decided:
+    """The search's answer after visits left out had their say: `refuted` are explanations that these did not confirm."""
+
+    answer: Answer
+    refuted: tuple[Explanation, ...]
+    scored: confirmation.HeldOut | None
+
+    @property
+    def found(self) -> tuple[str, ...] | None:
+        """What the search would name, confirmed or not; None where it sees no structure."""
+        named = self.refuted or self.answer.accepted
+        return (named[0].effects if named else ()) if self.answer.first.present else None
+
+
+def decide(stage: Stage, confirm: bool, rate: float, like: Decided | None = None) -> Decided:
+    """Search, and with `confirm` repeat it without part of the visits; not where the search finds what it found in `like`, which then tells.
+
+    `rate` is the false-alarm rate of a claim; a look at a growing campaign has less than the options' own, and no other reason for a claim.
+    """
+    few = few_visits.applies(stage.data)
+    answer = few_visits.run(stage) if few else settle(stage)
+    early = rate < stage.options.false_alarm_rate
+    if early:
+        answer = answer.claimed_below((stage if few else answer.stage).null.threshold(rate))
+    own = Decided(answer=answer, refuted=(), scored=None)
+    if like is not None and own.found == like.found:
+        unconfirmed = bool(like.refuted)
+        answer = dataclasses.replace(answer, contradicted=like.answer.contradicted)
+    else:
+        # each fold makes its own choice of how to weigh trials, so it starts from the stage as it was
+        named = answer.best.candidate.effects
+        scored = confirmation.held_out(stage if few else answer.stage, few_visits.choose if few else run, named) if confirm else None
+        if scored is not None and not scored.predicted.any():
+            # every visit has a throttle or a session that no other visit has
+            scored = None
+        own = dataclasses.replace(own, scored=scored)
+        unconfirmed = scored is not None and bool(answer.accepted) and not confirmation.improves(answer.stage, scored)
+        if answer.verdict == "adequate" and not early:
+            answer = dataclasses.replace(answer, contradicted=adequacy.contradictions(answer.stage, scored))
+    if unconfirmed:
+        # what does not help where it was not fitted gets no credit, however well it fits
+        return dataclasses.replace(own, refuted=answer.accepted, answer=dataclasses.replace(answer, accepted=()))
+    return dataclasses.replace(own, answer=answer)
+
+
+def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.Answers:
+    """What the coefficients are under every answer that may be right."""
+    answers = few_visits.answers if answer.stage.independent else coefficients.answers
+    return answers(answer.stage, answer, declared)
+
+
+def _without(ground: Stage, trial: str, rate: float, like: Decided, declared: dict[str, float]) -> stability.Without:
+    """The diagnosis made again without one trial: noise, search and coefficients."""
+    data = ground.data.take(ground.data.trial != trial)
+    stage = prepare(data, ground.base, ground.effects, ground.parts, ground.theta, ground.options, start=ground.noise)
+    answer = decide(stage, True, rate, like).answer
+    after = coefficients_of(answer, declared).block()["after"]
+    intervals = {name: (c["value"], c["lo90"], c["hi90"]) for name, c in after.items()}
+    return stability.Without(verdict=answer.verdict, effects=answer.accepted[0].effects if answer.accepted else (), intervals=intervals)
 
 
 def set_up(
@@ -205,6 +257,8 @@ def _findings(stage: Stage, answer: Answer, refuted: tuple[Explanation, ...]) ->
         found["explanations"] = [list(e.effects) for e in answer.accepted]
     if answer.verdict == "unexplained":
         found["partial"] = _partial(stage, answer)
+    if answer.contradicted:
+        found["contradicted"] = list(answer.contradicted)
     found["p_value"] = answer.first.p_value
     found["threshold_log10_p"] = answer.first.threshold
     found["structure"] = [
@@ -291,6 +345,8 @@ def _partial(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
 def _rounds(answer: Answer) -> list[dict[str, Any]]:
     """What was tried, in order, with the reason for each decision."""
     first = answer.first
+    if answer.contradicted:
+        return [{"candidates": [], "decision": "unexplained", "reason": "; ".join(answer.contradicted)}]
     if not first.present:
         return [
             {

@@ -30,7 +30,7 @@ def result(stage: Stage, answer: Answer, found: Answers, correlation: Correlatio
     for i, name in enumerate(found.names):
         quoted = estimator.quoted(i, found.spans(i), _holds(stage, answer, found), [*_doubts(estimator, answer, found, i), *doubts[i]], which)
         if stage.independent:
-            quoted = quoted.model_copy(update={"influence": LargestShifts(visit=_of_visits(stage, answer.best, i))})
+            quoted = quoted.model_copy(update={"influence": LargestShifts(trial=quoted.influence.trial, visit=_of_visits(stage, answer.best, i))})
         coefficients[name] = quoted
     return BoundaryResult(
         verdict=answer.verdict,

@@ -9,17 +9,19 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.diagnosis import structure
-from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, search
+from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, bends_along, fit, search
 from nearlift.diagnosis.families import STEP, families
-from nearlift.diagnosis.setting import SCHEDULE_WORDS
+from nearlift.diagnosis.setting import SCHEDULE_WORDS, varies
 from nearlift.diagnosis.structure import Hypothesis, Null, Structure
 from nearlift.fitting import budget, noise
 from nearlift.fitting.frame import framed
 from nearlift.fitting.noise import orthonormal, trial_covariance
 from nearlift.fitting.problem import Problem, height_slope
+from nearlift.quotation import Verdict
 from nearlift.results import IntArray, Noise, Observations
 
 #: Twice the log evidence by which an explanation may trail the best and still be its rival.
@@ -39,8 +41,12 @@ BY_CHANCE = 1.0
 #: An explanation that leaves something may still be named if it accounts for this share of the structure, and plainly (log evidence).
 NEARLY_ALL = 0.8
 PLAIN = 15.0
+#: One effect whose declared form leaves more than so many standard deviations of noise gives way to two that are as likely.
+LEAVES = 2.3
 #: Its form is then granted this many times the usual uncertainty.
 LOOSER = 2.0
+#: What else a covariate is called where it has families of its own.
+ALSO = {"previous_lift_N": ("previous_throttle", "previous_distance")}
 #: An effect's true form is known to about this relative, smooth deviation.
 FORM_SD = 0.2
 
@@ -247,11 +253,15 @@ class Stage:
             form_sd=form_sd,
             left=left,
             gain=gain,
-            needed=all(gain - g >= GREATER_PART * (self.excess - g) - self.chance for g in without),
+            needed=all(bool(self.greater_part(gain - g, self.excess - g)) for g in without),
             log_evidence=log_evidence,
             over_none=log_evidence - self.nothing_added[1],
             plausibility=plausibility,
         )
+
+    def greater_part(self, gain: FloatArray | float, excess: FloatArray | float) -> NDArray[np.bool_]:
+        """Whether so much of chi2 is the greater part of a structure's `excess` over noise."""
+        return np.asarray(gain >= GREATER_PART * excess - self.chance)
 
     @property
     def chance(self) -> float:
@@ -264,6 +274,27 @@ class Stage:
         """Chi2 of the structure beyond what noise would have."""
         _, basis = self.hypotheses
         return float(max(np.sum((basis.T @ self.base_fit.residual) ** 2) - basis.shape[1], 1e-12))
+
+    def leaves(self, e: Explanation) -> float:
+        """Chi2 that an explanation leaves in its declared form beyond what noise has, in standard deviations of the latter."""
+        return (self.excess - e.gain) * BY_CHANCE / self.chance
+
+    def straight_line(self, e: Explanation) -> float:
+        """Log evidence over no effect's of a straight line along the covariates of an explanation's effects, in gain or in force; the larger.
+
+        To first order, by unit information; minus infinity where no covariate of its own was logged.
+        """
+        data, absorbed = self.data, orthonormal(self.base_fit.jacobian)
+        lift_N = data.covariates["lift_inf_N"] * np.exp(self.base_fit.candidate.log_ratio(self.base_fit.vector))
+        found = -np.inf
+        for name in (effect.varies_with for effect in e.fitted.candidate.effects):
+            if name in data.covariates and varies(data, name):
+                along = data.covariates[name] - data.covariates[name].mean()
+                white = self.space.project(np.stack([along, along * np.median(lift_N) / lift_N])).T
+                white = white - absorbed @ (absorbed.T @ white)
+                gain = (white.T @ self.base_fit.residual) ** 2 / np.maximum(np.sum(white**2, axis=0), 1e-300)
+                found = max(found, 0.5 * (float(gain.max()) - float(np.log(data.n))))
+        return found
 
     def dispersion(self, e: Explanation) -> float:
         """Variance along the families and effects that an explanation leaves, in units of the noise floor's; 1 where it leaves nothing."""
@@ -341,13 +372,14 @@ def prepare(
     theta: FloatArray,
     options: Options,
     about: Fitted | None = None,
+    start: Noise | None = None,
 ) -> Stage:
     """Noise first, beside all that the trials may hold; then everything else.
 
     It is estimated about the base model at `theta`, or about the explanation `about`: beside an effect of many times the noise, the base
-    model's slope and the families' curvature are not good enough to tell noise and outliers by.
+    model's slope and the families' curvature are not good enough to tell noise and outliers by. `start` is the noise of nearly the same trials.
     """
-    p, found = len(theta), None
+    p, found = len(theta), start
     candidate, vector = (Candidate(base=base, effects=(), data=data), theta) if about is None else (about.candidate, about.vector)
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
@@ -393,19 +425,23 @@ def settle(stage: Stage) -> Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What one pass found. `accepted` is ordered, best first; `singles` and `pairs` are all that were tried."""
+    """What one pass found. `accepted` is ordered, best first; `singles` and `pairs` are all that were tried.
+
+    `contradicted` says what speaks against a base model that nothing structured does.
+    """
 
     stage: Stage
     first: Structure
     singles: tuple[Explanation, ...]
     pairs: tuple[Explanation, ...]
     accepted: tuple[Explanation, ...]
+    contradicted: tuple[str, ...] = ()
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """adequate, effect or unexplained."""
         if not self.first.present:
-            return "adequate"
+            return "unexplained" if self.contradicted else "adequate"
         return "effect" if self.accepted else "unexplained"
 
     def claimed_below(self, threshold: float) -> Answer:
@@ -420,7 +456,11 @@ class Answer:
 
 
 def run(stage: Stage) -> Answer:
-    """Test, then single effects, then pairs if no single one will do."""
+    """Test, then single effects, then pairs if no single one will do.
+
+    An effect that would do, but whose covariate's straight line in gain or force is plainly likelier, is what happens along that
+    covariate, and not that effect.
+    """
     first, _ = stage.nothing_added
     if not first.present:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
@@ -431,7 +471,11 @@ def run(stage: Stage) -> Answer:
     clean = bool(alone)
     if not clean:
         singles = second_look(stage, singles)
-        alone = [s for s in singles if s.accepted]
+    disowned = {s.name for s in singles if s.accepted and s.over_none < stage.straight_line(s) - PLAIN}
+    if disowned:
+        singles = tuple(dataclasses.replace(s, needed=s.needed and s.name not in disowned) for s in singles)
+        visible = [e for e in visible if e.name not in disowned]
+    alone = [s for s in singles if s.accepted]
     best = max(alone, key=lambda e: e.log_evidence, default=None)
     gains = {s.name: s.gain for s in singles}
     pairs = tuple(stage.explain((one, two), (gains[one.name], gains[two.name])) for one, two in promising(stage, visible, best))
@@ -450,6 +494,9 @@ def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Expl
     most = max((e.log_evidence for e in alone), default=-np.inf)
     ahead = {p.name: p.log_evidence - most - RIVAL / 2 * (stage.dispersion(p) - 1) for p in together}
     earned = max(ahead.values(), default=-np.inf) > RIVAL / 2 or not alone
+    if alone and stage.leaves(max(alone, key=lambda e: e.log_evidence)) > LEAVES:
+        # so much of its form would have to be wrong that two effects, of which neither is, need not be likelier
+        earned = earned or any(stage.leaves(p) <= LEAVES and 2 * (most - p.log_evidence) <= RIVAL for p in together)
     tried, accepted = (pairs, together) if earned else (singles, alone)
     if not accepted:
         return ()
@@ -493,6 +540,7 @@ def second_look(stage: Stage, tried: tuple[Explanation, ...]) -> tuple[Explanati
     An effect of many times the noise betrays its form's errors to a much finer degree than any form is known. What the library does
     not hold is told from it by its share: the nearest effect rarely accounts for half of it. A size of its own for every session has
     no form that could be wrong, and imitates any step: such an effect is not looked at again, nor one that explains less than a bare step does.
+    And what is left must lie along what its form bends along: no error of a form puts structure elsewhere.
     """
     least = max(NEARLY_ALL * stage.excess, stage.best_step)
 
@@ -500,7 +548,10 @@ def second_look(stage: Stage, tried: tuple[Explanation, ...]) -> tuple[Explanati
         if e.form_sd <= 0 or e.gain < least or e.over_none <= PLAIN or e.fitted.candidate.by_session.any():
             return e
         looser = stage.judged(e.fitted, LOOSER * e.form_sd, ())
-        return dataclasses.replace(looser, needed=e.needed, confirmed=looser.over_none > PLAIN)
+        bends = [name for effect in e.fitted.candidate.effects for name in bends_along(effect)]
+        along = {word for name in bends for word in (SCHEDULE_WORDS.get(name, name), *ALSO.get(name, ()))}
+        of_the_form = not looser.left.present or next(iter(looser.left.by_covariate())) in along
+        return dataclasses.replace(looser, needed=e.needed, confirmed=looser.over_none > PLAIN and of_the_form)
 
     return tuple(map(again, tried))
 

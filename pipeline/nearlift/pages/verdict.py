@@ -68,7 +68,10 @@ def _doubts(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         said.append(f"the campaign is still growing: {look['text']}")
     if goodness(evidence, boundary)[0]:
         said.append(f"cells stray from {model.title} by more than chance allows, so its interval is that of a curve which is not the data's")
-    if found.get("verdict") == "unexplained":
+    if leaning := evidence.quoted(boundary).leaning:
+        said.insert(0, leaning)
+    said += found.get("contradicted", [])
+    if found.get("verdict") == "unexplained" and not found.get("contradicted"):
         along = [str(line["covariate"]) for line in found["structure"][:1]]
         said.append(f"what the base model leaves{f' along {along[0]}' if along else ''} has no name, and may be in the coefficient too")
     for effect in found.get("effects", []):
@@ -131,7 +134,7 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "holds": next((c.holds for c in quoted.coefficients.values()), ""),
         "reduced": reduced(evidence, boundary, model.name),
         "words": words,
-        "verdict": WORDS.get(quoted.verdict, f"not diagnosed: {quoted.reason}"),
+        "verdict": "; ".join(filter(None, (WORDS.get(quoted.verdict, f"not diagnosed: {quoted.reason}"), quoted.leaning))),
         "effects": [_effect(evidence.diagnosed(boundary), e) for e in evidence.diagnosed(boundary).get("effects", [])],
         "conditions": conditions(evidence, boundary),
         "tone": tone,

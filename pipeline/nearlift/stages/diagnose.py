@@ -48,6 +48,7 @@ def run(job: Job) -> Outcome:
             notes.append(f"{boundary}: {look['text']}")
         # the same likelihood but for its noise
         quoted[boundary] = found.quoted.doubting(quoting.shape(fitted[boundary][base.name])) if found.quoted.verdict == "adequate" else found.quoted
+        notes += [f"{boundary}: {told}" for told in (*found.findings.get("contradicted", ()), found.quoted.leaning) if told]
         residuals.append({"boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object), **found.residuals})
     job.write(LOOP_RESIDUALS, {c.name: _joined(residuals, c.name, c.kind) for c in LOOP_RESIDUALS.columns})
     job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": options.false_alarm_rate, "boundaries": findings})
