@@ -93,11 +93,11 @@ def test_of_repeats_only_what_matters_somewhere_is_drawn_and_what_was_declared_a
     ground = own.model_copy(update={"budget": (line("large", 0.9, "A"), line("small", 0.0015, "A"), line("declared", 1e-9, "B"))})
     ceiling = own.model_copy(update={"budget": (line("large", 1.0, "A"),)})
     rows = budget._rows([("ground", "K_b", ground), ("ceiling", "alpha", ceiling)])
-    assert [(r[0], r[2], r[3], pytest.approx(r[4], abs=1e-6)) for r in rows] == [
+    assert [(r[0], r[2], r[3], pytest.approx(r[4], abs=1e-6, nan_ok=True)) for r in rows] == [
         ("ground", "large", "A", 90.0),
         ("ground", "declared", "B", 0.0),
         ("ceiling", "large", "A", 100.0),
-        ("ceiling", "declared", "B", 0.0),
+        ("ceiling", "declared", "B", math.nan),
     ]
 
 

@@ -28,6 +28,9 @@ def draw(table: Rows, look: Style) -> Figure:
     for ax, (boundary, parameter) in zip(axes, panels, strict=True):
         mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
         for y, fall, kind in zip(range(len(components)), table["fall_percent"][mine], table["type"][mine], strict=True):
+            if np.isnan(fall):
+                # no source of this coefficient
+                continue
             colour, hatch = LOOKS[kind]
             ax.barh(y, fall, height=0.7, facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0)
             ax.annotate(_percent(fall), (fall, y), (3, 0), textcoords="offset points", va="center", fontsize=look.text_pt - 2)

@@ -22,7 +22,8 @@ def summarise(evidence: Evidence) -> Columns:
     -------
     dict of arrays
         `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared), `fall_percent` of the coefficient's standard
-        uncertainty if the source were known exactly, `u` that it adds, `u_without` it. Every panel has every component, the largest fall first.
+        uncertainty if the source were known exactly, `u` that it adds, `u_without` it. Every panel has every component, the largest fall first;
+        numbers are NaN where a coefficient has no such source.
     """
     bars = [(b, name, c) for b in evidence.boundaries for name, c in evidence.quoted(b).coefficients.items() if c.budget]
     rows = _rows(bars)
@@ -55,8 +56,9 @@ def _rows(bars: Sequence[tuple[str, str, CoefficientResult]]) -> list[tuple[Any,
     for boundary, name, own in bars:
         lines = {line.source: line for line in own.budget}
         for source in shown:
-            line = lines.get(source, BudgetLine(source=source, kind="A", u=0.0, u_without=own.u))
-            rows.append((boundary, name, source, kinds[source], 100 * fall(line, own.u), line.u, line.u_without))
+            held = lines.get(source)
+            found = (100 * fall(held, own.u), held.u, held.u_without) if held else (np.nan, np.nan, np.nan)
+            rows.append((boundary, name, source, kinds[source], *found))
     return rows
 
 
@@ -65,7 +67,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     words = []
     for panel, name in dict.fromkeys(zip(table["panel"], table["parameter"], strict=True)):
         mine = (table["panel"] == panel) & (table["parameter"] == name)
-        top = np.flatnonzero(mine)[np.argmax(table["fall_percent"][mine])]
+        top = np.flatnonzero(mine)[np.nanargmax(table["fall_percent"][mine])]
         words.append(f"{letter(name)} ({panel}): {table['component'][top]}, {table['fall_percent'][top]:.0f} %")
     return (
         "By how much the standard uncertainty of each coefficient would fall if one source of error were known exactly; "
