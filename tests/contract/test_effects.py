@@ -30,6 +30,7 @@ NAMES = [
     "session_gain",
     "gain_drift",
     "warm_up",
+    "rotor_speed",
     "supply_sag",
     "air_density",
     "zero_offset",
@@ -44,7 +45,7 @@ NAMES = [
 #: What each effect may ask for: covariates of trials, what is derived from them, geometry.
 ARRAYS = {
     "throttle", "supply_V", "temperature_K", "pressure_Pa", "humidity", "approach", "tilt_rad", "start_s", "session",
-    "since_start_s", "elapsed_hat", "previous_lift_N", "rest_s", "drift_hat", "z_hat",
+    "since_start_s", "elapsed_hat", "previous_lift_N", "rest_s", "drift_hat", "speed_hat", "z_hat",
 }  # fmt: skip
 SCALARS = {"supply_ref_V", "temperature_ref_K", "pressure_ref_Pa", "throttle_ref", "radius_m", "spacing_hat", "diagonal_hat"}
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
@@ -60,6 +61,7 @@ def trials(n: int = 24) -> dict[str, Any]:
         "z_hat": z_hat,
         "throttle": draw.choice([0.25, 0.5, 0.75, 0.92], n),
         "supply_V": draw.uniform(3.3, 4.0, n),
+        "speed_hat": draw.uniform(0.97, 1.03, n),
         "temperature_K": draw.uniform(290.0, 300.0, n),
         "pressure_Pa": draw.uniform(99e3, 102e3, n),
         "humidity": draw.uniform(0.2, 0.8, n),

@@ -44,8 +44,8 @@ def write(folder: Path, form: Form = "csv", visits: int = 4) -> Path:
     return folder
 
 
-def write_means(folder: Path, rows: int) -> Path:
-    """The first `rows` trials of a campaign of which only means are known."""
+def write_means(folder: Path, rows: int, lift_sd: float | None = None) -> Path:
+    """The first `rows` trials of a campaign of which only means are known, and their standard deviation in mN where it is given."""
     folder.mkdir()
     (folder / "campaign.toml").write_text(
         """
@@ -58,7 +58,10 @@ records = { reader = "means" }
 distance = "mm"
 throttle = "percent"
 lift = "mN"
+lift_sd = "mN"
+[trials.constants]
 """
+        + ("" if lift_sd is None else f"lift_sd = {lift_sd}\n")
     )
     lifts = [(30 + 20 * i, t, far * (1 + 0.1 / (1 + i))) for i in range(6) for t, far in ((25, 107.0), (50, 239.0), (75, 409.0), (92, 551.0))]
     text = "".join(f"m{i},ground,{z},{t},{lift:.3f}\n" for i, (z, t, lift) in enumerate(lifts[:rows]))

@@ -403,7 +403,7 @@ def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(sta
     z = np.array([1.1, 1.1, *np.linspace(2, 9, 18)])
     visit = np.array([0, 0 if visits == 1 else 1, *range(2, 20)])
     slope = np.where(z == 1.1, np.sqrt(share / 2), np.sqrt((1 - share) / 18))
-    data = SimpleNamespace(z_hat=z, visit=visit, session=np.zeros(20, dtype=int))
+    data = SimpleNamespace(z_hat=z, visit=visit, session=np.zeros(20, dtype=int), ordered=True)
     planned = SimpleNamespace(theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x))
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f["coefficient"] for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
@@ -419,7 +419,7 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
     session = np.repeat(np.arange(4), 10) if sessions == 4 else np.zeros(40, dtype=int)
     across, within = np.repeat([3.0, 1.0, -1.0, -3.0], 10) / np.sqrt(200), np.tile([1.0, -1.0], 20) / np.sqrt(40)
     slope = across + beside * within
-    data = SimpleNamespace(z_hat=np.arange(40.0), visit=np.arange(40), session=session)
+    data = SimpleNamespace(z_hat=np.arange(40.0), visit=np.arange(40), session=session, ordered=True)
     planned = SimpleNamespace(theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x))
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.get("absorbed_by") for f in found] == (["session_gain"] if said else [])

@@ -28,7 +28,7 @@ class HeldOut:
     """Relative residuals of every trial, predicted without its visit (nan where that is impossible); what each fold chose.
 
     `before` is the base model's, `after` that of what each fold chose, `named` that of the explanation found in all visits, its sizes
-    estimated without the visit.
+    estimated without the visit; `visit` is what was left out together, as `blocks` has it.
     """
 
     before: FloatArray
@@ -43,18 +43,24 @@ class HeldOut:
         return np.isfinite(self.before) & np.isfinite(self.after)
 
 
+def blocks(data: Observations) -> IntArray:
+    """What is left out together: a visit; a trial by itself where nobody knows which trials one visit held."""
+    return data.visit if data.ordered else np.arange(data.n)
+
+
 def folds(data: Observations) -> list[NDArray[np.bool_]]:
-    """Masks of the trials held out, whole visits each: every station keeps visits on both sides where it has several."""
-    visits, first = np.unique(data.visit, return_index=True)
+    """Masks of the trials held out, whole `blocks` each: every station keeps some on both sides where it has several."""
+    block = blocks(data)
+    visits, first = np.unique(block, return_index=True)
     if len(visits) <= FEW_VISITS:
-        return [data.visit == v for v in visits]
+        return [block == v for v in visits]
     turn = np.zeros(len(visits), dtype=int)
     z = data.z_hat[first]
     for offset, station in enumerate(np.unique(z)):
         mine = np.flatnonzero(z == station)
         turn[mine] = (np.arange(len(mine)) + offset) % FOLDS
     fold = dict(zip(visits.tolist(), turn.tolist(), strict=True))
-    label = np.array([fold[v] for v in data.visit.tolist()])
+    label = np.array([fold[v] for v in block.tolist()])
     return [label == f for f in range(FOLDS)]
 
 
@@ -83,7 +89,7 @@ def held_out(stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[
         elif named:
             refitted = search(part.candidate(*named), part.space, part.log_lift, part.base_fit.vector)
             by_name[known] = truth - predict(part, refitted, data.take(known))
-    return HeldOut(before=before, after=after, named=by_name, visit=data.visit, chosen=tuple(chosen))
+    return HeldOut(before=before, after=after, named=by_name, visit=blocks(data), chosen=tuple(chosen))
 
 
 def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:

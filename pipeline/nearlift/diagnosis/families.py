@@ -22,7 +22,7 @@ STEP = "time, step"
 SPOKEN_FOR = {
     "supply_V", "temperature_K", "approach", "tilt_rad", "start_s", "elapsed_hat", "run_order", "elapsed_trials", "since_start_s", "rest_s",
     "previous_lift_N", "previous_throttle", "previous_z_hat", "order_in_visit", "drift_N_s", "drift_hat", "record_s", "session",
-    "lift_sd_N", "lift_inf_N", "n", "visit",
+    "lift_sd_N", "lift_inf_N", "n", "visit", "speed_Hz",
 }  # fmt: skip
 
 
@@ -72,7 +72,12 @@ def families(data: Observations) -> tuple[Family, ...]:
     levels = indicators(data.throttle)[:, 1:] if few_levels else powers(data.throttle, 3)
     distances, sessions = (len(np.unique(x)) for x in (data.z_hat, data.session))
     most = max(min(LARGEST_SHARE * n, LARGEST), 1)
-    smooth_z = powers(log_z, min(4, max(distances - 1, 1)))
+    smooth_z = powers(log_z, int(min(4, most, max(distances - 1, 1))))
+    bent = times(smooth_z, levels)
+    if bent.shape[1] > most:
+        # so few trials can show that curves of distance differ in steepness from throttle to throttle, and no more
+        bent = times(powers(log_z, 1), powers(data.throttle, 1))
+    degree = int(min(3, most))
     # what changes within a visit cannot be told from noise that neighbours share, so time is resolved to visits and no finer
     visits = len(np.unique(data.visit))
     slow = cosines(known["run_order"], min(8, visits))
@@ -83,7 +88,7 @@ def families(data: Observations) -> tuple[Family, ...]:
         found.append(Family(name="distance", covariate="distance", columns=indicators(data.z_hat)))
     found += [
         Family(name="distance smooth", covariate="distance", columns=smooth_z),
-        Family(name="distance x throttle", covariate="throttle", columns=times(smooth_z, levels)),
+        Family(name="distance x throttle", covariate="throttle", columns=bent),
         Family(name="time, slow", covariate="start", columns=slow),
         Family(name="time, slow, additive", covariate="start", columns=slow * additive),
         Family(name="time, fast", covariate="start", columns=fast),
@@ -101,7 +106,7 @@ def families(data: Observations) -> tuple[Family, ...]:
     if varies(data, "since_start_s"):
         fade = np.stack([np.exp(-known["since_start_s"] / tau) for tau in (60.0, 300.0, 1500.0)], axis=1)
         found.append(Family(name="time since start", covariate="start", columns=np.hstack([fade, fade * additive])))
-    for name, covariate, degree in (("supply_V", "supply", 3), ("temperature_K", "temperature", 3)):
+    for name, covariate in (("supply_V", "supply"), ("temperature_K", "temperature")):
         if varies(data, name):
             shape = powers(known[name], degree)
             found.append(Family(name=covariate, covariate=covariate, columns=shape))
@@ -113,7 +118,7 @@ def families(data: Observations) -> tuple[Family, ...]:
         found.append(Family(name="tilt", covariate="tilt", columns=times(powers(known["tilt_rad"], 2), closeness)))
     for name in sorted(known.keys() - SPOKEN_FOR):
         if varies(data, name):
-            found.append(Family(name=name, covariate=name, columns=powers(known[name], 3)))
+            found.append(Family(name=name, covariate=name, columns=powers(known[name], degree)))
     kept = [f for f in found if 0 < f.columns.shape[1] <= most and _tells(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
 

@@ -33,8 +33,8 @@ MOST_EFFECTS = 2
 
 
 def applies(data: Observations) -> bool:
-    """Whether the visits are so few that they must be left out in turn."""
-    return len(np.unique(data.visit)) <= FEW_VISITS
+    """Whether the visits are so few that they must be left out in turn; where nobody knows which trials one visit held, it cannot be."""
+    return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 
 
 def choose(stage: Stage) -> Answer:

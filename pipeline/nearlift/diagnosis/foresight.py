@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter
 from nearlift.diagnosis import structure
+from nearlift.diagnosis.admission import admit, could_act
 from nearlift.diagnosis.candidate import SESSION_SPREADS, Candidate, Fitted, fit, moments, search
-from nearlift.diagnosis.loop import LEAST_TRIALS, could_act
 from nearlift.diagnosis.search import CREDIT, FORM_SD, RIVAL, SILENT, Options, Stage, prepare, visibility
 from nearlift.diagnosis.setting import derive
-from nearlift.errors import NotConverged
 from nearlift.fitting import budget, inputs
 from nearlift.fitting.noise import orthonormal, trial_covariance
 from nearlift.fitting.problem import usable
@@ -402,11 +401,7 @@ def planned(
     Foresight, testable effects, and the untestable ones with what to log.
     """
     kept = data.take(usable(base, data))
-    wanted = LEAST_TRIALS + len(kept.levels) + len(base.parameters)
-    if kept.n < wanted:
-        raise NotConverged(
-            f"design of the {data.boundary}", f"{kept.n} usable trials", f"at least {wanted} are wanted to tell a noise floor from structure"
-        )
+    admit(f"design of the {data.boundary}", kept, base)
     levels = np.array([np.median(kept.lift_N[kept.throttle == t]) for t in kept.levels])
     kept = derive(kept, levels)
     known, untestable = could_act(kept, base, effects)

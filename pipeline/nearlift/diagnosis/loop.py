@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import catalogue
 from nearlift.declare import Effect, FloatArray, LiftModel
-from nearlift.diagnosis import absorption, adequacy, coefficients, confirmation, few_visits, loop_result, separation, stability
+from nearlift.diagnosis import absorption, adequacy, coefficients, confirmation, few_visits, loop_result, sensitivity, separation, stability
+from nearlift.diagnosis.admission import admit, could_act, few
 from nearlift.diagnosis.candidate import Fitted
 from nearlift.diagnosis.interim import InterimLook
 from nearlift.diagnosis.search import SILENT, Answer, Explanation, Options, Stage, prepare, run, settle
-from nearlift.diagnosis.setting import derive, missing
+from nearlift.diagnosis.setting import derive
 from nearlift.diagnosis.within_trial import heating
 from nearlift.errors import NotConverged
 from nearlift.fitting import budget, inputs, noise, student
@@ -26,10 +26,8 @@ from nearlift.fitting.problem import usable
 from nearlift.quotation import BoundaryResult, Correlation, HeldOutError
 from nearlift.results import Observations
 
-#: Fewer trials than this beyond the unknowns, and a noise floor cannot be told from structure.
-LEAST_TRIALS = 40
-#: With more sessions than this no effect has a size of its own in each: such an effect's unknowns times the trials would not fit into memory.
-MOST_SESSIONS = 400
+#: Share of the structure from which an effect that is refused for its size is named as such.
+FAIR_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,6 +120,8 @@ def diagnose(
     findings["limits"] = absorption.limits(stage, answer)
     findings["within_trial"] = heating(stage.data, library, rate)
     findings["untestable"] = untestable
+    if few(stage.data, base):
+        findings["sensitivity"] = sensitivity.sensitivity(stage, {name for e in answer.accepted for name in e.effects})
     findings["silent"] = coefficients.silent(stage, library, SILENT)
     findings["next_experiment"] = separation.next_experiment(stage, answer) + separation.to_part_visits(findings["limits"])
     error = findings.get("error")
@@ -204,33 +204,16 @@ def set_up(
         raise NotConverged(where, "all trials are in free air", "at least two visits near the boundary are wanted")
     if len(np.unique(kept.visit)) == 1 < kept.n:
         raise NotConverged(where, "all trials belong to one visit", "at least two visits are wanted, to leave one out")
-    wanted = LEAST_TRIALS + len(kept.levels) + len(base.parameters)
-    if kept.n < wanted:
-        raise NotConverged(where, f"{kept.n} usable trials", f"at least {wanted} are wanted to tell a noise floor from structure")
+    admit(where, kept, base)
     first = fit(base, kept, parts, plan=Plan())
     kept = derive(kept, np.array([first.levels[float(t)].value for t in kept.levels]))
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if "drift_hat" not in e.needs)
+    if few(kept, base):
+        options = dataclasses.replace(options, pairs=False)
     stage = prepare(kept, base, between, inputs.acting(parts, base, first.theta), first.theta, options)
     return stage, known, untestable
-
-
-def could_act(data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None) -> tuple[tuple[Effect, ...], list[dict[str, Any]]]:
-    """The effects that can occur at this boundary and whose needs the trials meet; the others, with what to log next time.
-
-    `data` has its derived covariates; `effects` is the catalogue if None.
-    """
-    library = catalogue.effects() if effects is None else effects
-    taken = {p.name for p in base.parameters}
-    library = tuple(e for e in library if data.boundary in e.boundaries and not taken & {p.name for p in e.parameters})
-    if "spacing_hat" not in data.geometry:
-        # what rotors do to each other is not missing information where there is only one
-        library = tuple(e for e in library if "spacing_hat" not in e.needs)
-    many = len(np.unique(data.session)) > MOST_SESSIONS
-    needs = {e.name: ("session",) if many and any(p.per == "session" for p in e.parameters) else missing(e, data) for e in library}
-    untestable = [{"effect": e.name, "needs": list(needs[e.name]), "log_next_time": list(e.log_next_time)} for e in library if needs[e.name]]
-    return tuple(e for e in library if not needs[e.name]), untestable
 
 
 def declared_sizes(parts: tuple[budget.Component, ...], library: tuple[Effect, ...]) -> dict[str, float]:
@@ -336,7 +319,8 @@ def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> d
 
 def _partial(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
     """What the best single effects would explain of the structure, as shares of the chi2 that exceeds the noise."""
-    ranked = sorted(answer.singles, key=lambda s: -s.gain)[:3]
+    # a size that is not possible earns no share
+    ranked = sorted((s for s in answer.singles if not s.fitted.at_bound), key=lambda s: -s.gain)[:3]
     # noise that happens to be small elsewhere can leave less in sum than one effect takes
     whole = max(stage.excess, *(s.gain for s in ranked), 0.0)
     return [{"name": s.name, "share": s.gain / whole} for s in ranked if s.gain > 0.05 * whole]
@@ -363,6 +347,8 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
                 "gain": e.gain,
                 "p_value": e.left.p_value,
                 "accepted": e.accepted,
+                "sizes": _sizes(e),
+                "at_bound": e.fitted.at_bound,
                 "log_evidence": e.log_evidence,
                 "plausibility": e.plausibility,
                 "left_in": next(iter(e.left.by_covariate()), None) if e.left.present else None,
@@ -380,7 +366,7 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
         enough = f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the true one"
     single = any(s.accepted for s in answer.singles) and not (answer.accepted and len(answer.accepted[0].effects) > 1)
     alone = [s for s in answer.singles if s.accepted]
-    why_not = "each one leaves structure beyond the threshold, or explains too little"
+    why_not = "each one leaves structure beyond the threshold, or explains too little" + _impossible(answer)
     if alone and not single:
         why_not = f"{max(alone, key=lambda e: e.log_evidence).name} would do, but two effects are plainly likelier: its form would have to be far off"
     rounds.append(
@@ -400,6 +386,25 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
             }
         )
     return rounds
+
+
+def _sizes(explanation: Explanation) -> dict[str, float]:
+    """What an explanation's parameters would be, those aside that differ by session."""
+    slots = explanation.fitted.candidate.slots
+    return {s.parameter.name: float(explanation.fitted.vector[s.start]) for s in slots if s.effect and s.stop - s.start == 1}
+
+
+def _impossible(answer: Answer) -> str:
+    """Which single effects could account for a fair share, were their size possible; empty if none could."""
+    share = FAIR_SHARE * answer.stage.excess
+    ends = [f"{e.name} ({_at_end(e)})" for e in sorted(answer.singles, key=lambda e: -e.gain) if e.fitted.at_bound and e.gain > share]
+    return f"; refused, since the size that it takes is not possible: {', '.join(ends)}" if ends else ""
+
+
+def _at_end(explanation: Explanation) -> str:
+    """The sizes that stand at an end of their range."""
+    ends = {p.name: p.bounds for e in explanation.fitted.candidate.effects for p in e.parameters if not p.grid}
+    return ", ".join(f"{name} runs into {size:.3g}" for name, size in _sizes(explanation).items() if size in ends.get(name, ()))
 
 
 def _sweep(listing: Callable[[tuple[Explanation, ...]], list[dict[str, Any]]], tried: tuple[Explanation, ...], answer: Answer) -> dict[str, Any]:

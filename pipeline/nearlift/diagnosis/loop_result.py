@@ -58,7 +58,8 @@ def _holds(stage: Stage, answer: Answer, found: Answers) -> str:
     if found.carried:
         return f"Holds {errors}, and what has no name as a random discrepancy along {' and '.join(found.carried)}"
     if not answer.accepted:
-        missing = ", and nothing that has no name" if answer.verdict == "unexplained" else "; nothing else was found"
+        none = "nothing else was found" if stage.options.pairs else "nothing else was found that so few trials could show"
+        missing = ", and nothing that has no name" if answer.verdict == "unexplained" else f"; {none}"
         return f"Holds {errors}{missing}"
     names = [e.name for e in answer.accepted]
     form = "" if stage.independent else ", its form uncertain"

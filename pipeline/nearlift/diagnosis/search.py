@@ -55,7 +55,8 @@ FORM_SD = 0.2
 class Options:
     """How the search is run; `form_sd` and `multiplicity` exist to show what breaks without them.
 
-    `not_feasible` is what the bench cannot do, and what is not proposed: "closer", "farther", "both directions".
+    `not_feasible` is what the bench cannot do, and what is not proposed: "closer", "farther", "both directions". Without `pairs`, as
+    where trials are few, a single effect must do.
     """
 
     seed: int = 0
@@ -63,6 +64,7 @@ class Options:
     not_feasible: tuple[str, ...] = ()
     form_sd: float = FORM_SD
     multiplicity: bool = True
+    pairs: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -466,7 +468,8 @@ def run(stage: Stage) -> Answer:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in stage.library}
     visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
-    singles = tuple(stage.explain((e,)) for e in visible)
+    # one that has no value at some trial, beyond a pole, explains nothing
+    singles = tuple(s for s in (stage.explain((e,)) for e in visible) if np.isfinite(s.gain))
     alone = [s for s in singles if s.accepted]
     clean = bool(alone)
     if not clean:
@@ -503,6 +506,9 @@ def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Expl
     # who belongs is for the evidence to say; who comes first among those also for how large such an effect may plausibly be
     most = max(e.log_evidence for e in accepted)
     rivals = [e for e in tried if e.possible and 2 * (most - e.log_evidence) <= RIVAL]
+    if not stage.options.pairs:
+        # beside few trials the form of a large effect that the coefficients absorb can explain anything
+        rivals = [e for e in rivals if e.needed]
     rivals.sort(key=lambda e: (not e.accepted, -e.plausibility))
     if not earned:
         # two effects that are likelier, if not plainly, could still be what is there
@@ -512,6 +518,8 @@ def contenders(stage: Stage, singles: tuple[Explanation, ...], pairs: tuple[Expl
 
 def promising(stage: Stage, visible: list[Effect], alone: Explanation | None) -> list[tuple[Effect, Effect]]:
     """Pairs by what they could gain to first order, the best first; beside an effect that will do alone, those that could gain plainly more."""
+    if not stage.options.pairs:
+        return []
     least = -np.inf if alone is None else alone.gain + RIVAL
     gains = pair_gains(stage)
     projected = ((gains[one.name, two.name], (one, two)) for one, two in combinations(visible, 2))

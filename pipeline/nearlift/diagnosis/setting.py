@@ -13,13 +13,14 @@ from nearlift.fitting.noise import elapsed_trials
 from nearlift.results import Observations
 
 #: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute where the scale is fixed.
-LEAST_SPREAD = {"temperature_K": 0.2, "pressure_Pa": 20.0, "humidity": 0.01, "tilt_rad": 1e-3, "supply_V": 5e-3}
+LEAST_SPREAD = {"temperature_K": 0.2, "pressure_Pa": 20.0, "humidity": 0.01, "tilt_rad": 1e-3, "supply_V": 5e-3, "speed_hat": 5e-4}
 #: What effects call the covariate along which they vary, in the schedule's words.
 SCHEDULE_WORDS = {
     "z_hat": "distance",
     "supply_V": "supply",
     "temperature_K": "temperature",
     "tilt_rad": "tilt",
+    "speed_hat": "rpm",
     "start_s": "start",
     "since_start_s": "start",
     "elapsed_hat": "start",
@@ -31,8 +32,8 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
 
     `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order, scaled to [-1, 1]),
     `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at the start of a session), `order_in_visit`,
-    `drift_hat` (relative change of lift within a record), `lift_inf_N` (`levels`, L_inf per throttle in N, spread over the
-    trials); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`, `pressure_ref_Pa`,
+    `speed_hat` (rotor speed over its median at the throttle), `drift_hat` (relative change of lift within a record), `lift_inf_N`
+    (`levels`, L_inf per throttle in N, spread over the trials); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`, `pressure_ref_Pa`,
     `throttle_ref`, and `radius_m`. Where the order of the trials is unknown, all that follows from it is constant.
     """
     known = dict(data.covariates)
@@ -52,6 +53,9 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
         known["since_start_s"] = known["start_s"] - begin
         known["rest_s"] = np.where(first, 0.0, np.diff(known["start_s"], prepend=known["start_s"][:1]))
     known["lift_inf_N"] = levels[data.level]
+    if "speed_Hz" in known and np.isfinite(known["speed_Hz"]).all() and (known["speed_Hz"] > 0).all():
+        usual = np.array([np.median(known["speed_Hz"][data.level == k]) for k in range(len(levels))])
+        known["speed_hat"] = known["speed_Hz"] / usual[data.level]
     # the level and not the trial's own lift: that carries its noise, which would then explain its neighbour's
     for name, values in (("previous_lift_N", known["lift_inf_N"]), ("previous_throttle", data.throttle), ("previous_z_hat", data.z_hat)):
         known[name] = np.where(first, 0.0, np.r_[0.0, values[:-1]])

@@ -158,9 +158,10 @@ def estimate(
             y = _pulled_in(y, found)
     sizes = np.exp(x)
     spread = np.linalg.inv(found.curvature)
-    # of the variance of a trial like the others
-    own = sizes**2 * np.array([np.mean(a) for a in model.diagonals])
-    dof = float(own.sum() ** 2 / (2 * own @ spread @ own))
+    # of the variance of a trial like the others, of which its own record or a published standard deviation tells a part
+    parts = sizes**2 * np.stack(model.diagonals, axis=1)
+    whole = model.own + parts.sum(axis=1)
+    dof = float(np.median(whole**2 / (2 * np.einsum("ij,jk,ik->i", parts, spread, parts))))
     sizes = sizes * unit
     noise = Noise(
         **{name: float(size) for name, size in zip(model.priors, sizes, strict=True) if not name.startswith("drift")},

@@ -10,6 +10,7 @@ from nearlift.pages.number import Number, chance, cite
 from nearlift.pages.verdict import WORDS
 from nearlift.products import DIAGNOSIS
 from nearlift.summaries.evidence import Evidence
+from nearlift.summaries.loop import could_have_seen
 
 #: So many lines of structure, and of silent effects, are shown.
 LINES = 12
@@ -61,6 +62,8 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "by_visits": any(c.get("judged_by") for r in found.get("rounds", []) for c in r.get("candidates", [])),
         "rounds": found.get("rounds", []),
         "limits": [line["text"] for key in ("shifts", "limits") for line in found.get(key, []) if "text" in line],
+        "sensitivity": found.get("sensitivity", {}),
+        "could_have_seen": could_have_seen(found),
         "untestable": found.get("untestable", []),
         "log": loop_words.to_log(found),
         "silent": _silent(evidence, boundary, found),

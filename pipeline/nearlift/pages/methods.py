@@ -19,7 +19,7 @@ from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import code, rejected
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.loop import stand_ins
+from nearlift.summaries.loop import could_have_seen, stand_ins
 
 VERDICTS = {
     "adequate": "nothing was left beyond the noise floor",
@@ -193,6 +193,8 @@ def _loop(evidence: Evidence) -> str:
                 f" (error on trials that took no part in choosing: {plain(100 * error['before']['held_out_rmse'], 3)} %{after} of lift; "
                 f"noise floor {plain(100 * error['noise_floor'], 3)} %)"
             )
+        if could := could_have_seen(found):
+            said += f"; {found['sensitivity']['trials']} trials {could.replace('_', ' ')}"
         parts.append(f"near the {boundary}, {said}")
     if not parts:
         return " ".join(silent)

@@ -16,7 +16,7 @@ from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plain
 from nearlift.summaries.evidence import Evidence
-from nearlift.summaries.loop import stand_ins
+from nearlift.summaries.loop import could_have_seen, stand_ins
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
 REJECTED = 1e-3
@@ -134,11 +134,19 @@ def card(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         "holds": next((c.holds for c in quoted.coefficients.values()), ""),
         "reduced": reduced(evidence, boundary, model.name),
         "words": words,
-        "verdict": "; ".join(filter(None, (WORDS.get(quoted.verdict, f"not diagnosed: {quoted.reason}"), quoted.leaning))),
+        "verdict": said(evidence, boundary),
         "effects": [_effect(evidence.diagnosed(boundary), e) for e in evidence.diagnosed(boundary).get("effects", [])],
         "conditions": conditions(evidence, boundary),
         "tone": tone,
     }
+
+
+def said(evidence: Evidence, boundary: Boundary) -> str:
+    """The verdict in words; where trials are few, adequate is what they could have shown and did not."""
+    quoted = evidence.quoted(boundary)
+    words = WORDS.get(quoted.verdict, f"not diagnosed: {quoted.reason}")
+    could = could_have_seen(evidence.diagnosed(boundary))
+    return "; ".join(filter(None, (words, quoted.leaning, could if quoted.verdict == "adequate" else "")))
 
 
 def _effect(found: dict[str, Any], effect: dict[str, Any]) -> str:

@@ -171,7 +171,7 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
         z_m=z_m,
         z_hat=z_m / campaign.vehicle.rotor_radius,
         throttle=throttle,
-        visit=visits(boundary, z_m, approach, covariates.get("session")),
+        visit=visits(boundary, z_m, approach, covariates.get("session"), ordered=campaign.trials.order == "run"),
         covariates=covariates,
         means=means if means_wanted else None,
         reached_m=None if reached is None else reached + np.array([0.0 if b == "none" else campaign.rig.offset(b) for b in boundary]),
@@ -179,10 +179,25 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
     )
 
 
-def visits(boundary: NDArray[Any], z_m: FloatArray, approach: FloatArray | None = None, session: NDArray[Any] | None = None) -> NDArray[np.int64]:
-    """Counter of the traverse's stops, from 0: it moves on where boundary, distance, side of approach or session change."""
+def visits(
+    boundary: NDArray[Any],
+    z_m: FloatArray,
+    approach: FloatArray | None = None,
+    session: NDArray[Any] | None = None,
+    *,
+    ordered: bool = True,
+) -> NDArray[np.int64]:
+    """Counter of the traverse's stops, from 0: it moves on where boundary, distance, side of approach or session change.
+
+    Where nobody knows the order of the rows, those that agree in all of these are one stop, wherever they stand in the table.
+    """
     if len(boundary) == 0:
         return np.zeros(0, dtype=np.int64)
+    if not ordered:
+        same = [boundary.astype(str), z_m, *(x for x in (approach, session) if x is not None)]
+        labels = np.stack([np.unique(x, return_inverse=True)[1] for x in same])
+        _, first, label = np.unique(labels, axis=1, return_index=True, return_inverse=True)
+        return np.argsort(np.argsort(first))[label].astype(np.int64)
     moved = (boundary[1:] != boundary[:-1]) | (z_m[1:] != z_m[:-1])
     if approach is not None:
         moved = moved | ((approach[1:] != approach[:-1]) & np.isfinite(approach[1:]) & np.isfinite(approach[:-1]))

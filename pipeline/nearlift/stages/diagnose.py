@@ -18,6 +18,7 @@ from nearlift.stages import expense, quoting
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, interim_look, observe
+from nearlift.summaries.loop import could_have_seen
 
 
 def run(job: Job) -> Outcome:
@@ -46,6 +47,8 @@ def run(job: Job) -> Outcome:
         findings[boundary] = found.findings
         if look := found.findings.get("look"):
             notes.append(f"{boundary}: {look['text']}")
+        if could := could_have_seen(found.findings):
+            notes.append(f"{boundary}: {data.n} trials {could}")
         # the same likelihood but for its noise
         quoted[boundary] = found.quoted.doubting(quoting.shape(fitted[boundary][base.name])) if found.quoted.verdict == "adequate" else found.quoted
         notes += [f"{boundary}: {told}" for told in (*found.findings.get("contradicted", ()), found.quoted.leaning) if told]

@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from nearlift.rounding import letter, like, plain, plus_minus
-from nearlift.summaries.loop import stand_ins
+from nearlift.summaries.loop import could_have_seen, stand_ins
 
 if TYPE_CHECKING:
     from nearlift.quotation import CoefficientResult
@@ -47,7 +47,8 @@ def diagnosis(found: Diagnosis) -> str:
         others = [stand_ins(at.content, e) for e in at.content["effects"]]
         named = "; ".join(e.name + (f" (or {', '.join(o)})" if o else "") for e, o in zip(at.effects, others, strict=True))
         error = f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor {plain(100 * at.noise_floor, 2)})"
-        verdict = f"not diagnosed: {at.reason}" if at.reason else at.verdict
+        could = could_have_seen(at.content)
+        verdict = f"not diagnosed: {at.reason}" if at.reason else f"{at.verdict}; {could}" if could else at.verdict
         for name, c in found.quoted[at.boundary].coefficients.items():
             told = (named or "none", letter(name), plus_minus(c.value, c.u), _interval(c), c.holds, "" if at.reason else error)
             rows.append((at.boundary, verdict, *told))

@@ -180,3 +180,16 @@ def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any
                 value = float(reference.arguments[name])
                 columns.append(rows(boundary, part="coefficient", kind="reference", label=name, note=source, value=value, unit=c.unit))
     return stack([_full(c) for c in columns]) if columns else rows(boundary, label=[])
+
+
+def could_have_seen(found: Mapping[str, Any]) -> str:
+    """What a diagnosis of few trials could have seen, and what not, in words; empty where trials are not few."""
+    block = found.get("sensitivity")
+    if not block:
+        return ""
+    seen = [str(row["text"]) for row in block["limits"] if row["size"] is not None]
+    unseen = list(dict.fromkeys(str(row["effect"]) for row in block["limits"] if row["size"] is None))
+    if not seen:
+        return "could have seen no effect at any size that is possible"
+    words = f"could have seen {', '.join(seen)} (each with a chance of {100 * block['chance']:.0f} %)"
+    return f"{words}; not, at any size that is possible, {', '.join(unseen)}" if unseen else words

@@ -1,0 +1,61 @@
+"""Force: lift follows the rotor speed that was logged.
+
+    lift -> lift speed_hat^speed_exponent,   speed_hat = rpm / its median at the throttle
+
+Mechanism: a trial holds its throttle, not its speed. Supply, motor temperature and the boundary's own change of torque move the
+speed from trial to trial; at a given inflow geometry lift goes with its square.
+
+Convention: speed_exponent is 2 where C_L is constant, a little more where it rises with Reynolds number, less where the logged
+speed is noisy or that of a part of the rotors. 0 is no effect, and there is no mechanism by which lift falls with speed; more
+than 3 is beyond any measured rise of C_L. Speeds are relative to the throttle's own median, since L_inf is free for each throttle.
+
+Size: on the stands of Bitcraze lift goes with speed to the power of 2.1; under a ceiling at held pulse width a 12-inch quadrotor's speed
+changed by 3 %, so its lift by 6 %.
+
+Confounded with the coefficients, where the boundary itself changes the speed, and with supply_sag and warm_up, which act through it.
+What is named here is where lift changed, not why the speed did: repeats at one distance at other supply voltages separate them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nearlift.declare import Check, Effect, Parameter, Source, normal
+
+
+def evaluate(lift: Any, /, *, speed_hat: Any, speed_exponent: Any) -> Any:
+    """Lift at that speed. Shapes broadcast."""
+    return lift * speed_hat**speed_exponent
+
+
+EFFECT = Effect(
+    name="rotor_speed",
+    title="Rotor speed",
+    formula=r"L \to L \, (f / f_0)^{s}",
+    evaluate=evaluate,
+    acts_on="force",
+    belongs_to="vehicle",
+    mechanism="lift goes with the square of the rotor speed, which a held throttle does not hold",
+    varies_with="speed_hat",
+    log_next_time=("rpm",),
+    needs=("speed_hat",),
+    parameters=(
+        Parameter(
+            name="speed_exponent",
+            unit="1",
+            value=0.0,
+            bounds=(0.0, 3.0),
+            prior=normal(0.0, 2.0),
+            meaning="power of rotor speed that lift follows; 2 at constant C_L",
+        ),
+    ),
+    source=Source(
+        citation="Momentum and blade-element theory (lift = C_L rho f^2 r^4); rise of C_L: Bitcraze, PWM to thrust",
+        doubts=("That the inflow near a boundary keeps its geometry while the speed changes is an assumption.",),
+    ),
+    checks=(
+        Check(x=0.3, expected=0.3, arguments={"speed_hat": 1.03}, quoted_by="null"),
+        Check(x=0.3, expected=0.363, arguments={"speed_hat": 1.1, "speed_exponent": 2.0}, quoted_by="by hand: 1.1 squared"),
+    ),
+    notes=__doc__ or "",
+)

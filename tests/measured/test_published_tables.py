@@ -1,0 +1,97 @@
+"""Measured tables of 20 cells from ../shared: each gets a verdict, and rotor speed is named where its exponent is one that physics has."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.unit import small_run
+
+from nearlift.diagnosis.loop import diagnose
+from nearlift.diagnosis.search import Options
+from nearlift.fitting import budget
+from nearlift.products import TRIALS
+from nearlift.stages.fit import choice
+from nearlift.stages.observe import observe
+
+FILE = Path(__file__).parents[3] / "shared/data/jirs2024-unibz-surface/surface_jirs2024_effect_packet.csv"
+pytestmark = pytest.mark.skipif(not FILE.is_file(), reason="the measured files of ../shared are not here")
+
+#: As docs/published-tables.md gives it.
+MANIFEST = """
+schema = "nearlift.campaign/1"
+name   = "{boundary}-{inches}-inch"
+vehicle = {{ name = "quadrotor", rotors = 1, rotor_radius = "{radius} mm", mass = "1 kg" }}
+rig = {{ held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", gravity = "9.8 m/s^2" }}
+records = {{ reader = "means" }}
+[trials]
+order = "unknown"
+[trials.units]
+distance = "cm"
+throttle = "percent"
+rpm      = "rpm"
+lift     = "N"
+lift_sd  = "N"
+[trials.constants]
+boundary = "{boundary}"
+lift_sd  = 0.085
+"""
+
+
+def written(folder: Path, boundary: str, inches: int) -> Path:
+    """A campaign of one of the tables; under the ceiling the second of the 10-inch rotors is blank at the nearest distance."""
+    root = folder / "raw"
+    root.mkdir()
+    (root / "campaign.toml").write_text(MANIFEST.format(boundary=boundary, inches=inches, radius=12.7 * inches))
+    rpm = "rpm_1" if (boundary, inches) == ("ceiling", 10) else "rpm_mean"
+    with FILE.open() as lines:
+        rows = [r for r in csv.DictReader(lines) if "measurement" in r["row_type"]]
+    rows = [r for r in rows if (r["effect"], r["prop_diameter_in"]) == (boundary, str(inches))]
+    text = "".join(f"t{i:02d},{r['distance_cm']},{(float(r['pwm']) - 1000) / 10:g},{r[rpm]},{r['fz_n']}\n" for i, r in enumerate(rows))
+    (root / "trials.csv").write_text("trial,distance,throttle,rpm,lift\n" + text)
+    return root
+
+
+def diagnosed(folder: Path, boundary: Any, inches: int) -> dict[str, Any]:
+    """The findings from the table, by way of ingest."""
+    root = written(folder, boundary, inches)
+    assert small_run.nearlift("ingest", root, "--out", folder).exit_code == 0
+    job = small_run.job(root, folder)
+    data = observe(job.read(TRIALS), job.campaign, boundary)
+    assert data.n == 20
+    base, _ = choice(job.campaign, boundary)
+    return diagnose(data, base, budget.components(job.campaign), Options()).findings
+
+
+def candidate(found: dict[str, Any], name: str) -> dict[str, Any]:
+    """The line of one candidate in the first round."""
+    return next(c for c in found["rounds"][0]["candidates"] if c["name"] == name)
+
+
+@pytest.mark.parametrize(("boundary", "inches", "verdict"), [("ground", 10, "adequate"), ("ceiling", 10, "unexplained")])
+def test_where_speed_explains_nothing_it_is_not_named(tmp_path, boundary, inches, verdict):
+    found = diagnosed(tmp_path, boundary, inches)
+    assert found["verdict"] == verdict
+    assert found["effects"] == []
+    assert found["sensitivity"]["trials"] == 20
+
+
+def test_rotor_speed_is_found_under_the_ceiling_with_a_physical_exponent(tmp_path):
+    found = diagnosed(tmp_path, "ceiling", 12)
+    assert found["verdict"] == "effect"
+    [effect] = found["effects"]
+    # a saturating gain stands in for it: five distances cannot tell the two apart
+    assert "rotor_speed" in (effect["name"], *effect["rivals"])
+    row = candidate(found, "rotor_speed")
+    assert not row["at_bound"]
+    # by hand, least squares with a level for each pulse width: 2.5 with a standard error of 0.4
+    assert row["sizes"]["speed_exponent"] == pytest.approx(2.5, abs=0.4)
+
+
+def test_an_exponent_of_seven_is_refused_at_the_ground(tmp_path):
+    found = diagnosed(tmp_path, "ground", 12)
+    assert found["verdict"] == "unexplained"
+    assert candidate(found, "rotor_speed")["at_bound"]
+    assert "rotor_speed (speed_exponent runs into 3)" in found["rounds"][0]["reason"]
