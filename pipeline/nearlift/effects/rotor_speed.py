@@ -9,8 +9,8 @@ Convention: speed_exponent is 2 where C_L is constant, a little more where it ri
 speed is noisy or that of a part of the rotors. 0 is no effect, and there is no mechanism by which lift falls with speed; more
 than 3 is beyond any measured rise of C_L. Speeds are relative to the throttle's own median, since L_inf is free for each throttle.
 
-Size: on the stands of Bitcraze lift goes with speed to the power of 2.1; under a ceiling at held pulse width a 12-inch quadrotor's speed
-changed by 3 %, so its lift by 6 %.
+Size: in Bitcraze's table of 2015 lift goes with speed to the power of 2.15; under a ceiling, at held pulse width, a quadrotor of
+12-inch propellers turned 2.5 % faster, which is worth 5 % of lift.
 
 Confounded with the coefficients, where the boundary itself changes the speed, and with supply_sag and warm_up, which act through it.
 What is named here is where lift changed, not why the speed did: repeats at one distance at other supply voltages separate them.
