@@ -61,7 +61,7 @@ lift = "mN"
 lift_sd = "mN"
 [trials.constants]
 """
-        + ("" if lift_sd is None else f"lift_sd = {lift_sd}\n")
+        + ("" if lift_sd is None else f'lift_sd = {lift_sd}\n[trials]\norder = "unknown"\n')
     )
     lifts = [(30 + 20 * i, t, far * (1 + 0.1 / (1 + i))) for i in range(6) for t, far in ((25, 107.0), (50, 239.0), (75, 409.0), (92, 551.0))]
     text = "".join(f"m{i},ground,{z},{t},{lift:.3f}\n" for i, (z, t, lift) in enumerate(lifts[:rows]))

@@ -14,7 +14,7 @@ from nearlift.results import Observations
 
 #: Trials beyond the unknowns (levels and coefficients) from which on their scatter alone tells noise from structure.
 LEAST_TRIALS = 40
-#: With fewer, each must come with its standard deviation, as in a published table; then so many are wanted, and so many beyond the unknowns.
+#: Of a published table, whose order is unknown and whose cells come with a standard deviation, so many, and so many beyond the unknowns.
 LEAST_CELLS, LEAST_FREEDOM = 15, 8
 #: With more sessions than this no effect has a size of its own in each: such an effect's unknowns times the trials would not fit into memory.
 MOST_SESSIONS = 400
@@ -36,6 +36,12 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     if not few(data, base):
         return
     unknowns = len(data.levels) + len(base.parameters)
+    if data.ordered:
+        # with an order come drifts, and of so few trials nobody has counted how often they pass for structure
+        table = f'a published table: {LEAST_CELLS}, with lift_sd for each and [trials] order = "unknown"'
+        raise NotConverged(
+            where, f"{data.n} usable trials", f"at least {LEAST_TRIALS + unknowns} are wanted to tell a noise floor from structure ({table})"
+        )
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
     if data.n < wanted:
         what = f"at least {wanted} are wanted ({unknowns} levels and coefficients are unknown), each with its standard deviation"
