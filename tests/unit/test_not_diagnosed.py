@@ -14,7 +14,7 @@ from nearlift.stages import compare, report
 
 from . import small_run
 
-TABLE = 'a published table: 15, with lift_sd for each and [trials] order = "unknown"'
+TABLE = "a published table: 15, with lift_sd for each and their order unknown"
 REASON = f"24 usable trials; at least 45 are wanted to tell a noise floor from structure ({TABLE})"
 
 

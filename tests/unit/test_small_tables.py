@@ -115,7 +115,7 @@ def test_too_few_cells_and_cells_without_standard_deviation_are_refused():
     data = table("ground")
     with pytest.raises(NotConverged, match=r"14 usable trials\n.*at least 15 are wanted"):
         set_up(data.take(np.arange(14)), BASES["ground"], (), Options())
-    with pytest.raises(NotConverged, match="30 usable trials\n.*at least 46 are wanted"):
+    with pytest.raises(NotConverged, match=r"30 usable trials\n.*at least 46 are wanted"):
         set_up(dataclasses.replace(data, ordered=True), BASES["ground"], (), Options())
     bare = dataclasses.replace(data, u_lift_N=np.where(np.arange(data.n) < 4, 0.0, data.u_lift_N))
     with pytest.raises(NotConverged, match=r"30 usable trials, 4 of them without a standard deviation\n.*at least 46 trials"):

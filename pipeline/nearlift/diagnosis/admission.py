@@ -38,10 +38,9 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     unknowns = len(data.levels) + len(base.parameters)
     if data.ordered:
         # with an order come drifts, and of so few trials nobody has counted how often they pass for structure
-        table = f'a published table: {LEAST_CELLS}, with lift_sd for each and [trials] order = "unknown"'
-        raise NotConverged(
-            where, f"{data.n} usable trials", f"at least {LEAST_TRIALS + unknowns} are wanted to tell a noise floor from structure ({table})"
-        )
+        table = f"a published table: {LEAST_CELLS}, with lift_sd for each and their order unknown"
+        remedy = f"at least {LEAST_TRIALS + unknowns} are wanted to tell a noise floor from structure ({table})"
+        raise NotConverged(where, f"{data.n} usable trials", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
     if data.n < wanted:
         what = f"at least {wanted} are wanted ({unknowns} levels and coefficients are unknown), each with its standard deviation"
