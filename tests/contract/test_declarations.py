@@ -80,8 +80,8 @@ def test_priors_believe_the_declared_value(item: Declaration):
         prior = p.prior.frozen()
         assert np.isfinite(prior.logpdf(p.value)), f"{item.name}: the prior of {p.name} excludes its value"
         inside = prior.cdf(p.bounds[1]) - prior.cdf(p.bounds[0])
-        # half of a normal prior is cut off on purpose where only one sign is physical
-        assert inside > 0.49, f"{item.name}: the bounds of {p.name} cut off {1 - inside:.0%} of its prior"
+        # half of a normal prior is cut off on purpose where only one sign is physical, and of the rest a tail that physics does not reach
+        assert inside > 0.43, f"{item.name}: the bounds of {p.name} cut off {1 - inside:.0%} of its prior"
 
 
 # --- every model: how its ratio behaves

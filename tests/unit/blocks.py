@@ -8,6 +8,7 @@ manifest, checked as one. A ``text`` block is what the block before it printed: 
 from __future__ import annotations
 
 import contextlib
+import csv
 import glob
 import io
 import re
@@ -76,7 +77,10 @@ class Runner:
             case "toml":
                 content = tomllib.loads(block.body)
                 if "project" not in content:
-                    campaign.parse(_merged(raw_manifest(), content), str(block))
+                    campaign.parse(content if "schema" in content else _merged(raw_manifest(), content), str(block))
+            case "csv":
+                header, *rows = csv.reader(block.body.splitlines())
+                assert all(len(row) == len(header) for row in rows if row != ["..."]), f"{block}: a row has another number of cells than the header"
             case "text":
                 _said(block, self.printed)
             case "folders":

@@ -469,7 +469,9 @@ def run(stage: Stage) -> Answer:
     seen = {e.name: e for e, _ in stage.library}
     visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
     # one that has no value at some trial, beyond a pole, explains nothing
-    singles = tuple(s for s in (stage.explain((e,)) for e in visible) if np.isfinite(s.gain))
+    tried = [(e, stage.explain((e,))) for e in visible]
+    visible = [e for e, s in tried if np.isfinite(s.gain)]
+    singles = tuple(s for _, s in tried if np.isfinite(s.gain))
     alone = [s for s in singles if s.accepted]
     clean = bool(alone)
     if not clean:

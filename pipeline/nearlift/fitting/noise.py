@@ -121,7 +121,7 @@ def estimate(
     shared, extra
         What the budget declares, as in `trial_covariance`: scatter that it accounts for is not counted again.
     start : Noise or None
-        Of the same trials about a model much like this one: where the search begins, which saves steps.
+        Of nearly the same trials, about a model much like this one: where the search begins, which saves steps, if it has the same sizes.
     source : str
         What `Noise.source` is to say, before the degrees of freedom of a typical trial's variance.
 
@@ -142,7 +142,7 @@ def estimate(
     model = _Components.of(data, slope, np.hstack([mean, *unknown]), mean.shape[1], extra)
     typical_N = float(np.median(data.lift_N))
     unit = np.array([typical_N if name == "force_N" else 1.0 for name in model.priors])
-    if start is None:
+    if start is None or start.sizes != tuple(model.priors):
         # neighbours differ by their noise whatever the model lacks
         near = float(np.median(np.abs(np.diff(log_lift - mean @ (mean.T @ log_lift))))) if data.n > 1 else rms
         usual = np.log([max(min(0.7 * rms, near), 1e-7) if name == "relative" else scale for name, (scale, _) in model.priors.items()])
