@@ -41,6 +41,14 @@ class SerialExecutor(concurrent.futures.Executor):
         return future
 
 
+class Threads(concurrent.futures.ThreadPoolExecutor):
+    """Threads of this process, as many as `workers`."""
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
+        self.workers = workers
+
+
 class LastingProcesses(concurrent.futures.Executor):
     """Processes that outlive the death of one of them (by the kernel, for want of memory, say): the task that it ran runs again.
 
@@ -111,7 +119,7 @@ def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
     elif kind in ("threads", "processes"):
         workers = _count(rest, text)
         if kind == "threads":
-            with concurrent.futures.ThreadPoolExecutor(workers) as pool:
+            with Threads(workers) as pool:
                 yield pool
         else:
             with LastingProcesses(workers) as lasting:

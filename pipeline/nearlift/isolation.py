@@ -52,14 +52,6 @@ def library(name: str) -> Any:
     return importlib.import_module(name)
 
 
-def alone() -> bool:
-    """Whether this process has a single thread, by the system's own count, which knows those of libraries as well."""
-    try:
-        return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1  # noqa: PTH208
-    except OSError:
-        return False
-
-
 def end_with_parent() -> None:
     """A process of `multiprocessing` ends as soon as the one that started it does, were it by `kill -9`."""
     import multiprocessing

@@ -13,16 +13,16 @@ import json
 import math
 import os
 import re
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import isolation
+from nearlift import copies
 from nearlift.errors import ProductError
 from nearlift.products import Product
 
@@ -124,45 +124,20 @@ def sha256_of(paths: Sequence[str | Path], meanwhile: Callable[[], None] = lambd
         return [sha256(path) for path in paths]
     found = [""] * len(paths)
     with contextlib.ExitStack() as held:
-        copies = [held.enter_context(_sha256_aside(paths[i::WORKERS])) for i in range(WORKERS if isolation.alone() else 0)]
+        shares = [range(i, len(paths), WORKERS) for i in range(WORKERS if copies.alone() else 0)]
+        answers = [held.enter_context(copies.copied(partial(_write_digests, [paths[i] for i in share]))) for share in shares]
         meanwhile()
-    for i, copy in enumerate(copies):
-        found[i::WORKERS] = copy
+        for share, answer in zip(shares, answers, strict=True):
+            content = answer.read().decode() if answer else ""
+            for k, i in enumerate(share):
+                found[i] = content[HEX * k : HEX * (k + 1)]
     # what could not be read says why when it is read here
     return found if all(len(digest) == HEX for digest in found) else _sha256_here(paths)
 
 
-@contextlib.contextmanager
-def _sha256_aside(paths: Sequence[str | Path]) -> Iterator[list[str]]:
-    """Digests by a copy of this process, which is not kept waiting by what this one imports; there at the end, as far as it came."""
-    found = [""] * len(paths)
-    answers, end = os.pipe()
-    try:
-        pid = os.fork()
-    except OSError:
-        # the system allows no more processes
-        os.close(end)
-        os.close(answers)
-        yield found
-        return
-    if pid == 0:
-        try:
-            with open(end, "wb") as file:  # noqa: PTH123
-                for path in paths:
-                    file.write(sha256(path).encode())
-        finally:
-            os._exit(0)
-    os.close(end)
-    with open(answers, "rb") as file:  # noqa: PTH123
-        try:
-            yield found
-            content = file.read().decode()
-        except BaseException:
-            os.kill(pid, signal.SIGKILL)
-            raise
-        finally:
-            os.waitpid(pid, 0)
-    found[:] = [content[HEX * i : HEX * (i + 1)] for i in range(len(paths))]
+def _write_digests(paths: Sequence[str | Path], file: IO[bytes]) -> None:
+    for path in paths:
+        file.write(sha256(path).encode())
 
 
 def _sha256_here(paths: Sequence[str | Path]) -> list[str]:

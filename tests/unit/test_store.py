@@ -223,8 +223,8 @@ def test_digest_is_that_of_the_bytes(tmp_path):
 
 ALONE = """
 import os, sys
-from nearlift import isolation, store
-assert isolation.alone()
+from nearlift import copies, store
+assert copies.alone()
 real = store.sha256
 copied = []
 fork = os.fork

@@ -27,7 +27,7 @@ from typing import IO, TYPE_CHECKING, Any, NoReturn, Self
 
 import numpy as np
 
-from nearlift import isolation
+from nearlift import copies, isolation
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, Malformed
 from nearlift.readers.per_file import Format, Names
@@ -263,7 +263,7 @@ class Child:
                 "OMP_NUM_THREADS": "1",
                 "PYTHONPATH": os.pathsep.join(p for p in (PACKAGE, os.environ.get("PYTHONPATH", "")) if p),
             }
-            self.process = Copy(environment, self.memory) if isolation.alone() else _fresh(environment, self.memory)
+            self.process = Copy(environment, self.memory) if copies.alone() else _fresh(environment, self.memory)
             with contextlib.suppress(ImportError, AttributeError, OSError):
                 import fcntl
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import difflib
 from collections import Counter, deque
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import readers, store
+from nearlift import copies, readers, store
 from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.executors import SerialExecutor, ordered
+from nearlift.executors import Threads, ordered
 from nearlift.products import TRIALS
 from nearlift.readers.row import Conditions, Row, row_of
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
@@ -101,7 +100,7 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
 
 
 def soon(campaign: Campaign, workers: int) -> None:
-    """Make ready, while files are digested, what an ingest wants: the processes that will read the records, if any will, and libraries."""
+    """Make ready, while files are digested, what reads the records: machine code, or the processes that will, and then what writes tables."""
     reader = readers.reader(campaign.records.reader)
     if not reader.series:
         return
@@ -112,7 +111,8 @@ def soon(campaign: Campaign, workers: int) -> None:
         from nearlift.readers import child
 
         child.start(workers)
-    store.ready()
+        # it begins a thread, after which no copies of this process are made
+        store.ready()
 
 
 def run(job: Job) -> Outcome:
@@ -209,7 +209,7 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     refusals: list[InputRefused] = []
     # the plan of what is done is not kept beside what was found
     del plan
-    for answer in ordered(_workers(job, reader, pieces), reduce_piece, _tasks(job, pieces, after)):
+    for answer in _answers(job, reader, pieces, after):
         for row in answer:
             rows.put(place[row.trial], row)
             refusals += [row.refusal] if row.refusal else []
@@ -229,11 +229,13 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     return rows, [*notes, *told]
 
 
-def _workers(job: Job, reader: Reader, pieces: Collection[Piece]) -> Executor:
-    """Who reads: over small records, threads of one interpreter lose more by taking turns than they gain."""
+def _answers(job: Job, reader: Reader, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[list[Row]]:
+    """The rows of each piece; over small records, threads of one interpreter lose more by taking turns than they gain."""
     records, size = sum(len(piece.trials) for piece in pieces), sum(piece.bytes for piece in pieces)
-    alone = isinstance(job.executor, ThreadPoolExecutor) and reader.reduce_piece is None and size < WORTH_A_THREAD * records
-    return SerialExecutor() if alone else job.executor
+    tasks = _tasks(job, pieces, after)
+    if not isinstance(job.executor, Threads) or reader.reduce_piece is not None or size >= WORTH_A_THREAD * records:
+        return ordered(job.executor, reduce_piece, tasks)
+    return copies.shared_out(reduce_piece, list(tasks), job.executor.workers if copies.alone() else 1)
 
 
 def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:

@@ -1,0 +1,78 @@
+"""Work shared with copies of this process, which are ready in milliseconds and do not take turns, as threads of one interpreter do.
+
+Only a process with one thread is copied: the locks of others would stay locked in the copy. What a copy does not answer is done here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from typing import IO, TypeVar
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+
+def alone() -> bool:
+    """Whether this process has a single thread, by the system's own count, which knows those of libraries as well."""
+    try:
+        return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1  # noqa: PTH208
+    except OSError:
+        return False
+
+
+@contextlib.contextmanager
+def copied(work: Callable[[IO[bytes]], object]) -> Iterator[IO[bytes] | None]:
+    """What a copy of this process writes that does `work`; it ends early where the work fails. None where the system allows no copy."""
+    answers, end = os.pipe()
+    try:
+        pid = os.fork()
+    except OSError:
+        os.close(end)
+        os.close(answers)
+        yield None
+        return
+    if pid == 0:
+        try:
+            os.close(answers)
+            with open(end, "wb") as file:  # noqa: PTH123
+                work(file)
+        finally:
+            os._exit(0)
+    os.close(end)
+    with open(answers, "rb") as file:  # noqa: PTH123
+        try:
+            yield file
+        finally:
+            # it is done, or nobody listens any more
+            os.kill(pid, signal.SIGKILL)
+            os.waitpid(pid, 0)
+
+
+def shared_out(task: Callable[[Task], Result], specs: Sequence[Task], workers: int) -> Iterator[Result]:
+    """Results of `task` over `specs`, in order, this process being one of the workers; raises as `task` does."""
+
+    def work(own: Sequence[Task], answers: IO[bytes]) -> None:
+        for spec in own:
+            pickle.dump(task(spec), answers)
+            answers.flush()
+
+    with contextlib.ExitStack() as held:
+        others = [held.enter_context(copied(functools.partial(work, specs[i::workers]))) for i in range(1, min(workers, len(specs)))]
+        for i, spec in enumerate(specs):
+            turn = i % workers
+            yield task(spec) if turn == 0 else _next(others[turn - 1], task, spec)
+
+
+def _next(answers: IO[bytes] | None, task: Callable[[Task], Result], spec: Task) -> Result:
+    """A copy's next answer; found here if it has none, and then none behind it."""
+    if answers is not None:
+        with contextlib.suppress(EOFError, pickle.UnpicklingError):
+            result: Result = pickle.load(answers)
+            return result
+    return task(spec)
