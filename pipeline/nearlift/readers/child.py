@@ -95,11 +95,12 @@ def rows(asked: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
 
     # a child could not keep what it compiles
     prepare()
+    lines = [line(request) for request in asked]
     with borrowed() as worker:
         for i, request in enumerate(asked):
             about = {"trial": request["trial"], "source": request["source"]}
             try:
-                [(answer, _)] = worker.ask(*asked[i : i + 1 + AHEAD])
+                [(answer, _)] = worker.ask(*lines[i : i + 1 + AHEAD])
             except Malformed as fault:
                 yield Row(**about, reduced=Reduced(codes=("MALFORMED",)), fault=f"{request['source']}: {fault}")
                 continue
@@ -278,8 +279,10 @@ class Child:
                 process.kill()
                 return
 
-    def ask(self, request: Mapping[str, Any], *later: Mapping[str, Any]) -> Iterator[Answer]:
+    def ask(self, request: Mapping[str, Any] | bytes, *later: Mapping[str, Any] | bytes) -> Iterator[Answer]:
         """The answers to one request, as they come; one request at a time. The child may begin with `later` ones, which are asked for next.
+
+        A request that is asked for more than once on its way may be given as its `line`.
 
         Raises
         ------
@@ -289,7 +292,7 @@ class Child:
             As the reader itself does.
         """
         more = True
-        lines = [json.dumps(r).encode() + b"\n" for r in (request, *later)]
+        lines = [r if isinstance(r, bytes) else line(r) for r in (request, *later)]
         if self._sent and self._sent[0] != lines[0]:
             # it is about to answer another question
             self.end()
@@ -320,9 +323,9 @@ class Child:
         self._until = until = time.monotonic() + self.time_s
         # a child that is dead may have answered before it died of a later file
         with contextlib.suppress(OSError):
-            for line in lines[len(self._sent) :]:
-                self._sent.append(line)
-                process.stdin.write(line)
+            for request in lines[len(self._sent) :]:
+                self._sent.append(request)
+                process.stdin.write(request)
             process.stdin.flush()
         try:
             answer, values = _received(process.stdout)
@@ -352,6 +355,11 @@ class Child:
                     pipe.close()
 
 
+def line(request: Mapping[str, Any]) -> bytes:
+    """A request as the child reads it."""
+    return json.dumps(request).encode() + b"\n"
+
+
 def _exactly(pipe: IO[bytes], n: int) -> bytes:
     content = pipe.read(n)
     if len(content) != n:
@@ -373,8 +381,8 @@ def serve(requests: int, answers: int, memory: int) -> None:
 
     threading.Thread(target=_await_parents_end, args=(requests,), daemon=True).start()
     _limit(memory)
-    for line in os.fdopen(requests, "rb"):
-        request = json.loads(line)
+    for asked in os.fdopen(requests, "rb"):
+        request = json.loads(asked)
         for answer, values in _answers(request):
             head = json.dumps(answer | {"lengths": [len(v) for v in values]}).encode()
             out.write(_LENGTH.pack(len(head)) + head)
