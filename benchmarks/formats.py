@@ -112,7 +112,8 @@ BENCH = Bench(
     title="Ingest of CSV, TDMS, HDF5 and Parquet, whole process",
     prepare=prepare,
     one="csv",
-    rounds=5,
+    # a quiet machine is not: five turns differ by a tenth
+    rounds=15,
     contestants=tuple(
         c
         for form, (library, _, _) in PEERS.items()
