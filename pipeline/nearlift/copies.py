@@ -14,6 +14,9 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import IO, TypeVar
 
+#: What asks a process to end.
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -26,32 +29,52 @@ def alone() -> bool:
         return False
 
 
+def fork(life: Callable[[], object]) -> int:
+    """The number of a copy of this process, which does nothing but `life` and ends; raises OSError where the system allows none."""
+    # an interrupt must not find the copy where this process stands
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
+    try:
+        pid = os.fork()
+        if pid == 0:
+            try:
+                for number in INTERRUPTS:
+                    signal.signal(number, signal.SIG_DFL)
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
+                life()
+            finally:
+                os._exit(1)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return pid
+
+
 @contextlib.contextmanager
 def copied(work: Callable[[IO[bytes]], object]) -> Iterator[IO[bytes] | None]:
     """What a copy of this process writes that does `work`; it ends early where the work fails. None where the system allows no copy."""
     answers, end = os.pipe()
+
+    def life() -> None:
+        os.close(answers)
+        with open(end, "wb") as file:  # noqa: PTH123
+            work(file)
+
     try:
-        pid = os.fork()
+        pid = fork(life)
     except OSError:
         os.close(end)
         os.close(answers)
         yield None
         return
-    if pid == 0:
-        try:
-            os.close(answers)
-            with open(end, "wb") as file:  # noqa: PTH123
-                work(file)
-        finally:
-            os._exit(0)
     os.close(end)
     with open(answers, "rb") as file:  # noqa: PTH123
         try:
             yield file
         finally:
-            # it is done, or nobody listens any more
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
+            # it is done, or nobody listens any more; where nobody may wait for children, it is gone once it has ended
+            with contextlib.suppress(ProcessLookupError, ChildProcessError):
+                if os.waitpid(pid, os.WNOHANG)[0] == 0:
+                    os.kill(pid, signal.SIGKILL)
+                    os.waitpid(pid, 0)
 
 
 def shared_out(task: Callable[[Task], Result], specs: Sequence[Task], workers: int) -> Iterator[Result]:

@@ -37,13 +37,10 @@ class Kernel:
         nearlift's other modules, whose changes would not show.
     *arguments : type
         `POINTER`, `TEXT` (bytes), `WHOLE` or `REAL` for each argument.
-    brief : bool
-        Whether other threads wait meanwhile: handing over to one, and being handed back, takes longer than microseconds of work.
     """
 
-    def __init__(self, module: str, name: str, *arguments: Any, brief: bool = False) -> None:
+    def __init__(self, module: str, name: str, *arguments: Any) -> None:
         self.module, self.name, self.arguments = module, name, arguments
-        self.prototype = ctypes.PYFUNCTYPE if brief else ctypes.CFUNCTYPE
         self.file = Path(__file__).parent.joinpath(*module.split(".")[1:]).with_suffix(".py")
         self.call: Call | None = None
 
@@ -113,7 +110,7 @@ class Kernel:
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
-        function = self.prototype(ctypes.c_int32, POINTER, POINTER, *self.arguments)(engine.get_function_address(symbol))
+        function = ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, *self.arguments)(engine.get_function_address(symbol))
 
         def call(*arguments: Any) -> int:
             answer = ctypes.c_int64()
@@ -130,7 +127,7 @@ class Kernel:
 
         source, signature, own = importlib.import_module(self.module).KERNELS[self.name]
         compiled = numba.cfunc(signature, error_model="numpy", **own)(source)
-        function = self.prototype(ctypes.c_int64, *self.arguments)(int(compiled.address or 0))
+        function = ctypes.CFUNCTYPE(ctypes.c_int64, *self.arguments)(int(compiled.address or 0))
 
         def call(*arguments: Any) -> int:
             return int(function(*arguments))

@@ -91,3 +91,28 @@ stop.set()
 thread.join()
 """
     assert by_itself(code) == "False"
+
+
+def test_where_nobody_may_wait_for_children_the_answers_are_the_same():
+    code = """
+import signal
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+print(list(copies.shared_out(lambda i: i * i, range(23), 3)))
+"""
+    assert by_itself(code) == WANTED
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_an_interrupt_ends_a_copy_and_not_its_original(number):
+    code = f"""
+import signal
+def square(i):
+    if os.getpid() != here and i > 8:
+        os.kill(os.getpid(), signal.{number})
+    return i * i
+try:
+    print(list(copies.shared_out(square, range(23), 3)))
+finally:
+    print("here" if os.getpid() == here else "a copy went on")
+"""
+    assert by_itself(code).splitlines() == [WANTED, "here"]

@@ -23,7 +23,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NoReturn, Self
+from typing import IO, TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -43,8 +43,6 @@ TIME_S = 120.0
 FILES, AHEAD = 1000, 3
 #: Bytes that may wait in the pipe, where the system grants as many: several records, so that the child need not wait at each.
 PIPE = 1 << 20
-#: What asks a process to end.
-INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 #: The folder that holds nearlift.
 PACKAGE = str(Path(__file__).parents[2])
 _LENGTH = struct.Struct("<Q")
@@ -174,14 +172,7 @@ class Copy:
     def __init__(self, environment: Mapping[str, str], memory: int) -> None:
         (requests, put), (get, answers) = os.pipe(), os.pipe()
         self.returncode: int | None = None
-        # an interrupt must not find the copy where this process stands
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
-        try:
-            self.pid = os.fork()
-            if self.pid == 0:
-                _as_if_fresh(environment, requests, answers, memory)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        self.pid = copies.fork(lambda: _as_if_fresh(environment, requests, answers, memory))
         os.close(requests)
         os.close(answers)
         self.stdin, self.stdout = os.fdopen(put, "wb"), os.fdopen(get, "rb")
@@ -215,23 +206,17 @@ class Copy:
 _reaping = threading.Lock()
 
 
-def _as_if_fresh(environment: Mapping[str, str], requests: int, answers: int, memory: int) -> NoReturn:
+def _as_if_fresh(environment: Mapping[str, str], requests: int, answers: int, memory: int) -> None:
     """The copy's life: it forgets what it has from the original, and serves."""
-    try:
-        os.setsid()
-        for number in INTERRUPTS:
-            signal.signal(number, signal.SIG_DFL)
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
-        nothing = os.open(os.devnull, os.O_RDWR)
-        kept = [os.dup2(old, new) for new, old in enumerate((requests, answers, nothing))]
-        os.closerange(len(kept), os.sysconf("SC_OPEN_MAX"))
-        os.environ.update(environment)
-        sys.dont_write_bytecode = True
-        here = str(Path.cwd())
-        sys.path[:] = [PACKAGE, *(p for p in sys.path if p not in ("", here))]
-        serve(0, 1, memory)
-    finally:
-        os._exit(1)
+    os.setsid()
+    nothing = os.open(os.devnull, os.O_RDWR)
+    kept = [os.dup2(old, new) for new, old in enumerate((requests, answers, nothing))]
+    os.closerange(len(kept), os.sysconf("SC_OPEN_MAX"))
+    os.environ.update(environment)
+    sys.dont_write_bytecode = True
+    here = str(Path.cwd())
+    sys.path[:] = [PACKAGE, *(p for p in sys.path if p not in ("", here))]
+    serve(0, 1, memory)
 
 
 class Child:

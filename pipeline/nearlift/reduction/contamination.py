@@ -16,7 +16,7 @@ from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
 
 FloatArray = NDArray[np.float64]
 
-LOOK = Kernel("nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER, brief=True)
+LOOK = Kernel("nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER)
 #: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is uncertain, more are asked for.
 APART, FEW = 6.5, 20
 #: Share of that distance at which samples stand apart if there are at least so many, of at least so many.

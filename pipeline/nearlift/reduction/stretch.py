@@ -12,8 +12,8 @@ from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
 
 FloatArray = NDArray[np.float64]
 
-STRETCH = Kernel("nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER, brief=True)
-STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL, brief=True)
+STRETCH = Kernel("nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER)
+STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
 #: Sums that the kernel gives before the batches' means.
 SUMS = 9
 #: Standard deviations of normal noise in one median absolute deviation.
