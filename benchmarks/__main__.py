@@ -1,9 +1,11 @@
 """Every benchmark beside its peers: ``make bench``.
 
-    python -m benchmarks [NAME ...] [--quick | --full] [--rounds N] [--data DIR] [--without WHO ...] [--save] [--fail] [--json FILE]
+    python -m benchmarks [NAME ...] [--quick | --full] [--rounds N] [--data DIR] [--without WHO ...]
+    [--save] [--fail] [--json FILE]
 
-Prints Markdown; `--save` keeps it in docs/benchmarks.md and benchmarks/last.json, against which later results are compared. A regression
-beyond noise is told on stderr; only with `--fail` does it set the exit code.
+Prints Markdown; `--save` keeps it in docs/benchmarks.md and benchmarks/last.json, against which
+later results are compared. A regression beyond noise is told on stderr; only with `--fail` does it
+set the exit code.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ HERE = Path(__file__).parent
 LAST = HERE / "last.json"
 PAGE = ROOT / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- measured -->\n", "<!-- end of measured -->\n"
-NAMES = sorted(p.stem for p in HERE.glob("*.py") if p.stem != "harness" and not p.stem.startswith("_"))
+NAMES = sorted(
+    p.stem for p in HERE.glob("*.py") if p.stem != "harness" and not p.stem.startswith("_")
+)
 
 
 def bench_of(name: str) -> Bench:
@@ -38,17 +42,30 @@ def say(text: str) -> None:
 
 
 def prepared(name: str, folder: Path, quick: bool) -> str:
-    """Make the data in another process, so that this one stays small: a child's peak memory begins with its parent's."""
-    done = subprocess.run([*here("--prepare", name, str(folder)), *(["--quick"] if quick else [])], check=True, stdout=subprocess.PIPE, cwd=ROOT)
+    """Make the data in another process, so that this one stays small: a child's peak memory begins
+    with its parent's.
+    """
+    done = subprocess.run(
+        [*here("--prepare", name, str(folder)), *(["--quick"] if quick else [])],
+        check=True,
+        stdout=subprocess.PIPE,
+        cwd=ROOT,
+    )
     return done.stdout.decode().strip().splitlines()[-1]
 
 
-def run(names: list[str], quick: bool, full: bool, rounds: int | None, data: Path | None, out: set[str]) -> dict[str, Any]:
+def run(
+    names: list[str], quick: bool, full: bool, rounds: int | None, data: Path | None, out: set[str]
+) -> dict[str, Any]:
     benches = {}
     with tempfile.TemporaryDirectory() as temporary:
         for name in names:
             bench = bench_of(name)
-            inside = (c for c in bench.contestants if (full or not c.full) and (c.name not in out or c.name == bench.one))
+            inside = (
+                c
+                for c in bench.contestants
+                if (full or not c.full) and (c.name not in out or c.name == bench.one)
+            )
             bench = replace(bench, contestants=tuple(inside))
             folder = data or Path(temporary) / name
             folder.mkdir(parents=True, exist_ok=True)
@@ -56,22 +73,47 @@ def run(names: list[str], quick: bool, full: bool, rounds: int | None, data: Pat
             say(f"== {bench.title}: {setting}")
             turns = rounds or (2 if quick else bench.rounds)
             begun = os.getloadavg()[0]
-            benches[name] = {**told(bench, setting, contest(name, bench, folder, turns, say)), "load": [begun, os.getloadavg()[0]]}
+            benches[name] = {
+                **told(bench, setting, contest(name, bench, folder, turns, say)),
+                "load": [begun, os.getloadavg()[0]],
+            }
     return {"schema": "nearlift.benchmarks/1", "machine": machine(), "benches": benches}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
-    parser.add_argument("--quick", action="store_true", help="small data, two rounds: a look, no result")
-    parser.add_argument("--full", action="store_true", help="those too that take very long, each once: see docs/benchmarks.md")
+    parser.add_argument(
+        "--quick", action="store_true", help="small data, two rounds: a look, no result"
+    )
+    parser.add_argument(
+        "--full",
+        action="store_true",
+        help="those too that take very long, each once: see docs/benchmarks.md",
+    )
     parser.add_argument("--rounds", type=int)
-    parser.add_argument("--data", type=Path, help="keep the data here, and use what is there already")
-    parser.add_argument("--without", nargs="+", default=[], metavar="WHO", help="contestants that stay out")
-    parser.add_argument("--save", action="store_true", help="keep the result in docs/benchmarks.md and benchmarks/last.json")
-    parser.add_argument("--fail", action="store_true", help="exit with 1 after a regression or a missed target")
+    parser.add_argument(
+        "--data", type=Path, help="keep the data here, and use what is there already"
+    )
+    parser.add_argument(
+        "--without", nargs="+", default=[], metavar="WHO", help="contestants that stay out"
+    )
+    parser.add_argument(
+        "--save",
+        action="store_true",
+        help="keep the result in docs/benchmarks.md and benchmarks/last.json",
+    )
+    parser.add_argument(
+        "--fail", action="store_true", help="exit with 1 after a regression or a missed target"
+    )
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--contestant", nargs=3, metavar=("NAME", "WHO", "DIR"), help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--contestant", nargs=3, metavar=("NAME", "WHO", "DIR"), help=argparse.SUPPRESS
+    )
     parser.add_argument("--prepare", nargs=2, metavar=("NAME", "DIR"), help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.contestant:
@@ -84,11 +126,21 @@ def main() -> int:
         return 0
     if unknown := sorted(set(given.names) - set(NAMES)):
         parser.error(f"no benchmark {', '.join(unknown)}; there are {', '.join(NAMES)}")
-    result = run(given.names or NAMES, given.quick, given.full, given.rounds, given.data.resolve() if given.data else None, set(given.without))
+    result = run(
+        given.names or NAMES,
+        given.quick,
+        given.full,
+        given.rounds,
+        given.data.resolve() if given.data else None,
+        set(given.without),
+    )
     last = json.loads(LAST.read_text()) if LAST.exists() else {}
     worse = regressions(result, last)
     missed = [
-        f"{t['work']}: {t['median']:.3g}, must {t['must']:g}" for b in result["benches"].values() for t in b["targets"] if t["verdict"] == "missed"
+        f"{t['work']}: {t['median']:.3g}, must {t['must']:g}"
+        for b in result["benches"].values()
+        for t in b["targets"]
+        if t["verdict"] == "missed"
     ]
     print(markdown(result))
     for line in worse:
@@ -104,7 +156,10 @@ def main() -> int:
 
 def save(result: dict[str, Any], last: dict[str, Any]) -> None:
     """Put the result in the place of the last one; benchmarks that did not run keep theirs."""
-    whole = {**result, "benches": dict(sorted({**last.get("benches", {}), **result["benches"]}.items()))}
+    whole = {
+        **result,
+        "benches": dict(sorted({**last.get("benches", {}), **result["benches"]}.items())),
+    }
     LAST.write_text(json.dumps(whole, indent=1) + "\n")
     page = PAGE.read_text()
     head, _, rest = page.partition(BEGIN)

@@ -16,5 +16,17 @@ def program(folder: Path, name: str, source: str) -> Path:
     path = folder / name
     if (found := compiler()) and not path.exists():
         path.with_suffix(".c").write_text(source)
-        subprocess.run([found, "-O3", "-march=native", "-pthread", "-o", str(path), str(path.with_suffix(".c")), "-lm"], check=True)
+        subprocess.run(
+            [
+                found,
+                "-O3",
+                "-march=native",
+                "-pthread",
+                "-o",
+                str(path),
+                str(path.with_suffix(".c")),
+                "-lm",
+            ],
+            check=True,
+        )
     return path

@@ -1,4 +1,6 @@
-"""The paper's campaign as files, whole (3600 records of 12 s at 1 kHz, 43.2 M samples) or in part; what several benchmarks run over."""
+"""The paper's campaign as files, whole (3600 records of 12 s at 1 kHz, 43.2 M samples) or in part;
+what several benchmarks run over.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,16 @@ VISITS = 15
 
 
 def campaign(data: Path, scale: float, form: str = "csv_with_time", sagging: bool = False) -> Path:
-    """The folder of the campaign at that scale, written if it is not there; `form` as in `synthetic.records`.
+    """The folder of the campaign at that scale, written if it is not there; `form` as in
+    `synthetic.records`.
 
-    `sagging`: with the demo's battery above the ground, its voltage logged everywhere; else nothing is wrong.
+    `sagging`: with the demo's battery above the ground, its voltage logged everywhere; else nothing
+    is wrong.
     """
-    folder = data / f"paper-{scale:g}-{ {'csv': '1', 'csv_with_time': '2'}.get(form, form) }{'-sagging' if sagging else ''}"
+    folder = (
+        data
+        / f"paper-{scale:g}-{ {'csv': '1', 'csv_with_time': '2'}.get(form, form) }{'-sagging' if sagging else ''}"
+    )
     if not folder.exists():
         unfinished = folder.with_name(folder.name + ".unfinished")
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -36,21 +43,37 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
     from nearlift.synthetic.presets import PERCENT_DIAMETER, TABLE_1
     from nearlift.synthetic.records import Bench, manifest, record, schedule, simulate
 
-    stations: dict[Boundary, np.ndarray] = {side: PERCENT_DIAMETER.recorded_m(side) for side in TABLE_1}
+    stations: dict[Boundary, np.ndarray] = {
+        side: PERCENT_DIAMETER.recorded_m(side) for side in TABLE_1
+    }
     plan = randomised(stations, seed=1, visits=max(round(VISITS * scale), 1))
-    truths = {side: truth if sagging and side == "ground" else dataclasses.replace(truth, effects=()) for side, truth in demo.truths().items()}
+    truths = {
+        side: truth if sagging and side == "ground" else dataclasses.replace(truth, effects=())
+        for side, truth in demo.truths().items()
+    }
     if sagging:
-        volts = np.where(plan.boundary == "ground", demo.battery_V(plan, seed=1), demo.bench_V(plan, seed=1))
+        volts = np.where(
+            plan.boundary == "ground", demo.battery_V(plan, seed=1), demo.bench_V(plan, seed=1)
+        )
         plan = dataclasses.replace(plan, further={"supply_V": volts})
     bench = Bench(rate_Hz=RATE, tare_s=TARE, record_s=RECORD)
     quantum = next(iter(truths.values())).noise.quantum_N
     true = simulate(plan, truths, bench=bench, seed=1)
     (folder / "trials").mkdir(parents=True)
-    (folder / "campaign.toml").write_text(manifest("paper", "Simulated, for timing.", bench, form, quantum, plan))  # type: ignore[arg-type]
+    (folder / "campaign.toml").write_text(
+        manifest("paper", "Simulated, for timing.", bench, form, quantum, plan)
+    )  # type: ignore[arg-type]
     (folder / "trials.csv").write_text(schedule(plan, bench))
     clock = [f"{i / RATE:.3f}," for i in range(round((TARE + RECORD) * RATE))]
     for i, trial in enumerate(plan.trial):
-        counts = record(str(trial), float(true.lift_N[i]), float(plan.throttle[i]), truths[plan.boundary[i]], bench, 1)
+        counts = record(
+            str(trial),
+            float(true.lift_N[i]),
+            float(plan.throttle[i]),
+            truths[plan.boundary[i]],
+            bench,
+            1,
+        )
         # a converter's counts repeat: each is written once
         count, which = np.unique(counts, return_inverse=True)
         said = [f"{f:.4f}" for f in (1e3 * quantum * count).tolist()]
@@ -60,7 +83,9 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
 
 
 def tenfold(data: Path, folder: Path) -> Path:
-    """Ten times that campaign, its files nine times more under other names (hard links: the disk holds them once)."""
+    """Ten times that campaign, its files nine times more under other names (hard links: the disk
+    holds them once).
+    """
     big = folder.with_name(folder.name + "-tenfold")
     if big.exists():
         return big
@@ -88,7 +113,10 @@ def spoken(folder: Path) -> str:
     files = list((folder / "trials").iterdir())
     size = sum(f.stat().st_size for f in files) / 1e6
     samples = len(files) * round((TARE + RECORD) * RATE) / 1e6
-    return f"{len(files)} CSV files (`t,force`), {samples:.1f} M samples, {size:.0f} MB, page cache warm, two threads."
+    return (
+        f"{len(files)} CSV files (`t,force`), {samples:.1f} M samples, {size:.0f} MB, page cache"
+        " warm, two threads."
+    )
 
 
 def ingest(folder: Path, threads: int = 2) -> None:
@@ -100,6 +128,15 @@ def ingest(folder: Path, threads: int = 2) -> None:
     from nearlift.stages import ingest as stage
     from nearlift.stages.job import Job
 
-    with tempfile.TemporaryDirectory() as out, executors.open_executor(f"threads:{threads}") as executor:
-        job = Job(root=folder, campaign=manifests.load(folder), processed=Path(out), reports=Path(out), executor=executor)
+    with (
+        tempfile.TemporaryDirectory() as out,
+        executors.open_executor(f"threads:{threads}") as executor,
+    ):
+        job = Job(
+            root=folder,
+            campaign=manifests.load(folder),
+            processed=Path(out),
+            reports=Path(out),
+            executor=executor,
+        )
         stage.run(job)

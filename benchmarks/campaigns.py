@@ -1,4 +1,6 @@
-"""Many campaigns of 1200 trials in one go, record by record to the report: what one costs, and whether the hundredth costs more than the first."""
+"""Many campaigns of 1200 trials in one go, record by record to the report: what one costs, and
+whether the hundredth costs more than the first.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +32,18 @@ def prepare(data: Path, quick: bool) -> str:
     records = len((folder / "trials.csv").read_text().splitlines()) - 1
     size = sum(f.stat().st_size for f in (folder / "trials").iterdir()) / 1e6
     return (
-        f"Campaigns of {records} CSV records (12 s at 1 kHz, {size:.0f} MB) at one boundary each, ground, ceiling and sidewall in turn, every stage, "
-        f"processes:{WORKERS}, page cache warm. Each has 5 in 6 of the visits of a common pool, drawn anew, so that trials differ while the disk "
-        "holds every record once; above the ground a battery sags, elsewhere nothing is wrong."
+        f"Campaigns of {records} CSV records (12 s at 1 kHz, {size:.0f} MB) at one boundary each,"
+        f" ground, ceiling and sidewall in turn, every stage, processes:{WORKERS}, page cache warm."
+        " Each has 5 in 6 of the visits of a common pool, drawn anew, so that trials differ while"
+        " the disk holds every record once; above the ground a battery sags, elsewhere nothing is"
+        " wrong."
     )
 
 
 def campaign(data: Path, k: int) -> Path:
-    """Campaign number k, written if it is not there: trials of one boundary in the pool's order, its records hard links."""
+    """Campaign number k, written if it is not there: trials of one boundary in the pool's order,
+    its records hard links.
+    """
     import numpy as np
 
     pool = data / (data / WHICH).read_text()
@@ -63,13 +69,17 @@ def campaign(data: Path, k: int) -> Path:
         os.link(pool / "trials" / file, unfinished / "trials" / file)
     (unfinished / "trials.csv").write_text("\n".join([head, *kept]) + "\n")
     manifest = (pool / "campaign.toml").read_text()
-    (unfinished / "campaign.toml").write_text(manifest.replace('name   = "paper"', f'name   = "paper-{k:03d}"'))
+    (unfinished / "campaign.toml").write_text(
+        manifest.replace('name   = "paper"', f'name   = "paper-{k:03d}"')
+    )
     unfinished.rename(folder)
     return folder
 
 
 def run(data: Path, n: int) -> dict[str, Any]:
-    """What one of n campaigns costs, by quarters of the order too; peak memory is that of the process that needed most."""
+    """What one of n campaigns costs, by quarters of the order too; peak memory is that of the
+    process that needed most.
+    """
     import resource
 
     roots = [str(campaign(data, k)) for k in range(n)]
@@ -77,7 +87,12 @@ def run(data: Path, n: int) -> dict[str, Any]:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         begin = time.perf_counter()
         options = ["--out", out, "--executor", f"processes:{WORKERS}", "--json"]
-        done = subprocess.run(command_line("run", *roots, *options), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, check=False)
+        done = subprocess.run(
+            command_line("run", *roots, *options),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            check=False,
+        )
         wall = time.perf_counter() - begin
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
     ends = json.loads(done.stdout)["campaigns"]
@@ -100,16 +115,58 @@ BENCH = Bench(
     one="nearlift-few",
     rounds=1,
     contestants=(
-        Contestant(name="nearlift-few", title=f"one of {FEW}", run=lambda data: run(data, FEW), rounds=1),
-        Contestant(name="nearlift-many", title=f"one of {MANY}", run=lambda data: run(data, MANY), rounds=1),
-        Contestant(name="nearlift-hundred", title=f"one of {HUNDRED}", run=lambda data: run(data, HUNDRED), rounds=1, full=True),
+        Contestant(
+            name="nearlift-few", title=f"one of {FEW}", run=lambda data: run(data, FEW), rounds=1
+        ),
+        Contestant(
+            name="nearlift-many", title=f"one of {MANY}", run=lambda data: run(data, MANY), rounds=1
+        ),
+        Contestant(
+            name="nearlift-hundred",
+            title=f"one of {HUNDRED}",
+            run=lambda data: run(data, HUNDRED),
+            rounds=1,
+            full=True,
+        ),
     ),
     targets=(
-        Target(work=f"one campaign of {MANY}, whole, on {WORKERS} cores", ours="nearlift-many", must=36.0),
-        Target(work=f"one campaign of {MANY} over one of {FEW}", ours="nearlift-many", peer="nearlift-few", quantity="cpu_s", must=1.1),
-        Target(work=f"one campaign of {MANY} over one of {FEW}", ours="nearlift-many", peer="nearlift-few", quantity="peak_MiB", must=1.1),
-        Target(work=f"one campaign of {HUNDRED}, whole, on {WORKERS} cores", ours="nearlift-hundred", must=36.0),
-        Target(work=f"one campaign of {HUNDRED} over one of {FEW}", ours="nearlift-hundred", peer="nearlift-few", quantity="cpu_s", must=1.1),
-        Target(work=f"one campaign of {HUNDRED} over one of {FEW}", ours="nearlift-hundred", peer="nearlift-few", quantity="peak_MiB", must=1.1),
+        Target(
+            work=f"one campaign of {MANY}, whole, on {WORKERS} cores",
+            ours="nearlift-many",
+            must=36.0,
+        ),
+        Target(
+            work=f"one campaign of {MANY} over one of {FEW}",
+            ours="nearlift-many",
+            peer="nearlift-few",
+            quantity="cpu_s",
+            must=1.1,
+        ),
+        Target(
+            work=f"one campaign of {MANY} over one of {FEW}",
+            ours="nearlift-many",
+            peer="nearlift-few",
+            quantity="peak_MiB",
+            must=1.1,
+        ),
+        Target(
+            work=f"one campaign of {HUNDRED}, whole, on {WORKERS} cores",
+            ours="nearlift-hundred",
+            must=36.0,
+        ),
+        Target(
+            work=f"one campaign of {HUNDRED} over one of {FEW}",
+            ours="nearlift-hundred",
+            peer="nearlift-few",
+            quantity="cpu_s",
+            must=1.1,
+        ),
+        Target(
+            work=f"one campaign of {HUNDRED} over one of {FEW}",
+            ours="nearlift-hundred",
+            peer="nearlift-few",
+            quantity="peak_MiB",
+            must=1.1,
+        ),
     ),
 )

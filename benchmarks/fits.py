@@ -1,8 +1,11 @@
-"""A thousand bootstraps of a fit of 1200 trials with their full covariance, beside what a lab would write.
+"""A thousand bootstraps of a fit of 1200 trials with their full covariance, beside what a lab would
+write.
 
-Each contestant fits the same lifts: K_b and an exponent near the ground, and a level for each of four throttles. The peers whiten by a
-dense triangle; lmfit and least_squares go campaign by campaign. Times are of the fits alone; two designs, the paper's stations, and
-every trial at a height of its own (as a rig reports that measures where it stopped), where nothing can be shared between trials.
+Each contestant fits the same lifts: K_b and an exponent near the ground, and a level for each of
+four throttles. The peers whiten by a dense triangle; lmfit and least_squares go campaign by
+campaign. Times are of the fits alone; two designs, the paper's stations, and every trial at a
+height of its own (as a rig reports that measures where it stopped), where nothing can be shared
+between trials.
 """
 
 from __future__ import annotations
@@ -31,10 +34,18 @@ def prepare(data: Path, quick: bool) -> str:
         visit = np.repeat(np.arange(300), 4)
         throttle = np.tile([0.25, 0.5, 0.75, 0.92], 300)
         level = np.log([0.107, 0.239, 0.409, 0.551])[np.tile(np.arange(4), 300)]
-        slope = (np.log(curve(z * 1.0001, 2.0, 1.0)) - np.log(curve(z * 0.9999, 2.0, 1.0))) / (0.0002 * z) / 0.023
+        slope = (
+            (np.log(curve(z * 1.0001, 2.0, 1.0)) - np.log(curve(z * 0.9999, 2.0, 1.0)))
+            / (0.0002 * z)
+            / 0.023
+        )
         exact = level + np.log(curve(z, 2.0, 1.0))
         errors = rng.normal(0, 0.005, (count, 1200))
-        errors = errors + 1e-4 * slope * rng.normal(size=(count, 300))[:, visit] + 0.002 * rng.normal(size=(count, 1))
+        errors = (
+            errors
+            + 1e-4 * slope * rng.normal(size=(count, 300))[:, visit]
+            + 0.002 * rng.normal(size=(count, 1))
+        )
         np.savez(
             data / f"fits-{design}.npz",
             z=z,
@@ -44,7 +55,10 @@ def prepare(data: Path, quick: bool) -> str:
             per_visit=1e-4 * slope,
             y=exact + errors,
         )
-    return f"1200 trials, four throttles, {count} resampled campaigns; an error of every visit's height and a gain in common; time of the fits alone."
+    return (
+        f"1200 trials, four throttles, {count} resampled campaigns; an error of every visit's"
+        " height and a gain in common; time of the fits alone."
+    )
 
 
 def loaded(data: Path, design: str) -> dict[str, Any]:
@@ -57,7 +71,11 @@ def white(found: dict[str, Any]) -> Any:
     import numpy as np
 
     same = found["visit"][:, None] == found["visit"]
-    covariance = np.diag(found["variance"]) + same * np.outer(found["per_visit"], found["per_visit"]) + 0.002**2
+    covariance = (
+        np.diag(found["variance"])
+        + same * np.outer(found["per_visit"], found["per_visit"])
+        + 0.002**2
+    )
     return np.linalg.inv(np.linalg.cholesky(covariance))
 
 
@@ -65,7 +83,12 @@ def timed(work: Callable[[], Any]) -> dict[str, Any]:
     begun = time.perf_counter(), time.process_time()
     theta = work()
     wall, cpu = time.perf_counter() - begun[0], time.process_time() - begun[1]
-    return {"wall_s": wall, "cpu_s": cpu, "mean of K_b": float(theta[:, 0].mean()), "sd of K_b": float(theta[:, 0].std())}
+    return {
+        "wall_s": wall,
+        "cpu_s": cpu,
+        "mean of K_b": float(theta[:, 0].mean()),
+        "sd of K_b": float(theta[:, 0].std()),
+    }
 
 
 def nearlift(data: Path, design: str) -> dict[str, Any]:
@@ -96,9 +119,16 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
     )
 
     def work(count: int | None = None) -> Any:
-        covariance = Covariance(variance=found["variance"], visit=found["visit"], per_visit=found["per_visit"], shared=np.full((n, 1), 0.002))
+        covariance = Covariance(
+            variance=found["variance"],
+            visit=found["visit"],
+            per_visit=found["per_visit"],
+            shared=np.full((n, 1), 0.002),
+        )
         problem = Problem(model=MODEL, data=trials, covariance=covariance)
-        return refit(problem, np.array([2.0, 1.0]), np.array([0.1, 0.05]), log_lift=found["y"][:count]).good()
+        return refit(
+            problem, np.array([2.0, 1.0]), np.array([0.1, 0.05]), log_lift=found["y"][:count]
+        ).good()
 
     work(1)
     return timed(work)
@@ -121,14 +151,26 @@ def scipy(data: Path, design: str) -> dict[str, Any]:
     w = white(found)
     levels = (found["throttle"][:, None] == np.unique(found["throttle"])).astype(float)
     w_levels = w @ levels
-    start = np.r_[2.0, 1.0, [float(found["y"].mean(axis=0)[found["throttle"] == t].mean()) for t in np.unique(found["throttle"])]]
+    start = np.r_[
+        2.0,
+        1.0,
+        [
+            float(found["y"].mean(axis=0)[found["throttle"] == t].mean())
+            for t in np.unique(found["throttle"])
+        ],
+    ]
 
     def one(y: Any) -> Any:
         def jacobian(x: Any) -> Any:
             _, a, b = curve_and_slopes(found["z"], x[0], x[1])
             return -np.column_stack([w @ np.column_stack([a, b]), w_levels])
 
-        return least_squares(lambda x: w @ (y - levels @ x[2:] - curve_and_slopes(found["z"], x[0], x[1])[0]), start, jac=jacobian, method="lm").x
+        return least_squares(
+            lambda x: w @ (y - levels @ x[2:] - curve_and_slopes(found["z"], x[0], x[1])[0]),
+            start,
+            jac=jacobian,
+            method="lm",
+        ).x
 
     return timed(lambda: np.array([one(y) for y in found["y"]]))
 
@@ -157,7 +199,9 @@ def lmfit(data: Path, design: str) -> dict[str, Any]:
     return timed(lambda: np.array([one(y) for y in found["y"]]))
 
 
-def contestant(name: str, title: str, work: Callable[[Path, str], Any], design: str, rounds: int | None = None) -> Contestant:
+def contestant(
+    name: str, title: str, work: Callable[[Path, str], Any], design: str, rounds: int | None = None
+) -> Contestant:
     return Contestant(name=name, title=title, run=lambda data: work(data, design), rounds=rounds)
 
 
@@ -166,13 +210,33 @@ BENCH = Bench(
     prepare=prepare,
     one="lmfit",
     contestants=(
-        contestant("lmfit", "lmfit, one after the other, every trial at its own height", lmfit, "heights", rounds=3),
-        contestant("scipy", "scipy least_squares with a Jacobian, the same", scipy, "heights", rounds=3),
+        contestant(
+            "lmfit",
+            "lmfit, one after the other, every trial at its own height",
+            lmfit,
+            "heights",
+            rounds=3,
+        ),
+        contestant(
+            "scipy", "scipy least_squares with a Jacobian, the same", scipy, "heights", rounds=3
+        ),
         contestant("nearlift", "nearlift, the same", nearlift, "heights"),
         contestant("nearlift-stations", "nearlift, at the paper's stations", nearlift, "stations"),
     ),
     targets=(
-        Target(work="1000 bootstraps, n = 1200, over lmfit", ours="nearlift", peer="lmfit", must=1 / 8, aim=1 / 45),
-        Target(work="the same at repeated stations", ours="nearlift-stations", peer="lmfit", must=1 / 8, aim=1 / 45),
+        Target(
+            work="1000 bootstraps, n = 1200, over lmfit",
+            ours="nearlift",
+            peer="lmfit",
+            must=1 / 8,
+            aim=1 / 45,
+        ),
+        Target(
+            work="the same at repeated stations",
+            ours="nearlift-stations",
+            peer="lmfit",
+            must=1 / 8,
+            aim=1 / 45,
+        ),
     ),
 )

@@ -1,8 +1,10 @@
-"""The streamed average of 150 fields of 128 x 128 beside numpy's mean and variance of the stack in memory; and its memory as fields grow.
+"""The streamed average of 150 fields of 128 x 128 beside numpy's mean and variance of the stack in
+memory; and its memory as fields grow.
 
-"numpy" is its own mean and variance of the whole stack, without a missing vector (it could not bear one); "nan" the same by
-nanmean and nanvar. The accumulator takes the same stack, 1 % of it missing. "stream" averages ever more fields that are made as they are
-asked for: its memory is flat, however large the set.
+"numpy" is its own mean and variance of the whole stack, without a missing vector (it could not bear
+one); "nan" the same by nanmean and nanvar. The accumulator takes the same stack, 1 % of it missing.
+"stream" averages ever more fields that are made as they are asked for: its memory is flat, however
+large the set.
 """
 
 from __future__ import annotations
@@ -92,7 +94,10 @@ def stream(fields: int) -> None:
 
 
 def prepare(_: Path, quick: bool) -> str:
-    return f"{FIELDS} fields of {NODES} x {NODES} nodes, 1 % of the vectors missing where that is borne; least of {REPEATS} calls in a process."
+    return (
+        f"{FIELDS} fields of {NODES} x {NODES} nodes, 1 % of the vectors missing where that is"
+        f" borne; least of {REPEATS} calls in a process."
+    )
 
 
 BENCH = Bench(
@@ -103,13 +108,40 @@ BENCH = Bench(
     contestants=(
         Contestant(name="numpy", title="numpy, mean and variance in memory", run=bare),
         Contestant(name="nan", title="numpy, nanmean and nanvar", run=nan),
-        Contestant(name="nearlift", title="nearlift, mean, variance and count, streamed", run=moments),
-        Contestant(name="nearlift-average", title="nearlift, with correlation in time and convergence", run=average),
-        Contestant(name="nearlift-stream", title="nearlift, a process that averages 150 fields", run=lambda _: stream(FIELDS), rounds=1),
-        Contestant(name="nearlift-stream-40", title="nearlift, a process that averages 6000 fields", run=lambda _: stream(40 * FIELDS), rounds=1),
+        Contestant(
+            name="nearlift", title="nearlift, mean, variance and count, streamed", run=moments
+        ),
+        Contestant(
+            name="nearlift-average",
+            title="nearlift, with correlation in time and convergence",
+            run=average,
+        ),
+        Contestant(
+            name="nearlift-stream",
+            title="nearlift, a process that averages 150 fields",
+            run=lambda _: stream(FIELDS),
+            rounds=1,
+        ),
+        Contestant(
+            name="nearlift-stream-40",
+            title="nearlift, a process that averages 6000 fields",
+            run=lambda _: stream(40 * FIELDS),
+            rounds=1,
+        ),
     ),
     targets=(
-        Target(work="average of velocity fields over numpy's pass in memory", ours="nearlift", peer="numpy", must=2.0),
-        Target(work="memory, 6000 velocity fields over 150", ours="nearlift-stream-40", peer="nearlift-stream", quantity="peak_MiB", must=1.1),
+        Target(
+            work="average of velocity fields over numpy's pass in memory",
+            ours="nearlift",
+            peer="numpy",
+            must=2.0,
+        ),
+        Target(
+            work="memory, 6000 velocity fields over 150",
+            ours="nearlift-stream-40",
+            peer="nearlift-stream",
+            quantity="peak_MiB",
+            must=1.1,
+        ),
     ),
 )

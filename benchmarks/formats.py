@@ -1,8 +1,11 @@
-"""Ingest of 1200 records in CSV, TDMS, HDF5 and Parquet beside a bare read of the same files by the library that knows them.
+"""Ingest of 1200 records in CSV, TDMS, HDF5 and Parquet beside a bare read of the same files by the
+library that knows them.
 
-A third of the paper's campaign: one column of whole numbers in CSV, as a converter's logger prints them; one TDMS or HDF5 file for each trial, force
-and clock; one long Parquet table. Whole processes, as somebody would start them: `nearlift ingest` as it comes, and a loop over the files. TDMS
-and HDF5 are read in a child process, which may crash without taking the run along; the bare reads trust the files.
+A third of the paper's campaign: one column of whole numbers in CSV, as a converter's logger prints
+them; one TDMS or HDF5 file for each trial, force and clock; one long Parquet table. Whole
+processes, as somebody would start them: `nearlift ingest` as it comes, and a loop over the files.
+TDMS and HDF5 are read in a child process, which may crash without taking the run along; the bare
+reads trust the files.
 """
 
 from __future__ import annotations
@@ -19,14 +22,32 @@ WHICH = "formats-scale"
 COUNT_MN = 0.01
 #: Library, the most that ingest may cost over it, and its bare read.
 PEERS = {
-    "csv": ("pyarrow", 1.0, "import pyarrow.csv as library\nfor file in files: library.read_csv(file)"),
+    "csv": (
+        "pyarrow",
+        1.0,
+        "import pyarrow.csv as library\nfor file in files: library.read_csv(file)",
+    ),
     "tdms": (
         "npTDMS",
         2.5,
-        "import nptdms\nfor file in files:\n    with nptdms.TdmsFile.open(file) as tdms:\n        for channel in tdms['rig'].channels(): channel[:]",
+        (
+            "import nptdms\nfor file in files:\n    with nptdms.TdmsFile.open(file) as tdms:\n     "
+            "   for channel in tdms['rig'].channels(): channel[:]"
+        ),
     ),
-    "hdf5": ("h5py", 2.5, "import h5py\nfor file in files:\n    with h5py.File(file, 'r') as hdf5: hdf5['t'][()], hdf5['force'][()]"),
-    "parquet": ("pyarrow", 4.0, "import pyarrow.parquet as library\nfor file in files: library.read_table(file)"),
+    "hdf5": (
+        "h5py",
+        2.5,
+        (
+            "import h5py\nfor file in files:\n    with h5py.File(file, 'r') as hdf5: hdf5['t'][()],"
+            " hdf5['force'][()]"
+        ),
+    ),
+    "parquet": (
+        "pyarrow",
+        4.0,
+        "import pyarrow.parquet as library\nfor file in files: library.read_table(file)",
+    ),
 }
 
 
@@ -49,7 +70,9 @@ def campaign(data: Path, form: str) -> Path:
 
 def records(data: Path, form: str) -> list[Path]:
     folder = campaign(data, form)
-    return [folder / "records.parquet"] if form == "parquet" else sorted((folder / "trials").iterdir())
+    return (
+        [folder / "records.parquet"] if form == "parquet" else sorted((folder / "trials").iterdir())
+    )
 
 
 def convert(source: Path, folder: Path, form: str) -> None:
@@ -58,7 +81,10 @@ def convert(source: Path, folder: Path, form: str) -> None:
 
     (folder / "trials").mkdir(parents=True)
     shutil.copy(source / "trials.csv", folder)
-    series = {path.stem: np.loadtxt(path, delimiter=",", skiprows=1).T for path in sorted((source / "trials").glob("*.csv"))}
+    series = {
+        path.stem: np.loadtxt(path, delimiter=",", skiprows=1).T
+        for path in sorted((source / "trials").glob("*.csv"))
+    }
     manifest = (source / "campaign.toml").read_text()
     if form == "parquet":
         import pyarrow as pa
@@ -66,7 +92,11 @@ def convert(source: Path, folder: Path, form: str) -> None:
 
         table = pa.table(
             {
-                "trial": pa.array(np.repeat(list(series), [s.shape[1] for s in series.values()])).dictionary_encode(),
+                "trial": (
+                    pa.array(
+                        np.repeat(list(series), [s.shape[1] for s in series.values()])
+                    ).dictionary_encode()
+                ),
                 "t": np.concatenate([s[0] for s in series.values()]),
                 "force": np.concatenate([s[1] for s in series.values()]),
             }
@@ -74,8 +104,13 @@ def convert(source: Path, folder: Path, form: str) -> None:
         pq.write_table(table, folder / "records.parquet", row_group_size=150 * 12000)
         manifest = manifest.replace("trials/{trial}.csv", "records.parquet")
     if form == "csv":
-        counts = f'unit = "count", sign = 1, calibration = {{ gain = "{COUNT_MN:g} mN/count", offset = "0 count" }} }}'
-        manifest = manifest.replace('unit = "mN", sign = 1 }', counts).replace('time   = { column = "t", unit = "s" }\n', "")
+        counts = (
+            f'unit = "count", sign = 1, calibration = {{ gain = "{COUNT_MN:g} mN/count", offset ='
+            ' "0 count" } }'
+        )
+        manifest = manifest.replace('unit = "mN", sign = 1 }', counts).replace(
+            'time   = { column = "t", unit = "s" }\n', ""
+        )
     for trial, (t, force) in series.items():
         if form == "csv":
             lines = ["force", *map(str, np.round(force / COUNT_MN).astype(int).tolist())]
@@ -89,8 +124,15 @@ def convert(source: Path, folder: Path, form: str) -> None:
             import nptdms
 
             with nptdms.TdmsWriter(folder / "trials" / f"{trial}.tdms") as writer:
-                writer.write_segment([nptdms.ChannelObject("rig", "t", t), nptdms.ChannelObject("rig", "force", force)])
-    manifest = manifest.replace('reader = "csv"', f'reader = "{form}"').replace("{trial}.csv", "{trial}." + {"hdf5": "h5"}.get(form, form))
+                writer.write_segment(
+                    [
+                        nptdms.ChannelObject("rig", "t", t),
+                        nptdms.ChannelObject("rig", "force", force),
+                    ]
+                )
+    manifest = manifest.replace('reader = "csv"', f'reader = "{form}"').replace(
+        "{trial}.csv", "{trial}." + {"hdf5": "h5"}.get(form, form)
+    )
     (folder / "campaign.toml").write_text(manifest)
 
 
@@ -118,12 +160,26 @@ BENCH = Bench(
         c
         for form, (library, _, _) in PEERS.items()
         for c in (
-            Contestant(name=form, title=f"{library}, bare read of {form}", command=lambda data, form=form: bare(data, form)),
-            Contestant(name=f"nearlift-{form}", title=f"nearlift, {form}", command=lambda data, form=form: nearlift(data, form)),
+            Contestant(
+                name=form,
+                title=f"{library}, bare read of {form}",
+                command=lambda data, form=form: bare(data, form),
+            ),
+            Contestant(
+                name=f"nearlift-{form}",
+                title=f"nearlift, {form}",
+                command=lambda data, form=form: nearlift(data, form),
+            ),
         )
     ),
     targets=tuple(
-        Target(work=f"{form} ingest of 1200 records over {library}'s bare read", ours=f"nearlift-{form}", peer=form, quantity=quantity, must=must)
+        Target(
+            work=f"{form} ingest of 1200 records over {library}'s bare read",
+            ours=f"nearlift-{form}",
+            peer=form,
+            quantity=quantity,
+            must=must,
+        )
         for form, (library, must, _) in PEERS.items()
         for quantity in ("wall_s", "cpu_s")
     ),

@@ -1,8 +1,10 @@
-"""Ingest of the paper's whole campaign beside a bare parse of the same files, what a lab would write, and C.
+"""Ingest of the paper's whole campaign beside a bare parse of the same files, what a lab would
+write, and C.
 
-nearlift digests every file, removes the tare, checks clock and samples, and takes mean, standard error, drift and quality codes; pyarrow only parses;
-pandas, polars and duckdb parse and take mean and standard deviation per file; C (two threads, its own parser of decimals, which
-trusts the file) takes mean and standard deviation of tare and live part.
+nearlift digests every file, removes the tare, checks clock and samples, and takes mean, standard
+error, drift and quality codes; pyarrow only parses; pandas, polars and duckdb parse and take mean
+and standard deviation per file; C (two threads, its own parser of decimals, which trusts the file)
+takes mean and standard deviation of tare and live part.
 """
 
 from __future__ import annotations
@@ -101,7 +103,11 @@ def pyarrow(data: Path) -> None:
     pa.set_cpu_count(1)
     options = pc.ReadOptions(use_threads=False)
     with ThreadPoolExecutor(2) as pool:
-        sum(pool.map(lambda path: int(pc.read_csv(path, read_options=options).num_rows), paths(data)))
+        sum(
+            pool.map(
+                lambda path: int(pc.read_csv(path, read_options=options).num_rows), paths(data)
+            )
+        )
 
 
 def pandas(data: Path) -> dict[str, Any]:
@@ -115,8 +121,14 @@ def pandas(data: Path) -> dict[str, Any]:
 def polars(data: Path) -> dict[str, Any]:
     import polars as pl
 
-    live = pl.scan_csv(f"{campaign(data)}/trials/*.csv", include_file_paths="file").filter(pl.col("t") >= _paper.TARE)
-    table = live.group_by("file").agg(pl.col("force").mean().alias("mean"), pl.col("force").std().alias("sd")).collect()
+    live = pl.scan_csv(f"{campaign(data)}/trials/*.csv", include_file_paths="file").filter(
+        pl.col("t") >= _paper.TARE
+    )
+    table = (
+        live.group_by("file")
+        .agg(pl.col("force").mean().alias("mean"), pl.col("force").std().alias("sd"))
+        .collect()
+    )
     return {"trials": len(table)}
 
 
@@ -125,11 +137,18 @@ def duckdb(data: Path) -> dict[str, Any]:
 
     db.sql("set threads = 2")
     files = f"read_csv('{campaign(data)}/trials/*.csv', filename = true)"
-    table = db.sql(f"select filename, avg(force), stddev(force) from {files} where t >= {_paper.TARE} group by filename").fetchall()
+    table = db.sql(
+        f"select filename, avg(force), stddev(force) from {files} where t >= {_paper.TARE} group by"
+        " filename"
+    ).fetchall()
     return {"trials": len(table)}
 
 
-C = Contestant(name="c", title="C, two threads", command=lambda data: [str(data / "ingest-peer"), str(campaign(data) / "trials")])
+C = Contestant(
+    name="c",
+    title="C, two threads",
+    command=lambda data: [str(data / "ingest-peer"), str(campaign(data) / "trials")],
+)
 BENCH = Bench(
     title="Ingest of the paper's whole campaign",
     prepare=prepare,
@@ -143,8 +162,19 @@ BENCH = Bench(
         Contestant(name="pandas", title="pandas, concat and groupby", run=pandas, rounds=1),
     ),
     targets=(
-        Target(work="CSV ingest over pyarrow's bare parse on two threads", ours="nearlift", peer="pyarrow", must=0.6),
-        Target(work="CSV ingest over pyarrow's bare parse on two threads", ours="nearlift", peer="pyarrow", quantity="cpu_s", must=0.6),
+        Target(
+            work="CSV ingest over pyarrow's bare parse on two threads",
+            ours="nearlift",
+            peer="pyarrow",
+            must=0.6,
+        ),
+        Target(
+            work="CSV ingest over pyarrow's bare parse on two threads",
+            ours="nearlift",
+            peer="pyarrow",
+            quantity="cpu_s",
+            must=0.6,
+        ),
         Target(work="CSV ingest over C", ours="nearlift", peer="c", must=5.0, aim=1.5),
         Target(work="CSV ingest", ours="nearlift", quantity="peak_MiB", must=250.0),
     ),

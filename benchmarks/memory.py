@@ -1,6 +1,7 @@
 """Peak memory of ingest, and of a fit and a diagnosis, against the campaign's size.
 
-Ingest of a tenth of the paper's campaign, of it, and of ten times it; fit and diagnosis of 12,000 and 36,000 means at one boundary.
+Ingest of a tenth of the paper's campaign, of it, and of ten times it; fit and diagnosis of 12,000
+and 36,000 means at one boundary.
 """
 
 from __future__ import annotations
@@ -22,7 +23,11 @@ def prepare(data: Path, quick: bool) -> str:
     for folder in means:
         stage(folder, "ingest")
     (data / MEANS).write_text("\n".join(folder.name for folder in means))
-    return _paper.spoken(once) + " Ten times it: the same files under ten names each. Means: 20 stations, four throttles, 12 sessions, nothing wrong."
+    return (
+        _paper.spoken(once)
+        + " Ten times it: the same files under ten names each. Means: 20 stations, four throttles,"
+        " 12 sessions, nothing wrong."
+    )
 
 
 def ingest(data: Path, which: int) -> None:
@@ -44,7 +49,12 @@ def means(data: Path, which: int, name: str) -> None:
 
 
 def of_means(which: int, trials: str, name: str) -> Contestant:
-    return Contestant(name=f"{name}-{trials}", title=f"{name}, {trials} trials", run=lambda data: means(data, which, name), rounds=1)
+    return Contestant(
+        name=f"{name}-{trials}",
+        title=f"{name}, {trials} trials",
+        run=lambda data: means(data, which, name),
+        rounds=1,
+    )
 
 
 BENCH = Bench(
@@ -54,16 +64,36 @@ BENCH = Bench(
     rounds=2,
     contestants=(
         Contestant(name="nearlift-once", title="nearlift, once", run=lambda data: ingest(data, 1)),
-        Contestant(name="nearlift-tenth", title="nearlift, a tenth", run=lambda data: ingest(data, 0)),
-        Contestant(name="nearlift-tenfold", title="nearlift, ten times", run=lambda data: ingest(data, 2), rounds=2),
-        *(of_means(which, trials, name) for which, trials in enumerate(("12000", "36000")) for name in ("fit", "diagnose")),
+        Contestant(
+            name="nearlift-tenth", title="nearlift, a tenth", run=lambda data: ingest(data, 0)
+        ),
+        Contestant(
+            name="nearlift-tenfold",
+            title="nearlift, ten times",
+            run=lambda data: ingest(data, 2),
+            rounds=2,
+        ),
+        *(
+            of_means(which, trials, name)
+            for which, trials in enumerate(("12000", "36000"))
+            for name in ("fit", "diagnose")
+        ),
     ),
     targets=(
         Target(
-            work="memory at ten times the paper's campaign over once", ours="nearlift-tenfold", peer="nearlift-once", quantity="peak_MiB", must=1.25
+            work="memory at ten times the paper's campaign over once",
+            ours="nearlift-tenfold",
+            peer="nearlift-once",
+            quantity="peak_MiB",
+            must=1.25,
         ),
         *(
-            Target(work=f"{name} of {trials} trials at one boundary", ours=f"{name}-{trials}", quantity="peak_MiB", must=must)
+            Target(
+                work=f"{name} of {trials} trials at one boundary",
+                ours=f"{name}-{trials}",
+                quantity="peak_MiB",
+                must=must,
+            )
             for trials, must in (("12000", 700.0), ("36000", 2000.0))
             for name in ("fit", "diagnose")
         ),

@@ -1,8 +1,9 @@
 """A posterior to 4000 effective draws, whole process, beside emcee as a lab would write it.
 
-One simulated campaign near the ground (Sanchez-Cuevas with a free exponent, four throttles), its covariance known. Each contestant runs in
-a process of its own, imports included, and stops by its own measure; the bulk effective sample size of what it returns is then
-taken by one yardstick for all, outside the clock. Ratios count, times are orientation.
+One simulated campaign near the ground (Sanchez-Cuevas with a free exponent, four throttles), its
+covariance known. Each contestant runs in a process of its own, imports included, and stops by its
+own measure; the bulk effective sample size of what it returns is then taken by one yardstick for
+all, outside the clock. Ratios count, times are orientation.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 
 
 def write(path: Path) -> None:
-    """A campaign of 320 trials: ten stations, eight visits, four throttles, an error of each visit's height."""
+    """A campaign of 320 trials: ten stations, eight visits, four throttles, an error of each
+    visit's height.
+    """
     import numpy as np
 
     rng = np.random.default_rng(1)
@@ -29,10 +32,26 @@ def write(path: Path) -> None:
     throttle = np.tile([0.25, 0.5, 0.75, 0.92], 80)
     level = np.array([0.107, 0.239, 0.409, 0.551])[np.tile(np.arange(4), 80)]
     ratio = curve(z, 2.0, 1.0)
-    slope = (np.log(curve(z * 1.0001, 2.0, 1.0)) - np.log(curve(z * 0.9999, 2.0, 1.0))) / (0.0002 * z) / 0.023
+    slope = (
+        (np.log(curve(z * 1.0001, 2.0, 1.0)) - np.log(curve(z * 0.9999, 2.0, 1.0)))
+        / (0.0002 * z)
+        / 0.023
+    )
     visit = np.repeat(np.arange(80), 4)
-    log = np.log(level * ratio) + rng.normal(0, 0.005, 320) + 1e-4 * slope * rng.normal(size=80)[visit]
-    np.savez(path, z=z, throttle=throttle, lift=np.exp(log), visit=visit, variance=np.full(320, 0.005**2), shared=1e-4 * slope)
+    log = (
+        np.log(level * ratio)
+        + rng.normal(0, 0.005, 320)
+        + 1e-4 * slope * rng.normal(size=80)[visit]
+    )
+    np.savez(
+        path,
+        z=z,
+        throttle=throttle,
+        lift=np.exp(log),
+        visit=visit,
+        variance=np.full(320, 0.005**2),
+        shared=1e-4 * slope,
+    )
 
 
 def curve(z: Any, K_b: Any, n: Any) -> Any:
@@ -69,8 +88,16 @@ def nearlift(path: Path, ess: int, sampler: str) -> Any:
         radius_m=0.023,
         geometry=GEOMETRY,
     )
-    covariance = Covariance(variance=found["variance"], visit=found["visit"], per_visit=found["shared"], shared=np.zeros((n, 0)))
-    density = Density(problem=Problem(model=model, data=data, covariance=covariance), centre=np.array([p.value for p in model.parameters]))
+    covariance = Covariance(
+        variance=found["variance"],
+        visit=found["visit"],
+        per_visit=found["shared"],
+        shared=np.zeros((n, 0)),
+    )
+    density = Density(
+        problem=Problem(model=model, data=data, covariance=covariance),
+        centre=np.array([p.value for p in model.parameters]),
+    )
     return posterior.sample(density, posterior.Settings(sampler=sampler, ess=ess), 1).theta
 
 
@@ -78,7 +105,9 @@ def whitener(found: dict[str, Any]) -> Any:
     import numpy as np
 
     same = found["visit"][:, None] == found["visit"]
-    return np.linalg.cholesky(np.diag(found["variance"]) + same * np.outer(found["shared"], found["shared"]))
+    return np.linalg.cholesky(
+        np.diag(found["variance"]) + same * np.outer(found["shared"], found["shared"])
+    )
 
 
 def log_prior(theta: Any) -> Any:
@@ -91,7 +120,9 @@ def log_prior(theta: Any) -> Any:
 
 
 def vectorised(path: Path, ess: int, eliminate: bool) -> Any:
-    """emcee, all walkers at once, differential evolution; L_inf sampled with the rest, or eliminated beforehand."""
+    """emcee, all walkers at once, differential evolution; L_inf sampled with the rest, or
+    eliminated beforehand.
+    """
     import emcee
     import numpy as np
 
@@ -115,14 +146,18 @@ def vectorised(path: Path, ess: int, eliminate: bool) -> Any:
 
     rng = np.random.default_rng(1)
     p = 2 if eliminate else 6
-    start = np.array([2.0, 1.0, *np.log([0.107, 0.239, 0.409, 0.551])])[:p] + 0.01 * rng.standard_normal((128, p))
+    start = np.array([2.0, 1.0, *np.log([0.107, 0.239, 0.409, 0.551])])[
+        :p
+    ] + 0.01 * rng.standard_normal((128, p))
     moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
     sampler = emcee.EnsembleSampler(128, p, log_prob, moves=moves, vectorize=True)
     return until(sampler, start, ess)
 
 
 def scalar(path: Path, ess: int) -> Any:
-    """What a lab would write: one parameter vector at a time, stretch moves, the covariance solved for each."""
+    """What a lab would write: one parameter vector at a time, stretch moves, the covariance solved
+    for each.
+    """
     import emcee
     import numpy as np
     from scipy.linalg import cho_solve
@@ -141,12 +176,16 @@ def scalar(path: Path, ess: int) -> Any:
         return value if math.isfinite(value) else -math.inf
 
     rng = np.random.default_rng(1)
-    start = np.array([2.0, 1.0, *np.log([0.107, 0.239, 0.409, 0.551])]) + 0.01 * rng.standard_normal((32, 6))
+    start = np.array(
+        [2.0, 1.0, *np.log([0.107, 0.239, 0.409, 0.551])]
+    ) + 0.01 * rng.standard_normal((32, 6))
     return until(emcee.EnsembleSampler(32, 6, log_prob), start, ess)
 
 
 def until(sampler: Any, start: Any, ess: int) -> Any:
-    """Go on until emcee's own autocorrelation time says that there are `ess` draws and the chain is 50 times as long."""
+    """Go on until emcee's own autocorrelation time says that there are `ess` draws and the chain is
+    50 times as long.
+    """
     state = start
     while True:
         state = sampler.run_mcmc(state, 500, skip_initial_state_check=True)
@@ -165,17 +204,25 @@ DATA = "posterior.npz"
 
 def prepare(data: Path, quick: bool) -> str:
     write(data / DATA)
-    return f"320 trials near the ground, Sanchez-Cuevas with a free exponent, four throttles, the covariance known, to {ESS} draws; whole process."
+    return (
+        "320 trials near the ground, Sanchez-Cuevas with a free exponent, four throttles, the"
+        f" covariance known, to {ESS} draws; whole process."
+    )
 
 
-def contestant(name: str, title: str, draw: Callable[[Path, int], Any], rounds: int | None = None) -> Contestant:
+def contestant(
+    name: str, title: str, draw: Callable[[Path, int], Any], rounds: int | None = None
+) -> Contestant:
     def run(data: Path) -> Callable[[], dict[str, float]]:
         draws = draw(data / DATA, ESS)
 
         def yardstick() -> dict[str, float]:
             from nearlift.fitting.convergence import ess
 
-            return {"ESS of K_b": float(round(ess(draws[:, :, 0]))), "sd of K_b": float(draws[:, :, 0].std())}
+            return {
+                "ESS of K_b": float(round(ess(draws[:, :, 0]))),
+                "sd of K_b": float(draws[:, :, 0].std()),
+            }
 
         return yardstick
 
@@ -188,15 +235,45 @@ BENCH = Bench(
     one="vectorised",
     rounds=3,
     contestants=(
-        contestant("vectorised", "emcee vectorised, DE + snooker, `L_inf` sampled", lambda p, e: vectorised(p, e, eliminate=False)),
-        contestant("eliminated", "the same, `L_inf` eliminated beforehand", lambda p, e: vectorised(p, e, eliminate=True)),
-        contestant("nearlift", "nearlift, importance sampling, checked by a grid", lambda p, e: nearlift(p, e, "auto")),
-        contestant("nearlift-emcee", "nearlift, emcee, checked by both", lambda p, e: nearlift(p, e, "emcee")),
-        contestant("scalar", "emcee scalar, stretch moves, a solve for each, as a lab would write it", scalar, rounds=1),
+        contestant(
+            "vectorised",
+            "emcee vectorised, DE + snooker, `L_inf` sampled",
+            lambda p, e: vectorised(p, e, eliminate=False),
+        ),
+        contestant(
+            "eliminated",
+            "the same, `L_inf` eliminated beforehand",
+            lambda p, e: vectorised(p, e, eliminate=True),
+        ),
+        contestant(
+            "nearlift",
+            "nearlift, importance sampling, checked by a grid",
+            lambda p, e: nearlift(p, e, "auto"),
+        ),
+        contestant(
+            "nearlift-emcee",
+            "nearlift, emcee, checked by both",
+            lambda p, e: nearlift(p, e, "emcee"),
+        ),
+        contestant(
+            "scalar",
+            "emcee scalar, stretch moves, a solve for each, as a lab would write it",
+            scalar,
+            rounds=1,
+        ),
     ),
-    targets=(Target(work="posterior to ESS 4000 over vectorised emcee", ours="nearlift", peer="vectorised", must=0.3, aim=0.08),),
+    targets=(
+        Target(
+            work="posterior to ESS 4000 over vectorised emcee",
+            ours="nearlift",
+            peer="vectorised",
+            must=0.3,
+            aim=0.08,
+        ),
+    ),
     note=(
-        "Each stops by its own measure; the effective draws of what it returns are the bulk estimate, by one yardstick for all, outside the clock. "
-        "The exact standard deviation of `K_b` is 0.118."
+        "Each stops by its own measure; the effective draws of what it returns are the bulk"
+        " estimate, by one yardstick for all, outside the clock. The exact standard deviation of"
+        " `K_b` is 0.118."
     ),
 )

@@ -1,7 +1,9 @@
-"""Where the time of `nearlift run` goes at the paper's size: every stage again by itself, a process each, beside the whole first run.
+"""Where the time of `nearlift run` goes at the paper's size: every stage again by itself, a process
+each, beside the whole first run.
 
-Each stage's process starts Python, reads the manifest, looks at every raw file's stamp, and tells what is stale, which the whole run does once;
-`plan` does that and no more. Ingest that is run again hashes what it reads twice, so that bits that flipped on the disk show.
+Each stage's process starts Python, reads the manifest, looks at every raw file's stamp, and tells
+what is stale, which the whole run does once; `plan` does that and no more. Ingest that is run again
+hashes what it reads twice, so that bits that flipped on the disk show.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ def command(data: Path, verb: str) -> list[str]:
 
 
 def contestant(verb: str, title: str) -> Contestant:
-    return Contestant(name=f"nearlift-{verb}", title=title, command=lambda data: command(data, verb), rounds=1)
+    return Contestant(
+        name=f"nearlift-{verb}", title=title, command=lambda data: command(data, verb), rounds=1
+    )
 
 
 BENCH = Bench(

@@ -1,4 +1,6 @@
-"""A rerun of an unchanged campaign beside its first run; and finding out, at the paper's size, that nothing has changed since ingest."""
+"""A rerun of an unchanged campaign beside its first run; and finding out, at the paper's size, that
+nothing has changed since ingest.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,12 @@ def command(data: Path, verb: str, again: bool) -> list[str]:
     return command_line(verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2")
 
 
-def contestant(name: str, title: str, verb: str, again: bool, rounds: int | None = None) -> Contestant:
-    return Contestant(name=name, title=title, command=lambda data: command(data, verb, again), rounds=rounds)
+def contestant(
+    name: str, title: str, verb: str, again: bool, rounds: int | None = None
+) -> Contestant:
+    return Contestant(
+        name=name, title=title, command=lambda data: command(data, verb, again), rounds=rounds
+    )
 
 
 BENCH = Bench(
@@ -42,10 +48,24 @@ BENCH = Bench(
         contestant("nearlift-first", "first run, all stages", "run", again=False, rounds=3),
         contestant("nearlift-again", "rerun, all stages", "run", again=True, rounds=3),
         contestant("nearlift-ingest", "first ingest", "ingest", again=False, rounds=3),
-        contestant("nearlift-plan", "what is stale after that ingest", "plan", again=True, rounds=3),
+        contestant(
+            "nearlift-plan", "what is stale after that ingest", "plan", again=True, rounds=3
+        ),
     ),
     targets=(
-        Target(work="rerun of an unchanged campaign over its first run", ours="nearlift-again", peer="nearlift-first", must=0.1, aim=0.05),
-        Target(work="telling what is stale, paper's size, over its first ingest", ours="nearlift-plan", peer="nearlift-ingest", must=0.5, aim=0.1),
+        Target(
+            work="rerun of an unchanged campaign over its first run",
+            ours="nearlift-again",
+            peer="nearlift-first",
+            must=0.1,
+            aim=0.05,
+        ),
+        Target(
+            work="telling what is stale, paper's size, over its first ingest",
+            ours="nearlift-plan",
+            peer="nearlift-ingest",
+            must=0.5,
+            aim=0.1,
+        ),
     ),
 )

@@ -1,9 +1,12 @@
-"""Steps of the paper's Fig. 6 on one thread, beside the same simulation in scalar C compiled here with -O3.
+"""Steps of the paper's Fig. 6 on one thread, beside the same simulation in scalar C compiled here
+with -O3.
 
-All contestants fly the paper's settings (ground and ceiling, no model and five powers, explicit Euler, 0.1 s, 120 s) and stop a flight
-when it crashes. "C" draws its normals per flight and setting (xoshiro256+ and Marsaglia's polar method) and evaluates the lift ratio
-by formula; "C, table" interpolates the same table that nearlift does. "nearlift, gusts of its own" gives every setting its own
-gusts, as C does; "nearlift" lets all settings of a boundary meet the same gusts, as the stage does. Times are of flying alone.
+All contestants fly the paper's settings (ground and ceiling, no model and five powers, explicit
+Euler, 0.1 s, 120 s) and stop a flight when it crashes. "C" draws its normals per flight and setting
+(xoshiro256+ and Marsaglia's polar method) and evaluates the lift ratio by formula; "C, table"
+interpolates the same table that nearlift does. "nearlift, gusts of its own" gives every setting its
+own gusts, as C does; "nearlift" lets all settings of a boundary meet the same gusts, as the stage
+does. Times are of flying alone.
 """
 
 from __future__ import annotations
@@ -100,10 +103,25 @@ def plans() -> list[Any]:
     for boundary, name in presets.MODELS.items():
         model = catalogue.model(name)
         known = {n: presets.GEOMETRY[n] for n in model.needs}
-        curves = tabulate([lambda z, k=k, m=model, known=known: m(z, **known) ** k for k in presets.EXPONENTS], presets.BOUND_Z_HAT)
+        curves = tabulate(
+            [lambda z, k=k, m=model, known=known: m(z, **known) ** k for k in presets.EXPONENTS],
+            presets.BOUND_Z_HAT,
+        )
         own = groups.of(preset.craft, preset.gains(boundary), preset.disturbance, preset.duration_s)
-        settings = [Setting(target_z_hat=float(z), groups=own, curve=c) for c in range(len(presets.EXPONENTS)) for z in presets.TARGETS[boundary]]
-        found.append(Plan(boundary=boundary, settings=settings, curves=curves, scheme="euler", steps_per_hold=1))
+        settings = [
+            Setting(target_z_hat=float(z), groups=own, curve=c)
+            for c in range(len(presets.EXPONENTS))
+            for z in presets.TARGETS[boundary]
+        ]
+        found.append(
+            Plan(
+                boundary=boundary,
+                settings=settings,
+                curves=curves,
+                scheme="euler",
+                steps_per_hold=1,
+            )
+        )
     return found
 
 
@@ -111,7 +129,10 @@ def prepare(data: Path, quick: bool) -> str:
     flights = 20 if quick else 60
     (data / FLIGHTS).write_text(str(flights))
     _compiled.program(data, "simulation-peer", SOURCE)
-    return f"228 settings, explicit Euler at 0.1 s, flights that end with a crash, {flights} a setting; one thread, time of flying alone."
+    return (
+        f"228 settings, explicit Euler at 0.1 s, flights that end with a crash, {flights} a"
+        " setting; one thread, time of flying alone."
+    )
 
 
 def nearlift(data: Path, common: bool) -> dict[str, Any]:
@@ -142,7 +163,9 @@ def c(data: Path, table: int) -> list[str]:
 
 PEERS = (
     Contestant(name="c", title="C, the ratio by formula", command=lambda data: c(data, 0)),
-    Contestant(name="c-table", title="C, the ratio by nearlift's table", command=lambda data: c(data, 1)),
+    Contestant(
+        name="c-table", title="C, the ratio by nearlift's table", command=lambda data: c(data, 1)
+    ),
 )
 BENCH = Bench(
     title="Flights of the paper's Fig. 6",
@@ -150,14 +173,36 @@ BENCH = Bench(
     one="c" if _compiled.compiler() else "nearlift",
     contestants=(
         *(PEERS if _compiled.compiler() else ()),
-        Contestant(name="nearlift-own", title="nearlift, gusts of its own for every setting", run=lambda data: nearlift(data, common=False)),
         Contestant(
-            name="nearlift", title="nearlift, all settings meet the same gusts (what the stage does)", run=lambda data: nearlift(data, common=True)
+            name="nearlift-own",
+            title="nearlift, gusts of its own for every setting",
+            run=lambda data: nearlift(data, common=False),
+        ),
+        Contestant(
+            name="nearlift",
+            title="nearlift, all settings meet the same gusts (what the stage does)",
+            run=lambda data: nearlift(data, common=True),
         ),
     ),
     targets=(
-        Target(work="simulation on one thread over scalar C", ours="nearlift", peer="c", quantity="cpu_s", must=1.0, aim=0.5),
-        Target(work="simulation on one thread over scalar C", ours="nearlift", peer="c", must=1.0, aim=0.5),
+        Target(
+            work="simulation on one thread over scalar C",
+            ours="nearlift",
+            peer="c",
+            quantity="cpu_s",
+            must=1.0,
+            aim=0.5,
+        ),
+        Target(
+            work="simulation on one thread over scalar C",
+            ours="nearlift",
+            peer="c",
+            must=1.0,
+            aim=0.5,
+        ),
     ),
-    note="The gain is that of common gusts, made once, and of settings advanced side by side; a single setting flown by itself has neither.",
+    note=(
+        "The gain is that of common gusts, made once, and of settings advanced side by side; a"
+        " single setting flown by itself has neither."
+    ),
 )

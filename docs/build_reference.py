@@ -1,4 +1,6 @@
-"""Write docs/reference from the declarations, the command line and the claims. Run after any change to one of them."""
+"""Write docs/reference from the declarations, the command line and the claims. Run after any change
+to one of them.
+"""
 
 import tomllib
 from pathlib import Path
@@ -24,36 +26,73 @@ def command_page() -> str:
 
 
 def _help(command: click.Command, name: str) -> str:
-    context = click.Context(command, info_name=name, terminal_width=110, max_content_width=110, help_option_names=["-h", "--help"])
+    context = click.Context(
+        command,
+        info_name=name,
+        terminal_width=110,
+        max_content_width=110,
+        help_option_names=["-h", "--help"],
+    )
     return f"```text\n{command.get_help(context)}\n```"
 
 
 def claims_page() -> str:
-    """What Carter, Bouchard and Quinn 2021 state, and what comes out when it is worked out again."""
+    """What Carter, Bouchard and Quinn 2021 state, and what comes out when it is worked
+    out again.
+    """
     claims = tomllib.loads(CLAIMS.read_text(encoding="utf-8"))["claim"]
     verdicts = [claim["verdict"] for claim in claims]
-    counted = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in dict.fromkeys(sorted(verdicts, reverse=True)))
+    counted = ", ".join(
+        f"{verdicts.count(verdict)} {verdict}"
+        for verdict in dict.fromkeys(sorted(verdicts, reverse=True))
+    )
     lines = [
         "# What the paper states",
         "",
-        "Carter, Bouchard and Quinn, *Influence of the Ground, Ceiling, and Sidewall on Micro-Quadrotors*, AIAA Journal 2021: every number that",
-        f"it states, in its order, worked out again by `tests/reference/test_claims.py`. Of {len(claims)} claims: {counted}.",
+        (
+            "Carter, Bouchard and Quinn, *Influence of the Ground, Ceiling, and Sidewall on"
+            " Micro-Quadrotors*, AIAA Journal 2021: every number that"
+        ),
+        (
+            "it states, in its order, worked out again by `tests/reference/test_claims.py`. Of"
+            f" {len(claims)} claims: {counted}."
+        ),
         "",
         "| claim | computed | verdict | why |",
         "| --- | --- | --- | --- |",
     ]
     for claim in claims:
-        computed = f"{claim['gives']:.6g} {claim.get('unit', '').removeprefix('1')}".strip() if isinstance(claim.get("gives"), int | float) else ""
+        computed = (
+            f"{claim['gives']:.6g} {claim.get('unit', '').removeprefix('1')}".strip()
+            if isinstance(claim.get("gives"), int | float)
+            else ""
+        )
         cells = (claim["text"], computed, claim["verdict"], claim.get("why", ""))
-        lines.append("| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |")
+        lines.append(
+            "| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |"
+        )
     return "\n".join(lines) + "\n"
 
 
 def decisions_page() -> str:
     """The decisions by their headings."""
     files = sorted(path for path in DECISIONS.glob("*.md") if path.name != "index.md")
-    listed = [f"- [{path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ')}]({path.name})" for path in files]
-    return "\n".join(["# Decisions", "", "What was chosen, what it costs, and what would make us change it.", "", *listed]) + "\n"
+    listed = [
+        f"- [{path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ')}]({path.name})"
+        for path in files
+    ]
+    return (
+        "\n".join(
+            [
+                "# Decisions",
+                "",
+                "What was chosen, what it costs, and what would make us change it.",
+                "",
+                *listed,
+            ]
+        )
+        + "\n"
+    )
 
 
 def pages() -> dict[str, str]:

@@ -1,4 +1,6 @@
-"""Bundle Vega, Vega-Lite and vega-embed as `pages/vendor/vega.js`, from the vl-convert that the lock names; a test holds the two together."""
+"""Bundle Vega, Vega-Lite and vega-embed as `pages/vendor/vega.js`, from the vl-convert that the
+lock names; a test holds the two together.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""What mkdocs cannot say in mkdocs.yml: the generated pages in its navigation, and formulas as pictures drawn at build time.
+"""What mkdocs cannot say in mkdocs.yml: the generated pages in its navigation, and formulas as
+pictures drawn at build time.
 
-Formulas are set by matplotlib, so that the site loads no script for them and reads the same without a network.
+Formulas are set by matplotlib, so that the site loads no script for them and reads the same without
+a network.
 """
 
 from __future__ import annotations
@@ -18,20 +20,44 @@ from matplotlib import mathtext
 
 DOCS = Path(__file__).parent
 #: What matplotlib calls otherwise.
-SYNONYMS = {r"\lvert": "|", r"\rvert": "|", r"\lVert": r"\Vert", r"\rVert": r"\Vert", r"\dfrac": r"\frac", r"\tfrac": r"\frac", r"\text": r"\mathrm"}
-#: A fenced block or code, which is left alone; a formula on a line of its own; a formula within a line.
-PIECES = re.compile(r"(?P<code>^```.*?^```|^(?:    ).*?$|`[^`\n]*`)|^\$\$(?P<block>.+?)\$\$$|(?<![\\$])\$(?P<inline>[^$\n]+?)\$(?!\$)", re.M | re.S)
+SYNONYMS = {
+    r"\lvert": "|",
+    r"\rvert": "|",
+    r"\lVert": r"\Vert",
+    r"\rVert": r"\Vert",
+    r"\dfrac": r"\frac",
+    r"\tfrac": r"\frac",
+    r"\text": r"\mathrm",
+}
+#: A fenced block or code, which is left alone; a formula on a line of its own; a formula within a
+#: line.
+PIECES = re.compile(
+    r"(?P<code>^```.*?^```|^(?:   "
+    r" ).*?$|`[^`\n]*`)|^\$\$(?P<block>.+?)\$\$$|(?<![\\$])\$(?P<inline>[^$\n]+?)\$(?!\$)",
+    re.M | re.S,
+)
 
 
 def on_config(config: Any) -> Any:
-    """Put the generated pages where mkdocs.yml says REFERENCE, and the decisions where it says DECISIONS."""
+    """Put the generated pages where mkdocs.yml says REFERENCE, and the decisions where it says
+    DECISIONS.
+    """
     folders = {"Models": "models", "Effects": "effects", "Products": "products"}
-    reference: list[Any] = [{name: _listed(f"reference/{folder}")} for name, folder in folders.items()]
-    known = {"REFERENCE": [*reference, "reference/nomenclature.md", "reference/cli.md"], "DECISIONS": [{"Decisions": _listed("decisions")}]}
+    reference: list[Any] = [
+        {name: _listed(f"reference/{folder}")} for name, folder in folders.items()
+    ]
+    known = {
+        "REFERENCE": [*reference, "reference/nomenclature.md", "reference/cli.md"],
+        "DECISIONS": [{"Decisions": _listed("decisions")}],
+    }
     config.nav = _filled(config.nav, known)
     # a page that nobody has put anywhere is not lost
     placed = set(_pages(config.nav))
-    others = [p.relative_to(DOCS).as_posix() for p in sorted(DOCS.rglob("*.md")) if p.relative_to(DOCS).as_posix() not in placed]
+    others = [
+        p.relative_to(DOCS).as_posix()
+        for p in sorted(DOCS.rglob("*.md"))
+        if p.relative_to(DOCS).as_posix() not in placed
+    ]
     config.nav += [{"More": others}] if others else []
     return config
 
@@ -51,9 +77,22 @@ def _listed(folder: str) -> list[str]:
 
 def _filled(nav: Any, known: dict[str, list[Any]]) -> Any:
     if isinstance(nav, list):
-        return [inner for item in nav for inner in (known[item] if isinstance(item, str) and item in known else [_filled(item, known)])]
+        return [
+            inner
+            for item in nav
+            for inner in (
+                known[item] if isinstance(item, str) and item in known else [_filled(item, known)]
+            )
+        ]
     if isinstance(nav, dict):
-        return {title: known.get(item, _filled(item, known)) if isinstance(item, str) else _filled(item, known) for title, item in nav.items()}
+        return {
+            title: (
+                known.get(item, _filled(item, known))
+                if isinstance(item, str)
+                else _filled(item, known)
+            )
+            for title, item in nav.items()
+        }
     return nav
 
 
@@ -72,16 +111,24 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 @functools.cache
 def picture(latex: str, size_pt: float) -> str:
-    """A formula as SVG in the colour of the text, its baseline on the line's; read out as its LaTeX."""
+    """A formula as SVG in the colour of the text, its baseline on the line's; read out as its
+    LaTeX.
+    """
     sink = io.StringIO()
     set_as = latex
     for name, known in SYNONYMS.items():
         set_as = set_as.replace(name, known)
-    with matplotlib.rc_context({"mathtext.fontset": "stix", "svg.hashsalt": latex, "font.size": size_pt}):
+    with matplotlib.rc_context(
+        {"mathtext.fontset": "stix", "svg.hashsalt": latex, "font.size": size_pt}
+    ):
         depth = mathtext.math_to_image(f"${set_as}$", sink, format="svg", color="#123456")
     drawing = sink.getvalue()
     drawing = drawing[drawing.index("<svg") :].replace("#123456", "currentColor")
     drawing = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", drawing, flags=re.S)
     # one line: markdown would take a blank line for the end
-    drawing = " ".join(drawing.split()).replace("<svg ", f'<svg style="vertical-align:{-depth:.2f}pt" ', 1)
-    return f'<span role="img" aria-label="{html.escape(latex)}">{drawing}</span>'.replace("|", "&#124;")
+    drawing = " ".join(drawing.split()).replace(
+        "<svg ", f'<svg style="vertical-align:{-depth:.2f}pt" ', 1
+    )
+    return f'<span role="img" aria-label="{html.escape(latex)}">{drawing}</span>'.replace(
+        "|", "&#124;"
+    )

@@ -1,4 +1,6 @@
-"""Write docs/campaigns.md from finished runs: python docs/tabulate_campaigns.py OUT NAME [NAME ...]; OUT holds processed/."""
+"""Write docs/campaigns.md from finished runs: python docs/tabulate_campaigns.py OUT NAME [NAME
+...]; OUT holds processed/.
+"""
 
 import json
 import sys
@@ -47,13 +49,19 @@ def row(out: Path, name: str) -> list[str]:
     found = json.loads((out / "processed" / name / "diagnosis.json").read_text())["boundaries"]
     lines = []
     for boundary, d in found.items():
-        effects = "; ".join(e["name"] + (f" ({', '.join(e['rivals'])})" if e["rivals"] else "") for e in d["effects"])
+        effects = "; ".join(
+            e["name"] + (f" ({', '.join(e['rivals'])})" if e["rivals"] else "")
+            for e in d["effects"]
+        )
         if not effects and d["verdict"] == "unexplained":
             effects = f"structure in {d['structure'][0]['covariate']}"
         headline = next(iter(d["coefficients"]["before"]))
         before, after = d["coefficients"]["before"][headline], d["coefficients"]["after"][headline]
         e = d["error"]
-        errors = [f"{100 * v:.2f}" for v in (e["before"]["held_out_rmse"], e["after"]["held_out_rmse"], e["noise_floor"])]
+        errors = [
+            f"{100 * v:.2f}"
+            for v in (e["before"]["held_out_rmse"], e["after"]["held_out_rmse"], e["noise_floor"])
+        ]
         cells = [
             name,
             f"{d['base_model']} ({boundary})",

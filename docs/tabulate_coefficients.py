@@ -1,4 +1,6 @@
-"""Write docs/coefficients.md from finished runs: python docs/tabulate_coefficients.py OUT NAME [NAME ...]; OUT holds processed/."""
+"""Write docs/coefficients.md from finished runs: python docs/tabulate_coefficients.py OUT NAME
+[NAME ...]; OUT holds processed/.
+"""
 
 import json
 import math
@@ -54,7 +56,11 @@ def span(e: dict[str, Any]) -> str:
     """Value and 90 % interval."""
     if e["value"] is None or not math.isfinite(e["value"]):
         return "-"
-    return f"{e['value']:.4g} ({e['lo90']:.4g} to {e['hi90']:.4g})" if math.isfinite(e["lo90"] or math.nan) else f"{e['value']:.4g} (no end)"
+    return (
+        f"{e['value']:.4g} ({e['lo90']:.4g} to {e['hi90']:.4g})"
+        if math.isfinite(e["lo90"] or math.nan)
+        else f"{e['value']:.4g} (no end)"
+    )
 
 
 def chance(p: float) -> str:
@@ -70,11 +76,19 @@ def bases(out: Path, name: str) -> list[tuple[str, str, dict[str, Any], dict[str
 
 def posterior(found: dict[str, Any], boundary: str, model: str, parameter: str) -> str:
     """The posterior's interval where it was drawn."""
-    entry = found["boundaries"][boundary][model].get("posterior") or found.get("posterior", {}).get(boundary, {}).get(model, {})
+    entry = found["boundaries"][boundary][model].get("posterior") or found.get("posterior", {}).get(
+        boundary, {}
+    ).get(model, {})
     e = (entry.get("parameters") or {}).get(parameter)
     if e is None:
         return "-"
-    return span({"value": e.get("value", e.get("median", e.get("mean"))), "lo90": e["lo90"], "hi90": e["hi90"]})
+    return span(
+        {
+            "value": e.get("value", e.get("median", e.get("mean"))),
+            "lo90": e["lo90"],
+            "hi90": e["hi90"],
+        }
+    )
 
 
 def estimates(out: Path, name: str) -> list[str]:
@@ -104,10 +118,14 @@ def budgets(out: Path, name: str) -> list[str]:
     quoted = Results.model_validate_json((out / "processed" / name / "results.json").read_text())
     for own in quoted.boundaries.values():
         for p, c in own.coefficients.items():
-            shown = sorted((x for x in c.budget if x.u_without < 0.995 * c.u), key=lambda x: x.u_without)
+            shown = sorted(
+                (x for x in c.budget if x.u_without < 0.995 * c.u), key=lambda x: x.u_without
+            )
             sources = "; ".join(f"{x.source} ({x.kind}) {x.u_without / c.u:.2f}" for x in shown)
             dof = f"{c.dof:.0f}" if math.isfinite(c.dof) else "inf"
-            lines.append(f"| {name} | {p.rstrip('_')} | {own.verdict} | {c.u:.3g} | {dof} | {sources} |")
+            lines.append(
+                f"| {name} | {p.rstrip('_')} | {own.verdict} | {c.u:.3g} | {dof} | {sources} |"
+            )
     return lines
 
 
@@ -124,7 +142,10 @@ def collapses(out: Path, name: str) -> list[str]:
     lines = []
     for boundary, _, _, found in bases(out, name):
         c = found["throttle_collapse"][boundary]
-        tests = [chance(t["p_value"]) if t else "-" for t in (c["tests"][k] for k in ("coefficient", "curve", "cells"))]
+        tests = [
+            chance(t["p_value"]) if t else "-"
+            for t in (c["tests"][k] for k in ("coefficient", "curve", "cells"))
+        ]
         bounds = [bound(c["largest_departure"][k]) for k in ("coefficient", "delta_L")]
         lines.append(f"| {name} ({boundary}) | " + " | ".join(tests + bounds) + " |")
     return lines

@@ -1,4 +1,6 @@
-"""One BLAS thread for every test process: small fits are slowed down many times by threads that wait for each other. And the demo, run once."""
+"""One BLAS thread for every test process: small fits are slowed down many times by threads that
+wait for each other. And the demo, run once.
+"""
 
 import contextlib
 import ctypes
@@ -16,22 +18,34 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 # how long an example takes says how busy the machine is
-hypothesis.settings.register_profile("untimed", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow], print_blob=True)
+hypothesis.settings.register_profile(
+    "untimed",
+    deadline=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+    print_blob=True,
+)
 hypothesis.settings.load_profile("untimed")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--executor", default="serial", help="where simulated campaigns run: serial, threads:N, processes:N or dask:ADDRESS")
+    parser.addoption(
+        "--executor",
+        default="serial",
+        help="where simulated campaigns run: serial, threads:N, processes:N or dask:ADDRESS",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    # tests run in a random order, but nothing else is drawn anew: a generator has the seed that its test gives it
+    # tests run in a random order, but nothing else is drawn anew: a generator has the seed that its
+    # test gives it
     config.option.randomly_reset_seed = False
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _freed_memory_goes_back() -> Iterator[None]:
-    """Between modules: the C library keeps what figures and fits have freed, and a process of the suite grew to 2 GB that nothing held."""
+    """Between modules: the C library keeps what figures and fits have freed, and a process of the
+    suite grew to 2 GB that nothing held.
+    """
     yield
     with contextlib.suppress(AttributeError, OSError):  # only glibc has it
         ctypes.CDLL(None).malloc_trim(0)
@@ -42,7 +56,9 @@ Once = Callable[[str, Callable[[Path], None]], Path]
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
-    """A folder of that name which a function has filled: once, whichever process asks first; the others wait for it. Not to be written."""
+    """A folder of that name which a function has filled: once, whichever process asks first; the
+    others wait for it. Not to be written.
+    """
     own = tmp_path_factory.getbasetemp()
     home = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 

@@ -1,7 +1,8 @@
-"""Make again the figures of docs/closing-the-loop.md: ``python docs/worked/closing_the_loop.py OUT [PITT]``.
+"""Make again the figures of docs/closing-the-loop.md: ``python docs/worked/closing_the_loop.py OUT
+[PITT]``.
 
-Runs the demo, and the measured campaign pitt-ras-2017 if its folder PITT is given, into OUT, explains their effect, and puts reduced copies of
-the figures into docs/figures.
+Runs the demo, and the measured campaign pitt-ras-2017 if its folder PITT is given, into OUT,
+explains their effect, and puts reduced copies of the figures into docs/figures.
 """
 
 import sys
@@ -25,7 +26,9 @@ def nearlift(*words: object) -> None:
 def keep(source: Path, name: str) -> None:
     """A copy for the page: as wide as a page on a screen, in few colours."""
     picture = Image.open(source).convert("RGB")
-    small = picture.resize((WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS)
+    small = picture.resize(
+        (WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS
+    )
     small.quantize(128).save(FIGURES / f"{name}.png", optimize=True)
 
 

@@ -1,7 +1,9 @@
-"""Make again what docs/garofano-soldado.md shows: ``python docs/worked/garofano_soldado.py TABLE OUT``.
+"""Make again what docs/garofano-soldado.md shows: ``python docs/worked/garofano_soldado.py TABLE
+OUT``.
 
-TABLE is the published thrust_vs_height.csv; OUT takes the two campaigns made of it and their products. Figures and numbers go to
-docs/figures and docs/worked/garofano_soldado.json; the data stay where they are.
+TABLE is the published thrust_vs_height.csv; OUT takes the two campaigns made of it and their
+products. Figures and numbers go to docs/figures and docs/worked/garofano_soldado.json; the data
+stay where they are.
 """
 
 import json
@@ -29,7 +31,11 @@ MODELS: dict[str, tuple[Curve, tuple[float, ...]]] = {
     "power law": (lambda z, a, p: 1 + a * z**-p, (0.1, 1.5)),
     "exponential": (lambda z, a, b: 1 + a * np.exp(-b * z), (0.4, 1.5)),
 }
-FACING = {"coplanar": "coplanar", "face_to_face": "towards each other", "back_to_back": "away from each other"}
+FACING = {
+    "coplanar": "coplanar",
+    "face_to_face": "towards each other",
+    "back_to_back": "away from each other",
+}
 #: Heights over radius from which the ground is taken to be far; C-B has 0.7 % at 3.
 FAR = 3.0
 
@@ -40,7 +46,16 @@ def configurations(table: Path) -> list[dict[str, Any]]:
     for row in read(table):
         alpha, beta = float(row["alpha_deg"]), float(row["beta_deg"])
         at = found.setdefault(
-            row["case"], {"case": row["case"], "facing": row["config"], "alpha": alpha, "beta": beta, "z": [], "force": [], "sd": []}
+            row["case"],
+            {
+                "case": row["case"],
+                "facing": row["config"],
+                "alpha": alpha,
+                "beta": beta,
+                "z": [],
+                "force": [],
+                "sd": [],
+            },
         )
         for key, column in (("z", "z_over_R"), ("force", "Fz_N"), ("sd", "Fz_std_N")):
             at[key].append(float(row[column]))
@@ -53,9 +68,13 @@ def configurations(table: Path) -> list[dict[str, Any]]:
 
 
 def fit(at: dict[str, Any], model: str) -> tuple[float, int, np.ndarray]:
-    """Chi-square at the published standard deviations, degrees of freedom, and the fitted numbers, L_inf first."""
+    """Chi-square at the published standard deviations, degrees of freedom, and the fitted numbers,
+    L_inf first.
+    """
     curve, start = MODELS[model]
-    found = least_squares(lambda t: (t[0] * curve(at["z"], *t[1:]) - at["force"]) / at["sd"], [at["far"], *start])
+    found = least_squares(
+        lambda t: (t[0] * curve(at["z"], *t[1:]) - at["force"]) / at["sd"], [at["far"], *start]
+    )
     return 2 * found.cost, len(at["z"]) - 1 - len(start), found.x
 
 
@@ -68,30 +87,58 @@ def run(table: Path, out: Path) -> dict[str, Any]:
             convert(table, folder, along_axes=along_axes, name=name)
         answer = CliRunner().invoke(main, ["run", str(folder), "--out", str(out), "-q"])
         assert answer.exit_code == 0, answer.output
-        d = json.loads((out / "processed" / name / "diagnosis.json").read_text())["boundaries"]["ground"]
+        d = json.loads((out / "processed" / name / "diagnosis.json").read_text())["boundaries"][
+            "ground"
+        ]
         told[name] = {
             "verdict": d["verdict"],
             "partial": d.get("partial"),
             "structure": {s["covariate"]: s["p_value"] for s in d["structure"] if s["significant"]},
             "error": d["error"],
             "k": d["coefficients"]["after"]["k"],
-            "best_left": [{k: c[k] for k in ("name", "gain", "left_in")} for r in d["rounds"] for c in r["candidates"][:3]],
+            "best_left": [
+                {k: c[k] for k in ("name", "gain", "left_in")}
+                for r in d["rounds"]
+                for c in r["candidates"][:3]
+            ],
             "untestable": [u["effect"] for u in d["untestable"]],
         }
     return told
 
 
 def draw_models(found: list[dict[str, Any]], look: Any) -> Figure:
-    """The coplanar pair beside its fits; chi-square over its degrees of freedom for all configurations."""
+    """The coplanar pair beside its fits; chi-square over its degrees of freedom for all
+    configurations.
+    """
     figure = Figure(figsize=(look.double_in, 2.7), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     at = found[0]
-    looks = [(REFERENCES[0][0], REFERENCES[0][1]), (SERIES[1][0], "-"), (SERIES[0][0], "--"), (SERIES[2][0], ":")]
+    looks = [
+        (REFERENCES[0][0], REFERENCES[0][1]),
+        (SERIES[1][0], "-"),
+        (SERIES[0][0], "--"),
+        (SERIES[2][0], ":"),
+    ]
     for (name, (curve, _)), (colour, dash) in zip(MODELS.items(), looks, strict=True):
         _, _, x = fit(at, name)
         expected = x[0] * curve(at["z"], *x[1:])
-        left.plot(at["z"], 100 * (at["force"] / expected - 1), color=colour, linestyle=dash, label=name, marker="o", markersize=2.5)
-    left.fill_between(at["z"], -100 * at["sd"] / at["force"], 100 * at["sd"] / at["force"], color="0.85", linewidth=0, label="published sd")
+        left.plot(
+            at["z"],
+            100 * (at["force"] / expected - 1),
+            color=colour,
+            linestyle=dash,
+            label=name,
+            marker="o",
+            markersize=2.5,
+        )
+    left.fill_between(
+        at["z"],
+        -100 * at["sd"] / at["force"],
+        100 * at["sd"] / at["force"],
+        color="0.85",
+        linewidth=0,
+        label="published sd",
+    )
     left.axhline(0, color="0.3", linewidth=0.6)
     left.set_xscale("log")
     left.set_xticks([0.6, 1, 2, 3, 5], ["0.6", "1", "2", "3", "5"])
@@ -104,7 +151,15 @@ def draw_models(found: list[dict[str, Any]], look: Any) -> Figure:
     place = np.arange(len(found))
     for i, ((name, _), (colour, _)) in enumerate(zip(MODELS.items(), looks, strict=True)):
         values = [fit(c, name)[0] / fit(c, name)[1] for c in found]
-        right.plot(values, place + 0.18 * (1.5 - i), linestyle="none", marker=SERIES[i][1], markersize=3.5, color=colour, label=name)
+        right.plot(
+            values,
+            place + 0.18 * (1.5 - i),
+            linestyle="none",
+            marker=SERIES[i][1],
+            markersize=3.5,
+            color=colour,
+            label=name,
+        )
     right.axvline(1, color="0.3", linewidth=0.6)
     right.set_xscale("log")
     right.set_yticks(place, [label(c) for c in found])
@@ -128,17 +183,38 @@ def draw_tilt(found: list[dict[str, Any]], look: Any) -> Figure:
     figure = Figure(figsize=(look.double_in, 2.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     flat = found[0]
-    groups = (("face_to_face", 0, SERIES[1]), ("back_to_back", 0, SERIES[0]), ("back_to_back", 10, SERIES[2]), ("back_to_back", 20, SERIES[3]))
+    groups = (
+        ("face_to_face", 0, SERIES[1]),
+        ("back_to_back", 0, SERIES[0]),
+        ("back_to_back", 10, SERIES[2]),
+        ("back_to_back", 20, SERIES[3]),
+    )
     for facing, beta, (colour, marker) in groups:
-        mine = [c for c in found if (c["facing"] in (facing, *(("coplanar",) if beta == 0 else ()))) and c["beta"] == beta]
+        mine = [
+            c
+            for c in found
+            if (c["facing"] in (facing, *(("coplanar",) if beta == 0 else ())))
+            and c["beta"] == beta
+        ]
         alpha = np.array([c["alpha"] for c in mine])
         shown = rf"$\alpha$ {'in' if facing == 'face_to_face' else 'out'}, $\beta$ = {beta}°"
         thrust = np.array([c["far"] / c["share"] for c in mine]) / flat["far"]
         spread = np.array([c["far_scatter"] / c["share"] for c in mine]) / flat["far"]
-        left.errorbar(alpha, 100 * (thrust - 1), 100 * spread, color=colour, marker=marker, label=shown, capsize=2, elinewidth=0.7)
+        left.errorbar(
+            alpha,
+            100 * (thrust - 1),
+            100 * spread,
+            color=colour,
+            marker=marker,
+            label=shown,
+            capsize=2,
+            elinewidth=0.7,
+        )
         near = np.array([c["force"][0] / c["far"] - 1 for c in mine])
         u = np.array([np.hypot(c["sd"][0], c["far_scatter"]) / c["far"] for c in mine])
-        right.errorbar(alpha, 100 * near, 100 * u, color=colour, marker=marker, capsize=2, elinewidth=0.7)
+        right.errorbar(
+            alpha, 100 * near, 100 * u, color=colour, marker=marker, capsize=2, elinewidth=0.7
+        )
     left.axhline(0, color="0.3", linewidth=0.6)
     left.set_ylabel("thrust along the axes,\nover the coplanar pair's $-$ 1 (%)")
     left.set_title(f"far from the ground, $z / R \\geq {FAR:g}$", loc="left")
@@ -176,4 +252,6 @@ if __name__ == "__main__":
         }
         for c in found
     ]
-    (HERE / "garofano_soldado.json").write_text(json.dumps({"configurations": rows, "loop": run(table, out)}, indent=1) + "\n")
+    (HERE / "garofano_soldado.json").write_text(
+        json.dumps({"configurations": rows, "loop": run(table, out)}, indent=1) + "\n"
+    )

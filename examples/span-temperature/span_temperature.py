@@ -2,12 +2,14 @@
 
     lift -> lift (1 + span_per_K (temperature_K - temperature_ref_K))
 
-Mechanism: the modulus of the cell's metal falls as it warms, so that the same force bends it more; what the maker's compensation leaves.
+Mechanism: the modulus of the cell's metal falls as it warms, so that the same force bends it more;
+what the maker's compensation leaves.
 
-Convention: span_per_K > 0 reads too much lift when warm. temperature_ref_K is the campaign's median.
+Convention: span_per_K > 0 reads too much lift when warm. temperature_ref_K is the campaign's
+median.
 
-Confounded with air_density, which is in proportion to lift as well and has the sign of colder air; a dead weight hung on the cell, cold and warm,
-separates them.
+Confounded with air_density, which is in proportion to lift as well and has the sign of colder air;
+a dead weight hung on the cell, cold and warm, separates them.
 """
 
 from __future__ import annotations
@@ -43,11 +45,18 @@ EFFECT = Effect(
         ),
     ),
     source=Source(
-        citation="Physics of the bench: Young's modulus of aluminium falls by about 0.05 % per kelvin",
+        citation=(
+            "Physics of the bench: Young's modulus of aluminium falls by about 0.05 % per kelvin"
+        ),
         doubts=("What compensation leaves is unknown.",),
     ),
     checks=(
-        Check(x=0.265, expected=0.265, arguments={"temperature_K": 300.0, "temperature_ref_K": 293.0}, quoted_by="null"),
+        Check(
+            x=0.265,
+            expected=0.265,
+            arguments={"temperature_K": 300.0, "temperature_ref_K": 293.0},
+            quoted_by="null",
+        ),
         Check(
             x=0.2,
             expected=0.201,

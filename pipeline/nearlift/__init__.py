@@ -1,4 +1,5 @@
-"""nearlift: near-boundary lift of tethered rotorcraft, from load-cell records to models with honest uncertainty.
+"""nearlift: near-boundary lift of tethered rotorcraft, from load-cell records to models with honest
+uncertainty.
 
 >>> import nearlift
 >>> study = nearlift.load("raw/my-rig")    # doctest: +SKIP

@@ -1,6 +1,7 @@
 """Everything declared: what nearlift brings, then what installed packages add by entry point.
 
-Entry points (`nearlift.plugins`) are loaded when the catalogue is first asked, not when it is imported.
+Entry points (`nearlift.plugins`) are loaded when the catalogue is first asked, not when it is
+imported.
 """
 
 from __future__ import annotations
@@ -42,13 +43,19 @@ def effect(name: str) -> Effect:
 def default_base(boundary: Boundary, rotors: int) -> str:
     """Name of the model that a boundary is fitted with unless the manifest says otherwise."""
     if boundary not in BOUNDARIES:
-        raise UsageError("boundary", f"{boundary!r} is not one", f"boundaries are {', '.join(BOUNDARIES)}")
+        raise UsageError(
+            "boundary", f"{boundary!r} is not one", f"boundaries are {', '.join(BOUNDARIES)}"
+        )
     ground = "cheeseman_bennett" if rotors == 1 else "sanchez_cuevas"
-    return {"ground": ground, "ceiling": "hsiao_chirarattananon", "sidewall": "sidewall_decay"}[boundary]
+    return {"ground": ground, "ceiling": "hsiao_chirarattananon", "sidewall": "sidewall_decay"}[
+        boundary
+    ]
 
 
 def default_rivals(boundary: Boundary, rotors: int, geometry: Mapping[str, Any]) -> tuple[str, ...]:
-    """Names of all further models of a boundary that suit the vehicle and whose geometry is known, in catalogue order."""
+    """Names of all further models of a boundary that suit the vehicle and whose geometry is known,
+    in catalogue order.
+    """
     base = default_base(boundary, rotors)
     return tuple(m.name for m in models(boundary) if m.name != base and m.suits(rotors, geometry))
 

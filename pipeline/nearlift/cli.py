@@ -1,4 +1,6 @@
-"""The command line: arguments to stages. A stage, and what it imports, is loaded only when it is asked for."""
+"""The command line: arguments to stages. A stage, and what it imports, is loaded only when it is
+asked for.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-# small fits are slowed down many times by BLAS threads that wait for each other; set before numpy is first imported
+# small fits are slowed down many times by BLAS threads that wait for each other; set before numpy
+# is first imported
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
-# what a manifest means is for nearlift to say, and to look for packages that would have a say takes longer than to check it
+# what a manifest means is for nearlift to say, and to look for packages that would have a say takes
+# longer than to check it
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from nearlift import __version__  # noqa: E402
@@ -35,10 +39,21 @@ STAGE_NAMES = {
     "fit": "Lift models by least squares and as posteriors (fit.json, posterior.parquet).",
     "diagnose": "The residual traced to a named effect, or not (diagnosis.json).",
     "flow": "Velocity grids to downwash and topology (downwash.parquet), where [piv] lists any.",
-    "joint": "Base models fitted to lift and downwash together, where [fit.<boundary>] downwash = true (joint.json).",
-    "simulate": "Flights near ground and ceiling: crash rates, energy, what they mean (crash_rates.parquet, safety.json).",
-    "detect": "How far away a boundary shows in lift, and where it is (detection.parquet, proximity.json).",
-    "ledger": "Every trial from raw byte to figure, and what its exclusion is worth (quality.json).",
+    "joint": (
+        "Base models fitted to lift and downwash together, where [fit.<boundary>] downwash = true"
+        " (joint.json)."
+    ),
+    "simulate": (
+        "Flights near ground and ceiling: crash rates, energy, what they mean (crash_rates.parquet,"
+        " safety.json)."
+    ),
+    "detect": (
+        "How far away a boundary shows in lift, and where it is (detection.parquet,"
+        " proximity.json)."
+    ),
+    "ledger": (
+        "Every trial from raw byte to figure, and what its exclusion is worth (quality.json)."
+    ),
     "report": "Figures, tables and index.html.",
 }
 
@@ -52,9 +67,18 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
             show_default="the current folder, within raw/ the one that holds it",
             help="Folder that holds processed/ and reports/.",
         ),
-        click.option("--executor", default="threads:2", show_default=True, help="serial, threads:N, processes:N or dask:ADDRESS."),
-        click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random."),
-        click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout instead of text."),
+        click.option(
+            "--executor",
+            default="threads:2",
+            show_default=True,
+            help="serial, threads:N, processes:N or dask:ADDRESS.",
+        ),
+        click.option(
+            "--seed", type=int, default=0, show_default=True, help="Seed of everything random."
+        ),
+        click.option(
+            "--json", "as_json", is_flag=True, help="One JSON object on stdout instead of text."
+        ),
         click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
         click.option("-v", "--verbose", is_flag=True, help="Say more."),
     )
@@ -65,23 +89,45 @@ def common(command: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(*args: Any, **kwargs: Any) -> None:
         def end(refusal: NearliftError, code: int, told: str) -> NoReturn:
             if kwargs.get("as_json"):
-                click.echo(json.dumps({"exit_code": code, "where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}))
+                click.echo(
+                    json.dumps(
+                        {
+                            "exit_code": code,
+                            "where": refusal.where,
+                            "what": refusal.what,
+                            "remedy": refusal.remedy,
+                        }
+                    )
+                )
             click.echo(told, err=True)
             sys.exit(code)
 
         try:
             if kwargs["out"] is None:
-                kwargs["out"] = workspace(kwargs["campaigns"] if "campaigns" in kwargs else [kwargs["campaign"]] if "campaign" in kwargs else [])
+                kwargs["out"] = workspace(
+                    kwargs["campaigns"]
+                    if "campaigns" in kwargs
+                    else [kwargs["campaign"]]
+                    if "campaign" in kwargs
+                    else []
+                )
             command(*args, **kwargs)
         except NearliftError as refusal:
             end(refusal, refusal.exit_code, f"error: {refusal}")
         except (KeyboardInterrupt, click.Abort):
-            stopped = NearliftError("nearlift", "interrupted", "finished products stand, and the same command goes on from there")
+            stopped = NearliftError(
+                "nearlift",
+                "interrupted",
+                "finished products stand, and the same command goes on from there",
+            )
             end(stopped, INTERRUPTED, f"{stopped.what}; {stopped.remedy}")
         except BrokenPipeError:
             raise
         except OSError as fault:
-            what, remedy = (fault.strerror or str(fault)).lower(), "check that it exists, who may read and write it, and the space on the disk"
+            what, remedy = (
+                (fault.strerror or str(fault)).lower(),
+                "check that it exists, who may read and write it, and the space on the disk",
+            )
             failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
             end(failed, failed.exit_code, f"error: {failed}")
 
@@ -122,7 +168,9 @@ class Voice:
 
 @contextlib.contextmanager
 def no_garbage() -> Iterator[None]:
-    """While modules are imported, which stay: nobody looks for garbage among them, now or later, which would take a tenth of the time."""
+    """While modules are imported, which stay: nobody looks for garbage among them, now or later,
+    which would take a tenth of the time.
+    """
     gc.disable()
     try:
         yield
@@ -138,7 +186,9 @@ def _freeze() -> None:
 
 
 @contextlib.contextmanager
-def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice, keep: bool = True) -> Iterator[Job]:
+def open_job(
+    campaign: Path, out: Path, executor: str, seed: int, voice: Voice, keep: bool = True
+) -> Iterator[Job]:
     """The campaign as a job that speaks with this voice."""
     from nearlift.stages import opening
 
@@ -148,7 +198,9 @@ def open_job(campaign: Path, out: Path, executor: str, seed: int, voice: Voice, 
 
 @contextlib.contextmanager
 def open_plan(campaign: Path, out: Path, seed: int, voice: Voice) -> Iterator[Job]:
-    """The campaign as a job that has no records yet: the manifest is checked, no input is looked for."""
+    """The campaign as a job that has no records yet: the manifest is checked, no input is looked
+    for.
+    """
     from nearlift import campaign as manifests
     from nearlift.executors import open_executor
     from nearlift.stages.job import Job
@@ -157,7 +209,15 @@ def open_plan(campaign: Path, out: Path, seed: int, voice: Voice) -> Iterator[Jo
     spare_raw(campaign, out)
     processed, reports = out / "processed" / loaded.name, out / "reports" / loaded.name
     with open_executor("serial") as pool:
-        yield Job(root=campaign, campaign=loaded, processed=processed, reports=reports, executor=pool, seed=seed, say=voice.progress)
+        yield Job(
+            root=campaign,
+            campaign=loaded,
+            processed=processed,
+            reports=reports,
+            executor=pool,
+            seed=seed,
+            say=voice.progress,
+        )
 
 
 def _end_politely() -> None:
@@ -178,7 +238,9 @@ def execute(
     force: bool = False,
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
-    """Run stages on a campaign and end with the contract's exit code; `overrides` of the manifest by section."""
+    """Run stages on a campaign and end with the contract's exit code; `overrides` of the manifest
+    by section.
+    """
     with no_garbage():
         from nearlift.lock import size
         from nearlift.stages import graph, opening  # noqa: F401 - what opens the campaign
@@ -194,7 +256,12 @@ def execute(
 
         def begin(item: Stage, why: str) -> None:
             # what is to be read is told before it is read
-            held = f"; {len(job.stamps)} files with {size(sum(s['stamp'][0] for s in job.stamps.values()))}" if item.name == "ingest" else ""
+            held = (
+                f"; {len(job.stamps)} files with"
+                f" {size(sum(s['stamp'][0] for s in job.stamps.values()))}"
+                if item.name == "ingest"
+                else ""
+            )
             voice.line(f"{item.name:<9}{item.summary} ({why}{held})")
 
         steps = graph.run(job, wanted, begin=begin, force=force)
@@ -206,7 +273,13 @@ def execute(
                     voice.line(f"  note: {note}")
                 rejected += step.outcome.rejected
                 told.append(
-                    {"stage": step.stage.name, "why": step.why, "notes": step.outcome.notes, "rejected": step.outcome.rejected, "wall_s": step.wall_s}
+                    {
+                        "stage": step.stage.name,
+                        "why": step.why,
+                        "notes": step.outcome.notes,
+                        "rejected": step.outcome.rejected,
+                        "wall_s": step.wall_s,
+                    }
                 )
         report = job.reports / "index.html"
     code = SOME_TRIALS_REJECTED if rejected else 0
@@ -218,15 +291,32 @@ def execute(
             voice.line(f"  ... and {len(rejected) - 10} more (-v lists all)")
     if as_json:
         click.echo(
-            json.dumps({"campaign": job.campaign.name, "exit_code": code, "report": str(report) if report.is_file() else None, "stages": told})
+            json.dumps(
+                {
+                    "campaign": job.campaign.name,
+                    "exit_code": code,
+                    "report": str(report) if report.is_file() else None,
+                    "stages": told,
+                }
+            )
         )
     elif report.is_file() and not quiet and wanted[-1].report:
         click.echo(str(report))
     sys.exit(code)
 
 
-def execute_many(campaigns: tuple[Path, ...], out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool) -> None:
-    """Run several campaigns; one that is refused does not stop the others. Ends with the gravest exit code."""
+def execute_many(
+    campaigns: tuple[Path, ...],
+    out: Path,
+    executor: str,
+    seed: int,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+) -> None:
+    """Run several campaigns; one that is refused does not stop the others. Ends with the gravest
+    exit code.
+    """
     from nearlift.stages import many
 
     voice = Voice(quiet, verbose, as_json)
@@ -240,8 +330,19 @@ def execute_many(campaigns: tuple[Path, ...], out: Path, executor: str, seed: in
     sys.exit(many.gravest(ended))
 
 
-def follow(campaign: Path, period_s: float, out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool) -> None:
-    """Run a campaign that is being recorded, again and again, until it is interrupted; with `as_json` one object a round."""
+def follow(
+    campaign: Path,
+    period_s: float,
+    out: Path,
+    executor: str,
+    seed: int,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+) -> None:
+    """Run a campaign that is being recorded, again and again, until it is interrupted; with
+    `as_json` one object a round.
+    """
     from dataclasses import asdict
 
     from nearlift.stages.watch import watch
@@ -258,10 +359,11 @@ def follow(campaign: Path, period_s: float, out: Path, executor: str, seed: int,
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="nearlift")
 def main() -> None:
-    """Near-boundary lift of tethered rotorcraft: from load-cell records to models with honest uncertainty.
+    """Near-boundary lift of tethered rotorcraft: from load-cell records to models with honest
+    uncertainty.
 
-    Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input unreadable or refused; 5 a fit did not
-    converge; 130 interrupted.
+    Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input unreadable or
+    refused; 5 a fit did not converge; 130 interrupted.
     """
 
 
@@ -269,15 +371,34 @@ CAMPAIGN = click.argument("campaign", type=click.Path(path_type=Path))
 
 
 @main.command()
-@click.argument("campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN...")
-@click.option("--watch", is_flag=True, help="Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.")
-@click.option("--every", type=click.FloatRange(min=0.1), default=5.0, show_default=True, metavar="SECONDS", help="How often --watch looks.")
+@click.argument(
+    "campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN..."
+)
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.",
+)
+@click.option(
+    "--every",
+    type=click.FloatRange(min=0.1),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How often --watch looks.",
+)
 @common
 def run(campaigns: tuple[Path, ...], watch: bool, every: float, **options: Any) -> None:
-    """Every stage of CAMPAIGN that is stale; of several campaigns, one after the other, or side by side with processes:N."""
+    """Every stage of CAMPAIGN that is stale; of several campaigns, one after the other, or side by
+    side with processes:N.
+    """
     if watch:
         if len(campaigns) > 1:
-            raise UsageError("--watch", f"was given {len(campaigns)} campaigns", "watch one; run the others in terminals of their own")
+            raise UsageError(
+                "--watch",
+                f"was given {len(campaigns)} campaigns",
+                "watch one; run the others in terminals of their own",
+            )
         follow(campaigns[0], every, **options)
     elif len(campaigns) == 1:
         execute(campaigns[0], None, **options)
@@ -300,7 +421,9 @@ def demo(out: Path, **options: Any) -> None:
 
 
 def _stage_command(name: str, summary: str) -> None:
-    @main.command(name, help=summary + " Runs even if it is up to date; earlier stages must have run.")
+    @main.command(
+        name, help=summary + " Runs even if it is up to date; earlier stages must have run."
+    )
     @CAMPAIGN
     @common
     def command(campaign: Path, **options: Any) -> None:
@@ -312,19 +435,46 @@ for _name, _summary in STAGE_NAMES.items():
         _stage_command(_name, _summary)
 
 
-@main.command(help=STAGE_NAMES["fit"] + " Runs even if it is up to date; earlier stages must have run.")
+@main.command(
+    help=STAGE_NAMES["fit"] + " Runs even if it is up to date; earlier stages must have run."
+)
 @CAMPAIGN
-@click.option("--sampler", type=click.Choice(("auto", "emcee", "importance")), help="Instead of the manifest's [fit] sampler, this once.")
-@click.option("--ess", type=click.IntRange(100, 1_000_000), help="Effective draws, instead of the manifest's [fit] ess, this once.")
+@click.option(
+    "--sampler",
+    type=click.Choice(("auto", "emcee", "importance")),
+    help="Instead of the manifest's [fit] sampler, this once.",
+)
+@click.option(
+    "--ess",
+    type=click.IntRange(100, 1_000_000),
+    help="Effective draws, instead of the manifest's [fit] ess, this once.",
+)
 @common
 def fit(campaign: Path, sampler: str | None, ess: int | None, **options: Any) -> None:
-    """The stage; what was put in place of the manifest stands in provenance.json, and `run` goes by the manifest again."""
-    execute(campaign, ("fit",), force=True, overrides={"fit": {"sampler": sampler, "ess": ess}}, **options)
+    """The stage; what was put in place of the manifest stands in provenance.json, and `run` goes by
+    the manifest again.
+    """
+    execute(
+        campaign,
+        ("fit",),
+        force=True,
+        overrides={"fit": {"sampler": sampler, "ess": ess}},
+        **options,
+    )
 
 
-@main.command(help=STAGE_NAMES["diagnose"] + " Runs even if it is up to date; earlier stages must have run.")
+@main.command(
+    help=STAGE_NAMES["diagnose"] + " Runs even if it is up to date; earlier stages must have run."
+)
 @CAMPAIGN
-@click.option("--explain", metavar="NAME", help="Instead: one effect, what it is, what this campaign could see of it, and what it is confused with.")
+@click.option(
+    "--explain",
+    metavar="NAME",
+    help=(
+        "Instead: one effect, what it is, what this campaign could see of it, and what it is"
+        " confused with."
+    ),
+)
 @common
 def diagnose(campaign: Path, explain: str | None, **options: Any) -> None:
     """The stage, or one effect explained."""
@@ -336,7 +486,10 @@ def diagnose(campaign: Path, explain: str | None, **options: Any) -> None:
     from nearlift.summaries.explain import text
 
     voice = Voice(options["quiet"], options["verbose"], options["as_json"])
-    with open_job(campaign, options["out"], "serial", options["seed"], voice) as job, voice.busy(f"nearlift: {explain}"):
+    with (
+        open_job(campaign, options["out"], "serial", options["seed"], voice) as job,
+        voice.busy(f"nearlift: {explain}"),
+    ):
         found = explaining.run(job, explain)
     if options["as_json"]:
         click.echo(json.dumps(plain(found)))
@@ -347,10 +500,16 @@ def diagnose(campaign: Path, explain: str | None, **options: Any) -> None:
 def _reading(command: Callable[..., Any]) -> Callable[..., Any]:
     """The options that make a reading; each is text, as the manifest has it."""
     options = (
-        click.option("--boundary", type=click.Choice(["ground", "ceiling", "sidewall"]), help="Instead of the stage: where is it, by this reading?"),
+        click.option(
+            "--boundary",
+            type=click.Choice(["ground", "ceiling", "sidewall"]),
+            help="Instead of the stage: where is it, by this reading?",
+        ),
         click.option("--ratio", type=float, help="Lift over lift far away."),
         click.option("--throttle", help='Throttle at which the vehicle hovers, e.g. "55 percent".'),
-        click.option("--u", help='Standard uncertainty of the ratio or the throttle, e.g. "1 percent".'),
+        click.option(
+            "--u", help='Standard uncertainty of the ratio or the throttle, e.g. "1 percent".'
+        ),
         click.option("--weight-u", help="Relative standard uncertainty of the weight."),
         click.option("--supply-u", help="Relative standard uncertainty of the supply voltage."),
         click.option("--mass", help='Mass with payload, e.g. "29 g"; the vehicle\'s if not given.'),
@@ -360,7 +519,9 @@ def _reading(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-@main.command(help=STAGE_NAMES["detect"] + " Runs even if it is up to date; earlier stages must have run.")
+@main.command(
+    help=STAGE_NAMES["detect"] + " Runs even if it is up to date; earlier stages must have run."
+)
 @CAMPAIGN
 @_reading
 @common
@@ -376,11 +537,22 @@ def detect(
     **options: Any,
 ) -> None:
     """The stage, or one reading as a distance."""
-    given = {"ratio": ratio, "throttle": throttle, "u": u, "weight": weight_u, "supply": supply_u, "mass": mass}
+    given = {
+        "ratio": ratio,
+        "throttle": throttle,
+        "u": u,
+        "weight": weight_u,
+        "supply": supply_u,
+        "mass": mass,
+    }
     told = {name: value for name, value in given.items() if value is not None}
     if boundary is None:
         if told:
-            raise UsageError("--boundary", "is missing: a reading is one of ground, ceiling or sidewall", "add --boundary ground")
+            raise UsageError(
+                "--boundary",
+                "is missing: a reading is one of ground, ceiling or sidewall",
+                "add --boundary ground",
+            )
         execute(campaign, ("detect",), force=True, **options)
         return
     from nearlift.campaign import validated
@@ -400,11 +572,21 @@ def detect(
 
 @main.command()
 @CAMPAIGN
-@click.option("--noise-from", metavar="NAME", help="An earlier campaign under processed/ whose noise floor is expected.")
-@click.option("--write", type=click.Path(path_type=Path), metavar="PATH", help="Where the random schedule goes; never over a file.")
+@click.option(
+    "--noise-from",
+    metavar="NAME",
+    help="An earlier campaign under processed/ whose noise floor is expected.",
+)
+@click.option(
+    "--write",
+    type=click.Path(path_type=Path),
+    metavar="PATH",
+    help="Where the random schedule goes; never over a file.",
+)
 @common
 def design(campaign: Path, noise_from: str | None, write: Path | None, **options: Any) -> None:
-    """Before CAMPAIGN is run: what its plan could see, what it would confuse, what to change; draws a random schedule.
+    """Before CAMPAIGN is run: what its plan could see, what it would confuse, what to change; draws
+    a random schedule.
 
     The plan is the folder's schedule, or the manifest's [design].
     """
@@ -418,8 +600,13 @@ def design(campaign: Path, noise_from: str | None, write: Path | None, **options
     if noise_from is not None:
         settled(Homes.of(out, noise_from))
     voice = Voice(options["quiet"], options["verbose"], options["as_json"])
-    with open_plan(campaign, out, options["seed"], voice) as job, voice.busy(f"nearlift: {job.campaign.name}"):
-        found = designing.run(job, earlier=None if noise_from is None else out / "processed" / noise_from, write=write)
+    with (
+        open_plan(campaign, out, options["seed"], voice) as job,
+        voice.busy(f"nearlift: {job.campaign.name}"),
+    ):
+        found = designing.run(
+            job, earlier=None if noise_from is None else out / "processed" / noise_from, write=write
+        )
     if options["as_json"]:
         click.echo(json.dumps(plain(found)))
     elif not options["quiet"]:
@@ -429,7 +616,9 @@ def design(campaign: Path, noise_from: str | None, write: Path | None, **options
 @main.command()
 @CAMPAIGN
 @common
-def plan(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool) -> None:
+def plan(
+    campaign: Path, out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool
+) -> None:
     """What is stale and why; runs nothing."""
     with no_garbage():
         from nearlift.stages import graph, opening  # noqa: F401 - what opens the campaign
@@ -437,7 +626,14 @@ def plan(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, qui
     with open_job(campaign, out, "serial", seed, Voice(quiet, verbose, as_json), keep=False) as job:
         steps = [(s.name, why) for s, why in graph.plan(job)]
     if as_json:
-        click.echo(json.dumps({"campaign": job.campaign.name, "stages": [{"stage": n, "stale": bool(w), "why": w} for n, w in steps]}))
+        click.echo(
+            json.dumps(
+                {
+                    "campaign": job.campaign.name,
+                    "stages": [{"stage": n, "stale": bool(w), "why": w} for n, w in steps],
+                }
+            )
+        )
     else:
         for name, why in steps:
             click.echo(f"{name:<9}{'run: ' + why if why else 'up to date'}")
@@ -445,10 +641,19 @@ def plan(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, qui
 
 @main.command()
 @click.argument("names", nargs=-1, metavar="[NAME]...")
-@click.option("--shared", multiple=True, metavar="COMPONENT", help="An [[uncertainty]] that is one and the same error in all campaigns.")
+@click.option(
+    "--shared",
+    multiple=True,
+    metavar="COMPONENT",
+    help="An [[uncertainty]] that is one and the same error in all campaigns.",
+)
 @common
-def compare(names: tuple[str, ...], shared: tuple[str, ...], out: Path, as_json: bool, quiet: bool, **_: Any) -> None:
-    """One coefficient over many finished campaigns: table, forest plot, population mean and spread."""
+def compare(
+    names: tuple[str, ...], shared: tuple[str, ...], out: Path, as_json: bool, quiet: bool, **_: Any
+) -> None:
+    """One coefficient over many finished campaigns: table, forest plot, population mean
+    and spread.
+    """
     from nearlift.stages import compare as comparison
 
     content = comparison.run(out, names, shared)
@@ -466,7 +671,8 @@ def compare(names: tuple[str, ...], shared: tuple[str, ...], out: Path, as_json:
 def compare_runs(a: Path, b: Path, as_json: bool, quiet: bool, **_: Any) -> None:
     """What changed between two finished runs of a campaign: inputs, options, versions, numbers.
 
-    A and B are folders with provenance.json (processed/CAMPAIGN), or workspaces with one finished campaign each.
+    A and B are folders with provenance.json (processed/CAMPAIGN), or workspaces with one finished
+    campaign each.
     """
     from nearlift.stages import compare_runs as comparison
     from nearlift.store import plain
@@ -482,7 +688,10 @@ DIALECT = click.option(
     "--dialect",
     default="",
     metavar="KEYS",
-    help='How to read the text, as [records] dialect in a manifest: \'separator = "semicolon", decimal = ",", encoding = "latin-1"\'.',
+    help=(
+        'How to read the text, as [records] dialect in a manifest: \'separator = "semicolon",'
+        ' decimal = ",", encoding = "latin-1"\'.'
+    ),
 )
 
 
@@ -490,29 +699,60 @@ DIALECT = click.option(
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
-    "--from", "given", is_flag=True, help="FILES follow: records that are there already, or their folders. The manifest says what they say."
+    "--from",
+    "given",
+    is_flag=True,
+    help=(
+        "FILES follow: records that are there already, or their folders. The manifest says what"
+        " they say."
+    ),
 )
 @DIALECT
 @common
-def new(folder: Path, files: tuple[Path, ...], given: bool, dialect: str, quiet: bool, as_json: bool, **_: Any) -> None:
+def new(
+    folder: Path,
+    files: tuple[Path, ...],
+    given: bool,
+    dialect: str,
+    quiet: bool,
+    as_json: bool,
+    **_: Any,
+) -> None:
     """A campaign folder to fill in, with a commented manifest.
 
-    With --from FILES, the folder of a campaign whose records are FILES: those in the folder stay, others are copied into it.
+    With --from FILES, the folder of a campaign whose records are FILES: those in the folder stay,
+    others are copied into it.
     """
     from nearlift.stages.inspection import dialect_of
     from nearlift.stages.template import write_from, write_template
 
     if given != bool(files):
-        raise UsageError("--from", "names no files" if given else "is missing before the files", "nearlift new DIR --from FILES")
+        raise UsageError(
+            "--from",
+            "names no files" if given else "is missing before the files",
+            "nearlift new DIR --from FILES",
+        )
     if given:
         made, left = write_from(folder, files, dialect_of(dialect))
         if as_json:
             click.echo(json.dumps({"written": [str(path) for path in made], "fill_in": left}))
         elif not quiet:
-            click.echo("\n".join([*(str(path) for path in made[:2]), "still to fill in:", *(f"  {item}" for item in left)]))
+            click.echo(
+                "\n".join(
+                    [
+                        *(str(path) for path in made[:2]),
+                        "still to fill in:",
+                        *(f"  {item}" for item in left),
+                    ]
+                )
+            )
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(str(folder), "is not empty" if folder.is_dir() else "is a file", "name a new folder; nothing is ever overwritten")
+        raise UsageError(
+            str(folder),
+            "is not empty" if folder.is_dir() else "is a file",
+            "name a new folder; nothing is ever overwritten",
+        )
     written = [str(path) for path in write_template(folder)]
     if as_json:
         click.echo(json.dumps({"written": written}))
@@ -540,13 +780,24 @@ def _exports(command: Callable[..., Any]) -> Callable[..., Any]:
 @CAMPAIGN
 @_exports
 @common
-def export(campaign: Path, out: Path, executor: str, seed: int, as_json: bool, quiet: bool, verbose: bool, **formats: bool) -> None:
+def export(
+    campaign: Path,
+    out: Path,
+    executor: str,
+    seed: int,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+    **formats: bool,
+) -> None:
     """What was fitted, in forms that other programs read. Stage fit must have run."""
     from nearlift.stages.export import export as write
 
     wanted = tuple(name for name, asked in formats.items() if asked)
     if not wanted:
-        raise UsageError("export", "no format was asked for", f"add {', '.join(f'--{name}' for name in formats)}")
+        raise UsageError(
+            "export", "no format was asked for", f"add {', '.join(f'--{name}' for name in formats)}"
+        )
     with open_job(campaign, out, "serial", seed, Voice(quiet, verbose, as_json), keep=False) as job:
         written = write(job, wanted)
     if as_json:
@@ -564,14 +815,20 @@ def inspect(file: Path, dialect: str, as_json: bool, **_: Any) -> None:
     from nearlift.stages import inspection
 
     found = inspection.inspect(file, inspection.dialect_of(dialect))
-    click.echo(json.dumps(inspection.as_json(found)) if as_json else inspection.described(found).rstrip("\n"))
+    click.echo(
+        json.dumps(inspection.as_json(found))
+        if as_json
+        else inspection.described(found).rstrip("\n")
+    )
 
 
 @main.command()
 @CAMPAIGN
 @common
 def verify(campaign: Path, out: Path, as_json: bool, quiet: bool, **_: Any) -> None:
-    """Hash every input and product anew and hold them against provenance.json; exit code 4 where one differs."""
+    """Hash every input and product anew and hold them against provenance.json; exit code 4 where
+    one differs.
+    """
     from nearlift import campaign as manifests
     from nearlift.stages.verify import differences
 
@@ -579,7 +836,11 @@ def verify(campaign: Path, out: Path, as_json: bool, quiet: bool, **_: Any) -> N
     if as_json:
         click.echo(json.dumps({"checked": checked, "differing": differing}))
     elif not quiet:
-        click.echo("\n".join([*differing, f"{checked - len(differing)} of {checked} files are what they were"]))
+        click.echo(
+            "\n".join(
+                [*differing, f"{checked - len(differing)} of {checked} files are what they were"]
+            )
+        )
     if differing:
         sys.exit(4)
 
@@ -596,7 +857,10 @@ def describe(name: str | None, as_json: bool, **_: Any) -> None:
 
 
 REGISTRY = click.option(
-    "--registry", type=click.Path(path_type=Path), metavar="FILE", help="Another list of data sets, in the form of nearlift's own."
+    "--registry",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Another list of data sets, in the form of nearlift's own.",
 )
 
 
@@ -618,10 +882,20 @@ def data_list(registry: Path | None, as_json: bool, **_: Any) -> None:
         click.echo(json.dumps([item.model_dump() for item in found]))
         return
     for item in found:
-        held = "size unknown" if any(f.bytes is None for f in item.file) else size(sum(f.bytes or 0 for f in item.file))
+        held = (
+            "size unknown"
+            if any(f.bytes is None for f in item.file)
+            else size(sum(f.bytes or 0 for f in item.file))
+        )
         files = f"{len(item.file)} file{'s' if len(item.file) > 1 else ''}, {held}"
         unchecked = "its digest is not known: wants --trust" if item.unknown else ""
-        lines = (item.title, f"{files}; licence: {item.licence}", item.citation, item.note, unchecked)
+        lines = (
+            item.title,
+            f"{files}; licence: {item.licence}",
+            item.citation,
+            item.note,
+            unchecked,
+        )
         click.echo("\n".join([item.name, *(f"  {line}" for line in lines if line)]))
 
 
@@ -630,14 +904,26 @@ def data_list(registry: Path | None, as_json: bool, **_: Any) -> None:
 @click.argument("folder", type=click.Path(path_type=Path), required=False, metavar="[DIR]")
 @click.option("--trust", is_flag=True, help="Take files whose digest nobody has worked out.")
 @click.option(
-    "--cache", type=click.Path(path_type=Path, file_okay=False), help="Where fetched files are kept [default: NEARLIFT_CACHE, or the system's]."
+    "--cache",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where fetched files are kept [default: NEARLIFT_CACHE, or the system's].",
 )
 @REGISTRY
 @common
 def data_get(
-    name: str, folder: Path | None, trust: bool, cache: Path | None, registry: Path | None, quiet: bool, verbose: bool, as_json: bool, **_: Any
+    name: str,
+    folder: Path | None,
+    trust: bool,
+    cache: Path | None,
+    registry: Path | None,
+    quiet: bool,
+    verbose: bool,
+    as_json: bool,
+    **_: Any,
 ) -> None:
-    """Fetch NAME and make it a campaign in DIR (default: raw/NAME). What the cache holds is not fetched again."""
+    """Fetch NAME and make it a campaign in DIR (default: raw/NAME). What the cache holds is not
+    fetched again.
+    """
     from nearlift.datasets.fetch import get
     from nearlift.datasets.registry import OWN, dataset
 
@@ -645,9 +931,21 @@ def data_get(
     wanted = dataset(name, registry or OWN)
     made = get(wanted, folder or Path("raw") / name, trust=trust, cache=cache, say=voice.line)
     if as_json:
-        click.echo(json.dumps({"campaign": str(made), "licence": wanted.licence, "citation": wanted.citation, "next": f"{wanted.next} {made}"}))
+        click.echo(
+            json.dumps(
+                {
+                    "campaign": str(made),
+                    "licence": wanted.licence,
+                    "citation": wanted.citation,
+                    "next": f"{wanted.next} {made}",
+                }
+            )
+        )
     elif not quiet:
-        click.echo(f"{made}\nlicence: {wanted.licence}; cite: {wanted.citation}\nnext: {wanted.next} {made}")
+        click.echo(
+            f"{made}\nlicence: {wanted.licence}; cite: {wanted.citation}\nnext: {wanted.next}"
+            f" {made}"
+        )
 
 
 @main.command()
@@ -663,14 +961,19 @@ def doctor(out: Path, as_json: bool, quiet: bool, **_: Any) -> None:
         click.echo(json.dumps([asdict(f) for f in findings]))
     elif not quiet:
         for f in findings:
-            click.echo(f"{f.state:<6}{f.what:<15}{f.found}" + (f"  ({f.remedy})" if f.state != "good" and f.remedy else ""))
+            click.echo(
+                f"{f.state:<6}{f.what:<15}{f.found}"
+                + (f"  ({f.remedy})" if f.state != "good" and f.remedy else "")
+            )
     sys.exit(UsageError.exit_code if any(f.state == "bad" for f in findings) else 0)
 
 
 @main.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
-    """The script that completes nearlift's words in SHELL: put its output where the shell looks, e.g. ~/.bash_completion."""
+    """The script that completes nearlift's words in SHELL: put its output where the shell looks,
+    e.g. ~/.bash_completion.
+    """
     from click.shell_completion import get_completion_class
 
     kind = get_completion_class(shell)

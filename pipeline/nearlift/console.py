@@ -1,4 +1,6 @@
-"""What the command ``nearlift`` starts: loads the command line, which takes a while, and can be interrupted in it."""
+"""What the command ``nearlift`` starts: loads the command line, which takes a while, and can be
+interrupted in it.
+"""
 
 import os
 import sys
@@ -21,10 +23,14 @@ def main() -> None:
 
 
 def _leave(code: object) -> None:
-    """End this process once everything is said and done: Python would take its modules apart first, a twentieth of a short command's time."""
+    """End this process once everything is said and done: Python would take its modules apart first,
+    a twentieth of a short command's time.
+    """
     import atexit
 
-    if not (isinstance(code, int) or code is None) or not all(t.daemon for t in threading.enumerate() if t is not threading.main_thread()):
+    if not (isinstance(code, int) or code is None) or not all(
+        t.daemon for t in threading.enumerate() if t is not threading.main_thread()
+    ):
         return
     atexit._run_exitfuncs()
     try:

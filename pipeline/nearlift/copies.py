@@ -1,6 +1,8 @@
-"""Work shared with copies of this process, which are ready in milliseconds and do not take turns, as threads of one interpreter do.
+"""Work shared with copies of this process, which are ready in milliseconds and do not take turns,
+as threads of one interpreter do.
 
-Only a process with one thread is copied: the locks of others would stay locked in the copy. What a copy does not answer is done here.
+Only a process with one thread is copied: the locks of others would stay locked in the copy. What a
+copy does not answer is done here.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ Result = TypeVar("Result")
 
 
 def alone() -> bool:
-    """Whether this process has a single thread, by the system's own count, which knows those of libraries as well."""
+    """Whether this process has a single thread, by the system's own count, which knows those of
+    libraries as well.
+    """
     try:
         return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1  # noqa: PTH208
     except OSError:
@@ -30,7 +34,9 @@ def alone() -> bool:
 
 
 def fork(life: Callable[[], object]) -> int:
-    """The number of a copy of this process, which does nothing but `life` and ends; raises OSError where the system allows none."""
+    """The number of a copy of this process, which does nothing but `life` and ends; raises OSError
+    where the system allows none.
+    """
     # an interrupt must not find the copy where this process stands
     before = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
     try:
@@ -50,7 +56,9 @@ def fork(life: Callable[[], object]) -> int:
 
 @contextlib.contextmanager
 def copied(work: Callable[[IO[bytes]], object]) -> Iterator[IO[bytes] | None]:
-    """What a copy of this process writes that does `work`; it ends early where the work fails. None where the system allows no copy."""
+    """What a copy of this process writes that does `work`; it ends early where the work fails. None
+    where the system allows no copy.
+    """
     answers, end = os.pipe()
 
     def life() -> None:
@@ -70,15 +78,20 @@ def copied(work: Callable[[IO[bytes]], object]) -> Iterator[IO[bytes] | None]:
         try:
             yield file
         finally:
-            # it is done, or nobody listens any more; where nobody may wait for children, it is gone once it has ended
+            # it is done, or nobody listens any more; where nobody may wait for children, it is gone
+            # once it has ended
             with contextlib.suppress(ProcessLookupError, ChildProcessError):
                 if os.waitpid(pid, os.WNOHANG)[0] == 0:
                     os.kill(pid, signal.SIGKILL)
                     os.waitpid(pid, 0)
 
 
-def shared_out(task: Callable[[Task], Result], specs: Sequence[Task], workers: int) -> Iterator[Result]:
-    """Results of `task` over `specs`, in order, this process being one of the workers; raises as `task` does."""
+def shared_out(
+    task: Callable[[Task], Result], specs: Sequence[Task], workers: int
+) -> Iterator[Result]:
+    """Results of `task` over `specs`, in order, this process being one of the workers; raises as
+    `task` does.
+    """
 
     def work(own: Sequence[Task], answers: IO[bytes]) -> None:
         for spec in own:
@@ -86,7 +99,10 @@ def shared_out(task: Callable[[Task], Result], specs: Sequence[Task], workers: i
             answers.flush()
 
     with contextlib.ExitStack() as held:
-        others = [held.enter_context(copied(functools.partial(work, specs[i::workers]))) for i in range(1, min(workers, len(specs)))]
+        others = [
+            held.enter_context(copied(functools.partial(work, specs[i::workers])))
+            for i in range(1, min(workers, len(specs)))
+        ]
         for i, spec in enumerate(specs):
             turn = i % workers
             yield task(spec) if turn == 0 else _next(others[turn - 1], task, spec)

@@ -1,10 +1,13 @@
-"""What a model, an effect and a parameter are: frozen values that check themselves when they are made.
+"""What a model, an effect and a parameter are: frozen values that check themselves when they are
+made.
 
-A declaration is one immutable value at the end of its own file. Evaluation, fitting, sampling, documentation and tests all
-read it; nothing about it is written twice. The keyword-only names of `evaluate` are the table of what it needs, so a
-declaration whose function and table disagree cannot be imported.
+A declaration is one immutable value at the end of its own file. Evaluation, fitting, sampling,
+documentation and tests all read it; nothing about it is written twice. The keyword-only names of
+`evaluate` are the table of what it needs, so a declaration whose function and table disagree cannot
+be imported.
 
-Broadcasting is part of the contract: with parameters of shape (m, 1) and x of shape (n,), `evaluate` returns (m, n).
+Broadcasting is part of the contract: with parameters of shape (m, 1) and x of shape (n,),
+`evaluate` returns (m, n).
 """
 
 from __future__ import annotations
@@ -92,7 +95,8 @@ class Parameter:
     unit : str
         SI unit, ``"1"`` if dimensionless.
     value : float
-        For a model the published value (also where a fit starts), for an effect the null at which it does nothing.
+        For a model the published value (also where a fit starts), for an effect the null at which
+        it does nothing.
     bounds : (float, float)
         Closed interval that fits and samplers keep to.
     prior : Prior
@@ -100,10 +104,11 @@ class Parameter:
     meaning : str
         One sentence, with sign.
     grid : tuple of float
-        For a shape (a length, a time constant, an exponent) that nothing depends on at the effect's null: the values at which
-        a search starts. Empty for a size.
+        For a shape (a length, a time constant, an exponent) that nothing depends on at the effect's
+        null: the values at which a search starts. Empty for a size.
     per : str
-        ``"session"``: one such number for each session, passed to `evaluate` already spread over the trials.
+        ``"session"``: one such number for each session, passed to `evaluate` already spread over
+        the trials.
     """
 
     name: str
@@ -119,10 +124,16 @@ class Parameter:
         low, high = self.bounds
         if not (low < high and low <= self.value <= high):
             raise DeclarationError(
-                f"parameter {self.name}", f"value {self.value} and bounds {self.bounds} disagree", "order them low < high, with the value inside"
+                f"parameter {self.name}",
+                f"value {self.value} and bounds {self.bounds} disagree",
+                "order them low < high, with the value inside",
             )
         if not self.meaning:
-            raise DeclarationError(f"parameter {self.name}", "has no meaning", "say in one sentence what it is, with its sign")
+            raise DeclarationError(
+                f"parameter {self.name}",
+                "has no meaning",
+                "say in one sentence what it is, with its sign",
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,7 +148,9 @@ class Source:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """A number that the declaration must reproduce: `evaluate(x, **arguments)` equals `expected` within `tolerance`."""
+    """A number that the declaration must reproduce: `evaluate(x, **arguments)` equals `expected`
+    within `tolerance`.
+    """
 
     x: float
     expected: float
@@ -148,7 +161,11 @@ class Check:
 
 def keywords(evaluate: Evaluate) -> tuple[str, ...]:
     """Names of the keyword-only arguments of a function."""
-    return tuple(p.name for p in inspect.signature(evaluate).parameters.values() if p.kind is inspect.Parameter.KEYWORD_ONLY)
+    return tuple(
+        p.name
+        for p in inspect.signature(evaluate).parameters.values()
+        if p.kind is inspect.Parameter.KEYWORD_ONLY
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,7 +184,8 @@ class Declaration:
     needs : tuple of str
         Geometry (`spacing_hat`, ...) or trial covariates (`supply_V`, ...) that must be known.
     valid_z_hat : (float, float)
-        Open at the lower end where a formula has a pole; trials outside are left out of its fit, with the reason.
+        Open at the lower end where a formula has a pole; trials outside are left out of its fit,
+        with the reason.
     source : Source
     checks : tuple of Check
         At least one.
@@ -199,21 +217,35 @@ class Declaration:
                 "make its keyword-only names equal the table",
             )
         if not self.checks:
-            raise DeclarationError(where, "has no numeric check", "give at least one number that it must reproduce, and who quoted it")
+            raise DeclarationError(
+                where,
+                "has no numeric check",
+                "give at least one number that it must reproduce, and who quoted it",
+            )
         for check in self.checks:
             got = float(np.squeeze(self(check.x, **check.arguments)))
             if not abs(got - check.expected) <= check.tolerance:
-                raise DeclarationError(where, f"gives {got!r} at {check.x} {dict(check.arguments)}, not {check.expected!r} ({check.quoted_by})")
+                raise DeclarationError(
+                    where,
+                    f"gives {got!r} at {check.x} {dict(check.arguments)}, not {check.expected!r}"
+                    f" ({check.quoted_by})",
+                )
 
     def __call__(self, x: Any, /, **arguments: Any) -> Any:
         """Evaluate at `x`; parameters left out stand at their declared values."""
         known = {p.name: p.value for p in self.parameters}
         unknown = arguments.keys() - known.keys() - set(self.needs)
         if unknown:
-            raise DeclarationError(f"declaration {self.name}", f"does not take {sorted(unknown)}", f"it takes {sorted({*known, *self.needs})}")
+            raise DeclarationError(
+                f"declaration {self.name}",
+                f"does not take {sorted(unknown)}",
+                f"it takes {sorted({*known, *self.needs})}",
+            )
         missing = [n for n in self.needs if n not in arguments]
         if missing:
-            raise DeclarationError(f"declaration {self.name}", f"needs {missing}", "give them as keywords")
+            raise DeclarationError(
+                f"declaration {self.name}", f"needs {missing}", "give them as keywords"
+            )
         return self.evaluate(x, **(known | arguments))
 
     def parameter(self, name: str) -> Parameter:
@@ -221,19 +253,25 @@ class Declaration:
         for p in self.parameters:
             if p.name == name:
                 return p
-        raise DeclarationError(f"declaration {self.name}", f"has no parameter {name!r}", f"it has {[p.name for p in self.parameters]}")
+        raise DeclarationError(
+            f"declaration {self.name}",
+            f"has no parameter {name!r}",
+            f"it has {[p.name for p in self.parameters]}",
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiftModel(Declaration):
     """Lift near a boundary over lift far away, as a function of `z_hat`.
 
-    `evaluate(z_hat, /, *, ...)` is the ratio L / L_inf (1 far away). `downwash`, where a model has one, is the induced
-    velocity at the disk over its value far away, with the same signature. `rotors` says whether the model describes an
-    isolated rotor (``"one"``), a vehicle of several (``"several"``), or either.
+    `evaluate(z_hat, /, *, ...)` is the ratio L / L_inf (1 far away). `downwash`, where a model has
+    one, is the induced velocity at the disk over its value far away, with the same signature.
+    `rotors` says whether the model describes an isolated rotor (``"one"``), a vehicle of several
+    (``"several"``), or either.
 
-    `gradient`, where a model has one, has that signature too and returns the derivatives of the ratio with respect to each parameter,
-    a tuple in their order; it is compared with differences of `evaluate` at every check. Without it, fits take differences.
+    `gradient`, where a model has one, has that signature too and returns the derivatives of the
+    ratio with respect to each parameter, a tuple in their order; it is compared with differences of
+    `evaluate` at every check. Without it, fits take differences.
     """
 
     boundary: Boundary
@@ -245,12 +283,17 @@ class LiftModel(Declaration):
     def __post_init__(self) -> None:
         super(LiftModel, self).__post_init__()
         if self.boundary not in BOUNDARIES:
-            raise DeclarationError(f"declaration {self.name}", f"{self.boundary!r} is not a boundary", f"boundaries are {', '.join(BOUNDARIES)}")
+            raise DeclarationError(
+                f"declaration {self.name}",
+                f"{self.boundary!r} is not a boundary",
+                f"boundaries are {', '.join(BOUNDARIES)}",
+            )
         for role, other in (("downwash", self.downwash), ("gradient", self.gradient)):
             if other is not None and set(keywords(other)) != set(keywords(self.evaluate)):
                 raise DeclarationError(
                     f"declaration {self.name}",
-                    f"{role} takes {sorted(keywords(other))} but evaluate takes {sorted(keywords(self.evaluate))}",
+                    f"{role} takes {sorted(keywords(other))} but evaluate takes"
+                    f" {sorted(keywords(self.evaluate))}",
                     "give both the same keyword-only names",
                 )
         if self.gradient is not None:
@@ -262,14 +305,22 @@ class LiftModel(Declaration):
         at = {p.name: p.value for p in self.parameters} | dict(check.arguments)
         declared = gradient(check.x, **at)
         if len(declared) != len(self.parameters):
-            raise DeclarationError(f"declaration {self.name}", f"gradient gives {len(declared)} derivatives for {len(self.parameters)} parameters")
+            raise DeclarationError(
+                f"declaration {self.name}",
+                f"gradient gives {len(declared)} derivatives for {len(self.parameters)} parameters",
+            )
         for p, own in zip(self.parameters, declared, strict=True):
             h = 1e-5 * max(abs(at[p.name]), 0.1)
-            up, down = (float(np.squeeze(self.evaluate(check.x, **(at | {p.name: at[p.name] + s})))) for s in (h, -h))
+            up, down = (
+                float(np.squeeze(self.evaluate(check.x, **(at | {p.name: at[p.name] + s}))))
+                for s in (h, -h)
+            )
             difference, given = (up - down) / (2 * h), float(np.squeeze(own))
             if not abs(given - difference) <= 1e-5 * (abs(difference) + 1e-3):
                 raise DeclarationError(
-                    f"declaration {self.name}", f"gradient says d/d{p.name} = {given:.6g} at {check.x}, differences say {difference:.6g}"
+                    f"declaration {self.name}",
+                    f"gradient says d/d{p.name} = {given:.6g} at {check.x}, differences say"
+                    f" {difference:.6g}",
                 )
 
     def suits(self, rotors: int, geometry: Mapping[str, Any]) -> bool:
@@ -282,11 +333,13 @@ class LiftModel(Declaration):
 class Effect(Declaration):
     """Something that a model may lack; it does nothing at its declared parameter values.
 
-    `acts_on` says what `evaluate` takes and returns: ``"height"`` z_hat, ``"ratio"`` L / L_inf, ``"force"`` lift in N.
-    An `additive` force effect works in newtons, so a composed model then needs `lift_inf_N`; any other is a factor.
-    `mechanism` is the physical cause in one sentence; `varies_with` the covariate along which its true shape may depart from
-    the declared one; `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at all;
-    `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in simulations).
+    `acts_on` says what `evaluate` takes and returns: ``"height"`` z_hat, ``"ratio"`` L / L_inf,
+    ``"force"`` lift in N. An `additive` force effect works in newtons, so a composed model then
+    needs `lift_inf_N`; any other is a factor. `mechanism` is the physical cause in one sentence;
+    `varies_with` the covariate along which its true shape may depart from the declared one;
+    `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at
+    all; `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in
+    simulations).
     """
 
     acts_on: Literal["height", "ratio", "force"]
@@ -300,26 +353,36 @@ class Effect(Declaration):
     def __post_init__(self) -> None:
         super(Effect, self).__post_init__()
         if not self.mechanism:
-            raise DeclarationError(f"effect {self.name}", "names no mechanism", "only what has a physical cause may explain a residual")
+            raise DeclarationError(
+                f"effect {self.name}",
+                "names no mechanism",
+                "only what has a physical cause may explain a residual",
+            )
 
 
 def compose(model: LiftModel, *effects: Effect) -> LiftModel:
-    """A lift model with effects added; it is again a lift model, so nothing downstream learns that effects exist.
+    """A lift model with effects added; it is again a lift model, so nothing downstream learns that
+    effects exist.
 
-    Height effects act on z_hat before the model, ratio effects on its result, force effects on the product with L_inf.
-    Their parameters keep their names; two effects with a parameter of the same name are refused.
-    An effect's need of `z_hat` is met by the composition itself, with the height effects applied, and is no need of the result.
+    Height effects act on z_hat before the model, ratio effects on its result, force effects on the
+    product with L_inf. Their parameters keep their names; two effects with a parameter of the same
+    name are refused. An effect's need of `z_hat` is met by the composition itself, with the height
+    effects applied, and is no need of the result.
     """
     supplied = {"z_hat"}
     additive = any(e.additive for e in effects)
     parameters = model.parameters + tuple(p for e in effects for p in e.parameters)
     if len({p.name for p in parameters}) != len(parameters):
-        raise DeclarationError(f"compose({model.name}, ...)", "two of the parts have a parameter of the same name")
+        raise DeclarationError(
+            f"compose({model.name}, ...)", "two of the parts have a parameter of the same name"
+        )
     needs = dict.fromkeys(model.needs)
     needs |= dict.fromkeys(n for e in effects for n in e.needs if n not in supplied)
     if additive:
         needs["lift_inf_N"] = None
-    by_kind = {kind: [e for e in effects if e.acts_on == kind] for kind in ("height", "ratio", "force")}
+    by_kind = {
+        kind: [e for e in effects if e.acts_on == kind] for kind in ("height", "ratio", "force")
+    }
     asked = {part.name: keywords(part.evaluate) for part in (model, *effects)}
 
     def arguments(part: Declaration, values: Mapping[str, Any], z_hat: Any) -> dict[str, Any]:
@@ -340,7 +403,10 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
 
     names = (*needs, *(p.name for p in parameters))
     evaluate.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [inspect.Parameter("z_hat", inspect.Parameter.POSITIONAL_ONLY), *(inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY) for n in names)]
+        [
+            inspect.Parameter("z_hat", inspect.Parameter.POSITIONAL_ONLY),
+            *(inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY) for n in names),
+        ]
     )
     null = {p.name: p.value for e in effects for p in e.parameters}
     extra = {n: 1.0 for n in needs if n not in model.needs}

@@ -1,4 +1,5 @@
-"""What is declared, as Markdown: the same text on the command line and on the pages under docs/reference.
+"""What is declared, as Markdown: the same text on the command line and on the pages under
+docs/reference.
 
 Nothing is written here that a declaration does not say; this module only sets it.
 """
@@ -29,9 +30,16 @@ def describe(name: str | None = None) -> str:
         return listing()
     if name.startswith("u_"):
         return symbol_page(symbol(name))
-    everything: tuple[Declaration | Product | Symbol, ...] = (*catalogue.models(), *catalogue.effects(), *PRODUCTS, *SYMBOLS)
+    everything: tuple[Declaration | Product | Symbol, ...] = (
+        *catalogue.models(),
+        *catalogue.effects(),
+        *PRODUCTS,
+        *SYMBOLS,
+    )
     by_file = {p.file: p for p in PRODUCTS}
-    found = by_file.get(name) or catalogue.find(name, everything, "model, effect, product or symbol")
+    found = by_file.get(name) or catalogue.find(
+        name, everything, "model, effect, product or symbol"
+    )
     if isinstance(found, Declaration):
         return declaration(found)
     return product_page(found) if isinstance(found, Product) else symbol_page(found)
@@ -41,12 +49,18 @@ def listing() -> str:
     """The catalogue: a line for every model, effect, product and symbol."""
     parts = ["# Catalogue"]
     for boundary in BOUNDARIES:
-        rows = [(f"`{m.name}`", m.title, ", ".join(p.name for p in m.parameters) or "nothing") for m in catalogue.models(boundary)]
+        rows = [
+            (f"`{m.name}`", m.title, ", ".join(p.name for p in m.parameters) or "nothing")
+            for m in catalogue.models(boundary)
+        ]
         parts += [f"## Models: {boundary}", _table(("name", "title", "free"), rows)]
     if catalogue.effects():
         rows = [(f"`{e.name}`", e.acts_on, e.mechanism) for e in catalogue.effects()]
         parts += ["## Effects", _table(("name", "acts on", "mechanism"), rows)]
-    parts += ["## Products", _table(("file", "holds"), [(f"`{p.file}`", p.title) for p in PRODUCTS])]
+    parts += [
+        "## Products",
+        _table(("file", "holds"), [(f"`{p.file}`", p.title) for p in PRODUCTS]),
+    ]
     parts += ["## Symbols", ", ".join(f"`{s.name}`" for s in SYMBOLS)]
     return _page(parts)
 
@@ -55,31 +69,66 @@ def declaration(item: Declaration) -> str:
     """One model or effect."""
     facts = [("name", f"`{item.name}`")]
     if isinstance(item, LiftModel):
-        facts += [("boundary", item.boundary), ("rotors", item.rotors), ("downwash", "yes" if item.downwash else "not modelled")]
+        facts += [
+            ("boundary", item.boundary),
+            ("rotors", item.rotors),
+            ("downwash", "yes" if item.downwash else "not modelled"),
+        ]
     if isinstance(item, Effect):
         acts_on = item.acts_on + (", additive" if item.additive else "")
         recorded = ", ".join(f"`{n}`" for n in item.log_next_time) or "nothing more"
-        facts += [("acts on", acts_on), ("mechanism", item.mechanism), ("shape varies with", f"`{item.varies_with}`"), ("to be recorded", recorded)]
-    facts += [("needs", ", ".join(f"`{n}`" for n in item.needs) or "nothing"), ("valid", _range(item.valid_z_hat))]
+        facts += [
+            ("acts on", acts_on),
+            ("mechanism", item.mechanism),
+            ("shape varies with", f"`{item.varies_with}`"),
+            ("to be recorded", recorded),
+        ]
+    facts += [
+        ("needs", ", ".join(f"`{n}`" for n in item.needs) or "nothing"),
+        ("valid", _range(item.valid_z_hat)),
+    ]
     parts = [f"# {item.title}", f"$$ {item.formula} $$", _table(("", ""), facts)]
     if item.notes:
         parts += [item.notes.strip()]
     if item.parameters:
-        rows = [(f"`{p.name}`", p.unit, f"{p.value:.6g}", f"{p.bounds[0]:g} to {p.bounds[1]:g}", str(p.prior), p.meaning) for p in item.parameters]
-        parts += ["## Parameters", _table(("name", "unit", "value", "bounds", "prior", "meaning"), rows)]
+        rows = [
+            (
+                f"`{p.name}`",
+                p.unit,
+                f"{p.value:.6g}",
+                f"{p.bounds[0]:g} to {p.bounds[1]:g}",
+                str(p.prior),
+                p.meaning,
+            )
+            for p in item.parameters
+        ]
+        parts += [
+            "## Parameters",
+            _table(("name", "unit", "value", "bounds", "prior", "meaning"), rows),
+        ]
     source = item.source
-    cited = [source.citation, f"equation {source.equation}" if source.equation else "", f"doi {source.doi}" if source.doi else ""]
+    cited = [
+        source.citation,
+        f"equation {source.equation}" if source.equation else "",
+        f"doi {source.doi}" if source.doi else "",
+    ]
     parts += ["## Source", "; ".join(c for c in cited if c) + "."]
     if source.doubts:
         parts += ["Doubts:", "\n".join(f"- {d}" for d in source.doubts)]
-    checks = [(f"{c.x:g}", _arguments(c.arguments), f"{c.expected:.7g}", f"{c.tolerance:g}", c.quoted_by) for c in item.checks]
+    checks = [
+        (f"{c.x:g}", _arguments(c.arguments), f"{c.expected:.7g}", f"{c.tolerance:g}", c.quoted_by)
+        for c in item.checks
+    ]
     parts += ["## Checks", _table(("at", "with", "gives", "within", "quoted by"), checks)]
     return _page(parts)
 
 
 def product_page(product: Product) -> str:
     """One file that a stage writes."""
-    parts = [f"# {product.title}", f"`{product.file}`, schema `{product.schema}`. One row or entry: {product.row}."]
+    parts = [
+        f"# {product.title}",
+        f"`{product.file}`, schema `{product.schema}`. One row or entry: {product.row}.",
+    ]
     if product.columns:
         rows = [(f"`{c.name}`", c.kind, c.unit, c.meaning) for c in product.columns]
         parts += [_table(("column", "kind", "unit", "meaning"), rows)]
@@ -95,17 +144,34 @@ def symbol_page(item: Symbol) -> str:
         ("unit", item.unit or "none"),
         ("in the paper", f"${item.paper_symbol}$" if item.paper_symbol else "not there"),
     ]
-    return _page([f"# `{item.name}`", f"{item.meaning[0].upper()}{item.meaning[1:]}.", _table(("", ""), facts)])
+    return _page(
+        [
+            f"# `{item.name}`",
+            f"{item.meaning[0].upper()}{item.meaning[1:]}.",
+            _table(("", ""), facts),
+        ]
+    )
 
 
 def nomenclature_page(symbols: Iterable[Symbol] = SYMBOLS) -> str:
     """All symbols in one table."""
-    rows = [(f"`{s.name}`", f"${s.latex}$", s.unit, s.meaning, f"${s.paper_symbol}$" if s.paper_symbol else "") for s in symbols]
+    rows = [
+        (
+            f"`{s.name}`",
+            f"${s.latex}$",
+            s.unit,
+            s.meaning,
+            f"${s.paper_symbol}$" if s.paper_symbol else "",
+        )
+        for s in symbols
+    ]
     return _page(["# Nomenclature", _table(("name", "symbol", "unit", "meaning", "paper"), rows)])
 
 
 def reference_pages() -> dict[str, str]:
-    """The generated pages by path under docs/reference; built-in declarations only, so that no plug-in alters them."""
+    """The generated pages by path under docs/reference; built-in declarations only, so that no
+    plug-in alters them.
+    """
     pages = {f"models/{m.name}.md": declaration(m) for m in MODELS}
     pages |= {f"effects/{e.name}.md": declaration(e) for e in EFFECTS}
     pages |= {f"products/{p.name}.md": product_page(p) for p in PRODUCTS}
@@ -125,7 +191,9 @@ def _page(parts: Sequence[str]) -> str:
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines
+    )
 
 
 def _range(valid: tuple[float, float]) -> str:
@@ -134,4 +202,7 @@ def _range(valid: tuple[float, float]) -> str:
 
 
 def _arguments(arguments: Mapping[str, Any]) -> str:
-    return ", ".join(f"{k} = {v:.6g}" if isinstance(v, int | float) else f"{k} given" for k, v in arguments.items())
+    return ", ".join(
+        f"{k} = {v:.6g}" if isinstance(v, int | float) else f"{k} given"
+        for k, v in arguments.items()
+    )

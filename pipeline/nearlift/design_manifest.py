@@ -7,7 +7,17 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from nearlift.declare import Boundary
-from nearlift.quantities import Angle, Duration, Force, Length, Scatter, Section, Share, Temperature, Voltage
+from nearlift.quantities import (
+    Angle,
+    Duration,
+    Force,
+    Length,
+    Scatter,
+    Section,
+    Share,
+    Temperature,
+    Voltage,
+)
 
 
 class PlannedNoise(Section):
@@ -19,10 +29,12 @@ class PlannedNoise(Section):
 
 
 class Planned(Section):
-    """A campaign before it is run, for `nearlift design`: where, how often, in how much time, and what will be logged.
+    """A campaign before it is run, for `nearlift design`: where, how often, in how much time, and
+    what will be logged.
 
-    `distances` are as the traverse shows them; one that stands twice is visited twice a round. `lift` is L_inf at each throttle;
-    `supply` and `tilt` list what these will range over (within each session; visit by visit), `temperature` over the whole campaign.
+    `distances` are as the traverse shows them; one that stands twice is visited twice a round.
+    `lift` is L_inf at each throttle; `supply` and `tilt` list what these will range over (within
+    each session; visit by visit), `temperature` over the whole campaign.
     """
 
     distances: dict[Boundary, list[Length]]
@@ -44,7 +56,9 @@ class Planned(Section):
     @model_validator(mode="after")
     def _coherent(self) -> Self:
         if self.lift is not None and len(self.lift) != len(self.throttles):
-            raise ValueError(f"lift lists {len(self.lift)} values for {len(self.throttles)} throttles")
+            raise ValueError(
+                f"lift lists {len(self.lift)} values for {len(self.throttles)} throttles"
+            )
         if len(set(self.throttles)) != len(self.throttles):
             raise ValueError("a throttle stands twice")
         if not self.distances or not all(self.distances.values()):

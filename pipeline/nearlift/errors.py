@@ -1,4 +1,6 @@
-"""Refusals. Each says where, what, and what to do, and knows the exit code that the command line ends with."""
+"""Refusals. Each says where, what, and what to do, and knows the exit code that the command line
+ends with.
+"""
 
 from __future__ import annotations
 

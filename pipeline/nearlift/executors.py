@@ -1,7 +1,8 @@
 """Where independent tasks run: one `concurrent.futures.Executor` seam and nothing else.
 
-A task is a top-level function of plain values, so that a process or a cluster can run it. Results come back in the order of
-the tasks whatever the executor, the number of workers, or the order in which they finish.
+A task is a top-level function of plain values, so that a process or a cluster can run it. Results
+come back in the order of the tasks whatever the executor, the number of workers, or the order in
+which they finish.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 class SerialExecutor(concurrent.futures.Executor):
     """Runs each task at once, in the calling thread."""
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> concurrent.futures.Future[Any]:
         """Run the task and return a finished future."""
         future: concurrent.futures.Future[Any] = concurrent.futures.Future()
         try:
@@ -50,21 +53,27 @@ class Threads(concurrent.futures.ThreadPoolExecutor):
 
 
 class LastingProcesses(concurrent.futures.Executor):
-    """Processes that outlive the death of one of them (by the kernel, for want of memory, say): the task that it ran runs again.
+    """Processes that outlive the death of one of them (by the kernel, for want of memory, say): the
+    task that it ran runs again.
 
-    Each worker is a pool of one process, since a pool of several fails as a whole when one dies, and with it all that waits. So a death
-    costs the task that it interrupts and no other. Tasks are pure: a second run gives the same answer. A task that loses its process `TRIES`
-    times is refused.
+    Each worker is a pool of one process, since a pool of several fails as a whole when one dies,
+    and with it all that waits. So a death costs the task that it interrupts and no other. Tasks are
+    pure: a second run gives the same answer. A task that loses its process `TRIES` times is
+    refused.
     """
 
     TRIES = 3
 
     def __init__(self, workers: int) -> None:
-        self._threads = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="nearlift-process")
+        self._threads = concurrent.futures.ThreadPoolExecutor(
+            workers, thread_name_prefix="nearlift-process"
+        )
         self._mine = threading.local()
         self._all: list[ProcessPoolExecutor] = []
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> concurrent.futures.Future[Any]:
+    def submit(
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> concurrent.futures.Future[Any]:
         """Run the task in a process; the future survives that process."""
         return self._threads.submit(self._outlive, functools.partial(fn, *args, **kwargs))
 
@@ -76,7 +85,11 @@ class LastingProcesses(concurrent.futures.Executor):
                 return self._process().submit(task).result()
             except BrokenProcessPool:
                 self._mine.process = None
-        raise InputRefused("--executor", f"a worker process died {self.TRIES} times over one task", "use fewer workers (memory?), or serial")
+        raise InputRefused(
+            "--executor",
+            f"a worker process died {self.TRIES} times over one task",
+            "use fewer workers (memory?), or serial",
+        )
 
     def _process(self) -> concurrent.futures.ProcessPoolExecutor:
         """The process of this thread, started when it is first needed."""
@@ -86,7 +99,9 @@ class LastingProcesses(concurrent.futures.Executor):
 
             spawn = multiprocessing.get_context("spawn")
             with isolation.safe_path():
-                process = concurrent.futures.ProcessPoolExecutor(1, mp_context=spawn, initializer=_begin)
+                process = concurrent.futures.ProcessPoolExecutor(
+                    1, mp_context=spawn, initializer=_begin
+                )
                 # the first task starts the process, and with it the environment is settled
                 process.submit(os.getpid)
             self._mine.process = process
@@ -104,7 +119,9 @@ class LastingProcesses(concurrent.futures.Executor):
 
 
 def _begin() -> None:
-    """A worker: it ends with its parent; linear algebra in one thread, unless the environment says otherwise, since every core has its worker."""
+    """A worker: it ends with its parent; linear algebra in one thread, unless the environment says
+    otherwise, since every core has its worker.
+    """
     isolation.end_with_parent()
     for name in BLAS:
         os.environ.setdefault(name, "1")
@@ -112,7 +129,9 @@ def _begin() -> None:
 
 @contextlib.contextmanager
 def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
-    """The executor that ``--executor`` names: ``serial``, ``threads:N``, ``processes:N`` or ``dask:ADDRESS``."""
+    """The executor that ``--executor`` names: ``serial``, ``threads:N``, ``processes:N`` or
+    ``dask:ADDRESS``.
+    """
     kind, _, rest = text.partition(":")
     if kind == "serial" and not rest:
         yield SerialExecutor()
@@ -129,7 +148,11 @@ def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
             # pure=False: dask would otherwise return one cached result for equal calls
             yield client.get_executor(pure=False, retries=2)
     else:
-        raise UsageError("--executor", f"{text!r} is not an executor", "use serial, threads:N, processes:N or dask:ADDRESS")
+        raise UsageError(
+            "--executor",
+            f"{text!r} is not an executor",
+            "use serial, threads:N, processes:N or dask:ADDRESS",
+        )
 
 
 def threads_of(text: str) -> int:
@@ -155,24 +178,30 @@ def _client(address: str, whole: str) -> Any:
     try:
         import distributed
     except ImportError:
-        raise UsageError("--executor", f"{whole!r} needs the package distributed", 'pip install "nearlift[dask]"') from None
+        raise UsageError(
+            "--executor", f"{whole!r} needs the package distributed", 'pip install "nearlift[dask]"'
+        ) from None
 
     library: Any = distributed
 
     async def answer() -> None:
         arguments = library.Security().get_connection_args("client")
-        link = await asyncio.wait_for(library.comm.connect(address, timeout=ANSWER_S, **arguments), ANSWER_S)
+        link = await asyncio.wait_for(
+            library.comm.connect(address, timeout=ANSWER_S, **arguments), ANSWER_S
+        )
         link.abort()
 
     try:
-        # asked first, since a client that could not connect goes on complaining; in a thread, since a notebook has a loop of its own
+        # asked first, since a client that could not connect goes on complaining; in a thread, since
+        # a notebook has a loop of its own
         with concurrent.futures.ThreadPoolExecutor(1) as one:
             one.submit(lambda: asyncio.run(answer())).result()
         return library.Client(address)
     except (OSError, ValueError, TypeError) as fault:
         raise UsageError(
             "--executor",
-            f"no dask scheduler answers at {address!r}: {str(fault) or f'nothing came within {ANSWER_S:g} s'}",
+            f"no dask scheduler answers at {address!r}:"
+            f" {str(fault) or f'nothing came within {ANSWER_S:g} s'}",
             "start one (dask scheduler) and give the address that it prints: dask:tcp://HOST:8786",
         ) from None
 
@@ -185,8 +214,15 @@ def _count(text: str, whole: str) -> int:
     return int(text)
 
 
-def ordered(executor: concurrent.futures.Executor, task: Callable[[Task], Result], specs: Iterable[Task], ahead: int = 8) -> Iterator[Result]:
-    """Results of `task` over `specs`, in order, with at most `ahead` in flight, so that memory stays flat."""
+def ordered(
+    executor: concurrent.futures.Executor,
+    task: Callable[[Task], Result],
+    specs: Iterable[Task],
+    ahead: int = 8,
+) -> Iterator[Result]:
+    """Results of `task` over `specs`, in order, with at most `ahead` in flight, so that memory
+    stays flat.
+    """
     waiting: deque[concurrent.futures.Future[Result]] = deque()
     try:
         for spec in specs:
@@ -200,8 +236,15 @@ def ordered(executor: concurrent.futures.Executor, task: Callable[[Task], Result
             future.cancel()
 
 
-def unordered(executor: concurrent.futures.Executor, task: Callable[[Task], Result], specs: Iterable[Task], ahead: int = 64) -> Iterator[Result]:
-    """Results of `task` over `specs` as they end, so that a caller may keep each; with at most `ahead` in flight."""
+def unordered(
+    executor: concurrent.futures.Executor,
+    task: Callable[[Task], Result],
+    specs: Iterable[Task],
+    ahead: int = 64,
+) -> Iterator[Result]:
+    """Results of `task` over `specs` as they end, so that a caller may keep each; with at most
+    `ahead` in flight.
+    """
     waiting: set[concurrent.futures.Future[Result]] = set()
     try:
         for spec in specs:
@@ -214,8 +257,12 @@ def unordered(executor: concurrent.futures.Executor, task: Callable[[Task], Resu
             future.cancel()
 
 
-def _ended(waiting: set[concurrent.futures.Future[Result]], timeout_s: float | None) -> Iterator[Result]:
+def _ended(
+    waiting: set[concurrent.futures.Future[Result]], timeout_s: float | None
+) -> Iterator[Result]:
     """Results of those that have ended, which wait no longer."""
-    for future in concurrent.futures.wait(waiting, timeout_s, concurrent.futures.FIRST_COMPLETED).done:
+    for future in concurrent.futures.wait(
+        waiting, timeout_s, concurrent.futures.FIRST_COMPLETED
+    ).done:
         waiting.remove(future)
         yield future.result()

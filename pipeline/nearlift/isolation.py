@@ -1,7 +1,9 @@
-"""No code from the folder of the data: what Python, numba and matplotlib would read in the current folder, they do not see.
+"""No code from the folder of the data: what Python, numba and matplotlib would read in the current
+folder, they do not see.
 
-Whoever analyses measurements that somebody else sent stands in a folder that somebody else filled. A fresh interpreter imports from there,
-numba and matplotlib take their settings from there; and compiled code that is kept for the next run is code too, whoever wrote it.
+Whoever analyses measurements that somebody else sent stands in a folder that somebody else filled.
+A fresh interpreter imports from there, numba and matplotlib take their settings from there; and
+compiled code that is kept for the next run is code too, whoever wrote it.
 """
 
 from __future__ import annotations
@@ -16,16 +18,20 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-#: Set, it keeps Python from importing from the current folder (docs.python.org/3/using/cmdline.html#envvar-PYTHONSAFEPATH).
+#: Set, it keeps Python from importing from the current folder
+#: (docs.python.org/3/using/cmdline.html#envvar-PYTHONSAFEPATH).
 SAFE_PATH = "PYTHONSAFEPATH"
-#: What numba and matplotlib read when they are imported: the one can name code to be loaded, the other's values have been evaluated as code.
+#: What numba and matplotlib read when they are imported: the one can name code to be loaded, the
+#: other's values have been evaluated as code.
 SETTINGS = (".numba_config.yaml", "matplotlibrc")
 _ONE_AT_A_TIME = threading.Lock()
 
 
 @contextlib.contextmanager
 def safe_path() -> Iterator[None]:
-    """Processes that `multiprocessing` starts meanwhile import nothing from the current folder; they inherit this process's environment."""
+    """Processes that `multiprocessing` starts meanwhile import nothing from the current folder;
+    they inherit this process's environment.
+    """
     with _ONE_AT_A_TIME:
         before = os.environ.get(SAFE_PATH)
         os.environ[SAFE_PATH] = "1"
@@ -39,7 +45,9 @@ def safe_path() -> Iterator[None]:
 
 
 def library(name: str) -> Any:
-    """A library, imported as if there were no settings for it in the current folder: the user's own, and the environment's, hold."""
+    """A library, imported as if there were no settings for it in the current folder: the user's
+    own, and the environment's, hold.
+    """
     if name not in sys.modules:
         with _ONE_AT_A_TIME:
             real = os.path.exists
@@ -53,7 +61,9 @@ def library(name: str) -> Any:
 
 
 def end_with_parent() -> None:
-    """A process of `multiprocessing` ends as soon as the one that started it does, were it by `kill -9`."""
+    """A process of `multiprocessing` ends as soon as the one that started it does, were it by `kill
+    -9`.
+    """
     import multiprocessing
 
     parent = multiprocessing.parent_process()
@@ -70,13 +80,17 @@ def _await_end(sentinel: int) -> None:
 
 
 def code_folder() -> Path | None:
-    """Where compiled code is kept, ``nearlift/code`` in the user's cache (XDG_CACHE_HOME): made with mode 0700.
+    """Where compiled code is kept, ``nearlift/code`` in the user's cache (XDG_CACHE_HOME): made
+    with mode 0700.
 
-    None where nobody but this user should be able to write, and somebody could: the folder is a link, another user's, or of another
-    mode; or one above it is another user's, or everybody's without the sticky bit. None also where it cannot be made.
+    None where nobody but this user should be able to write, and somebody could: the folder is a
+    link, another user's, or of another mode; or one above it is another user's, or everybody's
+    without the sticky bit. None also where it cannot be made.
     """
     try:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser(), "nearlift", "code")
+        folder = Path(
+            os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser(), "nearlift", "code"
+        )
         # the standard has relative ones ignored: they would lie in the current folder
         if not folder.is_absolute():
             return None
@@ -90,12 +104,20 @@ def code_folder() -> Path | None:
 
 
 def private_bytes(path: Path) -> bytes:
-    """What a file of the code folder holds; raises `OSError` where it is a link, another user's, or others may read or write it."""
-    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0))
+    """What a file of the code folder holds; raises `OSError` where it is a link, another user's, or
+    others may read or write it.
+    """
+    descriptor = os.open(
+        path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+    )
     with os.fdopen(descriptor, "rb") as file:
         if os.name == "posix":
             here = os.fstat(descriptor)
-            if not stat.S_ISREG(here.st_mode) or here.st_uid != os.geteuid() or here.st_mode & 0o077:
+            if (
+                not stat.S_ISREG(here.st_mode)
+                or here.st_uid != os.geteuid()
+                or here.st_mode & 0o077
+            ):
                 raise PermissionError(f"{path} is not this user's alone")
         return file.read()
 
@@ -104,20 +126,31 @@ def keep_private(path: Path, content: bytes) -> None:
     """Put a file with mode 0600 into the code folder in one step."""
     unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     unfinished.unlink(missing_ok=True)
-    with os.fdopen(os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600), "wb") as file:
+    with os.fdopen(
+        os.open(
+            unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600
+        ),
+        "wb",
+    ) as file:
         file.write(content)
     unfinished.replace(path)
 
 
 def _is_private(folder: Path) -> bool:
     here = folder.lstat()
-    if not stat.S_ISDIR(here.st_mode) or here.st_uid != os.geteuid() or stat.S_IMODE(here.st_mode) != 0o700:
+    if (
+        not stat.S_ISDIR(here.st_mode)
+        or here.st_uid != os.geteuid()
+        or stat.S_IMODE(here.st_mode) != 0o700
+    ):
         return False
     return not any(_is_open(above) for above in {*folder.parents, *folder.resolve().parents})
 
 
 def _is_open(above: Path) -> bool:
-    """Whether another user could put another folder in the place of one that lies in this, or of this where it is a link."""
+    """Whether another user could put another folder in the place of one that lies in this, or of
+    this where it is a link.
+    """
     here = above.stat()
     if not {here.st_uid, above.lstat().st_uid} <= {0, os.geteuid()}:
         return True

@@ -34,10 +34,12 @@ class NoRoom(NearliftError):
 
 @contextlib.contextmanager
 def locked(homes: Homes) -> Iterator[str]:
-    """Hold the lock of a campaign's products; yields what is to be told of a lock that was left behind, usually nothing.
+    """Hold the lock of a campaign's products; yields what is to be told of a lock that was left
+    behind, usually nothing.
 
-    The lock is the system's own (flock), so it ends with the process that holds it, however that ends; the file names its owner.
-    What a killed run had committed is put in its place; what it left unfinished is swept away.
+    The lock is the system's own (flock), so it ends with the process that holds it, however that
+    ends; the file names its owner. What a killed run had committed is put in its place; what it
+    left unfinished is swept away.
 
     Raises
     ------
@@ -66,7 +68,10 @@ def locked(homes: Homes) -> Iterator[str]:
 
 def swept(homes: Homes) -> None:
     """Take away what a run left that was killed after its last commit; a living run's is let be."""
-    if any(path.exists() for path in (homes.processed / LOCK, homes.processed / STAGED, homes.reports / STAGED)):
+    if any(
+        path.exists()
+        for path in (homes.processed / LOCK, homes.processed / STAGED, homes.reports / STAGED)
+    ):
         with contextlib.suppress(Busy), locked(homes):
             pass
 
@@ -76,7 +81,8 @@ PATIENCE_S = 10.0
 
 
 def settled(homes: Homes) -> None:
-    """See to it that no commit is half carried out, before products are read: one that a killed run left is carried out now.
+    """See to it that no commit is half carried out, before products are read: one that a killed run
+    left is carried out now.
 
     Raises
     ------
@@ -115,14 +121,27 @@ def _acquired(path: Path) -> tuple[int, str]:
         # its owner took it away between the two calls
         os.close(descriptor)
     owner = _owner(descriptor)
-    mine = {"pid": os.getpid(), "host": socket.gethostname(), "since": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")}
+    mine = {
+        "pid": os.getpid(),
+        "host": socket.gethostname(),
+        "since": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
     os.ftruncate(descriptor, 0)
     os.pwrite(descriptor, json.dumps(mine).encode(), 0)
-    return descriptor, f"an earlier run was killed: {_named(owner)}; what it left unfinished is made again" if owner else ""
+    return (
+        descriptor,
+        (
+            f"an earlier run was killed: {_named(owner)}; what it left unfinished is made again"
+            if owner
+            else ""
+        ),
+    )
 
 
 def _flock(descriptor: int) -> bool:
-    """Take the lock; False where another process holds it. Where the system has no such locks, everybody may."""
+    """Take the lock; False where another process holds it. Where the system has no such locks,
+    everybody may.
+    """
     try:
         import fcntl
     except ImportError:
@@ -143,7 +162,12 @@ def _owner(descriptor: int) -> dict[str, Any]:
 
 
 def _named(owner: dict[str, Any]) -> str:
-    return f"process {owner.get('pid', '?')} on {owner.get('host', '?')}, since {owner.get('since', '?')}" if owner else "its process is not known"
+    return (
+        f"process {owner.get('pid', '?')} on {owner.get('host', '?')}, since"
+        f" {owner.get('since', '?')}"
+        if owner
+        else "its process is not known"
+    )
 
 
 def room(folder: Path, needed: int) -> None:
@@ -158,7 +182,9 @@ def room(folder: Path, needed: int) -> None:
     free = shutil.disk_usage(there).free
     if free < needed:
         raise NoRoom(
-            str(folder), f"needs about {size(needed)}, and the disk has {size(free)} left", f"free {size(needed - free)}, or choose another --out"
+            str(folder),
+            f"needs about {size(needed)}, and the disk has {size(free)} left",
+            f"free {size(needed - free)}, or choose another --out",
         )
 
 

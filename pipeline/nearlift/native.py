@@ -1,8 +1,10 @@
-"""Compiled loops without their compiler: machine code that is kept, linked anew in milliseconds, and called outside the GIL.
+"""Compiled loops without their compiler: machine code that is kept, linked anew in milliseconds,
+and called outside the GIL.
 
-numba takes half a second of processor time to be imported and to find what it compiled once, more than parsing a thousand records. What it
-makes of a function of bare pointers is a few kilobytes that need nothing of it, nor of Python: they are kept in a file whose name
-digests the function's source, the processor and LLVM's version, and LLVM's own linker loads them.
+numba takes half a second of processor time to be imported and to find what it compiled once, more
+than parsing a thousand records. What it makes of a function of bare pointers is a few kilobytes
+that need nothing of it, nor of Python: they are kept in a file whose name digests the function's
+source, the processor and LLVM's version, and LLVM's own linker loads them.
 """
 
 from __future__ import annotations
@@ -32,9 +34,10 @@ class Kernel:
     Parameters
     ----------
     module, name : str
-        Full name of the module that has it in its `KERNELS`: name to function, numba signature (which returns a 64-bit whole number) and
-        options of numba's. That module is imported only to be compiled; its functions neither raise nor allocate, and use nothing of
-        nearlift's other modules, whose changes would not show.
+        Full name of the module that has it in its `KERNELS`: name to function, numba signature
+        (which returns a 64-bit whole number) and options of numba's. That module is imported only
+        to be compiled; its functions neither raise nor allocate, and use nothing of nearlift's
+        other modules, whose changes would not show.
     *arguments : type
         `POINTER`, `TEXT` (bytes), `WHOLE` or `REAL` for each argument.
     """
@@ -60,7 +63,13 @@ class Kernel:
 
         features = llvm.get_host_cpu_features().flatten()
         source = hashlib.sha256(self.file.read_bytes()).hexdigest()
-        about = [source, llvm.get_host_cpu_name(), features, platform.machine(), str(llvm.llvm_version_info)]
+        about = [
+            source,
+            llvm.get_host_cpu_name(),
+            features,
+            platform.machine(),
+            str(llvm.llvm_version_info),
+        ]
         name = f"{self.name}-{hashlib.sha256(' '.join(about).encode()).hexdigest()[:24]}.code"
         folder = isolation.code_folder()
         if folder is not None:
@@ -90,18 +99,28 @@ class Kernel:
 
         source, signature, own = importlib.import_module(self.module).KERNELS[self.name]
         # wrappers would call Python; an error model of Python's would raise
-        options: dict[str, Any] = {"nogil": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "error_model": "numpy", **own}
+        options: dict[str, Any] = {
+            "nogil": True,
+            "no_cpython_wrapper": True,
+            "no_cfunc_wrapper": True,
+            "error_model": "numpy",
+            **own,
+        }
         function = numba.njit(**options)(source)
         function.compile(signature.args)
         found = function.overloads[signature.args]
         module = found.library._final_module
-        outside = [f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")]
+        outside = [
+            f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")
+        ]
         if outside or found.signature != signature:
             raise AttributeError(f"{self.name} is {found.signature} and calls {outside}")
         return found.fndesc.llvm_func_name, found.library._get_compiled_object()
 
     def _linked(self, symbol: str, code: bytes) -> Call:
-        """Callable machine code, by numba's convention: where the answer goes, where an exception would, the arguments; 0 for no exception."""
+        """Callable machine code, by numba's convention: where the answer goes, where an exception
+        would, the arguments; 0 for no exception.
+        """
         import llvmlite.binding as llvm
 
         llvm.initialize_native_target()
@@ -110,7 +129,9 @@ class Kernel:
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
         engine.add_object_file(llvm.ObjectFileRef.from_data(code))
         engine.finalize_object()
-        function = ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, *self.arguments)(engine.get_function_address(symbol))
+        function = ctypes.CFUNCTYPE(ctypes.c_int32, POINTER, POINTER, *self.arguments)(
+            engine.get_function_address(symbol)
+        )
 
         def call(*arguments: Any) -> int:
             answer = ctypes.c_int64()

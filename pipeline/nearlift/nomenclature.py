@@ -1,7 +1,9 @@
-"""Every symbol, once: its name in code and files, how it is set, its unit, its meaning, and the paper's symbol.
+"""Every symbol, once: its name in code and files, how it is set, its unit, its meaning, and the
+paper's symbol.
 
-Columns of products, axis labels and documentation read this table. Names carry the unit (`z_m`, `lift_N`); a hat means scaled
-by rotor radius; `u_` in front of a name is one standard uncertainty of it.
+Columns of products, axis labels and documentation read this table. Names carry the unit (`z_m`,
+`lift_N`); a hat means scaled by rotor radius; `u_` in front of a name is one standard uncertainty
+of it.
 """
 
 from __future__ import annotations
@@ -38,7 +40,12 @@ class Symbol:
 
 
 #: What the loop says of a campaign, in words; empty where it has not run.
-VERDICTS = {"not_diagnosed": "not diagnosed", "adequate": "adequate", "effect": "effect named and added", "unexplained": "unexplained structure"}
+VERDICTS = {
+    "not_diagnosed": "not diagnosed",
+    "adequate": "adequate",
+    "effect": "effect named and added",
+    "unexplained": "unexplained structure",
+}
 
 
 def _s(name: str, latex: str, unit: str, meaning: str, paper_symbol: str = "") -> Symbol:
@@ -52,7 +59,8 @@ SYMBOLS: tuple[Symbol, ...] = (
         "z_hat",
         r"\hat{z}",
         "1",
-        "distance to the boundary over rotor radius (sidewall: from the nearest blade tip); infinite in free air",
+        "distance to the boundary over rotor radius (sidewall: from the nearest blade tip);"
+        " infinite in free air",
         r"\hat{z}",
     ),
     _s("rotor_radius_m", "r", "m", "rotor radius", "r"),
@@ -60,33 +68,81 @@ SYMBOLS: tuple[Symbol, ...] = (
         "spacing_hat",
         r"\hat{d}",
         "1",
-        "distance of adjacent rotor axes over rotor radius (the paper calls 90 mm so, which is the diagonal)",
+        "distance of adjacent rotor axes over rotor radius (the paper calls 90 mm so, which is the"
+        " diagonal)",
         r"\hat{\ell}",
     ),
     _s("diagonal_hat", r"\hat{b}", "1", "distance of opposite rotor axes over rotor radius"),
-    _s("layout_hat", r"(\hat{x}, \hat{y})_i", "1", "rotor axes in the rotor plane over rotor radius, a row per rotor"),
-    _s("tilt_rad", r"\theta", "rad", "tilt between rotor plane and boundary", r"\theta_\mathrm{tilt}"),
+    _s(
+        "layout_hat",
+        r"(\hat{x}, \hat{y})_i",
+        "1",
+        "rotor axes in the rotor plane over rotor radius, a row per rotor",
+    ),
+    _s(
+        "tilt_rad",
+        r"\theta",
+        "rad",
+        "tilt between rotor plane and boundary",
+        r"\theta_\mathrm{tilt}",
+    ),
     # force
     _s("lift_N", "L", "N", "mean lift of the whole vehicle, tare removed", "L"),
-    _s("lift_inf_N", r"L_\infty", "N", "lift at the same throttle far from every boundary", r"L_\infty"),
+    _s(
+        "lift_inf_N",
+        r"L_\infty",
+        "N",
+        "lift at the same throttle far from every boundary",
+        r"L_\infty",
+    ),
     _s("ratio", r"L / L_\infty", "1", "lift near a boundary over lift far from it", r"L/L_\infty"),
-    _s("delta_L", r"\Delta L", "1", "(L - L_inf) / L_inf; for tables and figures, never fitted", r"\Delta L"),
+    _s(
+        "delta_L",
+        r"\Delta L",
+        "1",
+        "(L - L_inf) / L_inf; for tables and figures, never fitted",
+        r"\Delta L",
+    ),
     _s("sd_N", r"s_L", "N", "standard deviation of the samples of one record"),
     _s("drift_N_s", r"\dot{L}", "N/s", "slope of force within a record"),
-    _s("n", "n", "1", "number of samples averaged; in a lift model, its exponent (1 the paper's convention, 2/3 constant power)"),
+    _s(
+        "n",
+        "n",
+        "1",
+        "number of samples averaged; in a lift model, its exponent (1 the paper's convention, 2/3"
+        " constant power)",
+    ),
     _s("n_eff", r"n_\mathrm{eff}", "1", "effectively independent samples among those averaged"),
     _s("n_trials", r"n_\mathrm{trials}", "1", "trials averaged in a cell"),
     # coefficients of the models
     _s("K_b", "K_b", "1", "strength of the fountain beneath the body; positive gains lift", "K_b"),
-    _s("inverse_K_b", "1 / K_b", "1", "strength of the fountain where K_b stands in the denominator, as the paper prints it", "1 / K_b"),
+    _s(
+        "inverse_K_b",
+        "1 / K_b",
+        "1",
+        "strength of the fountain where K_b stands in the denominator, as the paper prints it",
+        "1 / K_b",
+    ),
     _s("k", "k", "1", "strength of a rotor's image in the ground over the theory's"),
-    _s("alpha", r"\alpha", "1", "strength of the ceiling's effect on the inflow; theory 1/8", "1/8"),
+    _s(
+        "alpha", r"\alpha", "1", "strength of the ceiling's effect on the inflow; theory 1/8", "1/8"
+    ),
     _s("gamma", r"\gamma", "1", "power far away over power near the ceiling, at the same thrust"),
-    _s("a", "a", "1", "amplitude of an empirical form: gain near ground or ceiling, loss near a sidewall"),
+    _s(
+        "a",
+        "a",
+        "1",
+        "amplitude of an empirical form: gain near ground or ceiling, loss near a sidewall",
+    ),
     _s("b", "b", "1", "decay of an exponential gain per rotor radius"),
     _s("p", "p", "1", "power with which an effect falls off with distance"),
     _s("c", "c", "1", "strength of the empirical ceiling form, 1 / K_1"),
-    _s("e", "e", "1", "shift of the pole of the empirical ceiling form behind the ceiling, in rotor radii"),
+    _s(
+        "e",
+        "e",
+        "1",
+        "shift of the pole of the empirical ceiling form behind the ceiling, in rotor radii",
+    ),
     _s("lambda_", r"\lambda", "1", "gap over which a sidewall's loss falls to 1/e, in rotor radii"),
     # what a trial is, and its covariates
     _s("trial", r"\mathrm{trial}", "", "identifier of a trial, as in the schedule"),
@@ -103,13 +159,28 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("pressure_Pa", "p_a", "Pa", "air pressure"),
     _s("humidity", r"\varphi", "1", "relative humidity as a fraction"),
     _s("air_density_kg_m3", r"\rho", "kg/m^3", "density of air", r"\rho"),
-    _s("approach", r"\mathrm{approach}", "1", "+1 when the last move was away from the boundary, -1 towards it"),
+    _s(
+        "approach",
+        r"\mathrm{approach}",
+        "1",
+        "+1 when the last move was away from the boundary, -1 towards it",
+    ),
     _s("orientation", r"\mathrm{orientation}", "", "upright or inverted"),
     _s("tare_after_N", r"F_0'", "N", "tare after the trial"),
     _s("quality", r"\mathrm{quality}", "", "quality codes; empty is good"),
     _s("source", r"\mathrm{source}", "", "file of a record, relative to the campaign's folder"),
-    _s("samples", r"N_\mathrm{read}", "1", "samples in a record as read, tare and settling included"),
-    _s("completeness", r"\mathrm{completeness}", "", "complete, truncated, malformed, pending or missing"),
+    _s(
+        "samples",
+        r"N_\mathrm{read}",
+        "1",
+        "samples in a record as read, tare and settling included",
+    ),
+    _s(
+        "completeness",
+        r"\mathrm{completeness}",
+        "",
+        "complete, truncated, malformed, pending or missing",
+    ),
     _s("fault", r"\mathrm{fault}", "", "what is wrong with a malformed record"),
     # the vehicle and its simulation
     _s("mass_kg", "m", "kg", "mass of the vehicle", "m"),
@@ -119,7 +190,9 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("inertia_kg_m2", "J_x", "kg m^2", "rolling moment of inertia", "I"),
     _s("target_z_hat", r"\hat{z}_0", "1", "target height over rotor radius", r"\hat{z}_0"),
     _s("disturbance_N", "L'", "N", "simulated vertical disturbance", "L'"),
-    _s("crash_rate", r"p_\mathrm{crash}", "1", "share of simulated flights that touch the boundary"),
+    _s(
+        "crash_rate", r"p_\mathrm{crash}", "1", "share of simulated flights that touch the boundary"
+    ),
     _s(
         "relative_energy",
         r"(L/L_\infty)^{-3/2}",
@@ -127,11 +200,40 @@ SYMBOLS: tuple[Symbol, ...] = (
         "power to hover near the boundary over power far from it, as the paper takes it",
         r"(L/L_\infty)^{-3/2}",
     ),
-    _s("alpha_group", r"\alpha", "1", "proportional gain without unit, k_P sqrt(4 C_L rho r^6 / (m g))", r"\alpha"),
-    _s("beta_group", r"\beta", "1", "derivative gain without unit, k_D sqrt(4 C_L rho r^5 / m)", r"\beta"),
-    _s("gamma_group", r"\gamma", "1", "integral gain without unit, k_I sqrt(4 C_L rho r^7 / (m g^2))", r"\gamma"),
-    _s("noise_group", r"\sigma_{L'} / m g", "1", "standard deviation of the disturbance over weight", r"L'/mg"),
-    _s("correlation_group", r"\tau_{L'} / \sqrt{r/g}", "1", "correlation time of the disturbance over the time that scales Eq. 6"),
+    _s(
+        "alpha_group",
+        r"\alpha",
+        "1",
+        "proportional gain without unit, k_P sqrt(4 C_L rho r^6 / (m g))",
+        r"\alpha",
+    ),
+    _s(
+        "beta_group",
+        r"\beta",
+        "1",
+        "derivative gain without unit, k_D sqrt(4 C_L rho r^5 / m)",
+        r"\beta",
+    ),
+    _s(
+        "gamma_group",
+        r"\gamma",
+        "1",
+        "integral gain without unit, k_I sqrt(4 C_L rho r^7 / (m g^2))",
+        r"\gamma",
+    ),
+    _s(
+        "noise_group",
+        r"\sigma_{L'} / m g",
+        "1",
+        "standard deviation of the disturbance over weight",
+        r"L'/mg",
+    ),
+    _s(
+        "correlation_group",
+        r"\tau_{L'} / \sqrt{r/g}",
+        "1",
+        "correlation time of the disturbance over the time that scales Eq. 6",
+    ),
     _s("downwash", r"v / v_\infty", "1", "induced velocity over its value far from the boundary"),
     _s("speed_m_s", r"\lvert \mathbf{u} \rvert", "m/s", "in-plane flow speed", r"\mathbf{u}"),
 )
@@ -150,13 +252,24 @@ def symbol(name: str) -> Symbol:
         return known[name]
     if name.startswith("u_") and name[2:] in known:
         of = known[name[2:]]
-        return Symbol(name=name, latex=f"u({of.latex})", unit=of.unit, meaning=f"standard uncertainty of {of.name}: {of.meaning}")
+        return Symbol(
+            name=name,
+            latex=f"u({of.latex})",
+            unit=of.unit,
+            meaning=f"standard uncertainty of {of.name}: {of.meaning}",
+        )
     near = difflib.get_close_matches(name, known, n=3)
-    raise UsageError("symbol", f"there is no symbol {name!r}", f"did you mean {' or '.join(near)}?" if near else "`nearlift describe` lists them")
+    raise UsageError(
+        "symbol",
+        f"there is no symbol {name!r}",
+        f"did you mean {' or '.join(near)}?" if near else "`nearlift describe` lists them",
+    )
 
 
 def label(name: str, unit: str | None = None) -> str:
-    r"""Axis label such as ``$z$ (m)`` or ``$\hat{z}$``; `unit` replaces the SI unit where a figure draws another, such as ``"%"``."""
+    r"""Axis label such as ``$z$ (m)`` or ``$\hat{z}$``; `unit` replaces the SI unit where a figure
+    draws another, such as ``"%"``.
+    """
     found = symbol(name)
     shown = found.unit if unit is None else unit
     return f"${found.latex}$" if shown in ("", "1") else f"${found.latex}$ ({shown})"

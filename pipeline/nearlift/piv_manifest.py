@@ -1,7 +1,9 @@
-"""[piv] of the manifest: which velocity grids belong to which boundary and distance, and how their pictures lie.
+"""[piv] of the manifest: which velocity grids belong to which boundary and distance, and how their
+pictures lie.
 
-Vehicle axes: origin midway between the rotors in the rotor plane, x along the light sheet, y along thrust. The wake is at
-negative y whichever way up the vehicle hung, so upright ground runs and inverted ceiling runs agree.
+Vehicle axes: origin midway between the rotors in the rotor plane, x along the light sheet, y along
+thrust. The wake is at negative y whichever way up the vehicle hung, so upright ground runs and
+inverted ceiling runs agree.
 """
 
 from __future__ import annotations
@@ -14,7 +16,16 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from nearlift import units
 from nearlift.errors import ManifestError, brief
-from nearlift.quantities import Angle, Duration, Fraction, Length, Position, PositiveLength, Rate, Section
+from nearlift.quantities import (
+    Angle,
+    Duration,
+    Fraction,
+    Length,
+    Position,
+    PositiveLength,
+    Rate,
+    Section,
+)
 
 
 def _pixel_size(value: object) -> float:
@@ -41,14 +52,16 @@ PivBoundary = Literal["ground", "ceiling", "none"]
 
 
 class Picture(Section):
-    """How files are read and how their pictures lie; said once under [piv], or for one case where it differs.
+    """How files are read and how their pictures lie; said once under [piv], or for one case where
+    it differs.
 
     Attributes
     ----------
     format : str or None
         Name of a dialect; None: told from the file itself, strictly.
     length_unit, velocity_unit : str or None
-        Where the files do not say (old OpenPIV text): ``"mm"``, ``"px"``; ``"m/s"``, ``"px/frame"``.
+        Where the files do not say (old OpenPIV text): ``"mm"``, ``"px"``; ``"m/s"``,
+        ``"px/frame"``.
     scale : float or None
         m per pixel, for files in pixels.
     frame_time : float or None
@@ -62,9 +75,11 @@ class Picture(Section):
     rotors : list of float or None
         x of the rotor axes that the light sheet cuts, vehicle axes, m.
     mask : list of rectangles or None
-        (x from, x to, y from, y to) in vehicle axes, m: what the picture cannot show there is left out.
+        (x from, x to, y from, y to) in vehicle axes, m: what the picture cannot show there is left
+        out.
     mirror : str or None
-        Which half was measured, ``"left"`` or ``"right"``: the other is its reflection, and marked as such.
+        Which half was measured, ``"left"`` or ``"right"``: the other is its reflection, and marked
+        as such.
     rate : float or None
         Fields per second.
     """
@@ -85,7 +100,9 @@ class Picture(Section):
 
 
 class PivCase(Picture):
-    """The fields of one boundary, distance and tilt. `tilt` is positive where the vehicle's +x side is farther from the boundary."""
+    """The fields of one boundary, distance and tilt. `tilt` is positive where the vehicle's +x side
+    is farther from the boundary.
+    """
 
     name: str
     boundary: PivBoundary
@@ -96,11 +113,17 @@ class PivCase(Picture):
     @model_validator(mode="after")
     def _distance_known(self) -> Self:
         if not re.fullmatch(r"[a-zA-Z0-9][a-zA-Z0-9._+-]*", self.name):
-            raise ValueError(f"name {self.name!r} is not made of letters, digits, '-', '+', '_' and '.'")
+            raise ValueError(
+                f"name {self.name!r} is not made of letters, digits, '-', '+', '_' and '.'"
+            )
         if (self.z_hat is None) != (self.boundary == "none"):
             raise ValueError(
                 f'case {self.name!r}: boundary = "{self.boundary}" '
-                + ("has no distance: leave z_hat out" if self.boundary == "none" else "needs z_hat, rotor plane to boundary over rotor radius")
+                + (
+                    "has no distance: leave z_hat out"
+                    if self.boundary == "none"
+                    else "needs z_hat, rotor plane to boundary over rotor radius"
+                )
             )
         return self
 
@@ -113,11 +136,14 @@ class Piv(Picture):
     control : str
         Name of the case far from every boundary.
     below, half_span : float or None
-        Cut beneath each rotor: distance below the rotor plane (None: one rotor diameter) and half its length (None: one radius), m.
+        Cut beneath each rotor: distance below the rotor plane (None: one rotor diameter) and half
+        its length (None: one radius), m.
     u_position : float or None
-        Standard uncertainty of the cut's place in the picture, m; None: a grid spacing over the root of 12.
+        Standard uncertainty of the cut's place in the picture, m; None: a grid spacing over the
+        root of 12.
     u_scale : float
-        Relative standard uncertainty of every velocity, common to all cases (it leaves a reduction alone).
+        Relative standard uncertainty of every velocity, common to all cases (it leaves a reduction
+        alone).
     outliers : float
         Threshold of the median test on each vector; 0 keeps them all.
     bootstrap : int
@@ -140,7 +166,10 @@ class Piv(Picture):
     def _cases_known(self) -> Self:
         names = [c.name for c in self.case]
         if len(set(names)) != len(names):
-            raise ValueError(f"two cases have the same name: {', '.join(sorted(n for n, k in Counter(names).items() if k > 1))}")
+            raise ValueError(
+                "two cases have the same name:"
+                f" {', '.join(sorted(n for n, k in Counter(names).items() if k > 1))}"
+            )
         for wanted in (self.control, *(self.figure3 or ())):
             if wanted not in names:
                 raise ValueError(f"there is no case {wanted!r}; cases are {', '.join(names)}")
@@ -150,7 +179,10 @@ class Piv(Picture):
             for key in ("thrust", "origin", "rotors"):
                 if self.of(case, key) is None:
                     raise ValueError(f"case {case.name!r}: {key} is missing, here or under [piv]")
-            if self.of(case, "thrust")[1] == self.of(case, "across", "?x" if self.of(case, "thrust")[1] == "y" else "?y")[1]:
+            if (
+                self.of(case, "thrust")[1]
+                == self.of(case, "across", "?x" if self.of(case, "thrust")[1] == "y" else "?y")[1]
+            ):
                 raise ValueError(f"case {case.name!r}: across and thrust are the same axis")
         return self
 

@@ -1,8 +1,9 @@
 """What installed packages add to nearlift, by entry point.
 
-A package adds a model by an entry point in the group `nearlift.models` that names one `LiftModel` value (`nearlift.effects`:
-one `Effect`; `nearlift.readers`: one `Reader`). Names are unique; nothing is overridden. A package that cannot be
-loaded, or offers something else, is refused by its name rather than left out: a run must not depend on what failed silently.
+A package adds a model by an entry point in the group `nearlift.models` that names one `LiftModel`
+value (`nearlift.effects`: one `Effect`; `nearlift.readers`: one `Reader`). Names are unique;
+nothing is overridden. A package that cannot be loaded, or offers something else, is refused by its
+name rather than left out: a run must not depend on what failed silently.
 """
 
 from __future__ import annotations
@@ -35,12 +36,14 @@ def points(group: str) -> list[EntryPoint]:
 
 
 def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
-    """The built-in declarations followed by those that installed packages add to an entry-point group.
+    """The built-in declarations followed by those that installed packages add to an entry-point
+    group.
 
     Raises
     ------
     DeclarationError
-        A package cannot be loaded, offers something that is not a `wanted`, or a name that is taken.
+        A package cannot be loaded, offers something that is not a `wanted`, or a name that is
+        taken.
     """
     found: dict[str, T] = {}
     owner: dict[str, str] = {}
@@ -48,7 +51,9 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
     def add(item: T, package: str) -> None:
         if item.name in found:
             raise DeclarationError(
-                f"package {package}", f"declares {item.name!r}, a name that {owner[item.name]} declares already", "rename one of the two"
+                f"package {package}",
+                f"declares {item.name!r}, a name that {owner[item.name]} declares already",
+                "rename one of the two",
             )
         found[item.name], owner[item.name] = item, package
 
@@ -61,11 +66,17 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
             offered = point.load()
         except Exception as fault:  # whatever a foreign module raises on import
             raise DeclarationError(
-                f"package {package}", f"its entry point {point.name!r} in {group} breaks: {type(fault).__name__}: {fault}", remedy
+                f"package {package}",
+                f"its entry point {point.name!r} in {group} breaks: {type(fault).__name__}:"
+                f" {fault}",
+                remedy,
             ) from fault
         if not isinstance(offered, wanted):
             raise DeclarationError(
-                f"package {package}", f"its entry point {point.name!r} in {group} is of type {type(offered).__name__}, not {wanted.__name__}", remedy
+                f"package {package}",
+                f"its entry point {point.name!r} in {group} is of type {type(offered).__name__},"
+                f" not {wanted.__name__}",
+                remedy,
             )
         add(offered, package)
     return tuple(found.values())

@@ -1,4 +1,6 @@
-"""What a manifest's values are made of: quantities with a unit, in SI once parsed, and tables that allow no unknown key."""
+"""What a manifest's values are made of: quantities with a unit, in SI once parsed, and tables that
+allow no unknown key.
+"""
 
 from __future__ import annotations
 

@@ -1,15 +1,17 @@
-"""results.json: of every coefficient the one value to quote, what its interval allows for, and on what conditions it would be another.
+"""results.json: of every coefficient the one value to quote, what its interval allows for, and on
+what conditions it would be another.
 
-Written by `diagnose`, and by `fit` alone until the residuals have been diagnosed. Whatever prints a coefficient of a campaign prints it from
-here. The rule of quotation, by verdict:
+Written by `diagnose`, and by `fit` alone until the residuals have been diagnosed. Whatever prints a
+coefficient of a campaign prints it from here. The rule of quotation, by verdict:
 
 - ``adequate``: the base fit at the loop's noise;
 - ``effect``: over the named effects and their rivals, their form uncertain;
 - ``unexplained``: the base fit, with what has no name carried as a random discrepancy;
 - ``not_diagnosed``: the base fit at the scatter of repeats.
 
-Numbers are in each coefficient's own unit. A coefficient's interval ends where its declared range ends: the truth is not beyond, so cutting
-loses no coverage. null in the file is infinity: endless degrees of freedom, or an uncertainty that no trial bounds.
+Numbers are in each coefficient's own unit. A coefficient's interval ends where its declared range
+ends: the truth is not beyond, so cutting loses no coverage. null in the file is infinity: endless
+degrees of freedom, or an uncertainty that no trial bounds.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ Endless = Annotated[float, BeforeValidator(lambda x: math.inf if x is None else 
 
 
 class Record(BaseModel):
-    """A part of the file: frozen, loaded and saved as it is. Keys of later versions are passed over."""
+    """A part of the file: frozen, loaded and saved as it is. Keys of later versions are passed
+    over.
+    """
 
     model_config = ConfigDict(frozen=True, populate_by_name=True, extra="ignore")
 
@@ -47,8 +51,8 @@ class BudgetLine(Record):
     u : float
         What it adds to the coefficient, one standard uncertainty.
     u_without : float
-        The coefficient's standard uncertainty if the source were known exactly. Sources are correlated through the fit, so this is not
-        what `u` suggests.
+        The coefficient's standard uncertainty if the source were known exactly. Sources are
+        correlated through the fit, so this is not what `u` suggests.
     distribution, scope : str
         Of the input and what shares it; empty where it has none.
     u_input : float or None
@@ -79,14 +83,18 @@ class Shift(Record):
 
 
 class LargestShifts(Record):
-    """The single trial and the single visit that move a coefficient most; None where no single one does."""
+    """The single trial and the single visit that move a coefficient most; None where no single one
+    does.
+    """
 
     trial: Shift | None = None
     visit: Shift | None = None
 
 
 class Doubt(Record):
-    """What the coefficient would be under another `condition` (``if`` in the file), which is what it takes to believe it."""
+    """What the coefficient would be under another `condition` (``if`` in the file), which is what
+    it takes to believe it.
+    """
 
     condition: str = Field(alias="if")
     value: float
@@ -100,7 +108,8 @@ class CoefficientResult(Record):
     Attributes
     ----------
     value, u : float
-        One standard uncertainty (k = 1). Over rivals: half the 90 % interval over Student's t, whatever its shape.
+        One standard uncertainty (k = 1). Over rivals: half the 90 % interval over Student's t,
+        whatever its shape.
     dof : float
         Degrees of freedom behind `u`; 0 where no repeats tell it.
     lo68 ... hi95 : float
@@ -130,7 +139,8 @@ class CoefficientResult(Record):
 
 
 class RestsOn(Record):
-    """The trial without which the boundary's answer would be another: by search and fit made again from the start without it.
+    """The trial without which the boundary's answer would be another: by search and fit made again
+    from the start without it.
 
     Attributes
     ----------
@@ -149,7 +159,9 @@ class RestsOn(Record):
 
 
 class HeldOutError(Record):
-    """Root mean square error of predicting visits that took no part in choosing, before and after the loop, beside the noise floor."""
+    """Root mean square error of predicting visits that took no part in choosing, before and after
+    the loop, beside the noise floor.
+    """
 
     unit: str = "fraction of lift"
     before: float
@@ -158,16 +170,20 @@ class HeldOutError(Record):
 
 
 class Correlation(Record):
-    """Correlation of the estimates of coefficients and, where effects are named, of the effects' parameters: (k, k) as rows."""
+    """Correlation of the estimates of coefficients and, where effects are named, of the effects'
+    parameters: (k, k) as rows.
+    """
 
     parameters: tuple[str, ...]
     values: tuple[tuple[float, ...], ...]
 
 
 class BoundaryResult(Record):
-    """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the named `effects`.
+    """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the
+    named `effects`.
 
-    `rests_on` is set where leaving a single trial out changes the verdict, or moves the headline by more than its standard uncertainty.
+    `rests_on` is set where leaving a single trial out changes the verdict, or moves the headline by
+    more than its standard uncertainty.
     """
 
     verdict: Verdict
@@ -190,12 +206,22 @@ class BoundaryResult(Record):
         """That the answer rests on a single trial, in words; empty where it does not."""
         if self.rests_on is None:
             return ""
-        other = f"the verdict is {self.rests_on.verdict} and " if self.rests_on.verdict != self.verdict else ""
-        return f"it rests on trial {self.rests_on.trial}: without it {other}{self.headline} moves by {self.rests_on.shift:+.2g}"
+        other = (
+            f"the verdict is {self.rests_on.verdict} and "
+            if self.rests_on.verdict != self.verdict
+            else ""
+        )
+        return (
+            f"it rests on trial {self.rests_on.trial}: without it {other}{self.headline} moves by"
+            f" {self.rests_on.shift:+.2g}"
+        )
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
         """The same with further doubts, by coefficient."""
-        known = {n: c.model_copy(update={"doubts": (*c.doubts, *more.get(n, ()))}) for n, c in self.coefficients.items()}
+        known = {
+            n: c.model_copy(update={"doubts": (*c.doubts, *more.get(n, ()))})
+            for n, c in self.coefficients.items()
+        }
         return self.model_copy(update={"coefficients": known})
 
 
@@ -210,15 +236,19 @@ class Results(Record):
         return self.model_dump(by_alias=True)
 
 
-def ends(spans: Sequence[tuple[float, float]], reach: Mapping[int, float], bounds: tuple[float, float]) -> dict[str, float]:
-    """Union of the intervals ``value ± reach u`` of each level, within `bounds`: lo68, hi68, and so on.
+def ends(
+    spans: Sequence[tuple[float, float]], reach: Mapping[int, float], bounds: tuple[float, float]
+) -> dict[str, float]:
+    """Union of the intervals ``value ± reach u`` of each level, within `bounds`: lo68, hi68, and so
+    on.
 
     Parameters
     ----------
     spans : sequence of (float, float)
         Value and standard uncertainty of every answer that may be right.
     reach : mapping of int to float
-        Standard uncertainties to either side, by level in percent; infinite where repeats tell nothing.
+        Standard uncertainties to either side, by level in percent; infinite where repeats tell
+        nothing.
     bounds : (float, float)
     """
     low, high = bounds

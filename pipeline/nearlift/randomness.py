@@ -8,5 +8,7 @@ import numpy as np
 
 
 def generator(seed: int, *purpose: str) -> np.random.Generator:
-    """An independent stream for (seed, purpose): ``generator(seed, "posterior", "ground", "sanchez_cuevas")``."""
+    """An independent stream for (seed, purpose): ``generator(seed, "posterior", "ground",
+    "sanchez_cuevas")``.
+    """
     return np.random.default_rng([seed, *(zlib.crc32(p.encode()) for p in purpose)])

@@ -78,8 +78,14 @@ class Observations:
         """The trials selected by a mask or an index array."""
         import dataclasses
 
-        arrays = {f.name: getattr(self, f.name)[keep] for f in dataclasses.fields(self) if isinstance(getattr(self, f.name), np.ndarray)}
-        return dataclasses.replace(self, **arrays, covariates={k: v[keep] for k, v in self.covariates.items()})
+        arrays = {
+            f.name: getattr(self, f.name)[keep]
+            for f in dataclasses.fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+        }
+        return dataclasses.replace(
+            self, **arrays, covariates={k: v[keep] for k, v in self.covariates.items()}
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,8 +101,13 @@ class Estimate:
 
     @classmethod
     def of(cls, entry: Mapping[str, Any]) -> Estimate:
-        """From an entry of a JSON product, whatever else it says; null, which JSON has for what is not finite, is nan."""
-        numbers = {name: math.nan if entry[name] is None else float(entry[name]) for name in ("value", "u", "lo90", "hi90")}
+        """From an entry of a JSON product, whatever else it says; null, which JSON has for what is
+        not finite, is nan.
+        """
+        numbers = {
+            name: math.nan if entry[name] is None else float(entry[name])
+            for name in ("value", "u", "lo90", "hi90")
+        }
         return cls(**numbers, unit=entry.get("unit", "1"), at_bound=bool(entry.get("at_bound")))
 
 
@@ -113,16 +124,19 @@ class Noise:
     height_m : float
         Standard deviation of the height of one visit of the traverse, shared by the visit's trials.
     common : float
-        Standard deviation, in proportion to lift, of what else the trials of a visit have in common.
+        Standard deviation, in proportion to lift, of what else the trials of a visit have in
+        common.
     drift : tuple of float
-        Standard deviations, in proportion to lift, of slow drifts between trials, one for each length in `fitting.noise.DRIFT_LENGTHS`.
+        Standard deviations, in proportion to lift, of slow drifts between trials, one for each
+        length in `fitting.noise.DRIFT_LENGTHS`.
     source : str
         What they were estimated from.
     dof : float
         Degrees of freedom behind them.
     sizes, log_covariance : tuple
-        The names of what was estimated (`drift0` and so on for the drifts), and the covariance of the logarithms of their sizes: how well
-        the noise itself is known. Empty where it was declared.
+        The names of what was estimated (`drift0` and so on for the drifts), and the covariance of
+        the logarithms of their sizes: how well the noise itself is known. Empty where it was
+        declared.
     """
 
     relative: float
@@ -137,9 +151,17 @@ class Noise:
 
     def record(self) -> dict[str, Any]:
         """Its block in a product."""
-        sizes = {name: getattr(self, name) for name in ("relative", "force_N", "height_m", "common")}
+        sizes = {
+            name: getattr(self, name) for name in ("relative", "force_N", "height_m", "common")
+        }
         drift = float(np.sqrt(np.sum(np.square(self.drift))))
-        return {**sizes, "drift": drift, "drift_by_length": list(self.drift), "source": self.source, "dof": self.dof}
+        return {
+            **sizes,
+            "drift": drift,
+            "drift_by_length": list(self.drift),
+            "source": self.source,
+            "dof": self.dof,
+        }
 
     @classmethod
     def recorded(cls, block: Mapping[str, Any]) -> Noise:

@@ -6,7 +6,9 @@ import math
 
 
 def decimals(u: float) -> int:
-    """Decimal places that show an uncertainty by one significant digit, by two if it begins with 1 or 2: rounding moves it by a sixth at most."""
+    """Decimal places that show an uncertainty by one significant digit, by two if it begins with 1
+    or 2: rounding moves it by a sixth at most.
+    """
     exponent = math.floor(math.log10(u))
     leading = round(u / 10**exponent, 6)
     return -exponent + (1 if leading < 2.95 else 0)
@@ -31,7 +33,9 @@ def siunitx(value: float, u: float) -> str:
 
 
 def like(value: float, u: float) -> str:
-    """A number that belongs to an uncertainty `u`, such as an end of its interval, with the same decimals."""
+    """A number that belongs to an uncertainty `u`, such as an end of its interval, with the same
+    decimals.
+    """
     if not (math.isfinite(u) and u > 0):
         return plain(value)
     return fixed(value, max(decimals(u), 0))

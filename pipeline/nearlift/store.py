@@ -1,8 +1,9 @@
 """Products on disk: written whole or not at all, read back only if intact.
 
-Every write goes to a temporary file in the same folder, is flushed to the disk, renamed, and the folder is flushed too: a
-reader sees the old bytes or the new ones. Tables are Parquet with page checksums, and with a digest of names, types and length,
-which no checksum covers: a flipped bit cannot pass.
+Every write goes to a temporary file in the same folder, is flushed to the disk, renamed, and the
+folder is flushed too: a reader sees the old bytes or the new ones. Tables are Parquet with page
+checksums, and with a digest of names, types and length, which no checksum covers: a flipped bit
+cannot pass.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ Table = dict[str, NDArray[Any]]
 
 
 class Disk:
-    """The calls by which anything reaches the disk; tests put one that fails, or dies, at the n-th call in its place."""
+    """The calls by which anything reaches the disk; tests put one that fails, or dies, at the n-th
+    call in its place.
+    """
 
     def write(self, file: IO[bytes], content: bytes) -> None:
         """Write all of it."""
@@ -55,9 +58,11 @@ class Disk:
 
 
 disk = Disk()
-#: How the name of a file ends that is not finished: with the process that writes it; a dot and what it will be stand before.
+#: How the name of a file ends that is not finished: with the process that writes it; a dot and what
+#: it will be stand before.
 _UNFINISHED = re.compile(r"\.\d+\.tmp\Z")
-#: Bytes of a file that are hashed at once, and files that a thread hashes before it takes more (at most).
+#: Bytes of a file that are hashed at once, and files that a thread hashes before it takes more (at
+#: most).
 PART, PORTION = 1 << 20, 16
 #: Characters of a digest, and files that are hashed at a time.
 HEX = 64
@@ -93,9 +98,16 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Take away what a killed run left unfinished in a folder and its subfolders; links are not followed."""
+    """Take away what a killed run left unfinished in a folder and its subfolders; links are not
+    followed.
+    """
     for path in folder.rglob(".*.tmp"):
-        if path.name.startswith(".") and _UNFINISHED.search(path.name, 2) and path.is_file() and not path.is_symlink():
+        if (
+            path.name.startswith(".")
+            and _UNFINISHED.search(path.name, 2)
+            and path.is_file()
+            and not path.is_symlink()
+        ):
             path.unlink(missing_ok=True)
 
 
@@ -112,20 +124,27 @@ def sync_folder(folder: Path) -> None:
 def sha256(path: str | Path) -> str:
     """SHA-256 of a file, streamed."""
     digest = hashlib.sha256()
-    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - a path made of text takes longer than reading a record
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - a path made of text takes longer
         while part := file.read(PART):
             digest.update(part)
     return digest.hexdigest()
 
 
-def sha256_of(paths: Sequence[str | Path], meanwhile: Callable[[], None] = lambda: None) -> list[str]:
-    """SHA-256 of each file; `meanwhile` is done at the same time, unless there is one file only, or none."""
+def sha256_of(
+    paths: Sequence[str | Path], meanwhile: Callable[[], None] = lambda: None
+) -> list[str]:
+    """SHA-256 of each file; `meanwhile` is done at the same time, unless there is one file only, or
+    none.
+    """
     if len(paths) < 2:
         return [sha256(path) for path in paths]
     found = [""] * len(paths)
     with contextlib.ExitStack() as held:
         shares = [range(i, len(paths), WORKERS) for i in range(WORKERS if copies.alone() else 0)]
-        answers = [held.enter_context(copies.copied(partial(_write_digests, [paths[i] for i in share]))) for share in shares]
+        answers = [
+            held.enter_context(copies.copied(partial(_write_digests, [paths[i] for i in share])))
+            for share in shares
+        ]
         meanwhile()
         for share, answer in zip(shares, answers, strict=True):
             content = answer.read().decode() if answer else ""
@@ -148,21 +167,29 @@ def _sha256_here(paths: Sequence[str | Path]) -> list[str]:
     many = min(max(len(paths) // (8 * WORKERS), 1), PORTION)
     portions = [paths[i : i + many] for i in range(0, len(paths), many)]
     with ThreadPoolExecutor(WORKERS) as pool:
-        return [digest for found in pool.map(lambda portion: [sha256(path) for path in portion], portions) for digest in found]
+        return [
+            digest
+            for found in pool.map(lambda portion: [sha256(path) for path in portion], portions)
+            for digest in found
+        ]
 
 
 def listing_sha256(digests: Mapping[str, str]) -> str:
     """SHA-256 of a list of files: their names, each with its own."""
-    return hashlib.sha256("".join(f"{name} {sha}\n" for name, sha in digests.items()).encode()).hexdigest()
+    return hashlib.sha256(
+        "".join(f"{name} {sha}\n" for name, sha in digests.items()).encode()
+    ).hexdigest()
 
 
 def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
-    """An Arrow table with the product's columns first, their units and meanings in the fields' metadata.
+    """An Arrow table with the product's columns first, their units and meanings in the fields'
+    metadata.
 
     Raises
     ------
     ProductError
-        A declared column is missing, lengths differ, or an undeclared column stands in a closed product.
+        A declared column is missing, lengths differ, or an undeclared column stands in a closed
+        product.
     """
     import pyarrow as pa
 
@@ -170,9 +197,17 @@ def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
     missing = {c.name for c in product.columns if not c.optional} - table.keys()
     extra = table.keys() - declared.keys()
     if missing or (extra and not product.open_ended):
-        raise ProductError(product.file, f"lacks {sorted(missing)}, has undeclared {sorted(extra)}", "this is a defect of the stage that writes it")
+        raise ProductError(
+            product.file,
+            f"lacks {sorted(missing)}, has undeclared {sorted(extra)}",
+            "this is a defect of the stage that writes it",
+        )
     if len({len(v) for v in table.values()}) > 1:
-        raise ProductError(product.file, "has columns of different lengths", "this is a defect of the stage that writes it")
+        raise ProductError(
+            product.file,
+            "has columns of different lengths",
+            "this is a defect of the stage that writes it",
+        )
     kinds = {"text": pa.string(), "real": pa.float64(), "integer": pa.int64()}
     fields, arrays = [], []
     for name in (*(n for n in declared if n in table), *(n for n in table if n not in declared)):
@@ -184,17 +219,23 @@ def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
         arrays.append(_arrow(values, kind))
     schema = pa.schema(fields)
     layout = _layout(schema, len(arrays[0]) if arrays else 0)
-    return pa.Table.from_arrays(arrays, schema=schema.with_metadata({"schema": product.schema, "layout": layout}))
+    return pa.Table.from_arrays(
+        arrays, schema=schema.with_metadata({"schema": product.schema, "layout": layout})
+    )
 
 
 def _layout(schema: pa.Schema, rows: int) -> str:
-    """Digest of what stands in the footer of a Parquet file, out of reach of the pages' checksums."""
+    """Digest of what stands in the footer of a Parquet file, out of reach of the pages'
+    checksums.
+    """
     columns = [(name, str(kind)) for name, kind in zip(schema.names, schema.types, strict=True)]
     return hashlib.sha256(json.dumps([rows, columns]).encode()).hexdigest()
 
 
 def _arrow(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
-    """A column from its bytes; `pyarrow.array` would import pandas to see whether it was given a Series, which takes 0.3 s."""
+    """A column from its bytes; `pyarrow.array` would import pandas to see whether it was given a
+    Series, which takes 0.3 s.
+    """
     import pyarrow as pa
 
     if kind != pa.string():
@@ -203,8 +244,12 @@ def _arrow(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
     texts = [str(text).encode() for text in values.tolist()]
     ends = np.cumsum([0, *map(len, texts)], dtype=np.int64)
     if ends[-1] >= 2**31:
-        raise ProductError("text column", f"holds {ends[-1]} bytes", "shorten the texts: a column takes 2 GiB")
-    return pa.StringArray.from_buffers(len(texts), pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(texts)))
+        raise ProductError(
+            "text column", f"holds {ends[-1]} bytes", "shorten the texts: a column takes 2 GiB"
+        )
+    return pa.StringArray.from_buffers(
+        len(texts), pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(texts))
+    )
 
 
 def _arrow_type(values: NDArray[Any]) -> Any:
@@ -226,8 +271,15 @@ def table_bytes(table: Mapping[str, NDArray[Any]], product: Product) -> bytes:
     import pyarrow.parquet as pq
 
     sink = pa.BufferOutputStream()
-    # measured numbers rarely repeat, and what does zstd finds as well: dictionaries would make files larger, and take a kilobyte a row to write
-    pq.write_table(to_arrow(table, product), sink, compression="zstd", use_dictionary=False, write_page_checksum=True)
+    # measured numbers rarely repeat, and what does zstd finds as well: dictionaries would make
+    # files larger, and take a kilobyte a row to write
+    pq.write_table(
+        to_arrow(table, product),
+        sink,
+        compression="zstd",
+        use_dictionary=False,
+        write_page_checksum=True,
+    )
     content: bytes = sink.getvalue().to_pybytes()
     return content
 
@@ -249,19 +301,33 @@ def read_table(path: Path, product: Product) -> Table:
     import pyarrow.parquet as pq
 
     if not path.is_file():
-        raise ProductError(str(path), "is missing", "run the stage that writes it (`nearlift plan CAMPAIGN` says which)")
+        raise ProductError(
+            str(path),
+            "is missing",
+            "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
+        )
     try:
         table = pq.read_table(path, page_checksum_verification=True)
-        about = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
+        about = {
+            key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()
+        }
         content = {name: _numpy(table[name]) for name in table.column_names}
     except (pa.ArrowException, OSError, ValueError) as fault:
-        raise ProductError(str(path), f"is damaged: {str(fault).splitlines()[0]}", "delete it and run again") from None
+        raise ProductError(
+            str(path), f"is damaged: {str(fault).splitlines()[0]}", "delete it and run again"
+        ) from None
     if about.get("schema") != product.schema:
         raise ProductError(
-            str(path), f"has schema {about.get('schema', 'none')}, not {product.schema}", "it was written by another version: run again"
+            str(path),
+            f"has schema {about.get('schema', 'none')}, not {product.schema}",
+            "it was written by another version: run again",
         )
     if about.get("layout") != _layout(table.schema, table.num_rows):
-        raise ProductError(str(path), "is damaged: its columns or its length are not what was written", "delete it and run again")
+        raise ProductError(
+            str(path),
+            "is damaged: its columns or its length are not what was written",
+            "delete it and run again",
+        )
     return content
 
 
@@ -290,7 +356,9 @@ def plain(value: Any) -> Any:
 
 def json_bytes(content: Mapping[str, Any]) -> bytes:
     """A JSON product; numbers keep all their digits."""
-    return (json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    return (
+        json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    ).encode()
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -301,7 +369,11 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON product; raises `ProductError` where it is missing or damaged."""
     if not path.is_file():
-        raise ProductError(str(path), "is missing", "run the stage that writes it (`nearlift plan CAMPAIGN` says which)")
+        raise ProductError(
+            str(path),
+            "is missing",
+            "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
+        )
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as fault:
@@ -312,7 +384,9 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_json_if_whole(path: Path) -> dict[str, Any]:
-    """A JSON file that can be made again from everything else: empty where it is missing or damaged."""
+    """A JSON file that can be made again from everything else: empty where it is missing or
+    damaged.
+    """
     try:
         return read_json(path)
     except ProductError:

@@ -1,7 +1,8 @@
-"""TOML of unknown origin within bounds: size, depth and digits are judged before anything is parsed.
+"""TOML of unknown origin within bounds: size, depth and digits are judged before anything is
+parsed.
 
-The parser recurses over brackets, takes quadratic time over dotted keys, and computes whole numbers of any length. What passes here
-costs it less than a second.
+The parser recurses over brackets, takes quadratic time over dotted keys, and computes whole numbers
+of any length. What passes here costs it less than a second.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ MOST_BYTES = 1 << 19
 DEEPEST = 8
 #: Of one number; a double precision one is exact with 17.
 MOST_DIGITS = 60
-#: Strings and comments are skipped whole; a quote that opens and never closes is left to the parser, which ends there.
+#: Strings and comments are skipped whole; a quote that opens and never closes is left to the
+#: parser, which ends there.
 _TOKEN = re.compile(
     r'"""(?:[^"\\]|\\[\s\S]|"(?!""))*+"{3,5}'
     r"|'''(?:[^']|'(?!''))*+'{3,5}"
@@ -37,11 +39,17 @@ def loads(content: bytes, where: str) -> dict[str, Any]:
         It is too large, too deep, no UTF-8, or no TOML.
     """
     if len(content) > MOST_BYTES:
-        raise ManifestError(where, f"has {len(content)} bytes", f"a manifest has at most {MOST_BYTES}; trials belong into the schedule")
+        raise ManifestError(
+            where,
+            f"has {len(content)} bytes",
+            f"a manifest has at most {MOST_BYTES}; trials belong into the schedule",
+        )
     try:
         text = content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as fault:
-        raise ManifestError(where, f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8") from None
+        raise ManifestError(
+            where, f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8"
+        ) from None
     _bounded(text, where)
     try:
         return tomllib.loads(text)
@@ -65,7 +73,15 @@ def _bounded(text: str, where: str) -> None:
         elif token in "\n=,":
             dots = 0
         if max(brackets, dots) >= DEEPEST:
-            raise ManifestError(f"{where}, line {line}", f"is nested more than {DEEPEST} deep", "no key of a manifest is")
+            raise ManifestError(
+                f"{where}, line {line}",
+                f"is nested more than {DEEPEST} deep",
+                "no key of a manifest is",
+            )
         if len(token) > MOST_DIGITS and token.lstrip("+-")[:1].isdigit():
-            raise ManifestError(f"{where}, line {line}", f"holds a number of {len(token)} digits", "17 digits say all that there is to say")
+            raise ManifestError(
+                f"{where}, line {line}",
+                f"holds a number of {len(token)} digits",
+                "17 digits say all that there is to say",
+            )
         line += token.count("\n")

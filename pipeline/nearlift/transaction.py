@@ -1,9 +1,11 @@
-"""Files that take their places together or not at all: what a stage writes becomes visible in one step, whatever it is killed in.
+"""Files that take their places together or not at all: what a stage writes becomes visible in one
+step, whatever it is killed in.
 
-Each file is written beside the products, under ``.staged`` in the folder where it belongs, and flushed. One journal,
-``processed/<campaign>/.commit.json``, then lists what is to be renamed and what removed: writing it, by a rename, is the commit. Before
-it the old products stand and what is staged is thrown away; from it on the new ones stand, and whoever opens the campaign next
-carries out what is left of the list, which may be done any number of times.
+Each file is written beside the products, under ``.staged`` in the folder where it belongs, and
+flushed. One journal, ``processed/<campaign>/.commit.json``, then lists what is to be renamed and
+what removed: writing it, by a rename, is the commit. Before it the old products stand and what is
+staged is thrown away; from it on the new ones stand, and whoever opens the campaign next carries
+out what is left of the list, which may be done any number of times.
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ UNFINISHED = "unfinished"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Homes:
-    """The two folders of one campaign's files, which may lie on different disks; a file is called ``processed/...`` or ``reports/...``."""
+    """The two folders of one campaign's files, which may lie on different disks; a file is called
+    ``processed/...`` or ``reports/...``.
+    """
 
     processed: Path
     reports: Path
@@ -46,7 +50,9 @@ class Homes:
 
     @property
     def unfinished(self) -> Path:
-        """Where stages keep what an interrupted run can go on from; the next commit takes it away."""
+        """Where stages keep what an interrupted run can go on from; the next commit takes
+        it away.
+        """
         return self.processed / UNFINISHED
 
     def home(self, name: str) -> tuple[Path, PurePosixPath]:
@@ -60,7 +66,9 @@ class Homes:
         kind, *rest = PurePosixPath(name).parts or ("",)
         folder = {"processed": self.processed, "reports": self.reports}.get(kind)
         if folder is None or not rest or ".." in rest or "\0" in name:
-            raise ProductError(str(self.journal), f"names {name!r}, which is no product", "delete it and run again")
+            raise ProductError(
+                str(self.journal), f"names {name!r}, which is no product", "delete it and run again"
+            )
         return folder, PurePosixPath(*rest)
 
     def place(self, name: str) -> Path:
@@ -74,7 +82,9 @@ class Homes:
         return folder / STAGED / rest
 
     def settle(self) -> None:
-        """Carry out the commit whose journal is found; without one, throw away what is staged. Only for who holds the lock."""
+        """Carry out the commit whose journal is found; without one, throw away what is staged. Only
+        for who holds the lock.
+        """
         if self.journal.is_file():
             self._carry_out()
         for home in (self.processed, self.reports):
@@ -87,10 +97,21 @@ class Homes:
     def _carry_out(self) -> None:
         journal = store.read_json(self.journal)
         if journal.get("schema") != SCHEMA:
-            raise ProductError(str(self.journal), f"has schema {journal.get('schema', 'none')}, not {SCHEMA}", "delete it and run again")
+            raise ProductError(
+                str(self.journal),
+                f"has schema {journal.get('schema', 'none')}, not {SCHEMA}",
+                "delete it and run again",
+            )
         lists: list[Any] = [journal.get("put"), journal.get("remove")]
-        if not all(isinstance(names, list) and all(isinstance(name, str) for name in names) for names in lists):
-            raise ProductError(str(self.journal), "does not list what is to be put and removed", "delete it and run again")
+        if not all(
+            isinstance(names, list) and all(isinstance(name, str) for name in names)
+            for names in lists
+        ):
+            raise ProductError(
+                str(self.journal),
+                "does not list what is to be put and removed",
+                "delete it and run again",
+            )
         put, remove = ([(self.staged(name), self.place(name)) for name in names] for names in lists)
         for staged, place in put:
             # what is no longer staged has its place already
@@ -103,11 +124,14 @@ class Homes:
         # while the journal stands, so that whoever completes a commit does this too
         shutil.rmtree(self.unfinished, ignore_errors=True)
         store.disk.unlink(self.journal)
-        # a journal that came back after a power cut would be carried out on what the next stage has staged
+        # a journal that came back after a power cut would be carried out on what the next stage has
+        # staged
         store.sync_folder(self.processed)
 
     def sync(self, files: Iterable[Path]) -> None:
-        """Flush the entries of these files in their folders, and of those folders, as far up as this campaign's own may have been made."""
+        """Flush the entries of these files in their folders, and of those folders, as far up as
+        this campaign's own may have been made.
+        """
         roots = {self.processed.parent.parent, self.reports.parent.parent}
         folders: set[Path] = set()
         for file in files:
@@ -122,7 +146,8 @@ class Homes:
 
 @dataclass(kw_only=True)
 class Transaction:
-    """What one stage writes and removes. Leaving its ``with`` block without `commit` leaves everything as it was.
+    """What one stage writes and removes. Leaving its ``with`` block without `commit` leaves
+    everything as it was.
 
     Attributes
     ----------
@@ -159,14 +184,23 @@ class Transaction:
     def commit(self) -> None:
         """Put everything in its place."""
         self.homes.sync(self.homes.staged(name) for name in self.written)
-        store.write_json(self.homes.journal, {"schema": SCHEMA, "put": sorted(self.written), "remove": sorted(self.removed)})
+        store.write_json(
+            self.homes.journal,
+            {"schema": SCHEMA, "put": sorted(self.written), "remove": sorted(self.removed)},
+        )
         self.homes.settle()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if kind is not None:
-            # an interrupt amid the renames, or one that failed: what is committed is tried once more, and else is left to the next command
+            # an interrupt amid the renames, or one that failed: what is committed is tried once
+            # more, and else is left to the next command
             with contextlib.suppress(OSError):
                 self.homes.settle()

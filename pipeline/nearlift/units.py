@@ -1,7 +1,7 @@
 """The one place that knows millimetres, gram-force and percent.
 
-Everything inside nearlift is float SI; quantities become SI here, once, when a manifest, a schedule or a record is read.
-pint does the conversions and is imported only then (it takes 0.3 s).
+Everything inside nearlift is float SI; quantities become SI here, once, when a manifest, a schedule
+or a record is read. pint does the conversions and is imported only then (it takes 0.3 s).
 """
 
 from __future__ import annotations
@@ -48,11 +48,20 @@ USUAL = {
     "rotation": ("rpm", "Hz", "rad/s"),
 }
 
-#: Turns per second in one of each. Apart from pint, to which a turn is 2 pi radians and a radian is 1, so that "rpm" in "Hz" is 0.105 and not 1/60.
-ROTATION = {"Hz": 1.0, "rev/s": 1.0, "rps": 1.0, "rpm": 1 / 60, "rev/min": 1 / 60, "1/min": 1 / 60, "rad/s": 1 / (2 * math.pi)}
+#: Turns per second in one of each. Apart from pint, to which a turn is 2 pi radians and a radian is
+#: 1, so that "rpm" in "Hz" is 0.105 and not 1/60.
+ROTATION = {
+    "Hz": 1.0,
+    "rev/s": 1.0,
+    "rps": 1.0,
+    "rpm": 1 / 60,
+    "rev/min": 1 / 60,
+    "1/min": 1 / 60,
+    "rad/s": 1 / (2 * math.pi),
+}
 
-#: (unit, dimension) -> factor and offset to SI of the units that most manifests use, so that most runs need not load pint (0.4 s).
-#: A test holds them equal to pint's.
+#: (unit, dimension) -> factor and offset to SI of the units that most manifests use, so that most
+#: runs need not load pint (0.4 s). A test holds them equal to pint's.
 COMMON: dict[tuple[str, str], tuple[float, float]] = {
     ("mm", "length"): (1e-3, 0.0),
     ("cm", "length"): (1e-2, 0.0),
@@ -93,8 +102,11 @@ COMMON: dict[tuple[str, str], tuple[float, float]] = {
 
 #: A decimal number as people and instruments write it.
 NUMBER = re.compile(r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?")
-#: A product of powers such as `kg*m^2/s`: what raises a number, or a power once more, is no unit, and would be computed before it is refused.
-_UNIT = re.compile(r"(?:[^\W\d]\w{0,30}+(?:\s?(?:\^|\*\*)\s?[-+]?\d{1,2})?+|\d{1,6}+(?!\s?(?:\^|\*\*))|\*(?!\*)|[%°/·⋅()\s])*+")
+#: A product of powers such as `kg*m^2/s`: what raises a number, or a power once more, is no unit,
+#: and would be computed before it is refused.
+_UNIT = re.compile(
+    r"(?:[^\W\d]\w{0,30}+(?:\s?(?:\^|\*\*)\s?[-+]?\d{1,2})?+|\d{1,6}+(?!\s?(?:\^|\*\*))|\*(?!\*)|[%°/·⋅()\s])*+"
+)
 UNIT_LENGTH = 80
 
 
@@ -103,7 +115,9 @@ def registry() -> pint.UnitRegistry[Any]:
     """The unit registry: pint's own units, with the few that load cells and ESCs use."""
     import pint
 
-    units: pint.UnitRegistry[Any] = pint.UnitRegistry(cache_folder=None, autoconvert_offset_to_baseunit=True)
+    units: pint.UnitRegistry[Any] = pint.UnitRegistry(
+        cache_folder=None, autoconvert_offset_to_baseunit=True
+    )
     units.define("fraction = 1")
     if "gf" not in units:
         units.define("gram_force = gram * standard_gravity = gf")
@@ -129,11 +143,17 @@ def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
     usual = ", ".join(USUAL.get(dimension, (target,)))
     if dimension == "rotation":
         if unit not in ROTATION:
-            raise ManifestError(where, f"{brief(repr(unit))} is not a unit of rotation", f"use one of: {', '.join(ROTATION)}")
+            raise ManifestError(
+                where,
+                f"{brief(repr(unit))} is not a unit of rotation",
+                f"use one of: {', '.join(ROTATION)}",
+            )
         return ROTATION[unit], 0.0
     if (unit, dimension) in COMMON:
         return COMMON[unit, dimension]
-    unknown = ManifestError(where, f"unknown unit {brief(repr(unit))}", f"a {dimension} is wanted; use one of: {usual}")
+    unknown = ManifestError(
+        where, f"unknown unit {brief(repr(unit))}", f"a {dimension} is wanted; use one of: {usual}"
+    )
     if len(unit) > UNIT_LENGTH or not _UNIT.fullmatch(unit):
         raise unknown
     import pint
@@ -143,7 +163,9 @@ def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
         zero = units.Quantity(0.0, unit).to(target).magnitude
         one = units.Quantity(1.0, unit).to(target).magnitude
     except pint.DimensionalityError:
-        raise ManifestError(where, f"{unit!r} is not a unit of {dimension}", f"use one of: {usual}") from None
+        raise ManifestError(
+            where, f"{unit!r} is not a unit of {dimension}", f"use one of: {usual}"
+        ) from None
     except Exception:  # pint raises many kinds on a malformed unit text
         raise unknown from None
     factor = one - zero
@@ -165,18 +187,30 @@ def quantity(text: object, dimension: str, where: str) -> float:
     ManifestError
         `text` is not a number with a unit, or its unit is not one of `dimension`.
     """
-    example = {"length": "23 mm", "force": "1.5 gf", "time": "2 s", "frequency": "1000 Hz"}.get(dimension, f"1 {SI[dimension]}")
+    example = {"length": "23 mm", "force": "1.5 gf", "time": "2 s", "frequency": "1000 Hz"}.get(
+        dimension, f"1 {SI[dimension]}"
+    )
     if not isinstance(text, str):
-        raise ManifestError(where, f"{brief(repr(text))} has no unit", f'write it as text with a unit, such as "{example}"')
+        raise ManifestError(
+            where,
+            f"{brief(repr(text))} has no unit",
+            f'write it as text with a unit, such as "{example}"',
+        )
     value, unit = measure(text)
     if value is None or (not unit and dimension != "fraction"):
-        raise ManifestError(where, f"{brief(repr(text))} is not a number with a unit", f'write it as "{example}"')
+        raise ManifestError(
+            where, f"{brief(repr(text))} is not a number with a unit", f'write it as "{example}"'
+        )
     if unit[:1] == "," and unit[1:2].isdigit():
-        raise ManifestError(where, f"{brief(repr(text))} has a decimal comma", "write decimals with a point")
+        raise ManifestError(
+            where, f"{brief(repr(text))} has a decimal comma", "write decimals with a point"
+        )
     factor, offset = to_si(unit or "fraction", dimension, where)
     result = factor * value + offset
     if not math.isfinite(result):
-        raise ManifestError(where, f"{brief(repr(text))} is not finite", "write a number that can be meant")
+        raise ManifestError(
+            where, f"{brief(repr(text))} is not finite", "write a number that can be meant"
+        )
     return result
 
 

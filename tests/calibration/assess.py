@@ -21,10 +21,11 @@ Diagnose = Callable[[Campaign], dict[str, Any]]
 
 
 def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[str, Any]:
-    """The library's diagnosis of a campaign, and under `quoted` each coefficient's 90 % interval in results.json.
+    """The library's diagnosis of a campaign, and under `quoted` each coefficient's 90 % interval in
+    results.json.
 
-    `options` are those of the search (`multiplicity=False`, `form_sd=0.0`, ...). A refusal is an answer, as in a run of the pipeline: the
-    base fit then stands alone.
+    `options` are those of the search (`multiplicity=False`, `form_sd=0.0`, ...). A refusal is an
+    answer, as in a run of the pipeline: the base fit then stands alone.
     """
     from nearlift import catalogue
     from nearlift.diagnosis.interim import InterimLook
@@ -39,18 +40,33 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     try:
         n, scheduled = campaign.data.n, campaign.scheduled
         look = InterimLook(trials=n, scheduled=scheduled) if scheduled else None
-        found = diagnose(campaign.data, base, campaign.parts, Options(**{"seed": campaign.seed, **options}), confirm=confirm, look=look)
-        return found.findings | {"quoted": {n: (c.lo90, c.hi90) for n, c in found.quoted.coefficients.items()}}
+        found = diagnose(
+            campaign.data,
+            base,
+            campaign.parts,
+            Options(**{"seed": campaign.seed, **options}),
+            confirm=confirm,
+            look=look,
+        )
+        return found.findings | {
+            "quoted": {n: (c.lo90, c.hi90) for n, c in found.quoted.coefficients.items()}
+        }
     except NotConverged as fault:
         alone = fit(base, campaign.data, campaign.parts)
-        spans = [[(float(t), float(u))] for t, u in zip(alone.theta, Estimator.of(alone).u, strict=True)]
+        spans = [
+            [(float(t), float(u))] for t, u in zip(alone.theta, Estimator.of(alone).u, strict=True)
+        ]
         quoted = [Estimator.of(alone).quoted(i, span, "", []) for i, span in enumerate(spans)]
         intervals = {n: (q.lo90, q.hi90) for n, q in zip(alone.names, quoted, strict=True)}
         return {"verdict": NOT_DIAGNOSED, "reason": str(fault), "effects": [], "quoted": intervals}
 
 
-def assess(kind: str, boundary: str, seed: int, diagnose: Diagnose | None, peers: bool = False) -> Row:
-    """Simulate, diagnose, compare with the truth; a flat row of facts. A diagnosis that raises is a row with `failed` set."""
+def assess(
+    kind: str, boundary: str, seed: int, diagnose: Diagnose | None, peers: bool = False
+) -> Row:
+    """Simulate, diagnose, compare with the truth; a flat row of facts. A diagnosis that raises is a
+    row with `failed` set.
+    """
     campaign = draw(kind, boundary, seed)
     spec, truth = campaign.spec, campaign.truth
     row: Row = {
@@ -89,7 +105,9 @@ def assess(kind: str, boundary: str, seed: int, diagnose: Diagnose | None, peers
 
 
 def task(campaign: Campaign) -> Task:
-    """What rival methods are given: the same trials, and the library in the referee's own forms (which flatters them)."""
+    """What rival methods are given: the same trials, and the library in the referee's own forms
+    (which flatters them).
+    """
     base = oracle.fit(campaign, ())
     setting = replace(campaign.setting, theta=base.theta)
     return Task(
@@ -104,7 +122,9 @@ def task(campaign: Campaign) -> Task:
 
 
 def yardstick(campaign: Campaign) -> Row:
-    """What the one who knows the truth reaches: coverage of the headline coefficient, and of campaigns of records the held-out errors."""
+    """What the one who knows the truth reaches: coverage of the headline coefficient, and of
+    campaigns of records the held-out errors.
+    """
     name = forms.HEADLINE[campaign.spec.boundary]
     true = campaign.truth.theta[name]
     best = oracle.fit(campaign)
@@ -135,7 +155,9 @@ def verdict(campaign: Campaign, result: dict[str, Any]) -> Row:
         "rivals": rivals,
         "within": list(within),
         "partial": [p["name"] for p in result.get("partial", [])],
-        "structure": [s["covariate"] for s in result.get("structure", []) if s.get("significant", True)][:3],
+        "structure": [
+            s["covariate"] for s in result.get("structure", []) if s.get("significant", True)
+        ][:3],
         "undiagnosed": result.get("reason", "") if result["verdict"] == "not_diagnosed" else "",
         "claimed": result["verdict"] in ("effect", "unexplained") or bool(within),
         "named": bool(names) or bool(within and not campaign.spec.sink),
@@ -151,7 +173,11 @@ def verdict(campaign: Campaign, result: dict[str, Any]) -> Row:
 
 def _split(name: str) -> list[str]:
     """Names of a joint explanation such as "a + b"."""
-    return [part.strip() for part in name.replace(" and ", "+").replace(",", "+").split("+") if part.strip()]
+    return [
+        part.strip()
+        for part in name.replace(" and ", "+").replace(",", "+").split("+")
+        if part.strip()
+    ]
 
 
 def _equals(campaign: Campaign, names: Iterable[str]) -> bool:
@@ -167,23 +193,39 @@ def _equals(campaign: Campaign, names: Iterable[str]) -> bool:
         return white - q @ (q.T @ white)
 
     e = left(effect)
-    return any(abs(e @ (c := left(columns[n]))) >= SAME * np.linalg.norm(e) * np.linalg.norm(c) for n in names if n in columns)
+    return any(
+        abs(e @ (c := left(columns[n]))) >= SAME * np.linalg.norm(e) * np.linalg.norm(c)
+        for n in names
+        if n in columns
+    )
 
 
 def errors(campaign: Campaign, result: dict[str, Any]) -> Row:
-    """Held-out error as reported, and as an independent repeat of the campaign would show it for the model reported."""
-    before, after = (float(result["error"][k]["held_out_rmse"]) for k in ("before", "after")) if "error" in result else (math.nan, math.nan)
-    row: Row = {"reported_before": before, "reported_after": after, "reported_floor": float(result.get("error", {}).get("noise_floor", math.nan))}
+    """Held-out error as reported, and as an independent repeat of the campaign would show it for
+    the model reported.
+    """
+    before, after = (
+        (float(result["error"][k]["held_out_rmse"]) for k in ("before", "after"))
+        if "error" in result
+        else (math.nan, math.nan)
+    )
+    row: Row = {
+        "reported_before": before,
+        "reported_after": after,
+        "reported_floor": float(result.get("error", {}).get("noise_floor", math.nan)),
+    }
     if result["verdict"] == "effect":
         row["expected_after"] = oracle.expected(campaign, rebuilt(campaign, result))
     return row
 
 
 def rebuilt(campaign: Campaign, result: dict[str, Any]) -> np.ndarray:
-    """Log lift of every trial from the model that a diagnosis names, with the sizes and shapes that it reports.
+    """Log lift of every trial from the model that a diagnosis names, with the sizes and shapes that
+    it reports.
 
-    Only the report is used: the named effects are composed with the base model, and the linear unknowns (L_inf per throttle,
-    one Gauss-Newton step of the coefficients) are solved on the campaign's own trials.
+    Only the report is used: the named effects are composed with the base model, and the linear
+    unknowns (L_inf per throttle, one Gauss-Newton step of the coefficients) are solved on the
+    campaign's own trials.
     """
     from nearlift import catalogue
     from nearlift.declare import compose
@@ -193,23 +235,42 @@ def rebuilt(campaign: Campaign, result: dict[str, Any]) -> np.ndarray:
     base = catalogue.model(result["base_model"])
     model = compose(base, *(catalogue.effect(e["name"]) for e in result["effects"]))
     far = data.z_hat >= np.quantile(data.z_hat, 0.7)
-    data = derive(data, np.array([np.median(data.lift_N[(data.level == k) & far]) for k in range(len(data.levels))]))
-    known = {**data.geometry, **data.covariates, "throttle": data.throttle, "session": data.session, "z_hat": data.z_hat}
+    data = derive(
+        data,
+        np.array(
+            [np.median(data.lift_N[(data.level == k) & far]) for k in range(len(data.levels))]
+        ),
+    )
+    known = {
+        **data.geometry,
+        **data.covariates,
+        "throttle": data.throttle,
+        "session": data.session,
+        "z_hat": data.z_hat,
+    }
     values: dict[str, Any] = {n: known[n] for n in model.needs}
     reported = {n: v["value"] for e in result["effects"] for n, v in e["parameters"].items()}
     for p in model.parameters:
         if p.name in reported:
             values[p.name] = float(reported[p.name])
         elif p.per == "session":
-            values[p.name] = np.array([float(reported[f"{p.name}[{i}]"]) for i in range(data.session.max() + 1)])[data.session]
-    theta = {p.name: float(result["coefficients"]["after"][p.name]["value"]) for p in base.parameters}
+            values[p.name] = np.array(
+                [float(reported[f"{p.name}[{i}]"]) for i in range(data.session.max() + 1)]
+            )[data.session]
+    theta = {
+        p.name: float(result["coefficients"]["after"][p.name]["value"]) for p in base.parameters
+    }
 
     def log_ratio(at: dict[str, float]) -> np.ndarray:
         return np.log(np.asarray(model.evaluate(data.z_hat, **{**values, **at}), dtype=float))
 
     now = log_ratio(theta)
     steps = {n: 1e-4 * max(abs(v), 1e-2) for n, v in theta.items()}
-    slopes = [(log_ratio({**theta, n: v + steps[n]}) - log_ratio({**theta, n: v - steps[n]})) / (2 * steps[n]) for n, v in theta.items()]
+    slopes = [
+        (log_ratio({**theta, n: v + steps[n]}) - log_ratio({**theta, n: v - steps[n]}))
+        / (2 * steps[n])
+        for n, v in theta.items()
+    ]
     design = np.column_stack([campaign.indicator, *slopes])
     x, y = campaign.whitener(design), campaign.whitener(np.log(data.lift_N) - now)
     solved = np.linalg.lstsq(x, y, rcond=None)[0]
@@ -223,8 +284,9 @@ def rebuilt(campaign: Campaign, result: dict[str, Any]) -> np.ndarray:
 def headline(campaign: Campaign) -> float:
     """The true headline coefficient, at the speed for which the library states it.
 
-    Where gain depends on speed (`reynolds`) a coefficient holds at one speed: the referee's at 17000 rpm, the library's at the campaign's
-    median throttle. The other is the one whose curve comes nearest over the stations, in log lift.
+    Where gain depends on speed (`reynolds`) a coefficient holds at one speed: the referee's at
+    17000 rpm, the library's at the campaign's median throttle. The other is the one whose curve
+    comes nearest over the stations, in log lift.
     """
     spec, truth, bench = campaign.spec, campaign.truth, campaign.setting.bench
     name = forms.HEADLINE[spec.boundary]
@@ -235,23 +297,46 @@ def headline(campaign: Campaign) -> float:
     speed = np.interp(np.median(campaign.data.throttle), throttle, bench.speed_rpm[first])
     z_hat = np.unique(bench.z_hat)
     there = replace(campaign.setting, bench=replace(bench, speed_rpm=speed))
-    wanted = np.log(forms.form("reynolds", spec.foreign).apply(forms.ratio(spec.boundary, z_hat, truth.theta), there, size))
+    wanted = np.log(
+        forms.form("reynolds", spec.foreign).apply(
+            forms.ratio(spec.boundary, z_hat, truth.theta), there, size
+        )
+    )
 
     def miss(value: float) -> float:
-        return float(np.sum((np.log(forms.ratio(spec.boundary, z_hat, {**truth.theta, name: value})) - wanted) ** 2))
+        return float(
+            np.sum(
+                (np.log(forms.ratio(spec.boundary, z_hat, {**truth.theta, name: value})) - wanted)
+                ** 2
+            )
+        )
 
-    found = minimize_scalar(miss, bounds=(0.3 * truth.theta[name], 3 * truth.theta[name]), method="bounded", options={"xatol": 1e-9})
+    found = minimize_scalar(
+        miss,
+        bounds=(0.3 * truth.theta[name], 3 * truth.theta[name]),
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
     return float(found.x)
 
 
 def coverage(campaign: Campaign, result: dict[str, Any]) -> Row:
-    """Whether each 90 % interval on the headline coefficient holds the truth, and how wide it is."""
+    """Whether each 90 % interval on the headline coefficient holds the truth, and how
+    wide it is.
+    """
     name = forms.HEADLINE[campaign.spec.boundary]
     true = headline(campaign)
     intervals = {"quoted": result["quoted"][name]}
     if "coefficients" in result:
-        before, after = result["coefficients"]["before"][name], result["coefficients"]["after"][name]
-        intervals |= {"base": (before["lo90"], before["hi90"]), "refit": after.get("conditional"), "constrained": after.get("constrained")}
+        before, after = (
+            result["coefficients"]["before"][name],
+            result["coefficients"]["after"][name],
+        )
+        intervals |= {
+            "base": (before["lo90"], before["hi90"]),
+            "refit": after.get("conditional"),
+            "constrained": after.get("constrained"),
+        }
     row: Row = {}
     for kind, interval in intervals.items():
         if interval is not None:

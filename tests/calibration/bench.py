@@ -1,7 +1,8 @@
-"""The simulated bench: which trial runs where and when, and everything that goes on around it. No force is made here.
+"""The simulated bench: which trial runs where and when, and everything that goes on around it. No
+force is made here.
 
-Written from ../shared/physics.md (C1: thrust, current, voltage and speed over throttle; D1: Table 1 and its readings) and shares no code
-with nearlift.
+Written from ../shared/physics.md (C1: thrust, current, voltage and speed over throttle; D1: Table 1
+and its readings) and shares no code with nearlift.
 """
 
 from __future__ import annotations
@@ -24,9 +25,72 @@ TABLE_1 = {
     "sidewall": (15, 16, 17, 18, 19, 21, 22, 23, 24, 26, 28, 32, 35, 40, 44, 48, 66, 79, 101, 535),
 }
 FROM_ONE = {
-    "ground": (1.0, 1.1, 1.2, 1.35, 1.5, 1.65, 1.8, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 8.0, 11.0, 25.0),
-    "ceiling": (0.1, 0.12, 0.15, 0.18, 0.22, 0.26, 0.3, 0.36, 0.42, 0.5, 0.6, 0.75, 0.9, 1.1, 1.4, 1.8, 2.5, 4.0, 7.0, 11.0),
-    "sidewall": (0.1, 0.15, 0.2, 0.25, 0.3, 0.36, 0.42, 0.5, 0.58, 0.68, 0.8, 0.95, 1.1, 1.3, 1.6, 2.0, 3.0, 5.0, 8.0, 12.0),
+    "ground": (
+        1.0,
+        1.1,
+        1.2,
+        1.35,
+        1.5,
+        1.65,
+        1.8,
+        2.0,
+        2.25,
+        2.5,
+        2.75,
+        3.0,
+        3.5,
+        4.0,
+        4.5,
+        5.0,
+        6.0,
+        8.0,
+        11.0,
+        25.0,
+    ),
+    "ceiling": (
+        0.1,
+        0.12,
+        0.15,
+        0.18,
+        0.22,
+        0.26,
+        0.3,
+        0.36,
+        0.42,
+        0.5,
+        0.6,
+        0.75,
+        0.9,
+        1.1,
+        1.4,
+        1.8,
+        2.5,
+        4.0,
+        7.0,
+        11.0,
+    ),
+    "sidewall": (
+        0.1,
+        0.15,
+        0.2,
+        0.25,
+        0.3,
+        0.36,
+        0.42,
+        0.5,
+        0.58,
+        0.68,
+        0.8,
+        0.95,
+        1.1,
+        1.3,
+        1.6,
+        2.0,
+        3.0,
+        5.0,
+        8.0,
+        12.0,
+    ),
 }
 DESIGNS = ("from_one", "percent_diameter", "mm")
 
@@ -38,7 +102,9 @@ _RPM = np.array([0.0, 10885.0, 15924.0, 20539.0, 22598.0, 23882.0])
 
 
 def stream(seed: int, *purpose: str) -> np.random.Generator:
-    """A generator of its own for every purpose, so that one draw more somewhere moves nothing elsewhere."""
+    """A generator of its own for every purpose, so that one draw more somewhere moves nothing
+    elsewhere.
+    """
     return np.random.default_rng([seed, *(zlib.crc32(p.encode()) for p in purpose)])
 
 
@@ -54,8 +120,9 @@ def stations(boundary: str, design: str) -> np.ndarray:
 class Bench:
     """What surrounds each trial, in run order; arrays of shape (n,).
 
-    `supply_V`, `temperature_K` and `tilt_rad` are what is true; `reading` holds what the log says. `unit` holds patterns drawn
-    once (a gain per session, a walk, a hidden covariate), which effects scale.
+    `supply_V`, `temperature_K` and `tilt_rad` are what is true; `reading` holds what the log says.
+    `unit` holds patterns drawn once (a gain per session, a walk, a hidden covariate), which effects
+    scale.
     """
 
     boundary: str
@@ -135,27 +202,46 @@ def build(
     distances : int or None
         Takes that many instead, from the nearest to the farthest.
     order : str
-        "random": stations in random order, and a fifth of the visits overshoots and comes back, so that approach is not a function of distance at
-        the ends; "swept": from the nearest to the farthest, again and again; "scattered": every trial at a height of its own, log-uniform.
+        "random": stations in random order, and a fifth of the visits overshoots and comes back, so
+        that approach is not a function of distance at the ends; "swept": from the nearest to the
+        farthest, again and again; "scattered": every trial at a height of its own, log-uniform.
     """
     rng = stream(seed, "bench", boundary)
     planned = stations(boundary, design)
-    z_stations = planned[::-every][::-1] if distances is None else planned[np.linspace(0, len(planned) - 1, distances).round().astype(int)]
+    z_stations = (
+        planned[::-every][::-1]
+        if distances is None
+        else planned[np.linspace(0, len(planned) - 1, distances).round().astype(int)]
+    )
     k = 1 if order == "scattered" else len(throttles)
     if order == "scattered":
         low, high = np.log(z_stations[[0, -1]])
         z_visit = np.exp(rng.uniform(low, high, len(z_stations) * visits * len(throttles)))
     else:
-        z_visit = z_stations[np.tile(np.arange(len(z_stations)), visits) if order == "swept" else shuffled(rng, len(z_stations), visits)]
+        z_visit = z_stations[
+            np.tile(np.arange(len(z_stations)), visits)
+            if order == "swept"
+            else shuffled(rng, len(z_stations), visits)
+        ]
     n_visits = len(z_visit)
     n = n_visits * k
     visit = np.repeat(np.arange(n_visits), k)
-    level = rng.integers(len(throttles), size=n) if k == 1 else np.concatenate([rng.permutation(k) for _ in range(n_visits)])
+    level = (
+        rng.integers(len(throttles), size=n)
+        if k == 1
+        else np.concatenate([rng.permutation(k) for _ in range(n_visits)])
+    )
     throttle = np.array(throttles)[level]
     move = np.diff(z_visit, prepend=z_stations[-1] * 0.5) * radius_m
-    away = np.where(move >= 0, 1.0, -1.0) * np.where(rng.random(n_visits) < (0.0 if order == "swept" else 0.2), -1.0, 1.0)
+    away = np.where(move >= 0, 1.0, -1.0) * np.where(
+        rng.random(n_visits) < (0.0 if order == "swept" else 0.2), -1.0, 1.0
+    )
 
-    cuts = np.sort(np.round(np.arange(1, sessions) * n_visits / sessions + rng.uniform(-4, 4, sessions - 1)).astype(int))
+    cuts = np.sort(
+        np.round(
+            np.arange(1, sessions) * n_visits / sessions + rng.uniform(-4, 4, sessions - 1)
+        ).astype(int)
+    )
     session_of_visit = np.searchsorted(cuts, np.arange(n_visits), side="right")
     first = np.concatenate([[True], np.diff(session_of_visit) > 0])
     pause = 4.0 + rng.exponential(4.0, n)  # between trials, the load off
@@ -174,9 +260,21 @@ def build(
     current = np.interp(throttle, _PWM, _AMPERE)
     battery = rng.normal(0, 0.02, sessions)
     resistance = 0.07 * (1 + 0.3 * charge)
-    supply = 4.1 + battery[session] - 0.05 * (1 - np.exp(-charge / 0.05)) - 0.3 * charge - 0.12 * charge**6 - resistance * current
+    supply = (
+        4.1
+        + battery[session]
+        - 0.05 * (1 - np.exp(-charge / 0.05))
+        - 0.3 * charge
+        - 0.12 * charge**6
+        - resistance * current
+    )
     day = 1.3 * np.sin(2 * np.pi * (start / 86400 + rng.random()))
-    temperature = 295.0 + day + rng.uniform(0.3, 1.0) * (1 - np.exp(-session_s / 2000)) + 0.25 * wander(rng, start, 1500.0)
+    temperature = (
+        295.0
+        + day
+        + rng.uniform(0.3, 1.0) * (1 - np.exp(-session_s / 2000))
+        + 0.25 * wander(rng, start, 1500.0)
+    )
     lagged = np.empty(n)
     last = temperature[0]
     for i, weight in enumerate(1 - np.exp(-np.diff(start, prepend=start[0]) / 1200.0)):
@@ -236,11 +334,20 @@ def build(
 
 
 def levels_N(rng: np.random.Generator, throttles: tuple[float, ...]) -> np.ndarray:
-    """Lift of the whole vehicle far from every boundary, per throttle; rigs differ by some per cent."""
-    return np.interp(throttles, _PWM, _GRAM) * 1e-3 * GRAVITY * (1 + rng.normal(0, 0.03, len(throttles)))
+    """Lift of the whole vehicle far from every boundary, per throttle; rigs differ by some per
+    cent.
+    """
+    return (
+        np.interp(throttles, _PWM, _GRAM)
+        * 1e-3
+        * GRAVITY
+        * (1 + rng.normal(0, 0.03, len(throttles)))
+    )
 
 
-def _taken_in_turn(rng: np.random.Generator, visits: int, mean: float, value: Callable[[int], float]) -> np.ndarray:
+def _taken_in_turn(
+    rng: np.random.Generator, visits: int, mean: float, value: Callable[[int], float]
+) -> np.ndarray:
     """A value for each turn, and turns of random length (geometric, in visits)."""
     turn = np.cumsum(rng.random(visits) < 1 / mean)
     return np.array([value(i) for i in range(turn[-1] + 1)], dtype=float)[turn]

@@ -1,4 +1,6 @@
-"""Lets the calibration's modules import each other as `tests.calibration.*`, from pytest, from its workers and from the command line."""
+"""Lets the calibration's modules import each other as `tests.calibration.*`, from pytest, from its
+workers and from the command line.
+"""
 
 import sys
 from collections.abc import Iterator

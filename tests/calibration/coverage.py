@@ -1,8 +1,10 @@
-"""Coverage with shared errors in the records: intervals from the library beside those of lmfit as it is commonly used.
+"""Coverage with shared errors in the records: intervals from the library beside those of lmfit as
+it is commonly used.
 
-Every campaign is simulated record by record by the referee (`simulator`, its own forms), with errors that repeats do not show: a gain
-per session and per throttle, one offset of every distance, a load cell that bends. Its manifest declares what was put in, the
-library fits the trials, and the 68, 90 and 95 % intervals on each coefficient hold the truth or do not.
+Every campaign is simulated record by record by the referee (`simulator`, its own forms), with
+errors that repeats do not show: a gain per session and per throttle, one offset of every distance,
+a load cell that bends. Its manifest declares what was put in, the library fits the trials, and the
+68, 90 and 95 % intervals on each coefficient hold the truth or do not.
 
     nice python -m tests.calibration.coverage --n 250        writes docs/coverage.md
 """
@@ -34,7 +36,11 @@ from nearlift.results import Observations
 
 LEVELS = (0.68, 0.9, 0.95)
 DATUMS_MM = (0.2, 0.5)
-BASE = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon", "sidewall": "sidewall_decay"}
+BASE = {
+    "ground": "sanchez_cuevas",
+    "ceiling": "hsiao_chirarattananon",
+    "sidewall": "sidewall_decay",
+}
 SESSION_GAIN, THROTTLE_GAIN, CELL_GF = 0.003, 0.003, 1.5
 GRAVITY = 9.8
 #: Seeds of reported figures; any others are for trying things out.
@@ -45,18 +51,46 @@ WAYS = ("declared", "ignored", "lmfit")
 def manifest(datum_mm: float, throttle: bool = True) -> manifests.Campaign:
     """What the campaign's owner declares: exactly what was put in."""
     listed = [
-        {"name": "session gain", "on": "gain", "value": f"{100 * SESSION_GAIN} percent", "scope": "session"},
+        {
+            "name": "session gain",
+            "on": "gain",
+            "value": f"{100 * SESSION_GAIN} percent",
+            "scope": "session",
+        },
         {"name": "distance datum", "on": "height", "value": f"{datum_mm} mm", "scope": "boundary"},
     ]
     if throttle:
-        listed.append({"name": "throttle gain", "on": "gain", "value": f"{100 * THROTTLE_GAIN} percent", "scope": "throttle"})
+        listed.append(
+            {
+                "name": "throttle gain",
+                "on": "gain",
+                "value": f"{100 * THROTTLE_GAIN} percent",
+                "scope": "throttle",
+            }
+        )
     return manifests.parse(
         {
             "schema": "nearlift.campaign/1",
             "name": "coverage",
-            "vehicle": {"name": "simulated", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
-            "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2"},
-            "load_cell": {"sample_rate": "1000 Hz", "tare": "0.1 s", "range": "1 kgf", "accuracy": f"{CELL_GF} gf"},
+            "vehicle": {
+                "name": "simulated",
+                "rotors": 4,
+                "rotor_radius": "23 mm",
+                "rotor_spacing": "65 mm",
+                "mass": "27 g",
+            },
+            "rig": {
+                "held": "throttle",
+                "distance_datum": "rotor plane",
+                "distance_offset": "0 mm",
+                "gravity": "9.8 m/s^2",
+            },
+            "load_cell": {
+                "sample_rate": "1000 Hz",
+                "tare": "0.1 s",
+                "range": "1 kgf",
+                "accuracy": f"{CELL_GF} gf",
+            },
             "records": {
                 "reader": "parquet",
                 "files": "records.parquet",
@@ -82,12 +116,16 @@ def spec(boundary: str, datum_mm: float, throttle: bool = True) -> Spec:
         cell_N=1e-3 * GRAVITY * CELL_GF,
         range_N=GRAVITY,
     )
-    return Spec(boundary=boundary, realism=False, visits=4, sessions=4, samples=260, every=2, shared=shared)
+    return Spec(
+        boundary=boundary, realism=False, visits=4, sessions=4, samples=260, every=2, shared=shared
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """An estimate with its standard uncertainty and the two ends of its interval at each of `LEVELS`."""
+    """An estimate with its standard uncertainty and the two ends of its interval at each of
+    `LEVELS`.
+    """
 
     value: float
     u: float
@@ -96,8 +134,15 @@ class Interval:
     @classmethod
     def of(cls, value: float, u: float, dof: float) -> Self:
         """Value and uncertainty with the quantiles of Student's t."""
-        quantiles = [t.ppf(0.5 + level / 2, dof) if np.isfinite(dof) else norm.ppf(0.5 + level / 2) for level in LEVELS]
-        return cls(float(value), float(u), tuple((float(value - q * u), float(value + q * u)) for q in quantiles))
+        quantiles = [
+            t.ppf(0.5 + level / 2, dof) if np.isfinite(dof) else norm.ppf(0.5 + level / 2)
+            for level in LEVELS
+        ]
+        return cls(
+            float(value),
+            float(u),
+            tuple((float(value - q * u), float(value + q * u)) for q in quantiles),
+        )
 
     def covers(self, truth: float, level: float) -> bool:
         """Whether the two-sided interval at this level holds the truth."""
@@ -124,11 +169,23 @@ class Row:
     def read(cls, line: str) -> Row:
         """The row of such a line."""
         given = json.loads(line)
-        return cls(**{**given, "found": {way: Interval(i["value"], i["u"], tuple(map(tuple, i["ends"]))) for way, i in given["found"].items()}})
+        return cls(
+            **{
+                **given,
+                "found": {
+                    way: Interval(i["value"], i["u"], tuple(map(tuple, i["ends"])))
+                    for way, i in given["found"].items()
+                },
+            }
+        )
 
 
-def answers(data: Observations, components: tuple[budget.Component, ...]) -> dict[str, dict[str, Interval]]:
-    """The library's answer under a budget, and with the same noise when what is shared is ignored."""
+def answers(
+    data: Observations, components: tuple[budget.Component, ...]
+) -> dict[str, dict[str, Interval]]:
+    """The library's answer under a budget, and with the same noise when what is shared is
+    ignored.
+    """
     model = catalogue.model(BASE[data.boundary])
     right = fit(model, data, components)
     return {"declared": intervals(right), "ignored": intervals(fit(model, data, (), right.noise))}
@@ -136,21 +193,36 @@ def answers(data: Observations, components: tuple[budget.Component, ...]) -> dic
 
 def intervals(found: Fit) -> dict[str, Interval]:
     """The intervals of a fit, by the quantiles that it reports its own 90 % with."""
-    made = {name: Interval.of(e.value, e.u, dof) for (name, e), dof in zip(found.estimates.items(), found.effective, strict=True)}
+    made = {
+        name: Interval.of(e.value, e.u, dof)
+        for (name, e), dof in zip(found.estimates.items(), found.effective, strict=True)
+    }
     over = found.marginal
     if over is not None:
         for i, name in enumerate(found.names):
-            ends = [tuple(over.quantile(i, p, found.effective[i]) for p in (0.5 - level / 2, 0.5 + level / 2)) for level in LEVELS]
+            ends = [
+                tuple(
+                    over.quantile(i, p, found.effective[i])
+                    for p in (0.5 - level / 2, 0.5 + level / 2)
+                )
+                for level in LEVELS
+            ]
             made[name] = replace(made[name], ends=tuple(ends))
     for name, e in found.estimates.items():
-        assert np.allclose(made[name].ends[1], (e.lo90, e.hi90)), "these are not the intervals that the library reports"
+        assert np.allclose(made[name].ends[1], (e.lo90, e.hi90)), (
+            "these are not the intervals that the library reports"
+        )
     return made
 
 
 def with_lmfit(data: Observations) -> dict[str, Interval]:
-    """lmfit as it is commonly used: Delta L per cell over the farthest station, each an error of its own, normal quantiles."""
+    """lmfit as it is commonly used: Delta L per cell over the farthest station, each an error of
+    its own, normal quantiles.
+    """
     far = data.z_hat.max()
-    reference = np.array([data.lift_N[(data.z_hat == far) & (data.throttle == x)].mean() for x in data.levels])
+    reference = np.array(
+        [data.lift_N[(data.z_hat == far) & (data.throttle == x)].mean() for x in data.levels]
+    )
     delta = data.lift_N / reference[data.level] - 1
     cell, index = np.unique(np.stack([data.z_hat, data.throttle]), axis=1, return_inverse=True)
     mean = np.bincount(index.ravel(), delta) / np.bincount(index.ravel())
@@ -161,7 +233,9 @@ def with_lmfit(data: Observations) -> dict[str, Interval]:
     for name in set(nominal) - {"K_b"}:
         parameters[name].min = 1e-6
     result = model.fit(mean[near], parameters, z=cell[0][near])
-    return {name: Interval.of(p.value, p.stderr or np.nan, np.inf) for name, p in result.params.items()}
+    return {
+        name: Interval.of(p.value, p.stderr or np.nan, np.inf) for name, p in result.params.items()
+    }
 
 
 def _ground(z: np.ndarray, K_b: float) -> np.ndarray:
@@ -176,7 +250,11 @@ def _sidewall(z: np.ndarray, a: float, lambda_: float) -> np.ndarray:
     return forms.ratio("sidewall", z, {"a": a, "lambda_": lambda_}) - 1
 
 
-LMFIT: dict[str, Callable[..., np.ndarray]] = {"ground": _ground, "ceiling": _ceiling, "sidewall": _sidewall}
+LMFIT: dict[str, Callable[..., np.ndarray]] = {
+    "ground": _ground,
+    "ceiling": _ceiling,
+    "sidewall": _sidewall,
+}
 
 
 Job = tuple[str, float, int]
@@ -188,16 +266,34 @@ def campaign(job: Job) -> list[Row]:
     boundary, datum_mm, seed = job
     made = simulate(spec(boundary, datum_mm), seed)
     found = {**answers(made.data, parts(datum_mm)), "lmfit": with_lmfit(made.data)}
-    return [Row(boundary, datum_mm, seed, name, truth, {way: found[way][name] for way in WAYS}) for name, truth in made.truth.theta.items()]
+    return [
+        Row(boundary, datum_mm, seed, name, truth, {way: found[way][name] for way in WAYS})
+        for name, truth in made.truth.theta.items()
+    ]
 
 
-def run(executor: Executor, n: int, first: int, boundaries: tuple[str, ...] = forms.BOUNDARIES, rows: Path | None = None) -> list[Row]:
-    """`n` campaigns of every boundary and datum, seeds from `first` on; finished ones are kept in the file `rows` and not run again."""
+def run(
+    executor: Executor,
+    n: int,
+    first: int,
+    boundaries: tuple[str, ...] = forms.BOUNDARIES,
+    rows: Path | None = None,
+) -> list[Row]:
+    """`n` campaigns of every boundary and datum, seeds from `first` on; finished ones are kept in
+    the file `rows` and not run again.
+    """
     found: dict[Job, list[Row]] = {}
-    for r in [] if rows is None or not rows.is_file() else map(Row.read, rows.read_text().splitlines()):
+    for r in (
+        [] if rows is None or not rows.is_file() else map(Row.read, rows.read_text().splitlines())
+    ):
         found.setdefault((r.boundary, r.datum_mm, r.seed), []).append(r)
     datums = list(enumerate(DATUMS_MM, first))
-    jobs: list[Job] = [(b, datum_mm, seed + len(DATUMS_MM) * i) for i in range(n) for b in boundaries for seed, datum_mm in datums]
+    jobs: list[Job] = [
+        (b, datum_mm, seed + len(DATUMS_MM) * i)
+        for i in range(n)
+        for b in boundaries
+        for seed, datum_mm in datums
+    ]
     for new in unordered(executor, campaign, [job for job in jobs if job not in found]):
         found[new[0].boundary, new[0].datum_mm, new[0].seed] = new
         if rows is not None:
@@ -217,7 +313,9 @@ Key = tuple[str, float, str]
 
 def groups(rows: list[Row]) -> dict[Key, list[Row]]:
     """Rows by boundary, datum and coefficient, in the order of `forms.BOUNDARIES`."""
-    keys = [(b, d, name) for b in forms.BOUNDARIES for d in DATUMS_MM for name in forms.COEFFICIENTS[b]]
+    keys = [
+        (b, d, name) for b in forms.BOUNDARIES for d in DATUMS_MM for name in forms.COEFFICIENTS[b]
+    ]
     found = {key: [r for r in rows if (r.boundary, r.datum_mm, r.name) == key] for key in keys}
     return {key: mine for key, mine in found.items() if mine}
 
@@ -234,12 +332,17 @@ def pooled(rows: list[Row]) -> dict[tuple[str, str], list[Row]]:
 
 
 def check(rows: list[Row], way: str, chance: float) -> None:
-    """Raise where a share that covers leaves its binomial band, at either datum or at both together."""
+    """Raise where a share that covers leaves its binomial band, at either datum or at both
+    together.
+    """
     for key, mine in [*groups(rows).items(), *pooled(rows).items()]:
         for level in LEVELS:
             low, high = band(len(mine), level, chance)
             count = covered(mine, way, level)
-            assert low <= count <= high, f"{way}, {key}: {count} of {len(mine)} intervals of {level:.0%} hold the truth; by chance {low} to {high}"
+            assert low <= count <= high, (
+                f"{way}, {key}: {count} of {len(mine)} intervals of {level:.0%} hold the truth; by"
+                f" chance {low} to {high}"
+            )
 
 
 def clopper_pearson(count: int, n: int) -> tuple[float, float]:
@@ -304,23 +407,42 @@ def tables(rows: list[Row]) -> tuple[str, str]:
     """The two tables of the page: shares that cover, and errors stated and made."""
     head = ["", "", *(f"{d:g} mm" for d in DATUMS_MM), "both", "shared ignored", "lmfit"]
     first = f"| {' | '.join(head)} |\n|{'---|' * len(head)}\n"
-    second = "| | datum | | nearlift: stated, actual | pull: mean, sd | lmfit: stated, actual |\n|---|---|---|---|---|---|\n"
+    second = (
+        "| | datum | | nearlift: stated, actual | pull: mean, sd | lmfit: stated, actual"
+        " |\n|---|---|---|---|---|---|\n"
+    )
     for boundary, name in dict.fromkeys((b, n) for b, _, n in groups(rows)):
         both = [r for r in rows if (r.boundary, r.name) == (boundary, name)]
         for level in LEVELS:
             cells = [f"{boundary}, {name.rstrip('_')}", f"{level:.0%}"]
             for mine in (*([r for r in both if r.datum_mm == d] for d in DATUMS_MM), both):
                 count = covered(mine, "declared", level)
-                cells.append(f"{count / len(mine):.1%} ({' to '.join(f'{x:.1%}' for x in clopper_pearson(count, len(mine)))})")
+                cells.append(
+                    f"{count / len(mine):.1%}"
+                    f" ({' to '.join(f'{x:.1%}' for x in clopper_pearson(count, len(mine)))})"
+                )
             cells[-1] = f"**{cells[-1].replace(' (', '** (')}"
-            cells += [f"{covered(both, way, level) / len(both):.1%}" for way in ("ignored", "lmfit")]
+            cells += [
+                f"{covered(both, way, level) / len(both):.1%}" for way in ("ignored", "lmfit")
+            ]
             first += f"| {' | '.join(cells)} |\n"
     for (boundary, datum_mm, name), mine in groups(rows).items():
         stated = {way: float(np.median([r.found[way].u for r in mine])) for way in WAYS}
-        actual = {way: float(np.sqrt(np.mean([(r.found[way].value - r.truth) ** 2 for r in mine]))) for way in WAYS}
-        pull = np.array([(r.found["declared"].value - r.truth) / r.found["declared"].u for r in mine])
-        second += f"| {boundary} | {datum_mm:g} mm | {name.rstrip('_')} | {stated['declared']:.2g}, {actual['declared']:.2g} | "
-        second += f"{pull.mean():+.2f}, {pull.std(ddof=1):.2f} | {stated['lmfit']:.2g}, {actual['lmfit']:.2g} |\n"
+        actual = {
+            way: float(np.sqrt(np.mean([(r.found[way].value - r.truth) ** 2 for r in mine])))
+            for way in WAYS
+        }
+        pull = np.array(
+            [(r.found["declared"].value - r.truth) / r.found["declared"].u for r in mine]
+        )
+        second += (
+            f"| {boundary} | {datum_mm:g} mm | {name.rstrip('_')} | {stated['declared']:.2g},"
+            f" {actual['declared']:.2g} | "
+        )
+        second += (
+            f"{pull.mean():+.2f}, {pull.std(ddof=1):.2f} | {stated['lmfit']:.2g},"
+            f" {actual['lmfit']:.2g} |\n"
+        )
     return first, second
 
 
@@ -346,7 +468,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=250)
     parser.add_argument("--first", type=int, default=REPORTED)
-    parser.add_argument("--rows", type=Path, help="keeps finished campaigns; given again, they are not run again")
+    parser.add_argument(
+        "--rows", type=Path, help="keeps finished campaigns; given again, they are not run again"
+    )
     spread.add_option(parser)
     parser.add_argument("--out", type=Path, default=Path("docs/coverage.md"))
     given = parser.parse_args()
@@ -359,7 +483,9 @@ def main() -> None:
         for i, end in enumerate(("low", "high"))
         for mark, size in (("", given.n), ("b", given.n * len(DATUMS_MM)))
     }
-    page = PAGE.format(n=given.n, first=given.first, table=shares, errors=errors, remarks=REMARKS, **bands)
+    page = PAGE.format(
+        n=given.n, first=given.first, table=shares, errors=errors, remarks=REMARKS, **bands
+    )
     # the section on few visits is measured by another run
     before = given.out.read_text(encoding="utf-8") if given.out.exists() else ""
     kept = before[before.index(FEW_VISITS) :] if FEW_VISITS in before else ""

@@ -1,7 +1,8 @@
-"""Damage done to files of every format, 200 truncations and 200 flipped bits, and what nearlift and others make of it.
+"""Damage done to files of every format, 200 truncations and 200 flipped bits, and what nearlift and
+others make of it.
 
-Run as ``python -m tests.calibration.damage``, with the sections wanted (files, rows, tare; all if none is named); it writes
-docs/damage.md. A truncation or a flip is *silent* when the reader gives
+Run as ``python -m tests.calibration.damage``, with the sections wanted (files, rows, tare; all if
+none is named); it writes docs/damage.md. A truncation or a flip is *silent* when the reader gives
 another number of samples, or other samples, than were written, without an error and without a mark.
 """
 
@@ -35,7 +36,8 @@ from nearlift.stages.job import Job
 TRIES = 200
 SAMPLES = 400
 FORCE = [round(float(x), 4) for x in np.random.default_rng(8).normal(250.0, 3.0, SAMPLES)]
-#: What came of one damaged file: the right samples, refused or rejected, read with a mark, silently fewer, silently others.
+#: What came of one damaged file: the right samples, refused or rejected, read with a mark, silently
+#: fewer, silently others.
 OUTCOMES = ("intact", "refused", "marked", "short", "wrong")
 
 Read = Callable[[Path], tuple[Sequence[float], Sequence[str]]]
@@ -43,7 +45,9 @@ Read = Callable[[Path], tuple[Sequence[float], Sequence[str]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """One format as one program reads it: the bytes, and a reading that gives samples and marks or raises."""
+    """One format as one program reads it: the bytes, and a reading that gives samples and marks or
+    raises.
+    """
 
     format: str
     program: str
@@ -78,7 +82,9 @@ def damaged(content: bytes, how: str, seed: int) -> list[bytes]:
     if how == "cut":
         return [content[: int(at)] for at in rng.integers(1, len(content), TRIES)]
     found = []
-    for at, bit in zip(rng.integers(0, len(content), TRIES), rng.integers(0, 8, TRIES), strict=True):
+    for at, bit in zip(
+        rng.integers(0, len(content), TRIES), rng.integers(0, 8, TRIES), strict=True
+    ):
         spoilt = bytearray(content)
         spoilt[at] ^= 1 << int(bit)
         found.append(bytes(spoilt))
@@ -165,19 +171,27 @@ def own_product(path: Path) -> tuple[Sequence[float], Sequence[str]]:
 
 
 def long_table(checksum: bool) -> bytes:
-    """The series as the one trial of a long Parquet table, as pyarrow's defaults write it or with page checksums."""
+    """The series as the one trial of a long Parquet table, as pyarrow's defaults write it or with
+    page checksums.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     sink = pa.BufferOutputStream()
-    pq.write_table(pa.table({"trial": ["t"] * len(FORCE), "force": FORCE}), sink, write_page_checksum=checksum)
+    pq.write_table(
+        pa.table({"trial": ["t"] * len(FORCE), "force": FORCE}), sink, write_page_checksum=checksum
+    )
     return bytes(sink.getvalue().to_pybytes())
 
 
 def by_campaign(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    """Nearlift's reading of a long table; a trial that is not there any more is rejected as MISSING."""
+    """Nearlift's reading of a long table; a trial that is not there any more is rejected as
+    MISSING.
+    """
     force = {"column": "force", "unit": "N", "sign": 1}
-    campaign = bench_campaign.manifest(records={"reader": "parquet", "files": path.name, "force": force})
+    campaign = bench_campaign.manifest(
+        records={"reader": "parquet", "files": path.name, "force": force}
+    )
     found = list(readers.reader("parquet").read(campaign, path.parent, ["t"]))
     return (found[0].force_N, found[0].codes) if found else ([], ("NO_DATA",))
 
@@ -186,10 +200,18 @@ def with_sums(content: bytes) -> Read:
     """A plain CSV beside SHA256SUMS that states what `content` hashes to."""
 
     def read(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-        (path.parent / sums.NAME).write_text(f"{hashlib.sha256(content).hexdigest()}  {path.name}\n")
+        (path.parent / sums.NAME).write_text(
+            f"{hashlib.sha256(content).hexdigest()}  {path.name}\n"
+        )
         campaign = bench_campaign.manifest(records={"reader": "csv", "files": "{trial}.csv"})
         with ThreadPoolExecutor() as executor:
-            job = Job(root=path.parent, campaign=campaign, processed=path.parent, reports=path.parent, executor=executor)
+            job = Job(
+                root=path.parent,
+                campaign=campaign,
+                processed=path.parent,
+                reports=path.parent,
+                executor=executor,
+            )
             sums.check(job, [], [path.name])
         (path.parent / sums.NAME).unlink()
         return list(csv_trial.parse(path.read_bytes(), str(path), "force")[0]), ()
@@ -234,11 +256,22 @@ def subjects(stack: ExitStack) -> list[Subject]:
         "hdf5": "HDF5",
     }
     found = [
-        Subject(format=titles[name], program="nearlift", content=written.WRITERS[name][0](FORCE), read=ours(name, column[name], stack))
+        Subject(
+            format=titles[name],
+            program="nearlift",
+            content=written.WRITERS[name][0](FORCE),
+            read=ours(name, column[name], stack),
+        )
         for name in titles
     ]
     planned = [
-        Subject(format=s.format, program="nearlift, `record` given", content=s.content, read=s.read, planned=True)
+        Subject(
+            format=s.format,
+            program="nearlift, `record` given",
+            content=s.content,
+            read=s.read,
+            planned=True,
+        )
         for s in found
         if s.format not in ("Crazyflie uSD", "MATLAB v7", "HDF5")
     ]
@@ -246,16 +279,40 @@ def subjects(stack: ExitStack) -> list[Subject]:
     own_hdf5 = ours("hdf5", "/daq/force", stack)
     plain, sums = written.mat(FORCE, compressed=False), written.hdf5(FORCE, fletcher=True)
     found += [
-        Subject(format="MATLAB v5, not compressed", program="nearlift", content=plain, read=own_mat),
-        Subject(format="MATLAB v7.3", program="nearlift", content=written.v73(FORCE), read=ours("mat", "force", stack)),
+        Subject(
+            format="MATLAB v5, not compressed", program="nearlift", content=plain, read=own_mat
+        ),
+        Subject(
+            format="MATLAB v7.3",
+            program="nearlift",
+            content=written.v73(FORCE),
+            read=ours("mat", "force", stack),
+        ),
         Subject(format="HDF5 with fletcher32", program="nearlift", content=sums, read=own_hdf5),
-        Subject(format="our own products", program="nearlift", content=product_bytes(True), read=own_product),
+        Subject(
+            format="our own products",
+            program="nearlift",
+            content=product_bytes(True),
+            read=own_product,
+        ),
     ]
     plain_table, summed_table = long_table(False), long_table(True)
     found += [
-        Subject(format="Parquet, defaults", program="nearlift", content=plain_table, read=by_campaign),
-        Subject(format="Parquet with page checksums", program="nearlift", content=summed_table, read=by_campaign),
-        Subject(format="any, beside SHA256SUMS (here plain CSV)", program="nearlift", content=written.csv(FORCE), read=with_sums(written.csv(FORCE))),
+        Subject(
+            format="Parquet, defaults", program="nearlift", content=plain_table, read=by_campaign
+        ),
+        Subject(
+            format="Parquet with page checksums",
+            program="nearlift",
+            content=summed_table,
+            read=by_campaign,
+        ),
+        Subject(
+            format="any, beside SHA256SUMS (here plain CSV)",
+            program="nearlift",
+            content=written.csv(FORCE),
+            read=with_sums(written.csv(FORCE)),
+        ),
     ]
     csv, tdms = written.csv(FORCE), written.tdms(FORCE)
     others = [
@@ -266,7 +323,12 @@ def subjects(stack: ExitStack) -> list[Subject]:
         Subject(format="MATLAB v7", program="scipy", content=written.mat(FORCE), read=bare_mat),
         Subject(format="HDF5", program="h5py", content=written.hdf5(FORCE), read=bare_hdf5),
         Subject(format="HDF5 with fletcher32", program="h5py", content=sums, read=bare_hdf5),
-        Subject(format="Parquet, defaults", program="pandas", content=product_bytes(False), read=bare_parquet),
+        Subject(
+            format="Parquet, defaults",
+            program="pandas",
+            content=product_bytes(False),
+            read=bare_parquet,
+        ),
     ]
     return found + planned + others
 
@@ -274,7 +336,11 @@ def subjects(stack: ExitStack) -> list[Subject]:
 def table(folder: Path) -> dict[tuple[str, str, str], Counter[str]]:
     """(format, program, how) to outcomes."""
     with ExitStack() as stack:
-        return {(s.format, s.program, how): tally(s, how, folder) for s in subjects(stack) for how in ("cut", "flip")}
+        return {
+            (s.format, s.program, how): tally(s, how, folder)
+            for s in subjects(stack)
+            for how in ("cut", "flip")
+        }
 
 
 def page(found: dict[tuple[str, str, str], Counter[str]]) -> str:
@@ -296,8 +362,15 @@ Made by `python -m tests.calibration.damage`; `make calibrate` holds the promise
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
 """
     rows = []
-    for fmt, program in dict.fromkeys((f, p) for f, p, _ in sorted(found, key=lambda k: (k[0].casefold(), k[1] != "nearlift", k[1]))):
-        cells = [str(found[fmt, program, how][name]) for how in ("cut", "flip") for name in ("refused", "marked", "short", "wrong", "intact")]
+    for fmt, program in dict.fromkeys(
+        (f, p)
+        for f, p, _ in sorted(found, key=lambda k: (k[0].casefold(), k[1] != "nearlift", k[1]))
+    ):
+        cells = [
+            str(found[fmt, program, how][name])
+            for how in ("cut", "flip")
+            for name in ("refused", "marked", "short", "wrong", "intact")
+        ]
         rows.append(f"| {fmt} | {program} | {' | '.join(cells)} |")
     return head + "\n".join(rows) + "\n"
 
@@ -317,7 +390,9 @@ format, on a busy machine; of `text` it is that of finding the dialect anew in e
 """
     rows = []
     for name in dict.fromkeys(name for name, _ in found):
-        cells = [str(found[name, kind][fate]) for kind in ("flip", "sector") for fate in records.FATES]
+        cells = [
+            str(found[name, kind][fate]) for kind in ("flip", "sector") for fate in records.FATES
+        ]
         rows.append(f"| `{name}` | {' | '.join(cells)} | {found[name, 'time']['ms']} |")
     return head + "\n".join(rows) + "\n"
 
@@ -337,7 +412,10 @@ longer than a third of the tare: what spoils more of it, or all, is for the scre
     for name, glitch in records.GLITCHES.items():
         for rate_Hz, n in records.TARES:
             told = records.tare_glitches(rate_Hz, n, glitch)
-            rows.append(f"| {name} | {n} | {told.told} | {told.rejected} | {told.silent} | {told.largest:.2f} u |")
+            rows.append(
+                f"| {name} | {n} | {told.told} | {told.rejected} | {told.silent} |"
+                f" {told.largest:.2f} u |"
+            )
     told, most = records.on_the_coefficient(folder)
     middle = f"""
 A tare of fewer than 20 samples shows damage of single samples only, and ingest notes it; a single sample that nothing tells is then worth u itself.
@@ -352,7 +430,10 @@ Clean tares that are flagged, of {alarms} each:
 """
     flagged = records.false_alarms(alarms)
     names = dict.fromkeys(name for name, _ in flagged)
-    last = [f"| {name} | {' | '.join(str(flagged[name, n][0]) for _, n in records.TARES)} |" for name in names]
+    last = [
+        f"| {name} | {' | '.join(str(flagged[name, n][0]) for _, n in records.TARES)} |"
+        for name in names
+    ]
     return head + "\n".join(rows) + "\n" + middle + "\n".join(last) + "\n"
 
 
@@ -361,7 +442,10 @@ def put(section: str) -> None:
     path = Path(__file__).parents[2] / "docs" / "damage.md"
     parts = re.split(r"(?m)^(?=## )", path.read_text(encoding="utf-8"))
     title = section.splitlines()[0] if section.startswith("## ") else ""
-    at = next((i for i, part in enumerate(parts) if part.splitlines()[0] == title), 0 if not title else None)
+    at = next(
+        (i for i, part in enumerate(parts) if part.splitlines()[0] == title),
+        0 if not title else None,
+    )
     if at is None:
         parts.insert(1, section + "\n")
     else:

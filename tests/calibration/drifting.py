@@ -1,4 +1,5 @@
-"""Noise that resembles itself from trial to trial: what `fit` makes of it, beside one who knows its covariance.
+"""Noise that resembles itself from trial to trial: what `fit` makes of it, beside one who knows its
+covariance.
 
 nice python -m tests.calibration.drifting --n 14        writes its section of docs/coverage.md
 """
@@ -31,17 +32,23 @@ Job = tuple[float, str, int]
 
 
 class Row(NamedTuple):
-    """The headline coefficient's 90 % interval: whether it holds the truth, and its width over that of generalised least squares."""
+    """The headline coefficient's 90 % interval: whether it holds the truth, and its width over that
+    of generalised least squares.
+    """
 
     holds: bool
     over_ideal: float
 
 
 def campaign(job: Job) -> Row:
-    """One campaign without effects, fitted by the library and by the one who knows the covariance of its errors."""
+    """One campaign without effects, fitted by the library and by the one who knows the covariance
+    of its errors.
+    """
     correlation, boundary, seed = job
     errors = Errors(correlation=correlation)
-    made = simulate(Spec(boundary=boundary, realism=False, visits=VISITS[seed % 2], errors=errors), seed)
+    made = simulate(
+        Spec(boundary=boundary, realism=False, visits=VISITS[seed % 2], errors=errors), seed
+    )
     name = forms.HEADLINE[boundary]
     low, high = intervals(fit(catalogue.model(BASE[boundary]), made.data))[name].ends[1]
     ideal = np.ptp(oracle.fit(made, ()).interval(name))
@@ -50,13 +57,18 @@ def campaign(job: Job) -> Row:
 
 def table(executor: Executor, n: int, first: int) -> str:
     """A line for each correlation: `n` campaigns at every boundary."""
-    text = "| correlation of neighbouring trials | 90 % intervals that hold | width over ideal: 10, 50, 90 % of campaigns |\n|---|---|---|\n"
+    text = (
+        "| correlation of neighbouring trials | 90 % intervals that hold | width over ideal: 10,"
+        " 50, 90 % of campaigns |\n|---|---|---|\n"
+    )
     for correlation in CORRELATIONS:
         jobs = [(correlation, b, first + i) for b in forms.BOUNDARIES for i in range(n)]
         rows = list(ordered(executor, campaign, jobs))
         count = sum(row.holds for row in rows)
         ends = " to ".join(f"{x:.0%}" for x in clopper_pearson(count, len(rows)))
-        widths = ", ".join(f"{x:.2f}" for x in np.quantile([row.over_ideal for row in rows], (0.1, 0.5, 0.9)))
+        widths = ", ".join(
+            f"{x:.2f}" for x in np.quantile([row.over_ideal for row in rows], (0.1, 0.5, 0.9))
+        )
         text += f"| {correlation:g} | {count} of {len(rows)} ({ends}) | {widths} |\n"
     return text
 
@@ -86,7 +98,12 @@ def main() -> None:
     with spread.opened(given.executor) as executor:
         made = table(executor, given.n, given.first)
     section = SECTION.format(n=given.n, count=3 * given.n, table=made)
-    page = re.sub(r"<!-- drifting -->.*<!-- end of drifting -->\n", "", given.out.read_text(encoding="utf-8"), flags=re.DOTALL)
+    page = re.sub(
+        r"<!-- drifting -->.*<!-- end of drifting -->\n",
+        "",
+        given.out.read_text(encoding="utf-8"),
+        flags=re.DOTALL,
+    )
     given.out.write_text(page.rstrip("\n") + "\n\n" + section, encoding="utf-8")
     sys.stdout.write(made)
 

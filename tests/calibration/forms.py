@@ -1,7 +1,9 @@
-"""The referee's own physics: base curves, every named effect in two forms, and effects that no library holds.
+"""The referee's own physics: base curves, every named effect in two forms, and effects that no
+library holds.
 
-Written from ../shared/physics.md (A1, A4, A6, A8; E01 to E30); shares no code with nearlift. The `own` form of an effect is the printed
-one, the `foreign` form has the same cause and another shape. A form is scaled by one amplitude and does nothing at 0.
+Written from ../shared/physics.md (A1, A4, A6, A8; E01 to E30); shares no code with nearlift. The
+`own` form of an effect is the printed one, the `foreign` form has the same cause and another shape.
+A form is scaled by one amplitude and does nothing at 0.
 """
 
 from __future__ import annotations
@@ -16,22 +18,40 @@ from tests.calibration.bench import RADIUS, SPACING, Bench
 Place = Literal["height", "ratio", "gain", "force"]
 Array = np.ndarray
 D, B = SPACING / RADIUS, np.sqrt(2) * SPACING / RADIUS
-COEFFICIENTS = {"ground": {"K_b": 2.0}, "ceiling": {"alpha": 0.125}, "sidewall": {"a": 0.05, "lambda_": 0.5}}
+COEFFICIENTS = {
+    "ground": {"K_b": 2.0},
+    "ceiling": {"alpha": 0.125},
+    "sidewall": {"a": 0.05, "lambda_": 0.5},
+}
 HEADLINE = {"ground": "K_b", "ceiling": "alpha", "sidewall": "a"}
 BOUNDARIES = ("ground", "ceiling", "sidewall")
 
 
-def sanchez_cuevas(z: Array, K_b: float, *, single: float = 1.0, neighbours: float = 1.0, spacing: float = D, body: float | None = None) -> Array:
-    """Four rotors over a plane, original form: one image below each, two beside, one across, and the fountain under the body."""
+def sanchez_cuevas(
+    z: Array,
+    K_b: float,
+    *,
+    single: float = 1.0,
+    neighbours: float = 1.0,
+    spacing: float = D,
+    body: float | None = None,
+) -> Array:
+    """Four rotors over a plane, original form: one image below each, two beside, one across, and
+    the fountain under the body.
+    """
     body = np.sqrt(2) * spacing if body is None else body
     below = 1 / (16 * z**2)
-    beside = z / np.sqrt((spacing**2 + 4 * z**2) ** 3) + 0.5 * z / np.sqrt((2 * spacing**2 + 4 * z**2) ** 3)
+    beside = z / np.sqrt((spacing**2 + 4 * z**2) ** 3) + 0.5 * z / np.sqrt(
+        (2 * spacing**2 + 4 * z**2) ** 3
+    )
     fountain = 2 * K_b * z / np.sqrt((body**2 + 4 * z**2) ** 3)
     return 1 / (1 - single * below - neighbours * beside - fountain)
 
 
 def ratio(boundary: str, z: Array, theta: dict[str, float], spacing: float = D) -> Array:
-    """Lift over lift far away of the base model; `spacing` is that of adjacent rotors over the radius."""
+    """Lift over lift far away of the base model; `spacing` is that of adjacent rotors over the
+    radius.
+    """
     if boundary == "ground":
         return sanchez_cuevas(z, theta["K_b"], spacing=spacing)
     if boundary == "ceiling":
@@ -66,9 +86,10 @@ class Setting:
 class Form:
     """One shape of one effect.
 
-    `apply` takes (what it acts on, setting, amplitude): z_hat for `height`, L / L_inf for `ratio`, nothing (None) for `gain`,
-    where it returns the logarithm of a factor, lift in N for `force`. `most` bounds the amplitude by what is physically
-    possible, per boundary. `because` is what happens in the laboratory, where no catalogue says it.
+    `apply` takes (what it acts on, setting, amplitude): z_hat for `height`, L / L_inf for `ratio`,
+    nothing (None) for `gain`, where it returns the logarithm of a factor, lift in N for `force`.
+    `most` bounds the amplitude by what is physically possible, per boundary. `because` is what
+    happens in the laboratory, where no catalogue says it.
     """
 
     place: Place
@@ -91,8 +112,15 @@ def _all(x: float) -> dict[str, float]:
     return dict.fromkeys(BOUNDARIES, x)
 
 
-def _form(place: Place, apply: Callable[..., Array], most: float | dict[str, float], signed: bool = True) -> Form:
-    return Form(place=place, apply=apply, most=_all(most) if isinstance(most, float) else most, signed=signed)
+def _form(
+    place: Place, apply: Callable[..., Array], most: float | dict[str, float], signed: bool = True
+) -> Form:
+    return Form(
+        place=place,
+        apply=apply,
+        most=_all(most) if isinstance(most, float) else most,
+        signed=signed,
+    )
 
 
 def _coning(s: Setting) -> Array:
@@ -108,14 +136,18 @@ def _saturate(f: Array, s: Setting, x: float) -> Array:
 
 
 def _tilted(f: Array, s: Setting, x: float) -> Array:
-    """Rotors of an inclined vehicle stand at different heights, and thrust leans (E23); `x` = 1 is the image theory's size."""
+    """Rotors of an inclined vehicle stand at different heights, and thrust leans (E23); `x` = 1 is
+    the image theory's size.
+    """
     z = s.bench.z_hat
     angle = s.bench.tilt_rad + s.bench.unit["levelling"]
     if s.bench.boundary == "sidewall":
         lean = s.curve(np.maximum(z + 1.3 * np.tan(angle), 0.3 * z))
     else:
         half = 0.5 * D * np.tan(angle)
-        lean = 0.5 * (s.curve(np.maximum(z + half, 0.3 * z)) + s.curve(np.maximum(z - half, 0.3 * z)))
+        lean = 0.5 * (
+            s.curve(np.maximum(z + half, 0.3 * z)) + s.curve(np.maximum(z - half, 0.3 * z))
+        )
     return f * (1 + x * (lean / s.curve(z) * np.cos(angle) - 1))
 
 
@@ -148,8 +180,16 @@ def _before(s: Setting, steps: int) -> Array:
 KINDS = (
     Kind(
         name="height_offset",
-        own=_form("height", lambda z, s, x: z + x / s.bench.radius_m, {"ground": 5e-3, "ceiling": 1e-3, "sidewall": 1.5e-3}),
-        foreign=_form("height", lambda z, s, x: z + x / s.bench.radius_m * _coning(s), {"ground": 5e-3, "ceiling": 0.8e-3, "sidewall": 1e-3}),
+        own=_form(
+            "height",
+            lambda z, s, x: z + x / s.bench.radius_m,
+            {"ground": 5e-3, "ceiling": 1e-3, "sidewall": 1.5e-3},
+        ),
+        foreign=_form(
+            "height",
+            lambda z, s, x: z + x / s.bench.radius_m * _coning(s),
+            {"ground": 5e-3, "ceiling": 0.8e-3, "sidewall": 1e-3},
+        ),
     ),
     Kind(
         name="height_scale",
@@ -159,89 +199,185 @@ KINDS = (
     Kind(
         name="approach_backlash",
         own=_form(
-            "height", lambda z, s, x: z - s.bench.approach * 0.5 * x / s.bench.radius_m, {"ground": 0.8e-3, "ceiling": 0.5e-3, "sidewall": 0.8e-3}
+            "height",
+            lambda z, s, x: z - s.bench.approach * 0.5 * x / s.bench.radius_m,
+            {"ground": 0.8e-3, "ceiling": 0.5e-3, "sidewall": 0.8e-3},
         ),
         foreign=_form(
             "height",
-            lambda z, s, x: z - s.bench.approach * 0.5 * x / s.bench.radius_m * (1 - np.exp(-s.bench.move_m / 0.005)),
+            lambda z, s, x: (
+                z
+                - s.bench.approach
+                * 0.5
+                * x
+                / s.bench.radius_m
+                * (1 - np.exp(-s.bench.move_m / 0.005))
+            ),
             {"ground": 0.8e-3, "ceiling": 0.5e-3, "sidewall": 0.8e-3},
         ),
     ),
     Kind(
         name="near_wall_saturation",
-        own=_form("height", lambda z, s, x: np.sqrt(z**2 + x**2), {"ground": 0.5, "ceiling": 0.3, "sidewall": 0.3}, signed=False),
+        own=_form(
+            "height",
+            lambda z, s, x: np.sqrt(z**2 + x**2),
+            {"ground": 0.5, "ceiling": 0.3, "sidewall": 0.3},
+            signed=False,
+        ),
         foreign=_form("ratio", _saturate, 1.5, signed=False),
     ),
     Kind(
         name="held_quantity",
         own=_form("ratio", lambda f, s, x: f ** (1 + x), 0.4),
-        foreign=_form("ratio", lambda f, s, x: f ** (1 + 1.6 * x * (1 - np.exp(-2 * np.abs(np.log(f)) / np.abs(np.log(f)).max()))), 0.4),
+        foreign=_form(
+            "ratio",
+            lambda f, s, x: (
+                f ** (1 + 1.6 * x * (1 - np.exp(-2 * np.abs(np.log(f)) / np.abs(np.log(f)).max())))
+            ),
+            0.4,
+        ),
     ),
     Kind(
         name="airframe_stagnation",
         own=_form("ratio", lambda f, s, x: f + x / s.bench.z_hat**2, {"ground": 0.05}),
-        foreign=_form("ratio", lambda f, s, x: f + x * np.exp(-((s.bench.z_hat / 1.3) ** 2)), {"ground": 0.06}),
+        foreign=_form(
+            "ratio", lambda f, s, x: f + x * np.exp(-((s.bench.z_hat / 1.3) ** 2)), {"ground": 0.06}
+        ),
     ),
     Kind(
         name="fountain_shape",
         own=_form(
-            "ratio", lambda f, s, x: f * sanchez_cuevas(s.bench.z_hat, s.theta["K_b"], body=B * (1 + x)) / s.curve(s.bench.z_hat), {"ground": 0.4}
+            "ratio",
+            lambda f, s, x: (
+                f
+                * sanchez_cuevas(s.bench.z_hat, s.theta["K_b"], body=B * (1 + x))
+                / s.curve(s.bench.z_hat)
+            ),
+            {"ground": 0.4},
         ),
-        foreign=_form("ratio", lambda f, s, x: f + x * np.exp(-(((s.bench.z_hat - 1.8) / 0.6) ** 2)), {"ground": 0.04}),
+        foreign=_form(
+            "ratio",
+            lambda f, s, x: f + x * np.exp(-(((s.bench.z_hat - 1.8) / 0.6) ** 2)),
+            {"ground": 0.04},
+        ),
     ),
     Kind(
         name="image_strength",
         own=_form(
             "ratio",
-            lambda f, s, x: f * sanchez_cuevas(s.bench.z_hat, s.theta["K_b"], single=1 + x, neighbours=1 + x) / s.curve(s.bench.z_hat),
+            lambda f, s, x: (
+                f
+                * sanchez_cuevas(s.bench.z_hat, s.theta["K_b"], single=1 + x, neighbours=1 + x)
+                / s.curve(s.bench.z_hat)
+            ),
             {"ground": 0.5},
         ),
         foreign=_form(
-            "ratio", lambda f, s, x: f * sanchez_cuevas(s.bench.z_hat, s.theta["K_b"], neighbours=1 + x) / s.curve(s.bench.z_hat), {"ground": 0.8}
+            "ratio",
+            lambda f, s, x: (
+                f
+                * sanchez_cuevas(s.bench.z_hat, s.theta["K_b"], neighbours=1 + x)
+                / s.curve(s.bench.z_hat)
+            ),
+            {"ground": 0.8},
         ),
     ),
     Kind(
         name="plate_edge",
-        own=_form("ratio", lambda f, s, x: 1 + (f - 1) * -np.expm1(-1 / np.maximum(x * s.bench.z_hat, 1e-6) ** 2), 0.6, signed=False),
-        foreign=_form("ratio", lambda f, s, x: 1 + (f - 1) / (1 + (x * s.bench.z_hat) ** 3), 0.5, signed=False),
+        own=_form(
+            "ratio",
+            lambda f, s, x: 1 + (f - 1) * -np.expm1(-1 / np.maximum(x * s.bench.z_hat, 1e-6) ** 2),
+            0.6,
+            signed=False,
+        ),
+        foreign=_form(
+            "ratio", lambda f, s, x: 1 + (f - 1) / (1 + (x * s.bench.z_hat) ** 3), 0.5, signed=False
+        ),
     ),
-    Kind(name="tilt", own=_form("ratio", _tilted, 4.0, signed=False), foreign=_form("ratio", _tilt_fade, 1.0, signed=False)),
+    Kind(
+        name="tilt",
+        own=_form("ratio", _tilted, 4.0, signed=False),
+        foreign=_form("ratio", _tilt_fade, 1.0, signed=False),
+    ),
     Kind(
         name="reynolds",
         own=_form("ratio", lambda f, s, x: 1 + (f - 1) * (s.bench.speed_rpm / 17000) ** x, 0.6),
-        foreign=_form("ratio", lambda f, s, x: 1 + (f - 1) * (1 + x * np.exp(-(s.bench.speed_rpm - 10800) / 3000)), 0.5),
+        foreign=_form(
+            "ratio",
+            lambda f, s, x: 1 + (f - 1) * (1 + x * np.exp(-(s.bench.speed_rpm - 10800) / 3000)),
+            0.5,
+        ),
     ),
     Kind(
         name="room_recirculation",
-        own=_form("gain", lambda _, s, x: -x * np.sqrt(s.load) * (1 - np.exp(-s.bench.z_hat / 4)), 0.06, signed=False),
-        foreign=_form("gain", lambda _, s, x: -x * s.load * s.bench.z_hat**2 / (s.bench.z_hat**2 + 36), 0.06, signed=False),
+        own=_form(
+            "gain",
+            lambda _, s, x: -x * np.sqrt(s.load) * (1 - np.exp(-s.bench.z_hat / 4)),
+            0.06,
+            signed=False,
+        ),
+        foreign=_form(
+            "gain",
+            lambda _, s, x: -x * s.load * s.bench.z_hat**2 / (s.bench.z_hat**2 + 36),
+            0.06,
+            signed=False,
+        ),
     ),
     Kind(
         name="session_gain",
         own=_form("gain", lambda _, s, x: x * s.bench.unit["session"], 0.05, signed=False),
-        foreign=_form("gain", lambda _, s, x: x * s.bench.unit["session"] * (1 + 0.7 * np.exp(-s.bench.session_s / 900)), 0.05, signed=False),
+        foreign=_form(
+            "gain",
+            lambda _, s, x: (
+                x * s.bench.unit["session"] * (1 + 0.7 * np.exp(-s.bench.session_s / 900))
+            ),
+            0.05,
+            signed=False,
+        ),
     ),
     Kind(
         name="gain_drift",
-        own=_form("gain", lambda _, s, x: x * (s.bench.start_s / s.bench.start_s.max() - 0.5), 0.08),
+        own=_form(
+            "gain", lambda _, s, x: x * (s.bench.start_s / s.bench.start_s.max() - 0.5), 0.08
+        ),
         foreign=_form("gain", _drifting, 0.06),
     ),
     Kind(
         name="warm_up",
         own=_form("gain", lambda _, s, x: x * np.exp(-s.bench.session_s / 480), 0.1),
-        foreign=_form("gain", lambda _, s, x: x * np.exp(-np.sqrt(s.bench.session_s / 500)) * (0.6 + 0.8 * s.load), 0.1),
+        foreign=_form(
+            "gain",
+            lambda _, s, x: x * np.exp(-np.sqrt(s.bench.session_s / 500)) * (0.6 + 0.8 * s.load),
+            0.1,
+        ),
     ),
     Kind(
         name="supply_sag",
         own=_form("gain", lambda _, s, x: x * np.log(s.bench.supply_V / 3.8), 2.5, signed=False),
         foreign=_form(
-            "gain", lambda _, s, x: x * np.log((s.bench.supply_V - 0.04 * s.bench.current_A * (1 + 1.5 * s.bench.charge**2)) / 3.7), 2.5, signed=False
+            "gain",
+            lambda _, s, x: (
+                x
+                * np.log(
+                    (s.bench.supply_V - 0.04 * s.bench.current_A * (1 + 1.5 * s.bench.charge**2))
+                    / 3.7
+                )
+            ),
+            2.5,
+            signed=False,
         ),
     ),
     Kind(
         name="air_density",
-        own=_form("gain", lambda _, s, x: x * np.log(_density(s.bench.temperature_K) / 1.19), 1.5, signed=False),
-        foreign=_form("gain", lambda _, s, x: x * np.log(_density(s.bench.lagged_K) / 1.19), 1.5, signed=False),
+        own=_form(
+            "gain",
+            lambda _, s, x: x * np.log(_density(s.bench.temperature_K) / 1.19),
+            1.5,
+            signed=False,
+        ),
+        foreign=_form(
+            "gain", lambda _, s, x: x * np.log(_density(s.bench.lagged_K) / 1.19), 1.5, signed=False
+        ),
     ),
     Kind(
         name="zero_offset",
@@ -251,27 +387,58 @@ KINDS = (
     Kind(
         name="zero_drift",
         own=_form("force", lambda lift, s, x: lift - x * np.expm1(-s.bench.session_s / 1500), 0.02),
-        foreign=_form("force", lambda lift, s, x: lift + x * np.sqrt(s.bench.session_s / 4000) * (1 + 0.4 * s.bench.unit["session"]), 0.02),
+        foreign=_form(
+            "force",
+            lambda lift, s, x: (
+                lift + x * np.sqrt(s.bench.session_s / 4000) * (1 + 0.4 * s.bench.unit["session"])
+            ),
+            0.02,
+        ),
     ),
     Kind(
         name="zero_temperature",
         own=_form("force", lambda lift, s, x: lift + x * (s.bench.temperature_K - 295), 3e-3),
-        foreign=_form("force", lambda lift, s, x: lift + x * ((s.bench.lagged_K - 295) + 0.25 * (s.bench.lagged_K - 295) ** 2), 3e-3),
+        foreign=_form(
+            "force",
+            lambda lift, s, x: (
+                lift + x * ((s.bench.lagged_K - 295) + 0.25 * (s.bench.lagged_K - 295) ** 2)
+            ),
+            3e-3,
+        ),
     ),
     Kind(
         name="cell_nonlinearity",
         own=_form("force", lambda lift, s, x: lift * (1 + x * lift / s.levels_N.max()), 0.1),
-        foreign=_form("force", lambda lift, s, x: lift * (1 + x * (lift / s.levels_N.max()) ** 2), 0.08),
+        foreign=_form(
+            "force", lambda lift, s, x: lift * (1 + x * (lift / s.levels_N.max()) ** 2), 0.08
+        ),
     ),
     Kind(
         name="cell_creep",
-        own=_form("force", lambda lift, s, x: lift + x * _before(s, 1) * np.exp(-s.bench.gap_s / 20), 0.01),
-        foreign=_form("force", lambda lift, s, x: lift + x * (0.7 * _before(s, 1) + 0.3 * _before(s, 2)) / (1 + s.bench.gap_s / 12), 0.01),
+        own=_form(
+            "force", lambda lift, s, x: lift + x * _before(s, 1) * np.exp(-s.bench.gap_s / 20), 0.01
+        ),
+        foreign=_form(
+            "force",
+            lambda lift, s, x: (
+                lift + x * (0.7 * _before(s, 1) + 0.3 * _before(s, 2)) / (1 + s.bench.gap_s / 12)
+            ),
+            0.01,
+        ),
     ),
     Kind(
         name="tether_stiffness",
         own=_form("force", lambda lift, s, x: lift + x * s.bench.radius_m * s.bench.z_hat, 0.04),
-        foreign=_form("force", lambda lift, s, x: lift + x * s.bench.radius_m * np.maximum(s.bench.z_hat - np.median(s.bench.z_hat), 0) ** 1.5, 0.04),
+        foreign=_form(
+            "force",
+            lambda lift, s, x: (
+                lift
+                + x
+                * s.bench.radius_m
+                * np.maximum(s.bench.z_hat - np.median(s.bench.z_hat), 0) ** 1.5
+            ),
+            0.04,
+        ),
     ),
 )
 
@@ -280,7 +447,11 @@ def _bump(_: None, s: Setting, x: float) -> Array:
     log_z = np.log(s.bench.z_hat)
     low, high = np.log(s.bench.z_hat.min()), np.log(s.bench.z_hat.max())
     place = low + s.bench.unit["bump_at"] * (high - low)
-    return x * (s.bench.level == s.bench.unit["bump_level"]) * np.exp(-(((log_z - place) / (0.12 * (high - low))) ** 2))
+    return (
+        x
+        * (s.bench.level == s.bench.unit["bump_level"])
+        * np.exp(-(((log_z - place) / (0.12 * (high - low))) ** 2))
+    )
 
 
 def _phase(s: Setting) -> Array:
@@ -289,29 +460,52 @@ def _phase(s: Setting) -> Array:
 
 #: Effects without a place in any library. Nothing may take the credit for them.
 OUTSIDE = (
-    ("distance_ripple", lambda _, s, x: x * np.sin(2 * np.pi * np.log(s.bench.z_hat) / np.log(1.7) + _phase(s))),
+    (
+        "distance_ripple",
+        lambda _, s, x: x * np.sin(2 * np.pi * np.log(s.bench.z_hat) / np.log(1.7) + _phase(s)),
+    ),
     ("clock_ripple", lambda _, s, x: x * np.sin(2 * np.pi * s.bench.start_s / 2800 + _phase(s))),
     ("damage_step", lambda _, s, x: -x * s.bench.unit["step"]),
     (
         "resonance_ripple",
-        lambda _, s, x: x * np.sin(2 * np.pi * s.bench.z_hat * s.bench.speed_rpm / 17000 / 0.9 + _phase(s)) / (1 + s.bench.z_hat / 3),
+        lambda _, s, x: (
+            x
+            * np.sin(2 * np.pi * s.bench.z_hat * s.bench.speed_rpm / 17000 / 0.9 + _phase(s))
+            / (1 + s.bench.z_hat / 3)
+        ),
     ),
     ("parity", lambda _, s, x: x * (1 - 2.0 * (np.cumsum(np.ones(s.bench.n)) % 2))),
     ("hidden_humidity", lambda _, s, x: x * s.bench.unit["hidden"]),
     ("throttle_bump", _bump),
     ("bistability", lambda _, s, x: x * s.bench.unit["state"]),
-    ("converter_wave", lambda _, s, x: x * np.sin(2 * np.pi * s.inf_N * s.curve(s.bench.z_hat) / 0.03 + _phase(s))),
+    (
+        "converter_wave",
+        lambda _, s, x: x * np.sin(2 * np.pi * s.inf_N * s.curve(s.bench.z_hat) / 0.03 + _phase(s)),
+    ),
     ("first_in_visit", lambda _, s, x: -x * (s.bench.order == 0)),
 )
 NAMED: dict[str, Kind] = {k.name: k for k in KINDS}
-UNNAMED: dict[str, Form] = {name: _form("gain", apply, 0.05, signed=False) for name, apply in OUTSIDE}
+UNNAMED: dict[str, Form] = {
+    name: _form("gain", apply, 0.05, signed=False) for name, apply in OUTSIDE
+}
 
 
 def _travelled(s: Setting) -> Array:
     """Way up that the traverse has gone since it was homed in the morning, m."""
     bench = s.bench
-    way = np.cumsum(np.where((bench.order == 0) & (np.diff(bench.z_hat, prepend=bench.z_hat[0]) > 0), bench.move_m, 0.0))
-    return way - np.array([way[bench.session == k].min() for k in range(bench.session.max() + 1)])[bench.session]
+    way = np.cumsum(
+        np.where(
+            (bench.order == 0) & (np.diff(bench.z_hat, prepend=bench.z_hat[0]) > 0),
+            bench.move_m,
+            0.0,
+        )
+    )
+    return (
+        way
+        - np.array([way[bench.session == k].min() for k in range(bench.session.max() + 1)])[
+            bench.session
+        ]
+    )
 
 
 def _dragged(s: Setting) -> Array:
@@ -329,7 +523,9 @@ def _autorange(lift: Array, s: Setting, x: float) -> Array:
     return lift * (1 + x * (lift > np.quantile(here, s.bench.unit["range_at"][0])))
 
 
-def _strange(place: Place, apply: Callable[..., Array], most: float | dict[str, float], because: str) -> Form:
+def _strange(
+    place: Place, apply: Callable[..., Array], most: float | dict[str, float], because: str
+) -> Form:
     return replace(_form(place, apply, most, signed=place != "gain"), because=because)
 
 
@@ -339,44 +535,56 @@ STRANGE: dict[str, Form] = {
         "height",
         lambda z, s, x: z - x * _travelled(s) / s.bench.radius_m,
         {"ground": 4e-3, "ceiling": 1e-3},
-        "The stepper loses a few steps on each way up, always in the same direction, until it is homed the next morning.",
+        "The stepper loses a few steps on each way up, always in the same direction, until it is"
+        " homed the next morning.",
     ),
     "parallax": _strange(
         "height",
         lambda z, s, x: z + x * s.bench.unit["reader"] / s.bench.radius_m,
         {"ground": 5e-3, "ceiling": 0.8e-3, "sidewall": 2e-3},
-        "Two people take turns at setting the distance by eye, and each reads the scale with a parallax of his own.",
+        "Two people take turns at setting the distance by eye, and each reads the scale with a"
+        " parallax of his own.",
     ),
     "cable_drag": _strange(
         "force",
         lambda lift, s, x: lift + x * _dragged(s),
         0.02,
-        "A loop of the cable sticks to the guide: it pulls one way or the other up to a limit, by where the traverse came from.",
+        "A loop of the cable sticks to the guide: it pulls one way or the other up to a limit, by"
+        " where the traverse came from.",
     ),
     "contact_resistance": _strange(
         "gain",
         lambda _, s, x: -x * s.bench.unit["seating"] * s.bench.current_A / s.bench.current_A.max(),
         0.1,
-        "Each battery's plug seats anew, and its contact robs the motors of voltage in proportion to current, behind the voltmeter.",
+        "Each battery's plug seats anew, and its contact robs the motors of voltage in proportion"
+        " to current, behind the voltmeter.",
     ),
     "spool_up": _strange(
         "gain",
         lambda _, s, x: -x * np.maximum(s.bench.throttle - s.bench.throttle[s.bench.previous], 0.0),
         0.3,
-        "The record begins a fixed moment after the command, so that a trial after a slower one still spools up.",
+        "The record begins a fixed moment after the command, so that a trial after a slower one"
+        " still spools up.",
     ),
     "multiplexer": _strange(
         "force",
         lambda lift, s, x: lift + x * s.bench.tilt_rad,
         0.5,
-        "The converter settles incompletely between channels, and force carries a little of the inclinometer's voltage.",
+        "The converter settles incompletely between channels, and force carries a little of the"
+        " inclinometer's voltage.",
     ),
-    "autorange": _strange("force", _autorange, 0.05, "The amplifier changes its range at a certain force, and the two ranges differ in gain."),
+    "autorange": _strange(
+        "force",
+        _autorange,
+        0.05,
+        "The amplifier changes its range at a certain force, and the two ranges differ in gain.",
+    ),
     "draught": _strange(
         "gain",
         lambda _, s, x: -x * s.bench.unit["draught"] * s.bench.z_hat / (s.bench.z_hat + 2.0),
         0.06,
-        "A ventilation comes and goes as it likes, and its draught blows into the wake of rotors that no boundary shelters.",
+        "A ventilation comes and goes as it likes, and its draught blows into the wake of rotors"
+        " that no boundary shelters.",
     ),
 }
 

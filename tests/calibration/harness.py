@@ -1,10 +1,12 @@
-"""Scores a diagnosis on simulated campaigns: every row of ../shared/method.md's "Figures to reach", with exact binomial intervals.
+"""Scores a diagnosis on simulated campaigns: every row of ../shared/method.md's "Figures to reach",
+with exact binomial intervals.
 
     python -m tests.calibration.harness violations --count 20 --seed 900000
     python -m tests.calibration.harness records,ar_95 --count 201 --seed 700000 --out file.json
 
-prints the tables; --out also writes file.json (figures and rows), file.md (tables) and, as it goes, file.jsonl (a row per campaign; --resume
-continues it). What each figure counts is said in docs/calibration.md. Seeds from 600000 on are for reporting; tune on others.
+prints the tables; --out also writes file.json (figures and rows), file.md (tables) and, as it goes,
+file.jsonl (a row per campaign; --resume continues it). What each figure counts is said in
+docs/calibration.md. Seeds from 600000 on are for reporting; tune on others.
 """
 
 from __future__ import annotations
@@ -44,27 +46,35 @@ def score(
     boundaries: tuple[str, ...] = forms.BOUNDARIES,
     peers: bool = False,
 ) -> dict[str, Any]:
-    """Run `n` campaigns of one kind, the boundaries in turn, and return {"rows": [...], "figures": [...]}.
+    """Run `n` campaigns of one kind, the boundaries in turn, and return {"rows": [...], "figures":
+    [...]}.
 
     Parameters
     ----------
     seeds : int or iterable of int
         The first of n consecutive seeds, or the seeds themselves.
     diagnose : callable or None
-        Campaign to the diagnosis of its boundary; processes and clusters must be able to import it by name (or a `functools.partial` of such).
+        Campaign to the diagnosis of its boundary; processes and clusters must be able to import it
+        by name (or a `functools.partial` of such).
     """
-    rows = sorted(run(executor, jobs(kind, n, seeds, boundaries), diagnose, peers), key=lambda r: r["seed"])
+    rows = sorted(
+        run(executor, jobs(kind, n, seeds, boundaries), diagnose, peers), key=lambda r: r["seed"]
+    )
     return {"rows": rows, "figures": [asdict(f) | {"passed": f.passed} for f in figures(rows)]}
 
 
-def jobs(kind: str, n: int, seeds: int | Iterable[int], boundaries: tuple[str, ...] = forms.BOUNDARIES) -> list[Job]:
+def jobs(
+    kind: str, n: int, seeds: int | Iterable[int], boundaries: tuple[str, ...] = forms.BOUNDARIES
+) -> list[Job]:
     """`n` campaigns of one kind, in turn over those of the boundaries that it has."""
     mine = [b for b in boundaries if b in KINDS[kind].boundaries]
     wanted = range(seeds, seeds + n) if isinstance(seeds, int) else list(seeds)[:n]
     return [(kind, mine[i % len(mine)], seed) for i, seed in enumerate(wanted)] if mine else []
 
 
-def run(executor: Executor, jobs: list[Job], diagnose: Diagnose | None, peers: bool = False) -> Iterator[Row]:
+def run(
+    executor: Executor, jobs: list[Job], diagnose: Diagnose | None, peers: bool = False
+) -> Iterator[Row]:
     """Rows of jobs as they are done."""
     return unordered(executor, _assess, [(*job, diagnose, peers) for job in jobs])
 
@@ -75,19 +85,47 @@ def _assess(given: tuple[str, str, int, Diagnose | None, bool]) -> Row:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run kinds of campaigns and write figures; exit code 1 if a promise is broken."""
-    parser = argparse.ArgumentParser(prog="python -m tests.calibration.harness", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.calibration.harness", description=__doc__.split("\n")[0]
+    )
     groups = ", ".join(dict.fromkeys(k.group for k in KINDS.values()))
-    parser.add_argument("kinds", help=f"kinds or groups of kinds, comma separated; groups: {groups}; kinds: {', '.join(KINDS)}")
-    parser.add_argument("--count", type=int, default=201, help="campaigns of each kind, boundaries in turn (%(default)s)")
+    parser.add_argument(
+        "kinds",
+        help=(
+            f"kinds or groups of kinds, comma separated; groups: {groups}; kinds:"
+            f" {', '.join(KINDS)}"
+        ),
+    )
+    parser.add_argument(
+        "--count",
+        type=int,
+        default=201,
+        help="campaigns of each kind, boundaries in turn (%(default)s)",
+    )
     parser.add_argument("--boundaries", default=",".join(forms.BOUNDARIES))
-    parser.add_argument("--seed", type=int, default=REPORTED, help=f"first seed; {REPORTED} and above are for reporting")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=REPORTED,
+        help=f"first seed; {REPORTED} and above are for reporting",
+    )
     spread.add_option(parser)
     parser.add_argument("--peers", action="store_true", help="run the rival methods too")
-    parser.add_argument("--only-peers", action="store_true", help="run nothing but the rival methods")
-    parser.add_argument("--no-multiplicity", action="store_true", help="break the correction for many candidates")
+    parser.add_argument(
+        "--only-peers", action="store_true", help="run nothing but the rival methods"
+    )
+    parser.add_argument(
+        "--no-multiplicity", action="store_true", help="break the correction for many candidates"
+    )
     parser.add_argument("--form-sd", type=float, default=None, help="form uncertainty; 0 breaks it")
-    parser.add_argument("--resume", action="store_true", help="keep the rows of an earlier, interrupted run")
-    parser.add_argument("--out", type=Path, help="file.json for figures and rows, with file.md and file.jsonl beside it")
+    parser.add_argument(
+        "--resume", action="store_true", help="keep the rows of an earlier, interrupted run"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="file.json for figures and rows, with file.md and file.jsonl beside it",
+    )
     given = parser.parse_args(arguments)
     boundaries = tuple(given.boundaries.split(","))
     try:
@@ -104,14 +142,23 @@ def main(arguments: list[str] | None = None) -> int:
     diagnose = None if given.only_peers else partial(engine, **options) if options else engine
     log = given.out.with_suffix(".jsonl") if given.out else Path(os.devnull)
     log.parent.mkdir(parents=True, exist_ok=True)
-    rows = [json.loads(line) for line in log.read_text().splitlines()] if given.resume and log.exists() else []
+    rows = (
+        [json.loads(line) for line in log.read_text().splitlines()]
+        if given.resume and log.exists()
+        else []
+    )
     done = {(r["kind"], r["boundary"], r["seed"]) for r in rows}
     # kinds in turn, so that an interrupted run has something of each
     listed = itertools.zip_longest(*(jobs(k, given.count, given.seed, boundaries) for k in kinds))
     wanted = [job for turn in listed for job in turn if job and job not in done]
     begun = time.perf_counter()
-    with spread.opened(given.executor) as executor, log.open("a" if given.resume else "w") as stream_out:
-        for i, row in enumerate(run(executor, wanted, diagnose, given.peers or given.only_peers), 1):
+    with (
+        spread.opened(given.executor) as executor,
+        log.open("a" if given.resume else "w") as stream_out,
+    ):
+        for i, row in enumerate(
+            run(executor, wanted, diagnose, given.peers or given.only_peers), 1
+        ):
             rows.append(row)
             stream_out.write(json.dumps(row, default=_plain) + "\n")
             stream_out.flush()

@@ -1,7 +1,8 @@
 """Every kind of campaign in one list: how a seed becomes one, and what is asked of its diagnosis.
 
-A kind belongs to a group, and a run takes either by name. `records` are simulated from load-cell records; all others trial by trial, which is faster
-and lets noise, design and geometry depart from what any engine may assume. Where nothing else is said, every other three seeds hold one effect.
+A kind belongs to a group, and a run takes either by name. `records` are simulated from load-cell
+records; all others trial by trial, which is faster and lets noise, design and geometry depart from
+what any engine may assume. Where nothing else is said, every other three seeds hold one effect.
 """
 
 from __future__ import annotations
@@ -19,11 +20,15 @@ from tests.calibration.simulator import Campaign, Errors, Shared, Spec, Unreacha
 
 REPORTED = 600_000  # seeds from here on are for reporting; tune on others
 STRONG = 0.4
-LEAST_BESIDE = 0.1  # what the weaker of two effects must keep beside the other; below, nothing could part them
+LEAST_BESIDE = (
+    0.1  # what the weaker of two effects must keep beside the other; below, nothing could part them
+)
 
 
 class Promise(NamedTuple):
-    """What is to be reached: ">=" or "<=" `must`, better `aim`; sense "" where nothing is promised."""
+    """What is to be reached: ">=" or "<=" `must`, better `aim`; sense "" where nothing is
+    promised.
+    """
 
     sense: str = ""
     must: float | None = None
@@ -41,8 +46,9 @@ class Kind:
     Attributes
     ----------
     make : callable
-        Kind, boundary and seed to the campaign. A seed means another bench and other noise for every kind and boundary, so that all rows
-        are independent; effects that the bench cannot show are drawn anew.
+        Kind, boundary and seed to the campaign. A seed means another bench and other noise for
+        every kind and boundary, so that all rows are independent; effects that the bench cannot
+        show are drawn anew.
     asks : dict
         A fact of `figures.FACTS` to what is promised of it.
     looks : tuple of int
@@ -74,7 +80,10 @@ def chosen(names: str) -> tuple[str, ...]:
     for name in names.split(","):
         mine = [k.name for k in KINDS.values() if name in (k.name, k.group)]
         if not mine:
-            raise ValueError(f"{name}: neither a kind ({', '.join(KINDS)}) nor a group ({', '.join(dict.fromkeys(k.group for k in KINDS.values()))})")
+            raise ValueError(
+                f"{name}: neither a kind ({', '.join(KINDS)}) nor a group"
+                f" ({', '.join(dict.fromkeys(k.group for k in KINDS.values()))})"
+            )
         found += mine
     return tuple(dict.fromkeys(found))
 
@@ -83,7 +92,8 @@ def _records(kind: Kind, boundary: str, seed: int) -> Campaign:
     """Campaigns of load-cell records."""
     rng = stream(seed, "draw", kind.name, boundary)
     own = int(rng.integers(2**40))
-    # three boundaries take three seeds in turn, so the seed's thirds decide what must not hang on the boundary
+    # three boundaries take three seeds in turn, so the seed's thirds decide what must not hang on
+    # the boundary
     common = {
         "boundary": boundary,
         "design": str(rng.choice(["from_one", "percent_diameter", "mm"], p=[0.5, 0.35, 0.15])),
@@ -93,10 +103,23 @@ def _records(kind: Kind, boundary: str, seed: int) -> Campaign:
     if kind.name == "null":
         return simulate(Spec(**common), own)
     if kind.name == "within":
-        return simulate(Spec(**common, sink=float(np.exp(rng.uniform(np.log(0.002), np.log(0.02)))), foreign=foreign), own)
+        return simulate(
+            Spec(
+                **common,
+                sink=float(np.exp(rng.uniform(np.log(0.002), np.log(0.02)))),
+                foreign=foreign,
+            ),
+            own,
+        )
     if kind.name == "outside":
         low, high = (0.2, STRONG) if rng.random() < 0.5 else (STRONG, 1.0)
-        return simulate(Spec(**common, effects=((str(rng.choice(list(forms.UNNAMED))), float(rng.uniform(low, high))),)), own)
+        return simulate(
+            Spec(
+                **common,
+                effects=((str(rng.choice(list(forms.UNNAMED))), float(rng.uniform(low, high))),),
+            ),
+            own,
+        )
     if kind.name == "two":
         names = [str(n) for n in rng.permutation(forms.names(boundary))]
         pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
@@ -104,7 +127,14 @@ def _records(kind: Kind, boundary: str, seed: int) -> Campaign:
             rho = float(rng.uniform(0.2, STRONG))
             with contextlib.suppress(Unreachable):
                 first, second = pairs[i]
-                campaign = simulate(Spec(**common, effects=((first, rho), (second, rho * float(rng.uniform(1, 2)))), foreign=foreign), own)
+                campaign = simulate(
+                    Spec(
+                        **common,
+                        effects=((first, rho), (second, rho * float(rng.uniform(1, 2)))),
+                        foreign=foreign,
+                    ),
+                    own,
+                )
                 if min(campaign.truth.rho_beside.values()) >= LEAST_BESIDE:
                     return campaign
         raise Unreachable("any pair", 0.2, 0.0)
@@ -112,14 +142,26 @@ def _records(kind: Kind, boundary: str, seed: int) -> Campaign:
     return _with_one(rng, forms.names(boundary), low, high, {**common, "foreign": foreign}, own)
 
 
-def _with_one(rng: np.random.Generator, among: tuple[str, ...], low: float, high: float, fields: Fields, seed: int) -> Campaign:
-    """A campaign with one of these effects, its strength log-uniform, as far as the bench can show it."""
+def _with_one(
+    rng: np.random.Generator,
+    among: tuple[str, ...],
+    low: float,
+    high: float,
+    fields: Fields,
+    seed: int,
+) -> Campaign:
+    """A campaign with one of these effects, its strength log-uniform, as far as the bench can show
+    it.
+    """
     for name in (str(n) for n in rng.permutation(among)):
         try:
             return simulate(Spec(**fields, effects=((name, _between(rng, low, high)),)), seed)
         except Unreachable as limit:
             if limit.most > 1.1 * low:
-                return simulate(Spec(**fields, effects=((name, _between(rng, low, min(high, limit.most))),)), seed)
+                return simulate(
+                    Spec(**fields, effects=((name, _between(rng, low, min(high, limit.most))),)),
+                    seed,
+                )
     raise Unreachable("any effect", low, 0.0)
 
 
@@ -137,10 +179,18 @@ def _trials(
     among: tuple[str, ...] | None = None,
     always: bool = False,
 ) -> Campaign:
-    """Campaigns of trials without records: empty and with one effect in turns; empty too where no bench shows any `among` those."""
+    """Campaigns of trials without records: empty and with one effect in turns; empty too where no
+    bench shows any `among` those.
+    """
     rng = stream(seed, "draw", kind.name, boundary)
     own = int(rng.integers(2**40))
-    given = {"boundary": boundary, "realism": False, "errors": Errors(), "visits": int(rng.choice([5, 15])), "foreign": seed // 3 % 3 == 2}
+    given = {
+        "boundary": boundary,
+        "realism": False,
+        "errors": Errors(),
+        "visits": int(rng.choice([5, 15])),
+        "foreign": seed // 3 % 3 == 2,
+    }
     given |= fields(rng) if callable(fields) else fields
     if not (always or seed // 3 % 2):
         return simulate(Spec(**given), own)
@@ -159,19 +209,39 @@ UNNAMED_UNDER = {"null_named": Promise("<=", 0.03, 0.01), "covered": COVERED}
 
 
 def _violation(name: str, asks: Mapping[str, Promise] = SOUND, **errors: float) -> Kind:
-    return Kind(name=name, group="violations", make=partial(_trials, {"errors": Errors(**errors)}), asks=asks)
+    return Kind(
+        name=name,
+        group="violations",
+        make=partial(_trials, {"errors": Errors(**errors)}),
+        asks=asks,
+    )
 
 
 def _design(name: str, boundaries: tuple[str, ...] = forms.BOUNDARIES, **fields: Any) -> Kind:
-    return Kind(name=name, group="designs", make=partial(_trials, fields), asks=SOUND, boundaries=boundaries)
+    return Kind(
+        name=name, group="designs", make=partial(_trials, fields), asks=SOUND, boundaries=boundaries
+    )
 
 
-def _inputs(name: str, boundaries: tuple[str, ...] = forms.BOUNDARIES, **shared: float) -> tuple[Kind, Kind]:
+def _inputs(
+    name: str, boundaries: tuple[str, ...] = forms.BOUNDARIES, **shared: float
+) -> tuple[Kind, Kind]:
     """Declared, where the interval must hold the truth, and not, where nothing can be asked."""
     fields = {"shared": Shared(**shared), "visits": 5}
     return (
-        Kind(name=f"{name}_declared", group="inputs", make=partial(_trials, {**fields, "declared": True}), asks=SOUND, boundaries=boundaries),
-        Kind(name=f"{name}_undeclared", group="inputs", make=partial(_trials, fields), boundaries=boundaries),
+        Kind(
+            name=f"{name}_declared",
+            group="inputs",
+            make=partial(_trials, {**fields, "declared": True}),
+            asks=SOUND,
+            boundaries=boundaries,
+        ),
+        Kind(
+            name=f"{name}_undeclared",
+            group="inputs",
+            make=partial(_trials, fields),
+            boundaries=boundaries,
+        ),
     )
 
 
@@ -197,13 +267,20 @@ def _table(rng: np.random.Generator) -> Fields:
 
 #: Effects that a table of distances and throttles can show.
 TABULAR = (
-    *(k.name for k in forms.KINDS if k.own.place in ("height", "ratio") and k.name not in ("approach_backlash", "tilt")),
+    *(
+        k.name
+        for k in forms.KINDS
+        if k.own.place in ("height", "ratio") and k.name not in ("approach_backlash", "tilt")
+    ),
     *("room_recirculation", "zero_offset", "cell_nonlinearity", "tether_stiffness"),
 )
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
-        *(Kind(name=n, group="records", make=_records) for n in ("null", "weak", "one", "two", "outside", "within")),
+        *(
+            Kind(name=n, group="records", make=_records)
+            for n in ("null", "weak", "one", "two", "outside", "within")
+        ),
         _violation("t3", tails=3),
         _violation("noisier_far", far=3),
         _violation("noisier_near", near=3),
@@ -212,7 +289,10 @@ KINDS: dict[str, Kind] = {
         _violation("outliers", outliers=0.015),
         _violation("bad_visit", bad_visit=7),
         _violation("rail", {"covered": COVERED}, rail=0.03),
-        *(_violation(f"ar_{100 * r:.0f}", UNNAMED_UNDER if r >= 0.9 else SOUND, correlation=r) for r in (0.5, 0.8, 0.9, 0.95, 0.97)),
+        *(
+            _violation(f"ar_{100 * r:.0f}", UNNAMED_UNDER if r >= 0.9 else SOUND, correlation=r)
+            for r in (0.5, 0.8, 0.9, 0.95, 0.97)
+        ),
         Kind(name="wander", group="violations", make=partial(_trials, _wander), asks=UNNAMED_UNDER),
         _design("large_rotor", radius_m=0.06),
         _design("two_throttles", throttles=(THROTTLES[1], THROTTLES[3])),
@@ -248,7 +328,10 @@ KINDS: dict[str, Kind] = {
                 name=name,
                 group="strange",
                 make=partial(_trials, {}, rho=(STRONG, 1.0), among=(name,), always=True),
-                asks={"given_a_name": Promise("<=", 0.03, 0.01), "covered": Promise(">=", 0.82, 0.88)},
+                asks={
+                    "given_a_name": Promise("<=", 0.03, 0.01),
+                    "covered": Promise(">=", 0.82, 0.88),
+                },
                 boundaries=tuple(form.most),
             )
             for name, form in forms.STRANGE.items()

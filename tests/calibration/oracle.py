@@ -1,6 +1,8 @@
-"""What someone who knows the truth would do: generalised least squares with the true effect's form, its size free.
+"""What someone who knows the truth would do: generalised least squares with the true effect's form,
+its size free.
 
-The yardstick of coverage ("with the true model") and of held-out gain. Whitening is the true one; tails are winsorised.
+The yardstick of coverage ("with the true model") and of held-out gain. Whitening is the true one;
+tails are winsorised.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Coefficients with standard errors, and the log lift predicted for every trial, those left out included."""
+    """Coefficients with standard errors, and the log lift predicted for every trial, those left out
+    included.
+    """
 
     theta: dict[str, float]
     u: dict[str, float]
@@ -33,7 +37,9 @@ class Fit:
 
 
 def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | None = None) -> Fit:
-    """Fit the base model with the true forms of `kinds` (all that are in the campaign if None) to `rows` (all if None)."""
+    """Fit the base model with the true forms of `kinds` (all that are in the campaign if None) to
+    `rows` (all if None).
+    """
     truth, setting = campaign.truth, campaign.setting
     kinds = tuple(truth.amplitudes) if kinds is None else kinds
     pieces = [forms.form(k, campaign.spec.foreign) for k in kinds]
@@ -45,7 +51,9 @@ def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | 
 
     def predict(p: Array) -> Array:
         at = replace(setting, theta=dict(zip(names, p[: len(names)].tolist(), strict=True)))
-        return (log_lift(at, tuple(zip(pieces, p[len(names) :].tolist(), strict=True))) - log_inf)[campaign.keep]
+        return (log_lift(at, tuple(zip(pieces, p[len(names) :].tolist(), strict=True))) - log_inf)[
+            campaign.keep
+        ]
 
     at = np.array([*truth.theta.values(), *(truth.amplitudes[k] for k in kinds)])
     low = np.array([LIMITS[n][0] for n in names] + [min(3 * x, 0.0) for x in at[len(names) :]])
@@ -54,7 +62,13 @@ def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | 
     steps = 1e-4 * np.maximum(np.abs(at), 1e-9)
     for _ in range(8):
         now = predict(at)
-        slopes = np.stack([(predict(at + s * e) - predict(at - s * e)) / (2 * s) for s, e in zip(steps, np.eye(len(at)), strict=True)], axis=1)
+        slopes = np.stack(
+            [
+                (predict(at + s * e) - predict(at - s * e)) / (2 * s)
+                for s, e in zip(steps, np.eye(len(at)), strict=True)
+            ],
+            axis=1,
+        )
         design = np.hstack([campaign.indicator, slopes])
         x = white(design[rows])
         scale = np.maximum(np.sqrt((x**2).sum(axis=0)), 1e-300)
@@ -78,7 +92,10 @@ def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | 
     for _ in range(4):
         left = target - flat @ levels
         spread = 1.4826 * np.median(np.abs(left))
-        levels = levels + np.linalg.lstsq(flat, np.clip(left, -CLIP * spread, CLIP * spread), rcond=None)[0]
+        levels = (
+            levels
+            + np.linalg.lstsq(flat, np.clip(left, -CLIP * spread, CLIP * spread), rcond=None)[0]
+        )
     left = target - flat @ levels
     pseudo = np.clip(left, -CLIP * spread, CLIP * spread)
     dof = len(rows) - design.shape[1]
@@ -90,7 +107,9 @@ def fit(campaign: Campaign, kinds: tuple[str, ...] | None = None, rows: Array | 
 
 
 def folds(campaign: Campaign) -> list[Array]:
-    """Masks of the trials left out in turn: the library's own split, so that both are scored on the same trials."""
+    """Masks of the trials left out in turn: the library's own split, so that both are scored on the
+    same trials.
+    """
     from nearlift.diagnosis import confirmation
 
     return confirmation.folds(campaign.data)
@@ -105,8 +124,12 @@ def held_out(campaign: Campaign, kinds: tuple[str, ...] | None = None) -> float:
 
 
 def expected(campaign: Campaign, predicted: Array) -> float:
-    """Rms error that predictions of log lift would have on an independent repeat of this campaign: noise and curve error.
+    """Rms error that predictions of log lift would have on an independent repeat of this campaign:
+    noise and curve error.
 
-    Needs no repeat to be drawn: the mean square of (truth + fresh noise - prediction) is the sum of the two.
+    Needs no repeat to be drawn: the mean square of (truth + fresh noise - prediction) is the sum of
+    the two.
     """
-    return float(np.sqrt(np.mean((predicted - campaign.truth.log_lift) ** 2 + campaign.truth.variance)))
+    return float(
+        np.sqrt(np.mean((predicted - campaign.truth.log_lift) ** 2 + campaign.truth.variance))
+    )

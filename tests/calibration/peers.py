@@ -1,7 +1,9 @@
-"""How else one might pick the missing terms: the rivals of ../shared/method.md's first table, on the same candidates.
+"""How else one might pick the missing terms: the rivals of ../shared/method.md's first table, on
+the same candidates.
 
-All of them get a `Task`: trials, the true covariance (as a whitening), the base model linearised at its fit, and the library as
-columns. Each returns the names that it adds to the model; none can say "adequate" or "unexplained" but by naming nothing.
+All of them get a `Task`: trials, the true covariance (as a whitening), the base model linearised at
+its fit, and the library as columns. Each returns the names that it adds to the model; none can say
+"adequate" or "unexplained" but by naming nothing.
 """
 
 from __future__ import annotations
@@ -47,8 +49,13 @@ class Task:
     @cached_property
     def columns(self) -> dict[str, Array]:
         """Candidates as (n, k), scaled to unit rms."""
-        wide = {name: np.asarray(c, dtype=float).reshape(len(self.lift_N), -1) for name, c in self.candidates.items()}
-        return {name: c / np.maximum(np.sqrt((c**2).mean(axis=0)), 1e-300) for name, c in wide.items()}
+        wide = {
+            name: np.asarray(c, dtype=float).reshape(len(self.lift_N), -1)
+            for name, c in self.candidates.items()
+        }
+        return {
+            name: c / np.maximum(np.sqrt((c**2).mean(axis=0)), 1e-300) for name, c in wide.items()
+        }
 
     @cached_property
     def projected(self) -> tuple[Array, dict[str, Array]]:
@@ -56,7 +63,9 @@ class Task:
         fixed = self.whiten(np.hstack([np.eye(self.level.max() + 1)[self.level], self.jacobian]))
         q, _ = np.linalg.qr(fixed)
         off = lambda x: x - q @ (q.T @ x)  # noqa: E731
-        return off(self.whiten(np.log(self.lift_N) - np.log(self.ratio))), {name: off(self.whiten(c)) for name, c in self.columns.items()}
+        return off(self.whiten(np.log(self.lift_N) - np.log(self.ratio))), {
+            name: off(self.whiten(c)) for name, c in self.columns.items()
+        }
 
     @property
     def taken(self) -> int:
@@ -65,11 +74,15 @@ class Task:
 
 
 def stepwise_p(task: Task, threshold: float = 0.05) -> tuple[str, ...]:
-    """Forward selection with backward checks at p < 0.05 on Delta L = L / L_far - 1, errors taken as independent."""
+    """Forward selection with backward checks at p < 0.05 on Delta L = L / L_far - 1, errors taken
+    as independent.
+    """
     import statsmodels.api as sm
 
     far = task.z_hat == task.z_hat.max()
-    reference = np.array([task.lift_N[far & (task.level == k)].mean() for k in range(task.level.max() + 1)])
+    reference = np.array(
+        [task.lift_N[far & (task.level == k)].mean() for k in range(task.level.max() + 1)]
+    )
     response = task.lift_N / reference[task.level] - 1 - (task.ratio / task.ratio[far].mean() - 1)
     fixed = np.column_stack([np.ones(len(response)), task.jacobian * task.ratio[:, None]])
 
@@ -90,7 +103,9 @@ def stepwise_p(task: Task, threshold: float = 0.05) -> tuple[str, ...]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for _ in range(2 * len(task.columns)):
-            trials = {name: p_values((*chosen, name))[name] for name in task.columns if name not in chosen}
+            trials = {
+                name: p_values((*chosen, name))[name] for name in task.columns if name not in chosen
+            }
             if not trials or min(trials.values()) >= threshold:
                 break
             chosen = (*chosen, min(trials, key=lambda n: trials[n]))
@@ -100,7 +115,9 @@ def stepwise_p(task: Task, threshold: float = 0.05) -> tuple[str, ...]:
 
 
 def _stepwise(task: Task, price: float) -> tuple[str, ...]:
-    """Forward and backward steps on n log(RSS) + price x unknowns, whitened data; statsmodels' AIC or BIC up to a constant."""
+    """Forward and backward steps on n log(RSS) + price x unknowns, whitened data; statsmodels' AIC
+    or BIC up to a constant.
+    """
     import statsmodels.api as sm
 
     y, columns = task.projected
@@ -114,7 +131,9 @@ def _stepwise(task: Task, price: float) -> tuple[str, ...]:
     chosen: tuple[str, ...] = ()
     best = cost(chosen)
     for _ in range(3 * len(columns)):
-        moves = [(*chosen, m) for m in columns if m not in chosen] + [tuple(m for m in chosen if m != gone) for gone in chosen]
+        moves = [(*chosen, m) for m in columns if m not in chosen] + [
+            tuple(m for m in chosen if m != gone) for gone in chosen
+        ]
         costs = [cost(m) for m in moves]
         if not moves or min(costs) >= best - 1e-9:
             break
@@ -145,7 +164,9 @@ def lasso_cv(task: Task) -> tuple[str, ...]:
 
 
 def thresholded(task: Task) -> tuple[str, ...]:
-    """Sequentially thresholded ridge regression (SINDy), the threshold by five-fold cross-validation."""
+    """Sequentially thresholded ridge regression (SINDy), the threshold by five-fold
+    cross-validation.
+    """
     from sklearn.linear_model import Ridge
     from sklearn.model_selection import KFold
 
@@ -167,13 +188,18 @@ def thresholded(task: Task) -> tuple[str, ...]:
     folds = list(KFold(5, shuffle=True, random_state=0).split(x))
     top = float(np.abs(Ridge(alpha=1e-3, fit_intercept=False).fit(x, y).coef_).max())
     thresholds = top * np.geomspace(1e-3, 1.001, 15)
-    errors = [sum(float(((y[b] - x[b] @ run(x[a], y[a], t)) ** 2).sum()) for a, b in folds) for t in thresholds]
+    errors = [
+        sum(float(((y[b] - x[b] @ run(x[a], y[a], t)) ** 2).sum()) for a, b in folds)
+        for t in thresholds
+    ]
     found = run(x, y, thresholds[int(np.argmin(errors))])
     return tuple(dict.fromkeys(n for n, c in zip(names, found, strict=True) if c != 0.0))
 
 
 def bic_average(task: Task, largest: int = 3) -> tuple[str, ...]:
-    """Bayesian model average by BIC over all models of up to `largest` effects; those with inclusion above one half."""
+    """Bayesian model average by BIC over all models of up to `largest` effects; those with
+    inclusion above one half.
+    """
     y, columns = task.projected
     names, x = _flat(columns)
     gram, cross, total, n = x.T @ x, x.T @ y, float(y @ y), len(y)
@@ -184,15 +210,23 @@ def bic_average(task: Task, largest: int = 3) -> tuple[str, ...]:
         at = [j for name in model for j in where[name]]
         explained = 0.0
         if at:
-            explained = float(cross[at] @ np.linalg.lstsq(gram[np.ix_(at, at)], cross[at], rcond=1e-10)[0])
+            explained = float(
+                cross[at] @ np.linalg.lstsq(gram[np.ix_(at, at)], cross[at], rcond=1e-10)[0]
+            )
         score[i] = -0.5 * (n * np.log(max(total - explained, 1e-300)) + np.log(n) * len(at))
     weight = np.exp(score - score.max())
     weight /= weight.sum()
-    return tuple(name for name in columns if sum(w for m, w in zip(models, weight, strict=True) if name in m) > 0.5)
+    return tuple(
+        name
+        for name in columns
+        if sum(w for m, w in zip(models, weight, strict=True) if name in m) > 0.5
+    )
 
 
 def _flat(columns: Mapping[str, Array]) -> tuple[list[str], Array]:
-    """One column after the other, scaled to unit rms after projection, with the effect each belongs to."""
+    """One column after the other, scaled to unit rms after projection, with the effect each belongs
+    to.
+    """
     names = [name for name, c in columns.items() for _ in range(c.shape[1])]
     x = np.hstack(list(columns.values()))
     return names, x / np.maximum(np.sqrt((x**2).mean(axis=0)), 1e-12)

@@ -1,7 +1,8 @@
 """The demo's products on several processors, number by number.
 
-A processor is what BLAS, numpy and the compiler of the scans take this one for: older ones are asked for by the variables that each
-of them reads. ``python -m tests.calibration.processors`` prints the table of docs/stages/fit.md.
+A processor is what BLAS, numpy and the compiler of the scans take this one for: older ones are
+asked for by the variables that each of them reads. ``python -m tests.calibration.processors``
+prints the table of docs/stages/fit.md.
 """
 
 from __future__ import annotations
@@ -22,24 +23,35 @@ import numpy as np
 ROOT = Path(__file__).parents[2]
 #: Each with the variables that make OpenBLAS, numpy and numba take this processor for it.
 PROCESSORS = {
-    "Haswell": {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR", "NUMBA_CPU_NAME": "haswell"},
+    "Haswell": {
+        "OPENBLAS_CORETYPE": "Haswell",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
+        "NUMBA_CPU_NAME": "haswell",
+    },
     "Sandybridge": {
         "OPENBLAS_CORETYPE": "Sandybridge",
         "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
         "NUMBA_CPU_NAME": "sandybridge",
     },
-    "Nehalem": {"OPENBLAS_CORETYPE": "Nehalem", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR", "NUMBA_CPU_NAME": "nehalem"},
+    "Nehalem": {
+        "OPENBLAS_CORETYPE": "Nehalem",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR",
+        "NUMBA_CPU_NAME": "nehalem",
+    },
     "SkylakeX": {"OPENBLAS_CORETYPE": "SkylakeX"},
 }
-#: What is zero but for rounding, as part of the largest number of its column or list, is not compared.
+#: What is zero but for rounding, as part of the largest number of its column or list, is not
+#: compared.
 ROUNDING = 1e-11
 #: The relative difference that a number may have.
 SAME = 1e-9
-#: Larger ones, each the rounding of a sum over the trials (2.2e-16 times the root of 400) times what makes it worse, rounded up to a power of
-#: ten: a direction in which the loop's families differ by 1e-8 is kept, and known to that over 1e-8; the limit of u is that of 1e8 times the trials
-#: beside what was declared once; Pareto's k is the shape of weights that differ by 1e-4, each known to that times chi2, 400; a height's slope by
-#: differences of 1e-4 of it is known to that over 1e-4, and u with the height unknown to that over the root of 1 - r^2, 1e-2; the deviance, 400,
-#: tells a size of noise that is 1e-4 of the scatter by the square of that.
+#: Larger ones, each the rounding of a sum over the trials (2.2e-16 times the root of 400) times
+#: what makes it worse, rounded up to a power of ten: a direction in which the loop's families
+#: differ by 1e-8 is kept, and known to that over 1e-8; the limit of u is that of 1e8 times the
+#: trials beside what was declared once; Pareto's k is the shape of weights that differ by 1e-4,
+#: each known to that times chi2, 400; a height's slope by differences of 1e-4 of it is known to
+#: that over 1e-4, and u with the height unknown to that over the root of 1 - r^2, 1e-2; the
+#: deviance, 400, tells a size of noise that is 1e-4 of the scatter by the square of that.
 DIRECTIONS, REPEATS, WEIGHTS, SLOPES, SIZES = 1e-6, 1e-6, 1e-7, 1e-8, 1e-6
 LARGER = {
     r"(diagnosis|results)\.json.*": DIRECTIONS,
@@ -49,7 +61,8 @@ LARGER = {
     r".*\.u_if_free": SLOPES,
     r"fit\.json:\.noise\..*|.*\.u_input": SIZES,
 }
-#: Differences of numbers that agree, and what they are of: held against the largest of their column, list or family; its place has a star.
+#: Differences of numbers that agree, and what they are of: held against the largest of their
+#: column, list or family; its place has a star.
 DIFFERENCES = re.compile(
     r"(.*\.budget\[)\d+(\]\.u)|(.*\.models\.)\w+\.(?:u_)?(?:d_)?(rmse|elpd)"
     r"|(.*\.candidates\[)\d+(\]\.(?:gain|log_evidence|plausibility))|(.*\.(?:silent|limits)\[)\d+(\]\.share(?:_visible)?)"
@@ -57,7 +70,8 @@ DIFFERENCES = re.compile(
 )
 #: Probabilities: one of exp(-x) has x times the relative error of x, which is compared.
 TAILS = re.compile(r".*\.(p_value|beyond)")
-#: What an undeclared size would move, in a model that does not use it: below `SAME` it is zero but for rounding. A sensitivity is u over its input's.
+#: What an undeclared size would move, in a model that does not use it: below `SAME` it is zero but
+#: for rounding. A sensitivity is u over its input's.
 ZERO, TWICE = ".undeclared[", ".sensitivity"
 #: Products that say when, where or with what a run was made.
 ABOUT_THE_RUN = {"provenance.json", "ledger.json", "inputs-cache.json"}
@@ -76,13 +90,25 @@ class Difference:
     def tolerated(self) -> float:
         """The largest relative difference that this number may have."""
         place = f"{Path(self.product).name}:{self.where}"
-        return next((limit for pattern, limit in LARGER.items() if re.fullmatch(pattern, place)), SAME)
+        return next(
+            (limit for pattern, limit in LARGER.items() if re.fullmatch(pattern, place)), SAME
+        )
 
 
 def run(folder: Path, processor: str) -> None:
     """The demo as that processor makes it, into a folder of its own."""
     environment = {**os.environ, **PROCESSORS[processor], "PYTHONPATH": str(ROOT / "pipeline")}
-    words = [sys.executable, "-W", "ignore", "-c", "from nearlift.cli import main; main()", "demo", "-q", "--out", str(folder)]
+    words = [
+        sys.executable,
+        "-W",
+        "ignore",
+        "-c",
+        "from nearlift.cli import main; main()",
+        "demo",
+        "-q",
+        "--out",
+        str(folder),
+    ]
     subprocess.run(words, env=environment, check=True)
 
 
@@ -92,7 +118,11 @@ def numbers(path: Path) -> dict[str, np.ndarray]:
         from pyarrow import parquet
 
         table = parquet.read_table(path)
-        return {n: table[n].to_numpy() for n in table.column_names if table[n].type in ("double", "int64", "float")}
+        return {
+            n: table[n].to_numpy()
+            for n in table.column_names
+            if table[n].type in ("double", "int64", "float")
+        }
     return dict(_leaves(json.loads(path.read_text()), ""))
 
 
@@ -114,10 +144,16 @@ def _leaves(value: Any, at: str) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def families(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The same with differences of one family as one list, and probabilities as their logarithms."""
+    """The same with differences of one family as one list, and probabilities as their
+    logarithms.
+    """
     together: dict[str, list[np.ndarray]] = {}
     for place, values in found.items():
-        own = "*".join(part for part in match.groups() if part is not None) if (match := DIFFERENCES.fullmatch(place)) else place
+        own = (
+            "*".join(part for part in match.groups() if part is not None)
+            if (match := DIFFERENCES.fullmatch(place))
+            else place
+        )
         if TWICE not in place:
             tail = TAILS.fullmatch(place) and (values > 0).all()
             together.setdefault(own, []).append(np.log(values) if tail else values)
@@ -125,7 +161,9 @@ def families(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def compare(a: Path, b: Path) -> list[Difference]:
-    """Each product that both folders hold, by what comes nearest to its limit; words count as infinitely different where they are not the same."""
+    """Each product that both folders hold, by what comes nearest to its limit; words count as
+    infinitely different where they are not the same.
+    """
     found = []
     for path in sorted((a / "processed").rglob("*")):
         if path.suffix not in (".parquet", ".json") or path.name in ABOUT_THE_RUN:
@@ -135,9 +173,19 @@ def compare(a: Path, b: Path) -> list[Difference]:
         away = [Difference(product, count, np.inf, k) for k in here.keys() ^ there.keys()]
         for k in here.keys() & there.keys():
             if not (ZERO in k and np.abs(here[k]).max(initial=0.0) < SAME):
-                largest = _apart(here[k].astype(float), there[k].astype(float), whole="*" in k or bool(DIFFERENCES.fullmatch(k)))
+                largest = _apart(
+                    here[k].astype(float),
+                    there[k].astype(float),
+                    whole="*" in k or bool(DIFFERENCES.fullmatch(k)),
+                )
                 away.append(Difference(product, count, largest, k))
-        found.append(max(away, key=lambda d: d.largest / d.tolerated, default=Difference(product, count, 0.0, "")))
+        found.append(
+            max(
+                away,
+                key=lambda d: d.largest / d.tolerated,
+                default=Difference(product, count, 0.0, ""),
+            )
+        )
     return found
 
 
@@ -164,7 +212,11 @@ def main() -> None:
     print("| product | numbers | " + " | ".join(others) + " |")
     print("|---|---|" + "---|" * len(others))
     for rows in zip(*each.values(), strict=True):
-        print(f"| `{rows[0].product}` | {rows[0].numbers} | " + " | ".join(f"{r.largest:.1g}" for r in rows) + " |")
+        print(
+            f"| `{rows[0].product}` | {rows[0].numbers} | "
+            + " | ".join(f"{r.largest:.1g}" for r in rows)
+            + " |"
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Simulation-based calibration: where the truth ranks among the draws of its posterior, over many campaigns from records.
+"""Simulation-based calibration: where the truth ranks among the draws of its posterior, over many
+campaigns from records.
 
-The truth is drawn from a prior, records are simulated by the referee with that truth, and the library makes a posterior with the very same
-prior. If everything in between is right, the rank of the truth is uniform (Talts, Betancourt, Simpson, Vehtari and Gelman 2018).
+The truth is drawn from a prior, records are simulated by the referee with that truth, and the
+library makes a posterior with the very same prior. If everything in between is right, the rank of
+the truth is uniform (Talts, Betancourt, Simpson, Vehtari and Gelman 2018).
 """
 
 from __future__ import annotations
@@ -34,12 +36,19 @@ class Rank:
 
 
 def believed(boundary: str) -> LiftModel:
-    """The base model with the prior that the simulator draws its truth from: flat within +- SPREAD of the nominal coefficient."""
+    """The base model with the prior that the simulator draws its truth from: flat within +- SPREAD
+    of the nominal coefficient.
+    """
     model = catalogue.model(MODELS[boundary])
     parameter = model.parameters[0]
     nominal = forms.COEFFICIENTS[boundary][parameter.name]
     ends = sorted((nominal * (1 - SPREAD), nominal * (1 + SPREAD)))
-    return replace(model, parameters=(replace(parameter, prior=uniform(*ends), bounds=(ends[0], ends[1]), value=nominal),))
+    return replace(
+        model,
+        parameters=(
+            replace(parameter, prior=uniform(*ends), bounds=(ends[0], ends[1]), value=nominal),
+        ),
+    )
 
 
 def from_repeats(campaign: Campaign) -> None:
@@ -62,9 +71,13 @@ Told = Callable[[Campaign], Noise | None]
 
 
 def rank(job: tuple[str, int, Told]) -> Rank:
-    """One campaign of a boundary and seed; the third says what the library is told of its noise, None to let it look for itself."""
+    """One campaign of a boundary and seed; the third says what the library is told of its noise,
+    None to let it look for itself.
+    """
     boundary, seed, noise = job
-    found = simulate(Spec(boundary=boundary, spread=SPREAD, realism=False, visits=4, samples=120), seed)
+    found = simulate(
+        Spec(boundary=boundary, spread=SPREAD, realism=False, visits=4, samples=120), seed
+    )
     model = believed(boundary)
     fitted = fit(model, found.data, scatter=noise(found))
     density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
@@ -75,7 +88,9 @@ def rank(job: tuple[str, int, Told]) -> Rank:
 
 
 def uniformity(shares: np.ndarray) -> float:
-    """p-value that shares are uniform: the smaller of chi-square over bins and Kolmogorov-Smirnov, doubled."""
+    """p-value that shares are uniform: the smaller of chi-square over bins and Kolmogorov-Smirnov,
+    doubled.
+    """
     from scipy.stats import chisquare, kstest
 
     count = np.histogram(shares, BINS, (0, 1))[0]

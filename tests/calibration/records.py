@@ -1,7 +1,9 @@
-"""Damage on its way from a record's bytes to a trial's row: flipped bytes and sectors in files of every format, glitches in the tare.
+"""Damage on its way from a record's bytes to a trial's row: flipped bytes and sectors in files of
+every format, glitches in the tare.
 
-A trial is *told* of by any quality code. It is *silent* where its lift differs from that of the whole file by more than its own u and no code
-tells. `tests.calibration.damage` writes what is found into docs/damage.md.
+A trial is *told* of by any quality code. It is *silent* where its lift differs from that of the
+whole file by more than its own u and no code tells. `tests.calibration.damage` writes what is found
+into docs/damage.md.
 """
 
 from __future__ import annotations
@@ -35,7 +37,14 @@ FloatArray = NDArray[np.float64]
 FLIPS, SECTORS, SECTOR = 200, 100, 512
 RATE, TARE, LIVE = 1000.0, 200, 1000
 #: A record in the unit of its file: 7 of zero, then a lift of 200.
-FORCE = [round(float(x), 4) for x in 7 + 200 * (np.arange(TARE + LIVE) >= TARE) + 2 * np.random.default_rng(9).standard_normal(TARE + LIVE)]
+FORCE = [
+    round(float(x), 4)
+    for x in (
+        7
+        + 200 * (np.arange(TARE + LIVE) >= TARE)
+        + 2 * np.random.default_rng(9).standard_normal(TARE + LIVE)
+    )
+]
 #: What became of a trial.
 FATES = ("rejected", "told", "within u", "silent")
 
@@ -56,7 +65,9 @@ def sector(content: bytes, rng: np.random.Generator) -> bytes:
     return content[:start] + new + content[start + size :]
 
 
-def damages(content: bytes, flips: int = FLIPS, sectors: int = SECTORS) -> Iterator[tuple[str, bytes]]:
+def damages(
+    content: bytes, flips: int = FLIPS, sectors: int = SECTORS
+) -> Iterator[tuple[str, bytes]]:
     """Copies of a file, each with one damage."""
     rng = np.random.default_rng(len(content))
     for kind, change, number in (("flip", flipped, flips), ("sector", sector, sectors)):
@@ -85,12 +96,17 @@ def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[ing
     for name, content in zip(names, contents, strict=True):
         written.put(folder, pattern.replace("{trial}", name), content)
     pieces = reader(campaign.records.reader).plan(campaign, folder, names).pieces
-    tasks = [ingest.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, inputs={}) for piece in pieces]
+    tasks = [
+        ingest.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, inputs={})
+        for piece in pieces
+    ]
     return [row for task in tasks for row in ingest.reduce_piece(task)]
 
 
 def fate(row: ingest.Row, lift_N: float, samples: int) -> str:
-    """What became of a trial whose lift should be this; a length that is not the planned one is told by `[load_cell] record`."""
+    """What became of a trial whose lift should be this; a length that is not the planned one is
+    told by `[load_cell] record`.
+    """
     codes = row.reduced.codes
     if rejected(np.array([joined(codes)], dtype=object))[0]:
         return "rejected"
@@ -99,8 +115,12 @@ def fate(row: ingest.Row, lift_N: float, samples: int) -> str:
     return "within u" if abs(row.reduced.lift_N - lift_N) <= row.reduced.u_lift_N else "silent"
 
 
-def bytes_to_rows(folder: Path, flips: int = FLIPS, sectors: int = SECTORS) -> dict[tuple[str, str], Counter[str]]:
-    """(format, kind of damage) to fates; "slowest" is the time of a trial in ms, on average over its piece."""
+def bytes_to_rows(
+    folder: Path, flips: int = FLIPS, sectors: int = SECTORS
+) -> dict[tuple[str, str], Counter[str]]:
+    """(format, kind of damage) to fates; "slowest" is the time of a trial in ms, on average over
+    its piece.
+    """
     found: dict[tuple[str, str], Counter[str]] = {}
     for name, (write, *_) in written.WRITERS.items():
         content = write(FORCE)
@@ -110,7 +130,9 @@ def bytes_to_rows(folder: Path, flips: int = FLIPS, sectors: int = SECTORS) -> d
         assert not whole.reduced.codes
         assert len(rows) == len(contents)
         for kind, row in zip(kinds, rows, strict=True):
-            found.setdefault((name, kind), Counter())[fate(row, whole.reduced.lift_N, len(FORCE))] += 1
+            found.setdefault((name, kind), Counter())[
+                fate(row, whole.reduced.lift_N, len(FORCE))
+            ] += 1
         found[name, "time"] = Counter(ms=round(1e3 * (time.perf_counter() - start) / len(rows)))
     return found
 
@@ -155,7 +177,9 @@ def starting(tare: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def step(tare: FloatArray, rng: np.random.Generator) -> FloatArray:
-    return tare + 10 ** rng.uniform(-2, 1) * (np.arange(len(tare)) > rng.uniform(0.1, 0.9) * len(tare))
+    return tare + 10 ** rng.uniform(-2, 1) * (
+        np.arange(len(tare)) > rng.uniform(0.1, 0.9) * len(tare)
+    )
 
 
 def glitched(force: FloatArray, n: int, glitch: Glitch, rng: np.random.Generator) -> FloatArray:
@@ -178,7 +202,9 @@ TARES = ((1000.0, 2000), (100.0, 200), (20.0, 40), (4.0, 8))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Told:
-    """Of glitches in the tare: how many, told, rejected, silent, and the largest shift that was not told, in u."""
+    """Of glitches in the tare: how many, told, rejected, silent, and the largest shift that was not
+    told, in u.
+    """
 
     tries: int = 0
     told: int = 0
@@ -188,7 +214,9 @@ class Told:
 
 
 def tare_glitches(rate_Hz: float, n: int, glitch: Glitch, tries: int = 100) -> Told:
-    """Lift 0.2 N, white noise of 2 mN; the shift is that from the same record without the glitch."""
+    """Lift 0.2 N, white noise of 2 mN; the shift is that from the same record without the
+    glitch.
+    """
     rng = np.random.default_rng(n)
     told = refused = silent = 0
     largest = 0.0
@@ -214,9 +242,18 @@ def false_alarms(tries: int) -> dict[tuple[str, int], tuple[int, int]]:
     found = {}
     for rate_Hz, n in TARES:
         clock = np.arange(n) / rate_Hz
-        for name in ("white", "AR(1) at 0.9", "50 Hz of 10 times the noise", "a step of the converter as large as the noise", "ten times as large"):
+        for name in (
+            "white",
+            "AR(1) at 0.9",
+            "50 Hz of 10 times the noise",
+            "a step of the converter as large as the noise",
+            "ten times as large",
+        ):
             flagged = 0
-            coarse = {"a step of the converter as large as the noise": 1.0, "ten times as large": 10.0}.get(name)
+            coarse = {
+                "a step of the converter as large as the noise": 1.0,
+                "ten times as large": 10.0,
+            }.get(name)
             for _ in range(tries):
                 force = rng.standard_normal(3 * n + 200)
                 if name.startswith("AR"):
@@ -229,13 +266,20 @@ def false_alarms(tries: int) -> dict[tuple[str, int], tuple[int, int]]:
                 if coarse:
                     force = coarse * np.round(force / coarse + rng.random())
                 codes = reduce_record(force, rate_Hz=rate_Hz, tare_s=n / rate_Hz).codes
-                flagged += "STUCK" not in codes and not {"TARE", "drift", "DRIFT", "spikes"}.isdisjoint(codes)
+                flagged += "STUCK" not in codes and not {
+                    "TARE",
+                    "drift",
+                    "DRIFT",
+                    "spikes",
+                }.isdisjoint(codes)
             found[name, n] = flagged, tries
     return found
 
 
 def on_the_coefficient(root: Path, tries: int = 100) -> tuple[Told, float]:
-    """One tare of a campaign glitched, many times: K_b's shift from the fit of the whole campaign, in its u, and the largest that was told."""
+    """One tare of a campaign glitched, many times: K_b's shift from the fit of the whole campaign,
+    in its u, and the largest that was told.
+    """
     campaign, table = _ingested(root)
     model, parts = catalogue.model("sanchez_cuevas"), budget.components(campaign)
     before = fit(model, observe(table, campaign, "ground"), parts).estimates["K_b"]
@@ -248,10 +292,18 @@ def on_the_coefficient(root: Path, tries: int = 100) -> tuple[Told, float]:
         row = int(rng.integers(len(table["trial"])))
         [record] = reader("csv").read(campaign, root, [str(table["trial"][row])])
         force = glitched(record.force_N, n, list(GLITCHES.values())[i % len(GLITCHES)], rng)
-        got = reduce_record(force, rate_Hz=cell.sample_rate or 1.0, tare_s=campaign.tare_s, settle_s=cell.settle)
+        got = reduce_record(
+            force, rate_Hz=cell.sample_rate or 1.0, tare_s=campaign.tare_s, settle_s=cell.settle
+        )
         changed = {name: table[name].copy() for name in ("lift_N", "u_lift_N", "quality")}
-        changed["lift_N"][row], changed["u_lift_N"][row], changed["quality"][row] = got.lift_N, got.u_lift_N, joined(got.codes)
-        after = fit(model, observe({**table, **changed}, campaign, "ground"), parts).estimates["K_b"]
+        changed["lift_N"][row], changed["u_lift_N"][row], changed["quality"][row] = (
+            got.lift_N,
+            got.u_lift_N,
+            joined(got.codes),
+        )
+        after = fit(model, observe({**table, **changed}, campaign, "ground"), parts).estimates[
+            "K_b"
+        ]
         shift = abs(after.value - before.value) / before.u
         told += bool(got.codes)
         refused += any(code.isupper() for code in got.codes)

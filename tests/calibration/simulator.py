@@ -1,12 +1,14 @@
 """The independent referee: simulated campaigns at record level, with a known truth.
 
-`simulate(spec, seed)` plans a campaign (`bench`), computes its true lift from the referee's own physics (`forms`), writes a
-load-cell record for every trial (tare head, running part, rotor tone, coloured noise, counts) and reduces it with the library's
-own `reduction.record`: the one piece shared with what is being judged, because it is what turns records into trials. With
-`Spec.errors` it goes without records, and the errors of trials are what that says.
+`simulate(spec, seed)` plans a campaign (`bench`), computes its true lift from the referee's own
+physics (`forms`), writes a load-cell record for every trial (tare head, running part, rotor tone,
+coloured noise, counts) and reduces it with the library's own `reduction.record`: the one piece
+shared with what is being judged, because it is what turns records into trials. With `Spec.errors`
+it goes without records, and the errors of trials are what that says.
 
-An effect's strength rho is its rms per trial in units of trial noise after the base model's coefficients and a free L_inf per
-throttle have absorbed what they can: rho^2 = ||P W e||^2 / n with W the true whitening, P the projection, e its log lift.
+An effect's strength rho is its rms per trial in units of trial noise after the base model's
+coefficients and a free L_inf per throttle have absorbed what they can: rho^2 = ||P W e||^2 / n with
+W the true whitening, P the projection, e its log lift.
 """
 
 from __future__ import annotations
@@ -21,7 +23,16 @@ from scipy.optimize import brentq
 from scipy.signal import lfilter
 from scipy.stats import norm
 from tests.calibration import forms
-from tests.calibration.bench import RADIUS, SPACING, THROTTLES, Bench, build, levels_N, stream, wander
+from tests.calibration.bench import (
+    RADIUS,
+    SPACING,
+    THROTTLES,
+    Bench,
+    build,
+    levels_N,
+    stream,
+    wander,
+)
 
 from nearlift.fitting.budget import Component
 from nearlift.reduction.quality import rejected
@@ -44,7 +55,8 @@ class Unreachable(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Shared:
-    """Sizes of errors that many trials have in common, each drawn once per element of its scope; 0 is none.
+    """Sizes of errors that many trials have in common, each drawn once per element of its scope; 0
+    is none.
 
     Attributes
     ----------
@@ -55,9 +67,11 @@ class Shared:
     datum_m : float
         Standard deviation of one offset of every distance.
     rotor_radius, spacing_m : float
-        Standard deviation of the radius, as a fraction, and of the spacing that the campaign's owner believes in.
+        Standard deviation of the radius, as a fraction, and of the spacing that the campaign's
+        owner believes in.
     cell_N : float
-        Half-width of the load cell's uniform departure from its line at `range_N`; it bends with the square of the force.
+        Half-width of the load cell's uniform departure from its line at `range_N`; it bends with
+        the square of the force.
     """
 
     session_gain: float = 0.0
@@ -72,20 +86,23 @@ class Shared:
 
 @dataclass(frozen=True, kw_only=True)
 class Errors:
-    """How each trial errs beside its additive noise and its visit's height; by default normally, independently, all alike.
+    """How each trial errs beside its additive noise and its visit's height; by default normally,
+    independently, all alike.
 
     Attributes
     ----------
     tails : float
         Degrees of freedom of a Student t of unit variance.
     far, near : float
-        Standard deviation at the farthest, or the nearest, distance over that at the other end, linear in log distance between.
+        Standard deviation at the farthest, or the nearest, distance over that at the other end,
+        linear in log distance between.
     sessions : float
         Standard deviation of the logarithm of a factor on each session's scatter.
     correlation : float
         Of a trial's error with that of the trial before.
     wander, trials : float
-        Rms of a gain that wanders as an Ornstein-Uhlenbeck process over so many trials; as a random walk where `trials` is infinite.
+        Rms of a gain that wanders as an Ornstein-Uhlenbeck process over so many trials; as a random
+        walk where `trials` is infinite.
     outliers : float
         Share of trials that are off by 5 to 10 standard deviations.
     bad_visit : float
@@ -93,9 +110,11 @@ class Errors:
     lost, lost_sessions : float, int
         Share of trials, and number of sessions, that are missing.
     rail : float
-        Share of trials with lift beyond what the amplifier can follow: the means of their records are cut short.
+        Share of trials with lift beyond what the amplifier can follow: the means of their records
+        are cut short.
     table : float
-        Scatter of a cell as published, a fraction of lift, in place of the bench's; such a table has no covariates and no order.
+        Scatter of a cell as published, a fraction of lift, in place of the bench's; such a table
+        has no covariates and no order.
     """
 
     tails: float = np.inf
@@ -124,14 +143,17 @@ class Spec:
     foreign : bool
         Whether named effects take their foreign form.
     design : str
-        "from_one" (stations from z_hat = 1, ceiling and sidewall from 0.1), "percent_diameter" or "mm" (readings of Table 1).
+        "from_one" (stations from z_hat = 1, ceiling and sidewall from 0.1), "percent_diameter" or
+        "mm" (readings of Table 1).
     realism : bool
         t6 tails and 0.3 % outliers of trials, and an undeclared wander of the gain of 0.03 %.
     spread : float
-        Coefficients are drawn within +- this fraction of the published ones, so that no prior centred there is helped.
+        Coefficients are drawn within +- this fraction of the published ones, so that no prior
+        centred there is helped.
     sink : float
-        Motor heating: fraction by which lift sinks within a record at the highest throttle, in proportion to load. Alike in
-        every trial of a throttle, so that L_inf absorbs it and only the records show it; rho does not apply.
+        Motor heating: fraction by which lift sinks within a record at the highest throttle, in
+        proportion to load. Alike in every trial of a throttle, so that L_inf absorbs it and only
+        the records show it; rho does not apply.
     samples : int or None
         Running samples per record; 260 to 500 if None.
     every : int
@@ -143,9 +165,11 @@ class Spec:
     declared : bool
         Whether the campaign's owner declares `shared.datum_m`, `rotor_radius` and `spacing_m`.
     errors : Errors or None
-        Simulate trials, not records, with errors of this kind; `realism`, `sink` and the rest of `shared` then do not apply.
+        Simulate trials, not records, with errors of this kind; `realism`, `sink` and the rest of
+        `shared` then do not apply.
     order, radius_m : str, float
-        As `bench.build` has them. A larger rotor is the same vehicle, larger; lift goes with its area.
+        As `bench.build` has them. A larger rotor is the same vehicle, larger; lift goes with its
+        area.
     height_m : float or None
         Standard deviation of a visit's height, in place of 0.02 to 0.1 mm.
     """
@@ -211,7 +235,8 @@ class Truth:
     contributions : dict
         What each effect alone adds to log lift.
     amplitudes, rho, rho_beside : dict
-        Amplitude found; strength reached; strength left once the other effects' directions are absorbed too.
+        Amplitude found; strength reached; strength left once the other effects' directions are
+        absorbed too.
     variance : array
         Marginal variance of log lift, height jitter included, realism's excess left out.
     """
@@ -235,7 +260,9 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """A simulated campaign: what the library is given (`data`), and the truth; `scheduled` trials in all, where it was cut."""
+    """A simulated campaign: what the library is given (`data`), and the truth; `scheduled` trials
+    in all, where it was cut.
+    """
 
     spec: Spec
     seed: int
@@ -252,10 +279,21 @@ class Campaign:
     def parts(self) -> tuple[Component, ...]:
         """What the campaign's owner declares."""
         shared, spacing = self.spec.shared, self.spec.radius_m * SPACING / RADIUS
-        sizes = {"height": shared.datum_m, "rotor_radius": shared.rotor_radius, "rotor_spacing": shared.spacing_m / spacing}
+        sizes = {
+            "height": shared.datum_m,
+            "rotor_radius": shared.rotor_radius,
+            "rotor_spacing": shared.spacing_m / spacing,
+        }
         moves = {"rotor_spacing": ("spacing_hat", "diagonal_hat", "layout_hat")}
         return tuple(
-            Component(name=on, on=on, standard=size, distribution="normal", scope="boundary", moves=moves.get(on, ()))
+            Component(
+                name=on,
+                on=on,
+                standard=size,
+                distribution="normal",
+                scope="boundary",
+                moves=moves.get(on, ()),
+            )
             for on, size in sizes.items()
             if size and self.spec.declared
         )
@@ -265,9 +303,18 @@ class Campaign:
         keep = np.flatnonzero(self.keep)[n:]
         rows, truth = np.arange(n), self.truth
         cut = {name: getattr(truth, name)[:n] for name in ("log_lift", "base_log_lift", "variance")}
-        known = replace(truth, **cut, contributions={k: v[:n] for k, v in truth.contributions.items()})
+        known = replace(
+            truth, **cut, contributions={k: v[:n] for k, v in truth.contributions.items()}
+        )
         left = self.keep & ~np.isin(np.arange(len(self.keep)), keep)
-        return replace(self, data=self.data.take(rows), truth=known, keep=left, whitener=self.whitener.of(rows), scheduled=self.data.n)
+        return replace(
+            self,
+            data=self.data.take(rows),
+            truth=known,
+            keep=left,
+            whitener=self.whitener.of(rows),
+            scheduled=self.data.n,
+        )
 
     @cached_property
     def jacobian(self) -> Array:
@@ -281,12 +328,18 @@ class Campaign:
 
 
 class Whitener:
-    """W with W C W' = 1 for C = diag(variance) + a rank-one block per visit (+ `beside`); visits are contiguous in run order."""
+    """W with W C W' = 1 for C = diag(variance) + a rank-one block per visit (+ `beside`); visits
+    are contiguous in run order.
+    """
 
-    def __init__(self, variance: Array, shared: Array, visit: Array, beside: Array | None = None) -> None:
+    def __init__(
+        self, variance: Array, shared: Array, visit: Array, beside: Array | None = None
+    ) -> None:
         self.given = variance, shared, visit, beside
         if beside is not None:
-            covariance = np.diag(variance) + (visit[:, None] == visit) * np.outer(shared, shared) + beside
+            covariance = (
+                np.diag(variance) + (visit[:, None] == visit) * np.outer(shared, shared) + beside
+            )
             self.factor = cholesky(covariance, lower=True)
             return
         self.sd = np.sqrt(variance)
@@ -294,12 +347,19 @@ class Whitener:
         self.block = np.cumsum(np.diff(visit, prepend=visit[0] - 1) != 0) - 1
         self.q = shared / self.sd
         length = np.add.reduceat(self.q**2, self.first)
-        self.shrink = np.where(length > 1e-14, (1 - 1 / np.sqrt(1 + length)) / np.maximum(length, 1e-14), 0.5)
+        self.shrink = np.where(
+            length > 1e-14, (1 - 1 / np.sqrt(1 + length)) / np.maximum(length, 1e-14), 0.5
+        )
 
     def of(self, rows: Array) -> Whitener:
         """That of some of the trials alone, in their order."""
         variance, shared, visit, beside = self.given
-        return Whitener(variance[rows], shared[rows], visit[rows], None if beside is None else beside[np.ix_(rows, rows)])
+        return Whitener(
+            variance[rows],
+            shared[rows],
+            visit[rows],
+            None if beside is None else beside[np.ix_(rows, rows)],
+        )
 
     def __call__(self, x: Array) -> Array:
         """Apply along the first axis."""
@@ -310,7 +370,9 @@ class Whitener:
         return x - ((self.shrink * along.T)[..., self.block] * self.q).T
 
     def strength(self, e: Array, absorbed: Array) -> float:
-        """Rms per trial of what is left of `e`, whitened, once the columns `absorbed` have taken what they can."""
+        """Rms per trial of what is left of `e`, whitened, once the columns `absorbed` have taken
+        what they can.
+        """
         q, r = np.linalg.qr(self(absorbed))
         keep = np.abs(np.diag(r)) > 1e-9 * np.abs(np.diag(r)).max()
         if not keep.all():
@@ -320,8 +382,14 @@ class Whitener:
         return float(np.sqrt(np.mean((white - q @ (q.T @ white)) ** 2)))
 
 
-def log_lift(setting: forms.Setting, effects: tuple[tuple[forms.Form, float], ...], z_hat: Array | None = None) -> Array:
-    """Noiseless log lift: height effects, the base curve, ratio effects, gains, forces, in that order."""
+def log_lift(
+    setting: forms.Setting,
+    effects: tuple[tuple[forms.Form, float], ...],
+    z_hat: Array | None = None,
+) -> Array:
+    """Noiseless log lift: height effects, the base curve, ratio effects, gains, forces, in that
+    order.
+    """
     bench = setting.bench
     z = bench.z_hat if z_hat is None else z_hat
     at = lambda place: [(f, x) for f, x in effects if f.place == place]  # noqa: E731
@@ -343,13 +411,22 @@ def base_jacobian(setting: forms.Setting) -> Array:
     columns = []
     for name, value in setting.theta.items():
         step = 1e-4 * abs(value)
-        up, down = (forms.ratio(setting.bench.boundary, setting.bench.z_hat, {**setting.theta, name: value + s}) for s in (step, -step))
+        up, down = (
+            forms.ratio(
+                setting.bench.boundary, setting.bench.z_hat, {**setting.theta, name: value + s}
+            )
+            for s in (step, -step)
+        )
         columns.append((np.log(up) - np.log(down)) / (2 * step))
     return np.stack(columns, axis=1)
 
 
-def whitener(setting: forms.Setting, scatter: Scatter, spec: Spec | None = None, drawn: Drawn | None = None) -> tuple[Whitener, Array]:
-    """The true whitening of log lift at the base curve, and the marginal variance; what is declared (`spec`) is part of it."""
+def whitener(
+    setting: forms.Setting, scatter: Scatter, spec: Spec | None = None, drawn: Drawn | None = None
+) -> tuple[Whitener, Array]:
+    """The true whitening of log lift at the base curve, and the marginal variance; what is declared
+    (`spec`) is part of it.
+    """
     bench = setting.bench
     step = 1e-4
 
@@ -366,7 +443,9 @@ def whitener(setting: forms.Setting, scatter: Scatter, spec: Spec | None = None,
     own, beside = own + drawn.variance, drawn.covariance
     if spec is not None and spec.declared:
         given, spacing = spec.shared, spec.radius_m * SPACING / RADIUS
-        curve = lambda f, g: forms.ratio(bench.boundary, bench.z_hat / f, setting.theta, forms.D / f * g)  # noqa: E731
+        curve = lambda f, g: forms.ratio(  # noqa: E731
+            bench.boundary, bench.z_hat / f, setting.theta, forms.D / f * g
+        )
         columns = np.column_stack(
             [
                 given.datum_m * slope,
@@ -375,10 +454,14 @@ def whitener(setting: forms.Setting, scatter: Scatter, spec: Spec | None = None,
             ]
         )
         beside = columns @ columns.T + (0.0 if beside is None else beside)
-    return Whitener(own, shared, bench.visit, beside), own + shared**2 + (0.0 if beside is None else np.diag(beside))
+    return Whitener(own, shared, bench.visit, beside), own + shared**2 + (
+        0.0 if beside is None else np.diag(beside)
+    )
 
 
-def amplitude(setting: forms.Setting, white: Whitener, kind: str, foreign: bool, rho: float, sign: float) -> float:
+def amplitude(
+    setting: forms.Setting, white: Whitener, kind: str, foreign: bool, rho: float, sign: float
+) -> float:
     """The size at which an effect is as strong as `rho`.
 
     Raises
@@ -388,7 +471,9 @@ def amplitude(setting: forms.Setting, white: Whitener, kind: str, foreign: bool,
     """
     form = forms.form(kind, foreign)
     base = log_lift(setting, ())
-    absorbed = np.hstack([np.eye(len(setting.levels_N))[setting.bench.level], base_jacobian(setting)])
+    absorbed = np.hstack(
+        [np.eye(len(setting.levels_N))[setting.bench.level], base_jacobian(setting)]
+    )
     most = form.most[setting.bench.boundary] * (sign if form.signed else 1.0)
 
     def miss(share: float) -> float:
@@ -423,9 +508,19 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
         radius_m=spec.radius_m,
     )
     nominal = forms.COEFFICIENTS[spec.boundary]
-    theta = {name: value * (1 + spec.spread * rng.uniform(-1, 1)) for name, value in nominal.items()}
-    setting = forms.Setting(bench=bench, theta=theta, levels_N=levels_N(rng, spec.throttles) * (spec.radius_m / RADIUS) ** 2)
-    sizes = {"relative": rng.uniform(0.003, 0.006), "force_N": rng.uniform(0.1e-3, 0.5e-3), "height_m": rng.uniform(0.02e-3, 0.1e-3)}
+    theta = {
+        name: value * (1 + spec.spread * rng.uniform(-1, 1)) for name, value in nominal.items()
+    }
+    setting = forms.Setting(
+        bench=bench,
+        theta=theta,
+        levels_N=levels_N(rng, spec.throttles) * (spec.radius_m / RADIUS) ** 2,
+    )
+    sizes = {
+        "relative": rng.uniform(0.003, 0.006),
+        "force_N": rng.uniform(0.1e-3, 0.5e-3),
+        "height_m": rng.uniform(0.02e-3, 0.1e-3),
+    }
     sensor = Sensor(
         samples=spec.samples or int(rng.integers(260, 501)),
         tare=int(rng.integers(100, 161)),
@@ -444,13 +539,23 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
     pieces: dict[str, tuple[forms.Form, float]] = {}
     for kind, rho in spec.effects:
         sign = stream(seed, "sign", kind).choice([-1.0, 1.0])
-        pieces[kind] = (forms.form(kind, spec.foreign), amplitude(setting, white, kind, spec.foreign, rho, sign))
+        pieces[kind] = (
+            forms.form(kind, spec.foreign),
+            amplitude(setting, white, kind, spec.foreign, rho, sign),
+        )
     base, full = log_lift(setting, ()), log_lift(setting, tuple(pieces.values()))
-    full = full + np.log1p(-spec.sink * setting.load * sinking(np.linspace(0, 1, sensor.samples), spec.foreign).mean())
+    full = full + np.log1p(
+        -spec.sink * setting.load * sinking(np.linspace(0, 1, sensor.samples), spec.foreign).mean()
+    )
     parts = {kind: log_lift(setting, (piece,)) - base for kind, piece in pieces.items()}
     absorbed = np.hstack([np.eye(len(spec.throttles))[bench.level], base_jacobian(setting)])
     rho = {kind: white.strength(e, absorbed) for kind, e in parts.items()}
-    beside = {kind: white.strength(e, np.column_stack([absorbed, *(o for k, o in parts.items() if k != kind)])) for kind, e in parts.items()}
+    beside = {
+        kind: white.strength(
+            e, np.column_stack([absorbed, *(o for k, o in parts.items() if k != kind)])
+        )
+        for kind, e in parts.items()
+    }
 
     if drawn is None:
         records = _records(spec, seed, setting, scatter, sensor, tuple(pieces.values()))
@@ -473,14 +578,25 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
     if not keep.all():
         white = white.of(np.flatnonzero(keep))
     kept = records if keep_records else None
-    return Campaign(spec=spec, seed=seed, data=data, truth=truth, setting=setting, keep=keep, whitener=white, sensor=sensor, records=kept)
+    return Campaign(
+        spec=spec,
+        seed=seed,
+        data=data,
+        truth=truth,
+        setting=setting,
+        keep=keep,
+        whitener=white,
+        sensor=sensor,
+        records=kept,
+    )
 
 
 def candidate_columns(campaign: Campaign) -> dict[str, Array]:
-    """Every named effect's own form as a column of log lift, linear in its size; what rival methods choose from.
+    """Every named effect's own form as a column of log lift, linear in its size; what rival methods
+    choose from.
 
-    They are the truth's own shapes, so rival methods get the benefit of a library without form error. What theta and L_inf
-    absorb altogether is left out.
+    They are the truth's own shapes, so rival methods get the benefit of a library without form
+    error. What theta and L_inf absorb altogether is left out.
     """
     base = log_lift(campaign.setting, ())
     absorbed = np.hstack([campaign.indicator, campaign.jacobian])
@@ -488,16 +604,27 @@ def candidate_columns(campaign: Campaign) -> dict[str, Array]:
     for name in forms.names(campaign.spec.boundary):
         form = forms.form(name, foreign=False)
         share = 0.5 if form.place in ("height", "ratio") and not form.signed else 0.05
-        e = (log_lift(campaign.setting, ((form, share * form.most[campaign.spec.boundary]),)) - base)[campaign.keep]
-        if campaign.whitener.strength(e, absorbed) > 1e-3 * np.sqrt(np.mean(campaign.whitener(e) ** 2)):
+        e = (
+            log_lift(campaign.setting, ((form, share * form.most[campaign.spec.boundary]),)) - base
+        )[campaign.keep]
+        if campaign.whitener.strength(e, absorbed) > 1e-3 * np.sqrt(
+            np.mean(campaign.whitener(e) ** 2)
+        ):
             columns[name] = e / share
     return columns
 
 
 def repeat(campaign: Campaign, seed: int) -> Campaign:
     """The same bench, truth and schedule, run again with fresh noise."""
-    spec, pieces = campaign.spec, tuple((forms.form(k, campaign.spec.foreign), x) for k, x in campaign.truth.amplitudes.items())
-    records = _records(spec, seed, campaign.setting, campaign.truth.scatter, campaign.sensor, pieces)
+    spec, pieces = (
+        campaign.spec,
+        tuple(
+            (forms.form(k, campaign.spec.foreign), x) for k, x in campaign.truth.amplitudes.items()
+        ),
+    )
+    records = _records(
+        spec, seed, campaign.setting, campaign.truth.scatter, campaign.sensor, pieces
+    )
     data, keep = _reduced(records, campaign.setting.bench, campaign.sensor, spec.boundary)
     if not np.array_equal(keep, campaign.keep):
         raise RuntimeError("a repeat lost other trials than the campaign it repeats")
@@ -505,16 +632,28 @@ def repeat(campaign: Campaign, seed: int) -> Campaign:
 
 
 def sinking(u: Array, foreign: bool) -> Array:
-    """Heat's share in a record, from 0 at the first to 1 at the last running sample: linear, or saturating where foreign."""
+    """Heat's share in a record, from 0 at the first to 1 at the last running sample: linear, or
+    saturating where foreign.
+    """
     return np.expm1(-4 * u) / np.expm1(-4.0) if foreign else u
 
 
-def _records(spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, sensor: Sensor, pieces: tuple[tuple[forms.Form, float], ...]) -> Array:
-    """Load-cell series of every trial, N, shape (trials, tare + samples): a block per campaign, drawn at once."""
+def _records(
+    spec: Spec,
+    seed: int,
+    setting: forms.Setting,
+    scatter: Scatter,
+    sensor: Sensor,
+    pieces: tuple[tuple[forms.Form, float], ...],
+) -> Array:
+    """Load-cell series of every trial, N, shape (trials, tare + samples): a block per campaign,
+    drawn at once.
+    """
     rng = stream(seed, "noise", spec.boundary)
     bench, n = setting.bench, setting.bench.n
     jitter = rng.normal(0, scatter.height_m, bench.visit[-1] + 1)[bench.visit] / bench.radius_m
-    # what many trials share has generators of its own, so that one error more leaves all other noise as it was
+    # what many trials share has generators of its own, so that one error more leaves all other
+    # noise as it was
     draw = lambda name, size: stream(seed, "shared", name, spec.boundary).standard_normal(size)  # noqa: E731
     datum = spec.shared.datum_m * draw("datum", 1)[0] / bench.radius_m
     z = np.maximum(bench.z_hat + datum + jitter, 0.3 * bench.z_hat)
@@ -526,8 +665,12 @@ def _records(spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, se
         strayed = rng.random(n) < 0.003
         gain = gain + strayed * rng.choice([-1, 1], n) * rng.uniform(4, 10, n) * scatter.relative
     lift = lift * (1 + gain) + rng.normal(0, scatter.force_N, n)
-    lift = lift * (1 + spec.shared.session_gain * draw("session", bench.session.max() + 1)[bench.session])
-    lift = lift * (1 + spec.shared.throttle_gain * draw("throttle", len(spec.throttles))[bench.level])
+    lift = lift * (
+        1 + spec.shared.session_gain * draw("session", bench.session.max() + 1)[bench.session]
+    )
+    lift = lift * (
+        1 + spec.shared.throttle_gain * draw("throttle", len(spec.throttles))[bench.level]
+    )
     lift = lift * (1 + spec.shared.visit_gain * draw("visit", bench.visit[-1] + 1)[bench.visit])
 
     length = sensor.tare + sensor.samples
@@ -537,18 +680,26 @@ def _records(spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, se
     start = kicks[:, :1] / np.sqrt(1 - COLOUR**2)
     coloured, _ = lfilter([1.0], [1.0, -COLOUR], kicks[:, 1:], axis=1, zi=COLOUR * start)
     force[:, 1:] += sensor.coloured_N * np.sqrt(1 - COLOUR**2) * coloured
-    force += rng.normal(0, 4e-3, n)[:, None]  # where the zero happens to stand; the tare takes it off
+    force += rng.normal(0, 4e-3, n)[
+        :, None
+    ]  # where the zero happens to stand; the tare takes it off
     live = force[:, sensor.tare :]
     live += lift[:, None]
     if spec.sink:
-        live -= (lift * spec.sink * setting.load)[:, None] * sinking(np.linspace(0, 1, sensor.samples), spec.foreign)
+        live -= (lift * spec.sink * setting.load)[:, None] * sinking(
+            np.linspace(0, 1, sensor.samples), spec.foreign
+        )
     turn = 2 * np.pi * bench.speed_rpm / 60 * (1 + rng.normal(0, 0.004, n)) / RATE
     phase = rng.uniform(0, 2 * np.pi, n)
     # sin(a + kb) by the angle's sum: two tables instead of a million sines
     steps = np.arange(sensor.samples)
     live += _tone(turn, phase, steps) * (sensor.tone_N * setting.load)[:, None]
     if spec.shared.cell_N:
-        force += spec.shared.cell_N * stream(seed, "shared", "cell", spec.boundary).uniform(-1, 1) * (force / spec.shared.range_N) ** 2
+        force += (
+            spec.shared.cell_N
+            * stream(seed, "shared", "cell", spec.boundary).uniform(-1, 1)
+            * (force / spec.shared.range_N) ** 2
+        )
     return np.round(force / COUNT_N) * COUNT_N
 
 
@@ -561,10 +712,14 @@ def _tone(turn: Array, phase: Array, steps: Array) -> Array:
     return full.imag.reshape(len(turn), -1)[:, : len(steps)]
 
 
-def _reduced(records: Array, bench: Bench, sensor: Sensor, boundary: str) -> tuple[Observations, Array]:
+def _reduced(
+    records: Array, bench: Bench, sensor: Sensor, boundary: str
+) -> tuple[Observations, Array]:
     """What ingest would make of the records: accepted trials of one boundary."""
     limits = Limits(range_N=9.8)
-    rows = [reduce_record(r, rate_Hz=RATE, tare_s=sensor.tare / RATE, limits=limits) for r in records]
+    rows = [
+        reduce_record(r, rate_Hz=RATE, tare_s=sensor.tare / RATE, limits=limits) for r in records
+    ]
     keep = ~rejected(np.array([" ".join(r.codes) for r in rows], dtype=object))
     good = [r for r, k in zip(rows, keep, strict=True) if k]
     column = lambda name: np.array([getattr(r, name) for r in good], dtype=float)  # noqa: E731
@@ -573,7 +728,9 @@ def _reduced(records: Array, bench: Bench, sensor: Sensor, boundary: str) -> tup
     return replace(data, covariates={**data.covariates, **within}), keep
 
 
-def _observed(bench: Bench, keep: Array, lift_N: Array, u_lift_N: Array, n_eff: Array) -> Observations:
+def _observed(
+    bench: Bench, keep: Array, lift_N: Array, u_lift_N: Array, n_eff: Array
+) -> Observations:
     """Trials as the library takes them; arrays are of those kept."""
     half = 0.5 * SPACING / RADIUS
     return Observations(
@@ -602,9 +759,11 @@ def _observed(bench: Bench, keep: Array, lift_N: Array, u_lift_N: Array, n_eff: 
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """`Errors` as they came out: each trial's error as a fraction of lift, which trials there are, the covariance that a sage would use.
+    """`Errors` as they came out: each trial's error as a fraction of lift, which trials there are,
+    the covariance that a sage would use.
 
-    The sage knows which visit was bad and how each session scattered; of tails and outliers he knows nothing.
+    The sage knows which visit was bad and how each session scattered; of tails and outliers he
+    knows nothing.
     """
 
     error: Array
@@ -620,14 +779,23 @@ def draw_errors(errors: Errors, sd: float, bench: Bench, seed: int) -> Drawn:
     log_z = np.log(bench.z_hat)
     far = (log_z - log_z.min()) / np.ptp(log_z)
     size = sd * (1 + (errors.far - 1) * far) * (1 + (errors.near - 1) * (1 - far))
-    size = size * np.exp(errors.sessions * rng.standard_normal(bench.session.max() + 1))[bench.session]
-    own = rng.standard_normal(n) if np.isinf(errors.tails) else rng.standard_t(errors.tails, n) * np.sqrt(1 - 2 / errors.tails)
+    size = (
+        size * np.exp(errors.sessions * rng.standard_normal(bench.session.max() + 1))[bench.session]
+    )
+    own = (
+        rng.standard_normal(n)
+        if np.isinf(errors.tails)
+        else rng.standard_t(errors.tails, n) * np.sqrt(1 - 2 / errors.tails)
+    )
     variance, covariance = size**2, None
     trial = np.arange(n)
     if errors.correlation:
         kicks = np.r_[rng.standard_normal(400), own]
         own = lfilter([np.sqrt(1 - errors.correlation**2)], [1.0, -errors.correlation], kicks)[-n:]
-        variance, covariance = np.zeros(n), np.outer(size, size) * errors.correlation ** np.abs(trial[:, None] - trial)
+        variance, covariance = (
+            np.zeros(n),
+            np.outer(size, size) * errors.correlation ** np.abs(trial[:, None] - trial),
+        )
     error = size * own
     strayed = rng.random(n) < errors.outliers
     error = error + strayed * rng.choice([-1, 1], n) * rng.uniform(5, 10, n) * size
@@ -635,10 +803,15 @@ def draw_errors(errors: Errors, sd: float, bench: Bench, seed: int) -> Drawn:
         if np.isinf(errors.trials):
             # a walk of n steps strays from its own mean by sqrt(n / 6) steps rms
             step = errors.wander * np.sqrt(6 / n)
-            path, path_covariance = step * np.cumsum(rng.standard_normal(n)), step**2 * (1.0 + np.minimum(trial[:, None], trial))
+            path, path_covariance = (
+                step * np.cumsum(rng.standard_normal(n)),
+                step**2 * (1.0 + np.minimum(trial[:, None], trial)),
+            )
         else:
             path = errors.wander * wander(rng, trial.astype(float), errors.trials)
-            path_covariance = errors.wander**2 * np.exp(-np.abs(trial[:, None] - trial) / errors.trials)
+            path_covariance = errors.wander**2 * np.exp(
+                -np.abs(trial[:, None] - trial) / errors.trials
+            )
         error = error + path
         covariance = path_covariance + (0.0 if covariance is None else covariance)
     if errors.bad_visit:
@@ -646,29 +819,66 @@ def draw_errors(errors: Errors, sd: float, bench: Bench, seed: int) -> Drawn:
         error = error + bad * rng.choice([-1, 1])
         covariance = np.outer(bad, bad) + (0.0 if covariance is None else covariance)
     keep = rng.random(n) >= errors.lost
-    keep &= ~np.isin(bench.session, rng.permutation(bench.session.max() + 1)[: errors.lost_sessions])
+    keep &= ~np.isin(
+        bench.session, rng.permutation(bench.session.max() + 1)[: errors.lost_sessions]
+    )
     return Drawn(error=error, keep=keep, variance=variance, covariance=covariance)
 
 
 def _trials(
-    spec: Spec, seed: int, setting: forms.Setting, scatter: Scatter, sensor: Sensor, pieces: tuple[tuple[forms.Form, float], ...], drawn: Drawn
+    spec: Spec,
+    seed: int,
+    setting: forms.Setting,
+    scatter: Scatter,
+    sensor: Sensor,
+    pieces: tuple[tuple[forms.Form, float], ...],
+    drawn: Drawn,
 ) -> Observations:
-    """Trials without records: the curve at the true height and geometry, errors as drawn, and the geometry that the owner believes in."""
+    """Trials without records: the curve at the true height and geometry, errors as drawn, and the
+    geometry that the owner believes in.
+    """
     assert spec.errors is not None
-    rng, bench, shared, errors = stream(seed, "trials", spec.boundary), setting.bench, spec.shared, spec.errors
-    height = rng.normal(0, scatter.height_m, bench.visit[-1] + 1)[bench.visit] + shared.datum_m * rng.standard_normal()
-    lift = np.exp(log_lift(setting, pieces, np.maximum(bench.z_hat + height / bench.radius_m, 0.3 * bench.z_hat)))
+    rng, bench, shared, errors = (
+        stream(seed, "trials", spec.boundary),
+        setting.bench,
+        spec.shared,
+        spec.errors,
+    )
+    height = (
+        rng.normal(0, scatter.height_m, bench.visit[-1] + 1)[bench.visit]
+        + shared.datum_m * rng.standard_normal()
+    )
+    lift = np.exp(
+        log_lift(
+            setting, pieces, np.maximum(bench.z_hat + height / bench.radius_m, 0.3 * bench.z_hat)
+        )
+    )
     sample_sd = sensor.tone_N / np.sqrt(2)
     if errors.rail:
         # the mean of min(x, rail) for normal x
         beyond = (np.quantile(lift, 1 - errors.rail) - lift) / sample_sd
         lift = lift - sample_sd * (norm.pdf(beyond) - beyond * norm.sf(beyond))
-    lift = lift * (1 + drawn.error) + rng.normal(0, scatter.force_N, bench.n) + rng.normal(0, scatter.record_N, bench.n)
+    lift = (
+        lift * (1 + drawn.error)
+        + rng.normal(0, scatter.force_N, bench.n)
+        + rng.normal(0, scatter.record_N, bench.n)
+    )
     keep = drawn.keep
     u = np.full(bench.n, scatter.record_N) if scatter.record_N else scatter.relative * lift
-    data = _observed(bench, keep, lift[keep], u[keep], np.full(int(keep.sum()), sensor.samples / 5 if scatter.record_N else 1.0))
+    data = _observed(
+        bench,
+        keep,
+        lift[keep],
+        u[keep],
+        np.full(int(keep.sum()), sensor.samples / 5 if scatter.record_N else 1.0),
+    )
     if errors.table:
         data = replace(data, covariates={}, session=np.zeros(data.n, dtype=np.int64), ordered=False)
-    radius, spacing = (1 + size * rng.standard_normal() for size in (shared.rotor_radius, shared.spacing_m / (spec.radius_m * SPACING / RADIUS)))
+    radius, spacing = (
+        1 + size * rng.standard_normal()
+        for size in (shared.rotor_radius, shared.spacing_m / (spec.radius_m * SPACING / RADIUS))
+    )
     believed = {name: value / radius * spacing for name, value in data.geometry.items()}
-    return replace(data, radius_m=data.radius_m * radius, z_hat=data.z_hat / radius, geometry=believed)
+    return replace(
+        data, radius_m=data.radius_m * radius, z_hat=data.z_hat / radius, geometry=believed
+    )

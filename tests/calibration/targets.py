@@ -1,4 +1,6 @@
-"""What is fuzzed: each own parser, the manifest and the schedule. A target may end in our own exceptions and in nothing else."""
+"""What is fuzzed: each own parser, the manifest and the schedule. A target may end in our own
+exceptions and in nothing else.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,13 @@ def reduction(data: bytes) -> None:
     for range_N in (None, 9.8):
         limits = Limits(range_N=range_N)
         reduce_record(numbers, rate_Hz=100.0, tare_s=0.5, settle_s=0.1, limits=limits)
-        reduce_record(numbers[:half], rate_Hz=100.0, tare_s=0.5, time_s=numbers[half : 2 * half], limits=limits)
+        reduce_record(
+            numbers[:half],
+            rate_Hz=100.0,
+            tare_s=0.5,
+            time_s=numbers[half : 2 * half],
+            limits=limits,
+        )
 
 
 def dialects(data: bytes) -> None:
@@ -105,7 +113,15 @@ def grids(data: bytes) -> None:
             continue
         try:
             for raw in dialect.read(path):
-                settle(raw, SETTING if raw.length_unit else replace(SETTING, length_unit="px", velocity_unit="px/frame"), "f")
+                settle(
+                    raw,
+                    (
+                        SETTING
+                        if raw.length_unit
+                        else replace(SETTING, length_unit="px", velocity_unit="px/frame")
+                    ),
+                    "f",
+                )
         except NearliftError:
             continue
 
@@ -123,20 +139,45 @@ GRIDS = (
     ("# x\ty\tu\tv\tflags\tmask\n", "\t", "0 0"),
     ("PIVlab, ASCII chart output\nx [m],y [m],u [m/s],v [m/s],Vector type [-]\n", ",", "1"),
     ("x [px],y [px],u [px/frame],v [px/frame],Vector type [-]\n", ",", "1"),
-    ('TITLE="a" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", ZONE I=3, J=3, F=POINT\n', ", ", "1"),
-    ('#DaVis 8.1.6 2D-vector 32 3 3 "position" "mm" "position" "mm" "velocity" "m/s"\n', "\t", "", True),
-    (">>*HEADER*<<\nFileID:DSExport.CSV\nGridSize:{Width=3,Height=3}\n>>*DATA*<<\nx [mm],y [mm],U[m/s],V[m/s],Status\n", ",", "0"),
+    (
+        'TITLE="a" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", ZONE I=3, J=3, F=POINT\n',
+        ", ",
+        "1",
+    ),
+    (
+        '#DaVis 8.1.6 2D-vector 32 3 3 "position" "mm" "position" "mm" "velocity" "m/s"\n',
+        "\t",
+        "",
+        True,
+    ),
+    (
+        (
+            ">>*HEADER*<<\nFileID:DSExport.CSV\nGridSize:{Width=3,Height=3}\n>>*DATA*<<\nx [mm],y"
+            " [mm],U[m/s],V[m/s],Status\n"
+        ),
+        ",",
+        "0",
+    ),
 )
 FORCE = [1.5, -2.25, 3.125]
 #: Target -> its function and what it starts from.
 TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
     "csv": (csv, (written.csv(FORCE), b"t,force\n0,OVER\n1,2")),
-    "reduction": (reduction, tuple(np.random.default_rng(n).normal(0.2, 2e-3, n).tobytes() for n in (8, 80, 500))),
-    "dialects": (dialects, (written.german(FORCE), b"a;b\n1,5;2\n", b"# x\na b\n1 2\n", b"t,F,\ns,mN,\n1,2,\n")),
+    "reduction": (
+        reduction,
+        tuple(np.random.default_rng(n).normal(0.2, 2e-3, n).tobytes() for n in (8, 80, 500)),
+    ),
+    "dialects": (
+        dialects,
+        (written.german(FORCE), b"a;b\n1,5;2\n", b"# x\na b\n1 2\n", b"t,F,\ns,mN,\n1,2,\n"),
+    ),
     "recipe": (recipe, (b"START\r\n1, 2\r\n3, 4\r\n", b"1,5;2,5\n")),
     "labels": (labels, (b"T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n",)),
     "stands": (stands, (written.rcbenchmark(FORCE), written.tyto(FORCE), written.crazyflie(FORCE))),
-    "labview": (labview, (written.lvm(FORCE), written.lvm(FORCE, decimal=".", columns="No", segments=2))),
+    "labview": (
+        labview,
+        (written.lvm(FORCE), written.lvm(FORCE, decimal=".", columns="No", segments=2)),
+    ),
     "deck": (deck, (written.usd(FORCE), written.usd(FORCE, version=1))),
     "manifest": (manifest, (MANIFEST.encode(),)),
     "grids": (grids, tuple(_grid(*form) for form in GRIDS)),

@@ -1,7 +1,9 @@
-"""The promises of docs/calibration.md on simulated records. Slow: `make calibrate`, or pytest -m calibration.
+"""The promises of docs/calibration.md on simulated records. Slow: `make calibrate`, or pytest -m
+calibration.
 
-NEARLIFT_CALIBRATION_N campaigns of each kind (201), boundaries in turn. A promise counts as broken only where the whole 95 % interval
-of its figure lies on the wrong side, so an engine that just keeps it fails here once in forty.
+NEARLIFT_CALIBRATION_N campaigns of each kind (201), boundaries in turn. A promise counts as broken
+only where the whole 95 % interval of its figure lies on the wrong side, so an engine that just
+keeps it fails here once in forty.
 """
 
 from __future__ import annotations
@@ -21,7 +23,16 @@ N = int(os.environ.get("NEARLIFT_CALIBRATION_N", "201"))
 PROMISED = {
     "null": ("null", "worse"),
     "weak": ("weak_seen", "worse"),
-    "one": ("one_right", "one_inside", "one_wrong", "foreign_right", "foreign_inside", "gain", "worse", "cover_quoted"),
+    "one": (
+        "one_right",
+        "one_inside",
+        "one_wrong",
+        "foreign_right",
+        "foreign_inside",
+        "gain",
+        "worse",
+        "cover_quoted",
+    ),
     "two": ("two_inside", "worse"),
     "outside": ("outside_faint", "outside_loud", "worse"),
     "within": ("worse",),
@@ -36,7 +47,11 @@ def test_promises_hold(executor, kind):
     print(markdown(scored["rows"]))
     assert found["failed"]["k"] == 0, [r["failed"] for r in scored["rows"] if r["failed"]]
     assert {*PROMISED[kind], "time"} <= found.keys()
-    broken = [f"{f['title']}: {f['value']:.3g} ({f['lo95']:.3g} to {f['hi95']:.3g}, n = {f['n']})" for f in found.values() if f["passed"] is False]
+    broken = [
+        f"{f['title']}: {f['value']:.3g} ({f['lo95']:.3g} to {f['hi95']:.3g}, n = {f['n']})"
+        for f in found.values()
+        if f["passed"] is False
+    ]
     assert not broken, "\n".join(broken)
 
 
@@ -47,18 +62,30 @@ def test_heating_is_found_in_records(executor):
 
 def test_without_the_correction_for_many_candidates_nulls_are_accused(executor):
     """A referee that passes a broken engine is worth nothing."""
-    scored = score(executor, "null", max(N // 3, 30), REPORTED, partial(engine, multiplicity=False, confirm=False))
+    scored = score(
+        executor,
+        "null",
+        max(N // 3, 30),
+        REPORTED,
+        partial(engine, multiplicity=False, confirm=False),
+    )
     null = next(f for f in scored["figures"] if f["key"] == "null")
     assert null["passed"] is False, null
 
 
 def test_without_form_uncertainty_strange_forms_are_missed(executor):
-    """Paired: same campaigns, all of foreign form; kept means truth within the set and the coefficient within its interval."""
+    """Paired: same campaigns, all of foreign form; kept means truth within the set and the
+    coefficient within its interval.
+    """
     seeds = [s for s in range(REPORTED, REPORTED + 9 * N) if s // 3 % 3 == 2][:N]
     granted, denied = (
-        score(executor, "one", len(seeds), seeds, d)["rows"] for d in (partial(engine, confirm=False), partial(engine, confirm=False, form_sd=0.0))
+        score(executor, "one", len(seeds), seeds, d)["rows"]
+        for d in (partial(engine, confirm=False), partial(engine, confirm=False, form_sd=0.0))
     )
     assert all(r["foreign"] for r in granted)
-    pairs = [(a["inside"] and a["cover_quoted"], b["inside"] and b["cover_quoted"]) for a, b in zip(granted, denied, strict=True)]
+    pairs = [
+        (a["inside"] and a["cover_quoted"], b["inside"] and b["cover_quoted"])
+        for a, b in zip(granted, denied, strict=True)
+    ]
     lost, won = pairs.count((True, False)), pairs.count((False, True))
     assert binomtest(lost, lost + won, alternative="greater").pvalue < 0.05, (lost, won)

@@ -13,9 +13,13 @@ from tests.calibration.glitches import FIRST_SEED, jobs, null, one
 
 
 def test_one_subject_is_told_apart(tmp_path: Path) -> None:
-    """The harness itself: what pandas makes of a cut CSV is silently short or wrong, and ours is marked."""
+    """The harness itself: what pandas makes of a cut CSV is silently short or wrong, and ours is
+    marked.
+    """
     with ExitStack() as stack:
-        chosen = {s.program: tally(s, "cut", tmp_path) for s in subjects(stack) if s.format == "plain CSV"}
+        chosen = {
+            s.program: tally(s, "cut", tmp_path) for s in subjects(stack) if s.format == "plain CSV"
+        }
     assert sum(chosen["nearlift"].values()) == TRIES
     assert chosen["nearlift"]["wrong"] == 0
     assert chosen["pandas"]["short"] + chosen["pandas"]["wrong"] > TRIES / 2
@@ -26,12 +30,17 @@ def test_damaged_bytes_have_their_rows(tmp_path: Path) -> None:
     """A sample of every format's; what is raised over a record would end this test."""
     found = records.bytes_to_rows(tmp_path, flips=8, sectors=4)
     for (name, kind), count in found.items():
-        assert kind == "time" or (sum(count.values()), count["silent"]) == ({"flip": 8, "sector": 4}[kind], 0), name
+        assert kind == "time" or (sum(count.values()), count["silent"]) == (
+            {"flip": 8, "sector": 4}[kind],
+            0,
+        ), name
 
 
 @pytest.mark.parametrize("rate_Hz", [1000.0, 100.0])
 @pytest.mark.parametrize("glitch", list(records.GLITCHES.values()), ids=list(records.GLITCHES))
-def test_a_glitch_in_the_tare_moves_no_lift_in_silence(glitch: records.Glitch, rate_Hz: float) -> None:
+def test_a_glitch_in_the_tare_moves_no_lift_in_silence(
+    glitch: records.Glitch, rate_Hz: float
+) -> None:
     found = records.tare_glitches(rate_Hz, round(2 * rate_Hz), glitch, tries=20)
     assert found.told > 0
     assert found.silent == 0
@@ -39,7 +48,9 @@ def test_a_glitch_in_the_tare_moves_no_lift_in_silence(glitch: records.Glitch, r
 
 @pytest.mark.calibration
 def test_no_glitch_and_no_damaged_byte_is_silent(tmp_path: Path) -> None:
-    """Binary formats without a check sum may hold other numbers that are as likely: one sector in a hundred, at most."""
+    """Binary formats without a check sum may hold other numbers that are as likely: one sector in a
+    hundred, at most.
+    """
     for (name, kind), count in records.bytes_to_rows(tmp_path / "rows").items():
         assert count["silent"] <= 1, (name, kind)
     for glitch in records.GLITCHES.values():
@@ -48,7 +59,9 @@ def test_no_glitch_and_no_damaged_byte_is_silent(tmp_path: Path) -> None:
     told, most = records.on_the_coefficient(tmp_path / "campaign")
     assert told.silent == 0
     assert most < 1
-    assert all(flagged <= 1 for (_, n), (flagged, _) in records.false_alarms(5000).items() if n >= 200)
+    assert all(
+        flagged <= 1 for (_, n), (flagged, _) in records.false_alarms(5000).items() if n >= 200
+    )
 
 
 @pytest.mark.calibration

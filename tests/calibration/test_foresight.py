@@ -1,6 +1,8 @@
-"""Does a plan foretell its campaign? Chances of `nearlift design` beside what the loop makes of simulated campaigns of that plan.
+"""Does a plan foretell its campaign? Chances of `nearlift design` beside what the loop makes of
+simulated campaigns of that plan.
 
-``python -m tests.calibration.test_foresight --n N --effects EFFECT,EFFECT`` prints the rows of docs/stages/design.md for N campaigns each.
+``python -m tests.calibration.test_foresight --n N --effects EFFECT,EFFECT`` prints the rows of
+docs/stages/design.md for N campaigns each.
 """
 
 import argparse
@@ -30,8 +32,19 @@ EFFECTS = ("supply_sag", "height_offset", "session_gain", "reynolds")
 MANIFEST = {
     "schema": "nearlift.campaign/1",
     "name": "planned",
-    "vehicle": {"name": "Crazyflie 2.0", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
-    "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2"},
+    "vehicle": {
+        "name": "Crazyflie 2.0",
+        "rotors": 4,
+        "rotor_radius": "23 mm",
+        "rotor_spacing": "65 mm",
+        "mass": "27 g",
+    },
+    "rig": {
+        "held": "throttle",
+        "distance_datum": "rotor plane",
+        "distance_offset": "0 mm",
+        "gravity": "9.8 m/s^2",
+    },
     "records": {"reader": "means"},
     "design": {
         "distances": {"ground": [f"{mm} mm" for mm in (26, 30, 35, 42, 52, 66, 92, 138, 207, 265)]},
@@ -47,7 +60,9 @@ MANIFEST = {
 
 
 class Bench:
-    """A plan, its forecast, and campaigns of it: 320 trials near the ground, noise as planned, drawn here and not by the forecast."""
+    """A plan, its forecast, and campaigns of it: 320 trials near the ground, noise as planned,
+    drawn here and not by the forecast.
+    """
 
     def __init__(self):
         campaign = manifests.parse(MANIFEST)
@@ -55,7 +70,9 @@ class Bench:
         self.data = observe(made.table, campaign, "ground")
         self.base = catalogue.model("sanchez_cuevas")
         self.noise = scatter(campaign, "ground", None)
-        self.foresight, _, _ = planned(self.data, self.base, (), self.noise, Options(), np.array([K_B]))
+        self.foresight, _, _ = planned(
+            self.data, self.base, (), self.noise, Options(), np.array([K_B])
+        )
 
     def draw(self, handle, size, seed):
         rng, data = np.random.default_rng([seed, 77]), self.foresight.stage.data
@@ -65,10 +82,21 @@ class Bench:
             signal = np.log1p(size * (draw - draw.mean()) / draw.std())[data.session]
         else:
             signal = candidate.contribution(self.foresight.vector(handle, size), handle.effect)
-        jitter = rng.normal(0, self.noise.height_m, data.visit.max() + 1)[data.visit] / data.radius_m
-        ratio = self.base(data.z_hat + jitter, K_b=K_B, **{k: data.geometry[k] for k in self.base.needs})
-        lift = data.covariates["lift_inf_N"] * ratio * np.exp(signal) * (1 + self.noise.relative * rng.normal(size=data.n))
-        return dataclasses.replace(self.data, lift_N=lift + self.noise.force_N * rng.normal(size=data.n))
+        jitter = (
+            rng.normal(0, self.noise.height_m, data.visit.max() + 1)[data.visit] / data.radius_m
+        )
+        ratio = self.base(
+            data.z_hat + jitter, K_b=K_B, **{k: data.geometry[k] for k in self.base.needs}
+        )
+        lift = (
+            data.covariates["lift_inf_N"]
+            * ratio
+            * np.exp(signal)
+            * (1 + self.noise.relative * rng.normal(size=data.n))
+        )
+        return dataclasses.replace(
+            self.data, lift_N=lift + self.noise.force_N * rng.normal(size=data.n)
+        )
 
     def row(self, executor, name, factor, count, confirm):
         """The forecast for one size, and what the loop said of `count` campaigns."""
@@ -77,7 +105,9 @@ class Bench:
         contest = self.foresight.contest(handle, size)
         got = dict.fromkeys(("seen", "within", "alone"), 0)
         rivals: dict[str, int] = {}
-        for found in ordered(executor, said, [(name, size, seed, confirm) for seed in range(count)]):
+        for found in ordered(
+            executor, said, [(name, size, seed, confirm) for seed in range(count)]
+        ):
             named = {e["name"] for e in found["effects"]}
             others = {r for e in found["effects"] for r in e["rivals"]}
             got["seen"] += found["verdict"] != "adequate"
@@ -93,7 +123,9 @@ class Bench:
             "n": count,
             "foretold": {k: getattr(contest, k) for k in got},
             "counted": got,
-            "rivals_foretold": {k: v for k, v in sorted(contest.rivals.items(), key=lambda i: -i[1]) if v > 0.1},
+            "rivals_foretold": {
+                k: v for k, v in sorted(contest.rivals.items(), key=lambda i: -i[1]) if v > 0.1
+            },
             "rivals_counted": dict(sorted(rivals.items(), key=lambda i: -i[1])),
         }
 
@@ -122,7 +154,9 @@ def interval(hits, n, level=0.95):
 @pytest.mark.parametrize("name", EFFECTS)
 @pytest.mark.parametrize("factor", SIZES)
 def test_the_chance_to_see_is_as_foretold(executor, name, factor):
-    """60 campaigns: the forecast within the 99.5 % interval, widened by 5 % since each campaign has to estimate its noise floor anew."""
+    """60 campaigns: the forecast within the 99.5 % interval, widened by 5 % since each campaign has
+    to estimate its noise floor anew.
+    """
     found = bench().row(executor, name, factor, 60, confirm=False)
     low, high = interval(found["counted"]["seen"], found["n"], 0.995)
     assert low - 0.05 <= found["foretold"]["seen"] <= high + 0.05
@@ -130,7 +164,9 @@ def test_the_chance_to_see_is_as_foretold(executor, name, factor):
 
 @pytest.mark.calibration
 def test_foretold_rivals_are_the_ones_that_come(executor):
-    """At 1.6 limits: whoever is foretold in half the campaigns or more comes in a fifth or more, and nobody else in half."""
+    """At 1.6 limits: whoever is foretold in half the campaigns or more comes in a fifth or more,
+    and nobody else in half.
+    """
     for name in EFFECTS:
         found = bench().row(executor, name, 1.6, 60, confirm=False)
         for rival, chance in found["rivals_foretold"].items():
@@ -143,16 +179,23 @@ def test_foretold_rivals_are_the_ones_that_come(executor):
 
 def main():
     """Print the rows."""
-    parser = argparse.ArgumentParser(prog="python -m tests.calibration.test_foresight", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.calibration.test_foresight", description=__doc__.split("\n")[0]
+    )
     parser.add_argument("--n", type=int, default=60, help="campaigns of each effect and size")
     parser.add_argument("--effects", default=",".join(EFFECTS))
-    parser.add_argument("--confirm", action="store_true", help="with held-out visits, as `nearlift diagnose` does")
+    parser.add_argument(
+        "--confirm", action="store_true", help="with held-out visits, as `nearlift diagnose` does"
+    )
     spread.add_option(parser)
     given = parser.parse_args()
     with spread.opened(given.executor) as executor:
         for name in given.effects.split(","):
             for factor in SIZES:
-                print(json.dumps(bench().row(executor, name, factor, given.n, given.confirm)), flush=True)
+                print(
+                    json.dumps(bench().row(executor, name, factor, given.n, given.confirm)),
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""A minute of fuzzing for each own parser, the manifest and the schedule: nothing but our own exceptions, within 2 s and 512 MB per input."""
+"""A minute of fuzzing for each own parser, the manifest and the schedule: nothing but our own
+exceptions, within 2 s and 512 MB per input.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,34 @@ def test_seeds_are_answered(target: str) -> None:
 
 
 def fuzzed(target: str, seconds: int, folder: Path) -> tuple[int, float, int]:
-    """Fuzz a target for so long: number of inputs, the longest that one took in s of processor time, and the process's peak memory in MB."""
-    words = [sys.executable, "-m", "tests.calibration.fuzzing", target, str(seconds), str(folder / target)]
+    """Fuzz a target for so long: number of inputs, the longest that one took in s of processor
+    time, and the process's peak memory in MB.
+    """
+    words = [
+        sys.executable,
+        "-m",
+        "tests.calibration.fuzzing",
+        target,
+        str(seconds),
+        str(folder / target),
+    ]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "pipeline")])}
-    done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, errors="replace", check=False)
+    done = subprocess.run(
+        words,
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
     found = {name: int(value) for name, value in re.findall(r"stat::(\w+):\s+(\d+)", done.stderr)}
-    return found["number_of_executed_units"], float((folder / f"{target}-slowest.txt").read_text()), found["peak_rss_mb"]
+    return (
+        found["number_of_executed_units"],
+        float((folder / f"{target}-slowest.txt").read_text()),
+        found["peak_rss_mb"],
+    )
 
 
 @pytest.mark.calibration

@@ -1,6 +1,8 @@
-"""Rank uniformity of posteriors over campaigns simulated from records: `make calibrate`, or pytest -m calibration.
+"""Rank uniformity of posteriors over campaigns simulated from records: `make calibrate`, or pytest
+-m calibration.
 
-NEARLIFT_RANKS_N campaigns of each kind (200). A right engine fails here once in a thousand for each boundary.
+NEARLIFT_RANKS_N campaigns of each kind (200). A right engine fails here once in a thousand for each
+boundary.
 """
 
 import os
@@ -18,10 +20,15 @@ ALARM = 1e-3
 
 
 def ranks(executor, boundary, noise):
-    found = list(ordered(executor, rank, [(boundary, seed, noise) for seed in range(70_000, 70_000 + N)]))
+    found = list(
+        ordered(executor, rank, [(boundary, seed, noise) for seed in range(70_000, 70_000 + N)])
+    )
     shares, inside = np.array([r.share for r in found]), sum(r.inside90 for r in found)
     count = np.histogram(shares, 10, (0, 1))[0].tolist()
-    print(f"{MODELS[boundary]}, noise {noise.__name__}: p = {uniformity(shares):.3g}, 90 % held {inside} of {N}, bins {count}")
+    print(
+        f"{MODELS[boundary]}, noise {noise.__name__}: p = {uniformity(shares):.3g}, 90 % held"
+        f" {inside} of {N}, bins {count}"
+    )
     return shares, inside
 
 

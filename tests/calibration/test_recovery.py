@@ -1,7 +1,9 @@
-"""Recovery of K_b from records: intervals that cover as often as they say, beside those of a ratio fit that do not.
+"""Recovery of K_b from records: intervals that cover as often as they say, beside those of a ratio
+fit that do not.
 
-Each campaign is written to disk record by record by `nearlift.synthetic`, with nothing wrong in it, and goes through ingest, reduce and
-fit as any campaign does. Its K_b is drawn anew, 20 % about 2, so that no bound or prior can help.
+Each campaign is written to disk record by record by `nearlift.synthetic`, with nothing wrong in it,
+and goes through ingest, reduce and fit as any campaign does. Its K_b is drawn anew, 20 % about 2,
+so that no bound or prior can help.
 
     python -m tests.calibration.test_recovery --n 200        writes docs/recovery.md
 """
@@ -47,7 +49,9 @@ LEVELS = (0.68, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """One campaign: the truth, and estimate, standard uncertainty and degrees of freedom of each way to fit it."""
+    """One campaign: the truth, and estimate, standard uncertainty and degrees of freedom of each
+    way to fit it.
+    """
 
     truth: float
     value: float
@@ -68,38 +72,71 @@ class Recovered:
 def recover(seed: int) -> Recovered:
     """One campaign from records to K_b."""
     truth = 2.0 * (1 + 0.2 * (2 * np.random.default_rng([seed, 1]).random() - 1))
-    true = Truth(model=catalogue.model("sanchez_cuevas"), parameters={"K_b": truth}, lift_inf_N=FAR, geometry=GEOMETRY, noise=NOISE)
+    true = Truth(
+        model=catalogue.model("sanchez_cuevas"),
+        parameters={"K_b": truth},
+        lift_inf_N=FAR,
+        geometry=GEOMETRY,
+        noise=NOISE,
+    )
     with tempfile.TemporaryDirectory() as place:
         root = Path(place) / "raw"
-        write_campaign(root, randomised({"ground": STATIONS}, seed=seed, visits=VISITS), {"ground": true}, name="r", note="", seed=seed, bench=BENCH)
+        write_campaign(
+            root,
+            randomised({"ground": STATIONS}, seed=seed, visits=VISITS),
+            {"ground": true},
+            name="r",
+            note="",
+            seed=seed,
+            bench=BENCH,
+        )
         text = (root / "campaign.toml").read_text()
         # the cell's accuracy would widen the interval by what is not simulated; rivals take time
-        text = text.replace('accuracy    = "1.5 gf"\n', "").replace("[trials]\n", "[fit.ground]\nrivals = []\n\n[trials]\n", 1)
+        text = text.replace('accuracy    = "1.5 gf"\n', "").replace(
+            "[trials]\n", "[fit.ground]\nrivals = []\n\n[trials]\n", 1
+        )
         (root / "campaign.toml").write_text(text)
-        job = Job(root=root, campaign=manifests.load(root), processed=Path(place) / "p", reports=Path(place) / "r", executor=SerialExecutor())
+        job = Job(
+            root=root,
+            campaign=manifests.load(root),
+            processed=Path(place) / "p",
+            reports=Path(place) / "r",
+            executor=SerialExecutor(),
+        )
         for step in graph.run(job, graph.STAGES[:3]):
             assert step.outcome.rejected == ()
         content = job.read_json(FIT)
         entry = content["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
         cells = job.read(LIFT)
-    other = {"naive": ratio_fit(cells["z_hat"], cells["delta_L"], False), "careful": ratio_fit(cells["z_hat"], cells["delta_L"], True)}
+    other = {
+        "naive": ratio_fit(cells["z_hat"], cells["delta_L"], False),
+        "careful": ratio_fit(cells["z_hat"], cells["delta_L"], True),
+    }
     return Recovered(truth, entry["value"], entry["u"], content["noise"]["ground"]["dof"], other)
 
 
 def ratio_fit(z_hat: np.ndarray, delta_L: np.ndarray, careful: bool) -> tuple[float, float, float]:
-    """Ordinary least squares on cell means of Delta L over the farthest station, as if each cell erred on its own: what papers do.
+    """Ordinary least squares on cell means of Delta L over the farthest station, as if each cell
+    erred on its own: what papers do.
 
-    `careful` grants that the farthest station feels the ground too, and divides the model by its own value there.
+    `careful` grants that the farthest station feels the ground too, and divides the model by its
+    own value there.
     """
     model, near, far = catalogue.model("sanchez_cuevas"), z_hat < z_hat.max(), z_hat.max()
 
     def residuals(theta: np.ndarray) -> np.ndarray:
-        ratio, reference = (np.asarray(model.evaluate(z, K_b=theta[0], **GEOMETRY)) for z in (z_hat[near], far))
+        ratio, reference = (
+            np.asarray(model.evaluate(z, K_b=theta[0], **GEOMETRY)) for z in (z_hat[near], far)
+        )
         return ratio / (reference if careful else 1.0) - 1 - delta_L[near]
 
     found = least_squares(residuals, [2.0])
     dof = int(near.sum()) - 1
-    return float(found.x[0]), float(np.sqrt(2 * found.cost / dof / (found.jac[:, 0] @ found.jac[:, 0]))), float(dof)
+    return (
+        float(found.x[0]),
+        float(np.sqrt(2 * found.cost / dof / (found.jac[:, 0] @ found.jac[:, 0]))),
+        float(dof),
+    )
 
 
 def run(executor: Executor, n: int, first: int = REPORTED) -> list[Recovered]:
@@ -117,36 +154,52 @@ WAYS = ("cover", "naive", "careful")
 
 
 def figures(rows: list[Recovered]) -> dict[str, float]:
-    """For each way to fit: shares that cover, stated and actual error, and both beside each other."""
+    """For each way to fit: shares that cover, stated and actual error, and both beside
+    each other.
+    """
     found: dict[str, float] = {"n": len(rows)}
     for way in WAYS:
         error, u = np.array([(r.of(way)[0] - r.truth, r.of(way)[1]) for r in rows]).T
-        found |= {f"{way}_{100 * level:.0f}": float(np.mean([r.covers(level, way) for r in rows])) for level in LEVELS}
+        found |= {
+            f"{way}_{100 * level:.0f}": float(np.mean([r.covers(level, way) for r in rows]))
+            for level in LEVELS
+        }
         found |= {f"{way}_u": float(np.median(u)), f"{way}_rms": float(np.sqrt(np.mean(error**2)))}
-        found |= {f"{way}_pull": float((error / u).mean()), f"{way}_pull_sd": float((error / u).std(ddof=1))}
+        found |= {
+            f"{way}_pull": float((error / u).mean()),
+            f"{way}_pull_sd": float((error / u).std(ddof=1)),
+        }
     return found
 
 
 def check(rows: list[Recovered], chance: float) -> dict[str, float]:
-    """The promise: both levels within their binomial band, estimates without bias, and the ratio fit as bad as it is said to be."""
+    """The promise: both levels within their binomial band, estimates without bias, and the ratio
+    fit as bad as it is said to be.
+    """
     found, n = figures(rows), len(rows)
     print(json.dumps(found, indent=1))
     for level in LEVELS:
         low, high = band(n, level, chance)
         assert low <= round(n * found[f"cover_{100 * level:.0f}"]) <= high, (level, found)
-    assert abs(found["cover_pull"]) < norm.ppf(0.5 + chance / 2) * found["cover_pull_sd"] / np.sqrt(n)
+    assert abs(found["cover_pull"]) < norm.ppf(0.5 + chance / 2) * found["cover_pull_sd"] / np.sqrt(
+        n
+    )
     assert max(found["naive_68"], found["careful_68"]) < found["cover_68"] - 0.15
     return found
 
 
 def test_a_few_campaigns_are_recovered(executor):
-    """24 campaigns; the 99.9 % bands (68 %: 8 to 23, 90 %: 16 to 24) catch intervals that are too narrow by half."""
+    """24 campaigns; the 99.9 % bands (68 %: 8 to 23, 90 %: 16 to 24) catch intervals that are too
+    narrow by half.
+    """
     check(run(executor, 24, first=1), 0.999)
 
 
 @pytest.mark.calibration
 def test_intervals_cover_as_often_as_they_say(executor):
-    """NEARLIFT_RECOVERY_N campaigns (200); each of three figures may fail an honest library once in a hundred."""
+    """NEARLIFT_RECOVERY_N campaigns (200); each of three figures may fail an honest library once in
+    a hundred.
+    """
     check(run(executor, int(os.environ.get("NEARLIFT_RECOVERY_N", "200"))), 0.99)
 
 
@@ -187,9 +240,22 @@ def main() -> None:
     with spread.opened(given.executor) as executor:
         found = figures(run(executor, given.n))
     bands = {level: band(given.n, level) for level in LEVELS}
-    more = {f"{end}_{100 * level:.0f}": bands[level][i] / given.n for level in LEVELS for i, end in enumerate(("low", "high"))}
-    more |= {"stations": len(STATIONS), "throttles": len(FAR), "visits": VISITS, "record": BENCH.record_s, "far": STATIONS[-1] / BENCH.radius_m}
-    more |= {"pull_limit": norm.ppf(0.995) * found["cover_pull_sd"] / np.sqrt(given.n), "seconds": time.perf_counter() - start}
+    more = {
+        f"{end}_{100 * level:.0f}": bands[level][i] / given.n
+        for level in LEVELS
+        for i, end in enumerate(("low", "high"))
+    }
+    more |= {
+        "stations": len(STATIONS),
+        "throttles": len(FAR),
+        "visits": VISITS,
+        "record": BENCH.record_s,
+        "far": STATIONS[-1] / BENCH.radius_m,
+    }
+    more |= {
+        "pull_limit": norm.ppf(0.995) * found["cover_pull_sd"] / np.sqrt(given.n),
+        "seconds": time.perf_counter() - start,
+    }
     given.out.write_text(PAGE.format(**found, **more), encoding="utf-8")
     sys.stdout.write(json.dumps(found, indent=1) + "\n")
 

@@ -1,4 +1,6 @@
-"""The referee itself: strengths are what they claim, noise is what it claims, records give back the truth."""
+"""The referee itself: strengths are what they claim, noise is what it claims, records give back the
+truth.
+"""
 
 import dataclasses
 import time
@@ -12,7 +14,18 @@ from tests.calibration.bench import SPACING
 from tests.calibration.figures import by_kind, by_verdict, clopper_pearson, figures, markdown
 from tests.calibration.kinds import KINDS, STRONG, chosen, draw
 from tests.calibration.peers import PEERS
-from tests.calibration.simulator import Errors, Shared, Spec, Unreachable, amplitude, base_jacobian, draw_errors, log_lift, repeat, simulate
+from tests.calibration.simulator import (
+    Errors,
+    Shared,
+    Spec,
+    Unreachable,
+    amplitude,
+    base_jacobian,
+    draw_errors,
+    log_lift,
+    repeat,
+    simulate,
+)
 
 CASES = (
     ("ground", "supply_sag"),
@@ -32,13 +45,18 @@ def nulls():
 @pytest.mark.parametrize(("boundary", "kind"), CASES)
 @pytest.mark.parametrize("foreign", [False, True])
 def test_strength_is_what_was_asked_for(boundary, kind, foreign):
-    campaign = simulate(Spec(boundary=boundary, effects=((kind, 0.4),), foreign=foreign, visits=4, sessions=3), 5)
+    campaign = simulate(
+        Spec(boundary=boundary, effects=((kind, 0.4),), foreign=foreign, visits=4, sessions=3), 5
+    )
     assert campaign.truth.rho[kind] == pytest.approx(0.4, rel=1e-3)
-    # once more from the definition, with the covariance written out: n rho^2 is the effect's noncentrality beside theta and L_inf
+    # once more from the definition, with the covariance written out: n rho^2 is the effect's
+    # noncentrality beside theta and L_inf
     truth, white = campaign.truth, campaign.whitener
     shared = white.q * white.sd
     visit = campaign.data.visit
-    inverse = np.linalg.inv(np.diag(white.sd**2) + (visit[:, None] == visit[None, :]) * np.outer(shared, shared))
+    inverse = np.linalg.inv(
+        np.diag(white.sd**2) + (visit[:, None] == visit[None, :]) * np.outer(shared, shared)
+    )
     absorbed = np.hstack([campaign.indicator, campaign.jacobian])
     e = truth.log_lift - truth.base_log_lift
     left = e - absorbed @ np.linalg.solve(absorbed.T @ inverse @ absorbed, absorbed.T @ inverse @ e)
@@ -77,7 +95,9 @@ def test_realism_adds_tails_and_little_else():
 def test_foreign_forms_differ_in_shape(nulls, boundary):
     campaign = nulls[boundary]
     setting, white = campaign.setting, campaign.whitener
-    absorbed, _ = np.linalg.qr(white(np.hstack([np.eye(4)[setting.bench.level], base_jacobian(setting)])))
+    absorbed, _ = np.linalg.qr(
+        white(np.hstack([np.eye(4)[setting.bench.level], base_jacobian(setting)]))
+    )
     tried = 0
     for kind in forms.names(boundary):
         left = []
@@ -100,7 +120,12 @@ def test_forms_do_nothing_at_zero(nulls):
         base = log_lift(campaign.setting, ())
         for kind in (*forms.names(boundary), *forms.UNNAMED):
             for foreign in (False, True):
-                assert np.allclose(log_lift(campaign.setting, ((forms.form(kind, foreign), 0.0),)), base, rtol=0, atol=1e-12), kind
+                assert np.allclose(
+                    log_lift(campaign.setting, ((forms.form(kind, foreign), 0.0),)),
+                    base,
+                    rtol=0,
+                    atol=1e-12,
+                ), kind
 
 
 def test_the_library_and_the_outside_are_apart():
@@ -129,10 +154,18 @@ def test_records_are_records_and_give_back_the_truth():
 def test_heating_shows_in_the_records_alone(foreign):
     campaign = simulate(Spec(boundary="ceiling", realism=False, sink=0.01, foreign=foreign), 4)
     data = campaign.data
-    change = data.covariates["drift_N_s"] * data.covariates["record_s"] / data.lift_N / campaign.setting.load
+    change = (
+        data.covariates["drift_N_s"]
+        * data.covariates["record_s"]
+        / data.lift_N
+        / campaign.setting.load
+    )
     assert np.mean(change) == pytest.approx(-0.01, rel=0.35 if foreign else 0.08)
     effect = campaign.truth.log_lift - campaign.truth.base_log_lift
-    assert campaign.whitener.strength(effect, np.hstack([campaign.indicator, campaign.jacobian])) < 1e-6
+    assert (
+        campaign.whitener.strength(effect, np.hstack([campaign.indicator, campaign.jacobian]))
+        < 1e-6
+    )
 
 
 def test_seeds_rule_everything():
@@ -143,14 +176,18 @@ def test_seeds_rule_everything():
     again = repeat(a, 99)
     assert again.truth is a.truth
     assert np.array_equal(again.data.z_hat, a.data.z_hat)
-    ratio = oracle.expected(a, oracle.fit(a).predicted) / np.sqrt(np.mean((np.log(again.data.lift_N) - oracle.fit(a).predicted) ** 2))
+    ratio = oracle.expected(a, oracle.fit(a).predicted) / np.sqrt(
+        np.mean((np.log(again.data.lift_N) - oracle.fit(a).predicted) ** 2)
+    )
     assert ratio == pytest.approx(1, abs=0.12)
 
 
 def test_covariates_are_what_the_contract_names(nulls):
     for campaign in nulls.values():
         known = campaign.data.covariates
-        assert {"supply_V", "temperature_K", "approach", "tilt_rad", "start_s", "drift_N_s"} <= set(known)
+        assert {"supply_V", "temperature_K", "approach", "tilt_rad", "start_s", "drift_N_s"} <= set(
+            known
+        )
         assert all(np.isfinite(v).all() and len(v) == campaign.data.n for v in known.values())
         assert 2.9 < known["supply_V"].min() < known["supply_V"].max() < 4.3
         assert np.degrees(known["tilt_rad"]).std() == pytest.approx(1, abs=0.25)
@@ -163,18 +200,27 @@ def test_covariates_are_what_the_contract_names(nulls):
 def test_own_curves_reproduce_the_golden_numbers():
     # ../shared/physics.md, A4 (true geometry, K_b = 2; to its four decimals) and A6
     z = np.array([1.0, 2.0, 5.0])
-    assert forms.ratio("ground", z, {"K_b": 2.0}) == pytest.approx([1.1586, 1.0898, 1.0256], abs=2e-4)
-    assert forms.ratio("ceiling", np.array([0.5, 1.0, 2.0, 0.1]), {"alpha": 0.125}) == pytest.approx(
-        [1.112372, 1.030330, 1.007752, 2.337117], abs=5e-7
+    assert forms.ratio("ground", z, {"K_b": 2.0}) == pytest.approx(
+        [1.1586, 1.0898, 1.0256], abs=2e-4
     )
+    assert forms.ratio(
+        "ceiling", np.array([0.5, 1.0, 2.0, 0.1]), {"alpha": 0.125}
+    ) == pytest.approx([1.112372, 1.030330, 1.007752, 2.337117], abs=5e-7)
 
 
 def test_the_one_who_knows_covers():
-    """90 % intervals of the true model on 60 campaigns; a right referee fails this once in a thousand."""
+    """90 % intervals of the true model on 60 campaigns; a right referee fails this once in a
+    thousand.
+    """
     hits = []
     for seed in range(20):
         for boundary in forms.BOUNDARIES:
-            campaign = simulate(Spec(boundary=boundary, effects=(("tether_stiffness", 0.4),), visits=6, realism=False), seed)
+            campaign = simulate(
+                Spec(
+                    boundary=boundary, effects=(("tether_stiffness", 0.4),), visits=6, realism=False
+                ),
+                seed,
+            )
             name = forms.HEADLINE[boundary]
             low, high = oracle.fit(campaign).interval(name)
             hits.append(low <= campaign.truth.theta[name] <= high)
@@ -184,10 +230,13 @@ def test_the_one_who_knows_covers():
 def test_a_coefficient_is_stated_at_the_speed_of_the_library():
     other = simulate(Spec(boundary="sidewall", effects=(("supply_sag", 0.5),), realism=False), 3)
     assert headline(other) == other.truth.theta["a"]
-    # a sidewall's loss is in proportion to its coefficient, so the answer can be written down; 0.625 of throttle turns at (15924 + 20539) / 2
+    # a sidewall's loss is in proportion to its coefficient, so the answer can be written down;
+    # 0.625 of throttle turns at (15924 + 20539) / 2
     campaign = simulate(Spec(boundary="sidewall", effects=(("reynolds", 0.3),), realism=False), 3)
     assert np.median(campaign.data.throttle) == 0.625
-    expected = campaign.truth.theta["a"] * (18231.5 / 17000) ** campaign.truth.amplitudes["reynolds"]
+    expected = (
+        campaign.truth.theta["a"] * (18231.5 / 17000) ** campaign.truth.amplitudes["reynolds"]
+    )
     assert headline(campaign) == pytest.approx(expected, rel=1e-5)
 
 
@@ -205,27 +254,56 @@ def test_every_kind_can_be_drawn(kind):
             campaign = draw(kind.name, boundary, seed)
             assert campaign.data.boundary == boundary
             assert (campaign.data.lift_N > 0).all()
-            strengths = {"null": (0, 0), "within": (0, 0), "weak": (0.1, 0.2), "one": (0.2, 1.2), "two": (0.2, 0.4), "outside": (0.2, 1.0)}
-            low, high = strengths.get(kind.name, {"strange": (STRONG, 1.0), "tables": (1.0, 3.0), "growing": (0.3, 0.6)}.get(kind.group, (0.3, 1.0)))
-            assert all(low - 1e-6 <= r <= high + 1e-6 for k, r in campaign.truth.rho.items() if kind.name != "two" or r < 0.4)
+            strengths = {
+                "null": (0, 0),
+                "within": (0, 0),
+                "weak": (0.1, 0.2),
+                "one": (0.2, 1.2),
+                "two": (0.2, 0.4),
+                "outside": (0.2, 1.0),
+            }
+            low, high = strengths.get(
+                kind.name,
+                {"strange": (STRONG, 1.0), "tables": (1.0, 3.0), "growing": (0.3, 0.6)}.get(
+                    kind.group, (0.3, 1.0)
+                ),
+            )
+            assert all(
+                low - 1e-6 <= r <= high + 1e-6
+                for k, r in campaign.truth.rho.items()
+                if kind.name != "two" or r < 0.4
+            )
             if kind.group not in ("records", "strange", "tables"):
                 assert bool(campaign.truth.rho) == bool(seed // 3 % 2)
             elif kind.group != "tables":
-                assert len(campaign.truth.rho) == {"null": 0, "within": 0, "two": 2}.get(kind.name, 1)
+                assert len(campaign.truth.rho) == {"null": 0, "within": 0, "two": 2}.get(
+                    kind.name, 1
+                )
 
 
 @pytest.mark.parametrize(
-    "kind", [k for k in KINDS.values() if k.group in ("violations", "designs", "inputs", "tables", "growing")], ids=lambda k: k.name
+    "kind",
+    [
+        k
+        for k in KINDS.values()
+        if k.group in ("violations", "designs", "inputs", "tables", "growing")
+    ],
+    ids=lambda k: k.name,
 )
 def test_errors_of_trials_are_white_to_the_sage(kind):
-    """Twelve campaigns of each kind, six with an effect; what nobody declares is in no covariance, and shows."""
+    """Twelve campaigns of each kind, six with an effect; what nobody declares is in no covariance,
+    and shows.
+    """
     white = []
     for seed in range(12):
         boundary = kind.boundaries[seed % len(kind.boundaries)]
         campaign = draw(kind.name, boundary, 3 * seed)
         white.append(campaign.whitener(np.log(campaign.data.lift_N) - campaign.truth.log_lift))
     n = sum(len(w) for w in white)
-    variance, lag = sum((w**2).sum() for w in white) / n, sum((w[1:] * w[:-1]).sum() for w in white) / n
+    variance, lag = (
+        sum((w**2).sum() for w in white) / n,
+        sum((w[1:] * w[:-1]).sum() for w in white) / n,
+    )
     loud = {"t3", "outliers", "rail", "datum_undeclared"}  # a t3 has no fourth moment
     if kind.name not in loud:
         # 5 sigma of n independent squares; heights act through the curve and not its slope
@@ -244,9 +322,15 @@ def test_errors_are_what_they_say():
     for r in (0.5, 0.95):
         error = drawn(correlation=r).error
         # of a chain's lag-one correlation the variance is (1 - r^2) / n
-        assert np.corrcoef(error[1:], error[:-1])[0, 1] == pytest.approx(r, abs=5 * np.sqrt((1 - r**2) / n))
-    assert np.std(drawn(far=3).error[bench.z_hat == bench.z_hat.max()]) == pytest.approx(0.015, rel=0.3)
-    assert np.std(drawn(near=3).error[bench.z_hat == bench.z_hat.min()]) == pytest.approx(0.015, rel=0.3)
+        assert np.corrcoef(error[1:], error[:-1])[0, 1] == pytest.approx(
+            r, abs=5 * np.sqrt((1 - r**2) / n)
+        )
+    assert np.std(drawn(far=3).error[bench.z_hat == bench.z_hat.max()]) == pytest.approx(
+        0.015, rel=0.3
+    )
+    assert np.std(drawn(near=3).error[bench.z_hat == bench.z_hat.min()]) == pytest.approx(
+        0.015, rel=0.3
+    )
     lost = drawn(lost=0.25, lost_sessions=1).keep
     assert len(set(bench.session[lost])) == bench.session.max()
     assert np.mean(~drawn(lost=0.25).keep) == pytest.approx(0.25, abs=5 * np.sqrt(0.25 * 0.75 / n))
@@ -256,7 +340,10 @@ def test_errors_are_what_they_say():
     assert np.unique(bench.visit[np.abs(shift) > 0]).size == 1
     assert np.abs(shift).max() == pytest.approx(0.035)
     for trials in (60.0, np.inf):
-        paths = [draw_errors(Errors(wander=0.002, trials=trials), 1e-9, bench, s).error for s in range(40)]
+        paths = [
+            draw_errors(Errors(wander=0.002, trials=trials), 1e-9, bench, s).error
+            for s in range(40)
+        ]
         assert np.sqrt(np.mean([np.var(p) for p in paths])) == pytest.approx(0.002, rel=0.35)
 
 
@@ -272,25 +359,37 @@ def test_a_rail_cuts_means_short():
 def test_a_geometry_believed_wrong_moves_no_lift():
     spec = Spec(boundary="ground", realism=False, errors=Errors())
     true, radius, spacing = (
-        simulate(dataclasses.replace(spec, shared=Shared(**s), declared=True), 7).data for s in ({}, {"rotor_radius": 0.01}, {"spacing_m": 5e-4})
+        simulate(dataclasses.replace(spec, shared=Shared(**s), declared=True), 7).data
+        for s in ({}, {"rotor_radius": 0.01}, {"spacing_m": 5e-4})
     )
     assert np.array_equal(true.lift_N, radius.lift_N)
     assert np.array_equal(true.lift_N, spacing.lift_N)
     assert radius.radius_m != true.radius_m
     assert np.allclose(radius.z_hat * radius.radius_m, true.z_hat * true.radius_m)
     for name, value in true.geometry.items():
-        assert np.allclose(radius.geometry[name] * radius.radius_m, np.asarray(value) * true.radius_m)
+        assert np.allclose(
+            radius.geometry[name] * radius.radius_m, np.asarray(value) * true.radius_m
+        )
     assert np.array_equal(spacing.z_hat, true.z_hat)
     assert spacing.geometry["spacing_hat"] != true.geometry["spacing_hat"]
 
 
 def test_declared_inputs_are_in_the_covariance_of_the_sage():
     """The slope of log lift with the radius, against a curve of scaled geometry written out."""
-    spec = Spec(boundary="ground", realism=False, visits=2, errors=Errors(), shared=Shared(rotor_radius=0.01), declared=True)
+    spec = Spec(
+        boundary="ground",
+        realism=False,
+        visits=2,
+        errors=Errors(),
+        shared=Shared(rotor_radius=0.01),
+        declared=True,
+    )
     campaign = simulate(spec, 7)
     setting, bench = campaign.setting, campaign.setting.bench
     up, down = (
-        forms.sanchez_cuevas(bench.z_hat * bench.radius_m / r, setting.theta["K_b"], spacing=SPACING / r)
+        forms.sanchez_cuevas(
+            bench.z_hat * bench.radius_m / r, setting.theta["K_b"], spacing=SPACING / r
+        )
         for r in (bench.radius_m * 1.001, bench.radius_m * 0.999)
     )
     column = 0.01 * (np.log(up) - np.log(down)) / 0.002
@@ -300,12 +399,16 @@ def test_declared_inputs_are_in_the_covariance_of_the_sage():
 
 
 def test_strange_structures_are_no_library_effect_in_disguise():
-    """What theta and L_inf leave of each runs parallel to no named effect, own form or foreign, on at least three of six benches."""
+    """What theta and L_inf leave of each runs parallel to no named effect, own form or foreign, on
+    at least three of six benches.
+    """
     for kind in (k for k in KINDS.values() if k.group == "strange"):
         apart = []
         for seed in range(6):
             campaign = draw(kind.name, kind.boundaries[seed % len(kind.boundaries)], seed)
-            q, _ = np.linalg.qr(campaign.whitener(np.hstack([campaign.indicator, campaign.jacobian])))
+            q, _ = np.linalg.qr(
+                campaign.whitener(np.hstack([campaign.indicator, campaign.jacobian]))
+            )
             base = log_lift(campaign.setting, ())
 
             def left(x, q=q, white=campaign.whitener):
@@ -315,7 +418,15 @@ def test_strange_structures_are_no_library_effect_in_disguise():
             for name in forms.names(campaign.spec.boundary):
                 for form in (forms.form(name, False), forms.form(name, True)):
                     share = 0.05 if form.signed else 0.3
-                    c = left((log_lift(campaign.setting, ((form, share * form.most[campaign.spec.boundary]),)) - base)[campaign.keep])
+                    c = left(
+                        (
+                            log_lift(
+                                campaign.setting,
+                                ((form, share * form.most[campaign.spec.boundary]),),
+                            )
+                            - base
+                        )[campaign.keep]
+                    )
                     if np.linalg.norm(c) > 1e-9:
                         closest = max(closest, abs(c @ e) / np.linalg.norm(c) / np.linalg.norm(e))
             apart.append(closest)
@@ -337,11 +448,21 @@ def test_a_growing_campaign_is_looked_at_until_something_is_claimed():
     def stub(campaign):
         looked.append(campaign.data.n)
         verdict = "unexplained" if campaign.data.n == 268 else "adequate"
-        return {"verdict": verdict, "effects": [], "structure": [{"covariate": "start"}], "quoted": {"K_b": (-9.0, 9.0)}}
+        return {
+            "verdict": verdict,
+            "effects": [],
+            "structure": [{"covariate": "start"}],
+            "quoted": {"K_b": (-9.0, 9.0)},
+        }
 
     row = assess("growing", "ground", 6, stub)
     assert looked == [160, 216, 268]
-    assert (row["claimed"], row["trials"], row["cover_quoted"], row["failed"]) == (True, 268, True, "")
+    assert (row["claimed"], row["trials"], row["cover_quoted"], row["failed"]) == (
+        True,
+        268,
+        True,
+        "",
+    )
     assert by_kind([row])[0]["null: any claim"] == "1 of 1 (3-100)"
     assert by_verdict([row])[0]["verdict"] == "unexplained"
 
@@ -363,9 +484,17 @@ def test_clopper_pearson_is_exact():
 
 def test_figures_judge_by_their_interval():
     row = {
-        "kind": "null", "realism": True, "claimed": True, "named": True, "failed": "", "reported_before": 1.0, "reported_after": 1.0,
-        "expected_before": 1.0, "cpu_s": 1.0, "cover_quoted": True,
-    }  # fmt: skip
+        "kind": "null",
+        "realism": True,
+        "claimed": True,
+        "named": True,
+        "failed": "",
+        "reported_before": 1.0,
+        "reported_after": 1.0,
+        "expected_before": 1.0,
+        "cpu_s": 1.0,
+        "cover_quoted": True,
+    }
     rows = [{**row, "claimed": i < 12, "boundary": "ground"} for i in range(160)]
     null = next(f for f in figures(rows) if f.key == "null")
     assert (null.k, null.n, null.passed) == (12, 160, True)
@@ -384,7 +513,9 @@ def test_a_campaign_costs_little():
         begun = time.process_time()
         simulate(spec, seed)
         spent.append(time.process_time() - begun)
-    assert min(spent) < 0.6  # 0.08 s on the machine where this was written; records of 1200 trials included
+    assert (
+        min(spent) < 0.6
+    )  # 0.08 s on the machine where this was written; records of 1200 trials included
 
 
 def test_truth_cannot_be_changed_by_accident(nulls):

@@ -29,13 +29,18 @@ def test_intervals_are_the_same_wherever_they_are_made():
 
 
 def test_kept_rows_are_not_run_again(tmp_path):
-    """An interrupted run goes on with another executor, and ends with the rows of an undisturbed one."""
+    """An interrupted run goes on with another executor, and ends with the rows of an undisturbed
+    one.
+    """
     log = tmp_path / "rows.jsonl"
     whole = coverage.run(SerialExecutor(), 1, 5, ("ground",))
     log.write_text(whole[1].write() + "\n")
     with open_executor("processes:1") as executor:
         assert coverage.run(executor, 1, 5, ("ground",), log) == whole
-    assert [coverage.Row.read(line) for line in log.read_text().splitlines()] == [whole[1], whole[0]]
+    assert [coverage.Row.read(line) for line in log.read_text().splitlines()] == [
+        whole[1],
+        whole[0],
+    ]
     with open_executor("serial") as nothing_left:
         nothing_left.submit = None
         assert coverage.run(nothing_left, 1, 5, ("ground",), log) == whole
@@ -44,7 +49,16 @@ def test_kept_rows_are_not_run_again(tmp_path):
 def test_the_command_writes_rows_and_goes_on(tmp_path):
     """Peers and yardstick alone, which take a second."""
     out = tmp_path / "found.json"
-    given = ["null", "--boundaries", "ground", "--only-peers", "--out", str(out), "--executor", "processes:2"]
+    given = [
+        "null",
+        "--boundaries",
+        "ground",
+        "--only-peers",
+        "--out",
+        str(out),
+        "--executor",
+        "processes:2",
+    ]
     harness.main([*given, "--count", "1"])
     first = out.with_suffix(".jsonl").read_text()
     harness.main([*given, "--count", "2", "--resume"])

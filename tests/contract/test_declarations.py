@@ -21,7 +21,9 @@ from nearlift.nomenclature import symbol
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23, "layout_hat": square(65 / 23)}
 MODELS = catalogue.models()
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda m: m.name)
-every_declaration = pytest.mark.parametrize("item", [*MODELS, *catalogue.effects()], ids=lambda d: d.name)
+every_declaration = pytest.mark.parametrize(
+    "item", [*MODELS, *catalogue.effects()], ids=lambda d: d.name
+)
 
 
 def known(model: LiftModel) -> dict:
@@ -64,7 +66,9 @@ def test_says_what_it_is(item: Declaration):
     assert item.title
     assert item.formula
     assert item.source.citation
-    assert item.source.doubts or item.source.doi, f"{item.name}: a source without a single doubt needs an address"
+    assert item.source.doubts or item.source.doi, (
+        f"{item.name}: a source without a single doubt needs an address"
+    )
     assert all(p.meaning and p.unit for p in item.parameters)
 
 
@@ -78,10 +82,15 @@ def test_is_frozen(item: Declaration):
 def test_priors_believe_the_declared_value(item: Declaration):
     for p in item.parameters:
         prior = p.prior.frozen()
-        assert np.isfinite(prior.logpdf(p.value)), f"{item.name}: the prior of {p.name} excludes its value"
+        assert np.isfinite(prior.logpdf(p.value)), (
+            f"{item.name}: the prior of {p.name} excludes its value"
+        )
         inside = prior.cdf(p.bounds[1]) - prior.cdf(p.bounds[0])
-        # half of a normal prior is cut off on purpose where only one sign is physical, and of the rest a tail that physics does not reach
-        assert inside > 0.43, f"{item.name}: the bounds of {p.name} cut off {1 - inside:.0%} of its prior"
+        # half of a normal prior is cut off on purpose where only one sign is physical, and of the
+        # rest a tail that physics does not reach
+        assert inside > 0.43, (
+            f"{item.name}: the bounds of {p.name} cut off {1 - inside:.0%} of its prior"
+        )
 
 
 # --- every model: how its ratio behaves
@@ -131,14 +140,18 @@ def test_has_exactly_no_effect_in_free_air(model: LiftModel, data: st.DataObject
     if model.tends_to_one:
         assert far == pytest.approx(1.0, abs=1e-12)
         if model.downwash is not None:
-            assert float(model.downwash(np.inf, **theta, **known(model))) == pytest.approx(1.0, abs=1e-12)
+            assert float(model.downwash(np.inf, **theta, **known(model))) == pytest.approx(
+                1.0, abs=1e-12
+            )
     else:
         assert far != pytest.approx(1.0, abs=1e-6), "it does tend to 1: say so"
 
 
 @pytest.mark.parametrize("model", [m for m in MODELS if m.tends_to_one], ids=lambda m: m.name)
 def test_tends_to_one_gradually(model: LiftModel):
-    gap = np.abs(np.asarray(model.evaluate(np.array([1e1, 1e2, 1e3]), **declared(model), **known(model))) - 1)
+    gap = np.abs(
+        np.asarray(model.evaluate(np.array([1e1, 1e2, 1e3]), **declared(model), **known(model))) - 1
+    )
     assert gap[0] < 0.02
     assert (np.diff(gap) <= 0).all()
 
@@ -172,7 +185,9 @@ def test_raises_no_warning_at_or_behind_the_boundary(model: LiftModel, data: st.
     model.evaluate(np.array([z, 0.0, np.nan]), **declared(model), **known(model))
 
 
-@pytest.mark.parametrize("model", BUILT_IN, ids=lambda m: m.name)  # a package's own names are its own affair
+@pytest.mark.parametrize(
+    "model", BUILT_IN, ids=lambda m: m.name
+)  # a package's own names are its own affair
 def test_names_are_in_the_nomenclature(model: LiftModel):
     for name in keywords(model.evaluate):
         assert symbol(name).meaning
@@ -196,7 +211,10 @@ def test_base_and_rivals_exist_and_suit(boundary, rotors):
     assert base.suits(rotors, geometry)
     assert rivals
     assert base.name not in rivals
-    assert all(catalogue.model(r).suits(rotors, geometry) and catalogue.model(r).boundary == boundary for r in rivals)
+    assert all(
+        catalogue.model(r).suits(rotors, geometry) and catalogue.model(r).boundary == boundary
+        for r in rivals
+    )
 
 
 def test_base_models_and_headline_coefficients_are_the_contracts():
@@ -218,7 +236,8 @@ def test_rivals_without_geometry_leave_out_what_needs_it():
 
 def test_importing_the_catalogue_imports_nothing_heavy():
     code = (
-        "import nearlift.catalogue, nearlift.describe, sys; print([m for m in ('pandas','scipy','matplotlib','pyarrow','pint') if m in sys.modules])"
+        "import nearlift.catalogue, nearlift.describe, sys; print([m for m in"
+        " ('pandas','scipy','matplotlib','pyarrow','pint') if m in sys.modules])"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
@@ -231,9 +250,13 @@ def test_every_built_in_model_declares_its_derivatives():
     assert [m.name for m in BUILT_IN if m.parameters and m.gradient is None] == []
 
 
-@pytest.mark.parametrize("model", [m for m in MODELS if m.gradient is not None], ids=lambda m: m.name)
+@pytest.mark.parametrize(
+    "model", [m for m in MODELS if m.gradient is not None], ids=lambda m: m.name
+)
 def test_gradient_is_that_of_the_ratio(model: LiftModel):
-    """Against five-point differences, which are good to 1e-9 of a derivative; where the ratio has no value, neither has its derivative."""
+    """Against five-point differences, which are good to 1e-9 of a derivative; where the ratio has
+    no value, neither has its derivative.
+    """
     rng = np.random.default_rng(1)
     m, z = 40, np.geomspace(max(0.3, 1.1 * model.valid_z_hat[0]), 20.0, 9)
     low, high = (np.array([p.bounds[end] for p in model.parameters]) for end in (0, 1))
@@ -241,30 +264,50 @@ def test_gradient_is_that_of_the_ratio(model: LiftModel):
     theta[0] = [p.value for p in model.parameters]
 
     def ratio(at: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(model.evaluate(z, **{p.name: at[:, i, None] for i, p in enumerate(model.parameters)}, **known(model)), (m, len(z)))
+        return np.broadcast_to(
+            model.evaluate(
+                z,
+                **{p.name: at[:, i, None] for i, p in enumerate(model.parameters)},
+                **known(model),
+            ),
+            (m, len(z)),
+        )
 
-    found = model.gradient(z, **{p.name: theta[:, i, None] for i, p in enumerate(model.parameters)}, **known(model))
+    found = model.gradient(
+        z, **{p.name: theta[:, i, None] for i, p in enumerate(model.parameters)}, **known(model)
+    )
     assert len(found) == len(model.parameters)
     for i, own in enumerate(found):
         h = np.zeros(len(low))
         h[i] = 1e-4 * (high - low)[i]
-        wanted = (8 * (ratio(theta + h) - ratio(theta - h)) - (ratio(theta + 2 * h) - ratio(theta - 2 * h))) / (12 * h[i])
+        wanted = (
+            8 * (ratio(theta + h) - ratio(theta - h))
+            - (ratio(theta + 2 * h) - ratio(theta - 2 * h))
+        ) / (12 * h[i])
         # near a pole differences are no measure
         tame = np.isfinite(wanted) & (np.abs(ratio(theta)) < 5)
         assert tame.mean() > 0.3
-        np.testing.assert_allclose(np.broadcast_to(own, wanted.shape)[tame], wanted[tame], rtol=2e-6, atol=1e-7)
+        np.testing.assert_allclose(
+            np.broadcast_to(own, wanted.shape)[tame], wanted[tame], rtol=2e-6, atol=1e-7
+        )
         assert np.isnan(np.broadcast_to(own, wanted.shape)[np.isnan(ratio(theta))]).all()
 
 
-@pytest.mark.parametrize("model", [m for m in MODELS if m.gradient is not None and m.tends_to_one], ids=lambda m: m.name)
+@pytest.mark.parametrize(
+    "model", [m for m in MODELS if m.gradient is not None and m.tends_to_one], ids=lambda m: m.name
+)
 def test_free_air_has_no_derivatives(model: LiftModel):
-    assert [float(d) for d in model.gradient(np.inf, **declared(model), **known(model))] == [0.0] * len(model.parameters)
+    assert [float(d) for d in model.gradient(np.inf, **declared(model), **known(model))] == [
+        0.0
+    ] * len(model.parameters)
 
 
 def test_a_wrong_gradient_cannot_be_imported():
     right = next(m for m in BUILT_IN if m.name == "exponential")
     with pytest.raises(DeclarationError, match=r"gradient says d/db = .* differences say"):
-        dataclasses.replace(right, gradient=lambda z, /, *, a, b: (np.exp(-b * z), a * z * np.exp(-b * z)))
+        dataclasses.replace(
+            right, gradient=lambda z, /, *, a, b: (np.exp(-b * z), a * z * np.exp(-b * z))
+        )
     with pytest.raises(DeclarationError, match="gradient gives 1 derivatives for 2 parameters"):
         dataclasses.replace(right, gradient=lambda z, /, *, a, b: (np.exp(-b * z),))
     with pytest.raises(DeclarationError, match=r"gradient takes .*'a'.* but evaluate takes"):

@@ -43,7 +43,13 @@ def test_product_is_found_by_file_and_by_name():
 
 
 def test_unknown_name_proposes_the_nearest():
-    with pytest.raises(UsageError, match=r"there is no model, effect, product or symbol 'sanches_cuevas'(.|\n)*did you mean sanchez_cuevas"):
+    with pytest.raises(
+        UsageError,
+        match=(
+            r"there is no model, effect, product or symbol 'sanches_cuevas'(.|\n)*did you mean"
+            r" sanchez_cuevas"
+        ),
+    ):
         describe("sanches_cuevas")
 
 
@@ -65,18 +71,34 @@ def test_symbols():
 
 
 def test_units_stand_in_names():
-    units = {"m": "m", "N": "N", "V": "V", "A": "A", "W": "W", "K": "K", "Pa": "Pa", "Hz": "Hz", "rad": "rad", "s": "s", "kg": "kg"}
+    units = {
+        "m": "m",
+        "N": "N",
+        "V": "V",
+        "A": "A",
+        "W": "W",
+        "K": "K",
+        "Pa": "Pa",
+        "Hz": "Hz",
+        "rad": "rad",
+        "s": "s",
+        "kg": "kg",
+    }
     for s in SYMBOLS:
         tail = s.name.rsplit("_", 1)[-1]
         if s.unit in units.values():
             assert tail == s.unit, f"{s.name} has unit {s.unit}"
 
 
-@pytest.mark.parametrize(("name", "text"), reference_pages().items(), ids=lambda v: v if v.endswith(".md") else "")
+@pytest.mark.parametrize(
+    ("name", "text"), reference_pages().items(), ids=lambda v: v if v.endswith(".md") else ""
+)
 def test_committed_page_is_up_to_date(name, text):
     path = REFERENCE / name
     assert path.is_file(), f"docs/reference/{name} is missing: run docs/build_reference.py"
-    assert path.read_text(encoding="utf-8") == text, f"docs/reference/{name} is out of date: run docs/build_reference.py"
+    assert path.read_text(encoding="utf-8") == text, (
+        f"docs/reference/{name} is out of date: run docs/build_reference.py"
+    )
 
 
 def test_no_page_of_something_that_is_gone():

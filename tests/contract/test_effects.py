@@ -1,4 +1,6 @@
-"""What every declared effect owes: nothing at its null, a slope there, shapes that broadcast, names of its own."""
+"""What every declared effect owes: nothing at its null, a slope there, shapes that broadcast, names
+of its own.
+"""
 
 from __future__ import annotations
 
@@ -44,10 +46,32 @@ NAMES = [
 
 #: What each effect may ask for: covariates of trials, what is derived from them, geometry.
 ARRAYS = {
-    "throttle", "supply_V", "temperature_K", "pressure_Pa", "humidity", "approach", "tilt_rad", "start_s", "session",
-    "since_start_s", "elapsed_hat", "previous_lift_N", "rest_s", "drift_hat", "speed_hat", "z_hat",
-}  # fmt: skip
-SCALARS = {"supply_ref_V", "temperature_ref_K", "pressure_ref_Pa", "throttle_ref", "radius_m", "spacing_hat", "diagonal_hat"}
+    "throttle",
+    "supply_V",
+    "temperature_K",
+    "pressure_Pa",
+    "humidity",
+    "approach",
+    "tilt_rad",
+    "start_s",
+    "session",
+    "since_start_s",
+    "elapsed_hat",
+    "previous_lift_N",
+    "rest_s",
+    "drift_hat",
+    "speed_hat",
+    "z_hat",
+}
+SCALARS = {
+    "supply_ref_V",
+    "temperature_ref_K",
+    "pressure_ref_Pa",
+    "throttle_ref",
+    "radius_m",
+    "spacing_hat",
+    "diagonal_hat",
+}
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 
 every = pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
@@ -91,7 +115,9 @@ def argument(effect: Effect, known: dict[str, Any]) -> Any:
     """A height, ratio or force that the effect might meet at these trials."""
     z_hat = known["z_hat"]
     ratio = 0.5 + 0.5 * np.sqrt(1.0 + 0.125 / np.square(z_hat))
-    return {"height": z_hat, "ratio": ratio, "force": 0.6 * known["throttle"] * ratio}[effect.acts_on]
+    return {"height": z_hat, "ratio": ratio, "force": 0.6 * known["throttle"] * ratio}[
+        effect.acts_on
+    ]
 
 
 def sizes(effect: Effect) -> tuple[Parameter, ...]:
@@ -179,8 +205,14 @@ def test_every_size_has_a_slope_at_the_null(effect: Effect) -> None:
     for p in sizes(effect):
         step = 1e-6 * (p.bounds[1] - p.bounds[0])
         for shape in [{}, *({s.name: g} for s in shapes(effect) for g in s.grid)]:
-            slope = (effect(x, **of(effect, known), **shape, **{p.name: p.value + step})[finite] - x[finite]) / step
-            twice = (effect(x, **of(effect, known), **shape, **{p.name: p.value + 2 * step})[finite] - x[finite]) / (2 * step)
+            slope = (
+                effect(x, **of(effect, known), **shape, **{p.name: p.value + step})[finite]
+                - x[finite]
+            ) / step
+            twice = (
+                effect(x, **of(effect, known), **shape, **{p.name: p.value + 2 * step})[finite]
+                - x[finite]
+            ) / (2 * step)
             assert np.isfinite(slope).all()
             assert np.abs(slope).max() > 1e-4
             np.testing.assert_allclose(twice, slope, rtol=2e-3, atol=1e-6 * np.abs(slope).max())
@@ -191,22 +223,37 @@ def test_parameters_broadcast_against_trials(effect: Effect) -> None:
     known = trials()
     x = argument(effect, known)
     m, n = 5, len(x)
-    grid = {p.name: np.linspace(0.9 * p.value + 0.1 * p.bounds[0], 0.9 * p.value + 0.1 * p.bounds[1], m)[:, None] for p in effect.parameters}
+    grid = {
+        p.name: np.linspace(
+            0.9 * p.value + 0.1 * p.bounds[0], 0.9 * p.value + 0.1 * p.bounds[1], m
+        )[:, None]
+        for p in effect.parameters
+    }
     got = effect(x, **of(effect, known), **grid)
     assert got.shape == (m, n)
     for i in range(m):
-        np.testing.assert_allclose(got[i], effect(x, **of(effect, known), **{name: float(v[i, 0]) for name, v in grid.items()}), rtol=1e-14)
+        np.testing.assert_allclose(
+            got[i],
+            effect(x, **of(effect, known), **{name: float(v[i, 0]) for name, v in grid.items()}),
+            rtol=1e-14,
+        )
     if any(p.per for p in effect.parameters):
         spread = {p.name: np.linspace(0.0, 0.1 * p.bounds[1], n) for p in effect.parameters}
         assert effect(x, **of(effect, known), **spread).shape == (n,)
 
 
-@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.acts_on == "force" and not e.additive], ids=lambda e: e.name)
+@pytest.mark.parametrize(
+    "effect", [e for e in EFFECTS if e.acts_on == "force" and not e.additive], ids=lambda e: e.name
+)
 def test_relative_force_effects_are_factors(effect: Effect) -> None:
     known = trials()
     x = argument(effect, known)
     moved = {p.name: p.bounds[0] + 0.8 * (p.bounds[1] - p.bounds[0]) for p in effect.parameters}
-    np.testing.assert_allclose(effect(7.0 * x, **of(effect, known), **moved), 7.0 * effect(x, **of(effect, known), **moved), rtol=1e-13)
+    np.testing.assert_allclose(
+        effect(7.0 * x, **of(effect, known), **moved),
+        7.0 * effect(x, **of(effect, known), **moved),
+        rtol=1e-13,
+    )
 
 
 @every
@@ -223,10 +270,16 @@ def test_free_air_stays_free_air(effect: Effect) -> None:
 
 
 @every
-@pytest.mark.parametrize("model", [sanchez_cuevas.MODEL, hsiao_chirarattananon.MODEL, sidewall_decay.MODEL], ids=lambda m: m.name)
-def test_composed_with_a_model_it_is_that_model_at_the_null(effect: Effect, model: LiftModel) -> None:
+@pytest.mark.parametrize(
+    "model",
+    [sanchez_cuevas.MODEL, hsiao_chirarattananon.MODEL, sidewall_decay.MODEL],
+    ids=lambda m: m.name,
+)
+def test_composed_with_a_model_it_is_that_model_at_the_null(
+    effect: Effect, model: LiftModel
+) -> None:
     known = trials()
-    near = {n: (v[6:] if isinstance(v, np.ndarray) else v) for n, v in known.items()}
+    near = {n: v[6:] if isinstance(v, np.ndarray) else v for n, v in known.items()}
     both = compose(model, effect)
     assert isinstance(both, LiftModel)
     values = {n: near[n] if n != "lift_inf_N" else 0.6 * near["throttle"] for n in both.needs}
@@ -235,10 +288,12 @@ def test_composed_with_a_model_it_is_that_model_at_the_null(effect: Effect, mode
 
 
 def test_all_effects_together_are_a_model_again() -> None:
-    known = {n: (v[12:] if isinstance(v, np.ndarray) else v) for n, v in trials().items()}
+    known = {n: v[12:] if isinstance(v, np.ndarray) else v for n, v in trials().items()}
     both = compose(sanchez_cuevas.MODEL, *EFFECTS)
     values = {n: known[n] if n != "lift_inf_N" else 0.6 * known["throttle"] for n in both.needs}
-    np.testing.assert_allclose(both(known["z_hat"], **values), sanchez_cuevas.MODEL(known["z_hat"], **GEOMETRY), rtol=1e-13)
+    np.testing.assert_allclose(
+        both(known["z_hat"], **values), sanchez_cuevas.MODEL(known["z_hat"], **GEOMETRY), rtol=1e-13
+    )
 
 
 @every
@@ -255,7 +310,16 @@ def test_is_finite_within_its_bounds(effect: Effect, data: st.DataObject) -> Non
 
 @pytest.mark.parametrize("z_hat", [0.0, -0.05])
 @pytest.mark.parametrize(
-    "name", ["near_wall_saturation", "airframe_stagnation", "fountain_shape", "plate_edge", "room_recirculation", "tether_stiffness", "tilt"]
+    "name",
+    [
+        "near_wall_saturation",
+        "airframe_stagnation",
+        "fountain_shape",
+        "plate_edge",
+        "room_recirculation",
+        "tether_stiffness",
+        "tilt",
+    ],
 )
 def test_contact_does_not_break_an_effect(name: str, z_hat: float) -> None:
     effect = next(e for e in EFFECTS if e.name == name)
@@ -266,16 +330,24 @@ def test_contact_does_not_break_an_effect(name: str, z_hat: float) -> None:
 
 def test_stand_ins_change_nothing() -> None:
     density = next(e for e in EFFECTS if e.name == "air_density")
-    plain = {"temperature_K": 294.0, "temperature_ref_K": 294.0, **{n: STAND_INS[n] for n in density.needs if n in STAND_INS}}
+    plain = {
+        "temperature_K": 294.0,
+        "temperature_ref_K": 294.0,
+        **{n: STAND_INS[n] for n in density.needs if n in STAND_INS},
+    }
     assert density(0.3, **plain, density_exponent=1.0) == 0.3
     creep = next(e for e in EFFECTS if e.name == "cell_creep")
-    assert creep(0.3, previous_lift_N=0.5, rest_s=STAND_INS["rest_s"], creep=0.01) == pytest.approx(0.305)
+    assert creep(0.3, previous_lift_N=0.5, rest_s=STAND_INS["rest_s"], creep=0.01) == pytest.approx(
+        0.305
+    )
     with pytest.raises(TypeError):
         STAND_INS["rest_s"] = 1.0  # type: ignore[index]
 
 
 def test_what_cannot_be_is_refused_with_nan() -> None:
-    held, image = (next(e for e in EFFECTS if e.name == n) for n in ("held_quantity", "image_strength"))
+    held, image = (
+        next(e for e in EFFECTS if e.name == n) for n in ("held_quantity", "image_strength")
+    )
     assert np.isnan(held(-0.1, held_exponent=0.5))
     assert np.isnan(image(3.0, strength=1.6))
     assert np.isfinite(image(2.3, strength=1.7))

@@ -25,7 +25,13 @@ records = { reader = "means" }
 
 
 def job(root: Path, out: Path) -> Job:
-    return Job(root=root, campaign=manifests.load(root), processed=out / "processed", reports=out / "reports", executor=SerialExecutor())
+    return Job(
+        root=root,
+        campaign=manifests.load(root),
+        processed=out / "processed",
+        reports=out / "reports",
+        executor=SerialExecutor(),
+    )
 
 
 @dataclass(frozen=True)

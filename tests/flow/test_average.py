@@ -31,10 +31,14 @@ def test_moments_are_those_of_numpy_whatever_is_missing(n):
     some = ~hole.all(axis=0)
     assert found.n == n
     np.testing.assert_array_equal(found.count, (~hole).sum(axis=0))
-    np.testing.assert_allclose(found.mean.vy_m_s[some], np.nanmean(cube[:, 1][:, some], axis=0), rtol=1e-12)
+    np.testing.assert_allclose(
+        found.mean.vy_m_s[some], np.nanmean(cube[:, 1][:, some], axis=0), rtol=1e-12
+    )
     assert np.isnan(found.mean.vx_m_s[3, 4])
     several = (~hole).sum(axis=0) > 1
-    np.testing.assert_allclose(found.var_x[several], np.nanvar(cube[:, 0][:, several], axis=0, ddof=1), rtol=1e-6)
+    np.testing.assert_allclose(
+        found.var_x[several], np.nanvar(cube[:, 0][:, several], axis=0, ddof=1), rtol=1e-6
+    )
     assert np.isnan(found.var_x[~several]).all()
 
 
@@ -64,15 +68,21 @@ def ar1(n: int, rho: float, rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize(("rho", "low", "high"), [(0.0, 1.0, 1.3), (0.6, 3.2, 5.2)])
 def test_correlation_in_time_is_found(rho, low, high):
-    """Theory: (1 + rho) / (1 - rho) = 1 and 4; 221 x 2 independent nodes put its estimate within a few per cent of its own mean."""
+    """Theory: (1 + rho) / (1 - rho) = 1 and 4; 221 x 2 independent nodes put its estimate within a
+    few per cent of its own mean.
+    """
     rng = np.random.default_rng(3)
-    cube = np.stack([ar1(150, rho, rng) for _ in range(2 * len(X) * len(Y))], axis=1).reshape(150, 2, len(Y), len(X))
+    cube = np.stack([ar1(150, rho, rng) for _ in range(2 * len(X) * len(Y))], axis=1).reshape(
+        150, 2, len(Y), len(X)
+    )
     found = average(field(*c) for c in cube)
     assert low <= found.tau <= high
 
 
 def test_the_standard_error_covers():
-    """90 % intervals of 400 means of 60 correlated values; binomial 5-sigma band of a true 0.90, widened by 0.03 for the estimated tau."""
+    """90 % intervals of 400 means of 60 correlated values; binomial 5-sigma band of a true 0.90,
+    widened by 0.03 for the estimated tau.
+    """
     rng = np.random.default_rng(8)
     hits = 0
     for _ in range(400):
@@ -90,7 +100,9 @@ def test_integrated_time_of_nothing_is_one():
 
 
 def test_convergence_says_how_many_fields_a_thousandth_takes():
-    """Unit scatter about a mean of 10 takes (1 / (0.001 x 10))^2 = 10000 fields; both components have that mean."""
+    """Unit scatter about a mean of 10 takes (1 / (0.001 x 10))^2 = 10000 fields; both components
+    have that mean.
+    """
     found = average(field(*c) for c in stack(64, offset=10.0))
     assert found.convergence.n.tolist() == [2, 4, 8, 16, 32, 64]
     assert found.convergence.needed == pytest.approx(10000 * found.tau, rel=0.1)
@@ -111,14 +123,18 @@ def test_orientation_brings_every_picture_into_vehicle_axes():
     ways = {
         ("+y", "+x"): Field(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy),
         ("-y", "+x"): Field(x_m=X, y_m=-Y[::-1], vx_m_s=vx[::-1], vy_m_s=-vy[::-1]),
-        ("-y", "-x"): Field(x_m=-X[::-1], y_m=-Y[::-1], vx_m_s=-vx[::-1, ::-1], vy_m_s=-vy[::-1, ::-1]),
+        ("-y", "-x"): Field(
+            x_m=-X[::-1], y_m=-Y[::-1], vx_m_s=-vx[::-1, ::-1], vy_m_s=-vy[::-1, ::-1]
+        ),
         ("+x", "+y"): Field(x_m=Y, y_m=X, vx_m_s=vy.T, vy_m_s=vx.T),
         ("-x", "+y"): Field(x_m=-Y[::-1], y_m=X, vx_m_s=-vy.T[:, ::-1], vy_m_s=vx.T[:, ::-1]),
     }
     for (thrust, across), picture in ways.items():
         found = orient(picture, thrust=thrust, across=across)
         for name in ("x_m", "y_m", "vx_m_s", "vy_m_s"):
-            np.testing.assert_allclose(getattr(found, name), getattr(true, name), err_msg=f"{thrust} {across} {name}")
+            np.testing.assert_allclose(
+                getattr(found, name), getattr(true, name), err_msg=f"{thrust} {across} {name}"
+            )
     np.testing.assert_allclose(orient(true, thrust="+y", origin_m=(0.01, -0.02)).y_m, Y + 0.02)
 
 
@@ -149,7 +165,9 @@ def test_a_measured_half_is_reflected():
 def test_scattered_rows_find_their_nodes():
     xx, yy = np.meshgrid(X, Y)
     order = np.random.default_rng(0).permutation(xx.size)[:-5]
-    x, y, (values,) = on_grid(xx.ravel()[order], yy.ravel()[order], ((xx + 10 * yy).ravel()[order],), "f")
+    x, y, (values,) = on_grid(
+        xx.ravel()[order], yy.ravel()[order], ((xx + 10 * yy).ravel()[order],), "f"
+    )
     np.testing.assert_allclose(x, X)
     np.testing.assert_allclose(y, Y)
     assert np.isnan(values).sum() == 5

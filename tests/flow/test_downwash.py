@@ -1,4 +1,6 @@
-"""Downwash through a cut: exact sums, recovery and coverage on wakes of known downwash, robustness, what is warned of and refused."""
+"""Downwash through a cut: exact sums, recovery and coverage on wakes of known downwash, robustness,
+what is warned of and refused.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,15 @@ from nearlift.errors import InputRefused
 from nearlift.flow.average import average
 from nearlift.flow.contrast import difference
 from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
-from nearlift.flow.downwash import Cut, Downwash, along_cut, measure, over_span, reduction, span_weights
+from nearlift.flow.downwash import (
+    Cut,
+    Downwash,
+    along_cut,
+    measure,
+    over_span,
+    reduction,
+    span_weights,
+)
 from nearlift.flow.field import Field
 from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
@@ -24,20 +34,30 @@ CUT = Cut(below_m=2 * R, half_span_m=R, centres_m=ROTORS, u_position_m=0.3e-3)
 
 
 def scene(boundary: str = "none", z_hat: float = math.inf, tilt: float = 0.0) -> Scene:
-    return Scene(boundary=boundary, distance_m=z_hat * R, tilt_rad=tilt, rotors_m=ROTORS, radius_m=R)  # type: ignore[arg-type]
+    return Scene(
+        boundary=boundary, distance_m=z_hat * R, tilt_rad=tilt, rotors_m=ROTORS, radius_m=R
+    )  # type: ignore[arg-type]
 
 
 def camera(**changes) -> Camera:
-    return Camera(**({"x_m": X, "y_m": 2e-3 * np.arange(-26, -20), "gust": 0.05, "memory": 0.4} | changes))
+    return Camera(
+        **({"x_m": X, "y_m": 2e-3 * np.arange(-26, -20), "gust": 0.05, "memory": 0.4} | changes)
+    )
 
 
-def measured(wake: Wake, picture: Camera, n: int, seed: int, threshold: float = 3.0, cut: Cut = CUT) -> Downwash:
+def measured(
+    wake: Wake, picture: Camera, n: int, seed: int, threshold: float = 3.0, cut: Cut = CUT
+) -> Downwash:
     series: list[np.ndarray] = []
 
     def passed():
         for one in fields(wake, picture, n, seed, "t"):
             wrong = spurious(one.vx_m_s, one.vy_m_s, threshold)
-            kept = dataclasses.replace(one, vx_m_s=np.where(wrong, np.nan, one.vx_m_s), vy_m_s=np.where(wrong, np.nan, one.vy_m_s))
+            kept = dataclasses.replace(
+                one,
+                vx_m_s=np.where(wrong, np.nan, one.vx_m_s),
+                vy_m_s=np.where(wrong, np.nan, one.vy_m_s),
+            )
             series.append(along_cut(kept.vy_m_s, kept.y_m, cut.below_m))
             yield kept
 
@@ -66,16 +86,27 @@ def test_the_cut_is_linear_between_rows_and_the_span_counts_partial_nodes():
 
 def test_the_true_downwash_of_the_picture_is_what_its_velocity_says():
     x = np.linspace(-R, R, 4001)
-    for wake in (CONTROL, Wake(scene=scene("ground", 3.4), speed_m_s=7.0), Wake(scene=scene("ceiling", 0.7), speed_m_s=7.0)):
+    for wake in (
+        CONTROL,
+        Wake(scene=scene("ground", 3.4), speed_m_s=7.0),
+        Wake(scene=scene("ceiling", 0.7), speed_m_s=7.0),
+    ):
         _, vy = wake.velocity(x + ROTORS[1], np.full(len(x), -CUT.below_m))
-        assert wake.downwash_m_s(CUT.below_m, R, (ROTORS[1],)) == pytest.approx(-vy.mean(), rel=1e-3)
+        assert wake.downwash_m_s(CUT.below_m, R, (ROTORS[1],)) == pytest.approx(
+            -vy.mean(), rel=1e-3
+        )
 
 
 def test_the_picture_makes_no_air():
     wake = Wake(scene=scene("ground", 2.6, 0.05), speed_m_s=8.0, lean=0.2)
     xx, yy = np.meshgrid(np.linspace(-0.05, 0.05, 30), np.linspace(-0.05, 0.02, 30))
     h = 1e-5
-    divergence = (wake.velocity(xx + h, yy)[0] - wake.velocity(xx - h, yy)[0] + wake.velocity(xx, yy + h)[1] - wake.velocity(xx, yy - h)[1]) / (2 * h)
+    divergence = (
+        wake.velocity(xx + h, yy)[0]
+        - wake.velocity(xx - h, yy)[0]
+        + wake.velocity(xx, yy + h)[1]
+        - wake.velocity(xx, yy - h)[1]
+    ) / (2 * h)
     assert np.abs(divergence).max() < 1e-3 * wake.speed_m_s / R
 
 
@@ -88,7 +119,9 @@ def test_known_downwash_is_recovered():
 
 
 def coverage(reps: int, n: int) -> tuple[float, float]:
-    """Shares of 90 % intervals that hold: of the mean's noise about the picture without noise, and of the reduction against its truth."""
+    """Shares of 90 % intervals that hold: of the mean's noise about the picture without noise, and
+    of the reduction against its truth.
+    """
     near = Wake(scene=scene("ceiling", 0.7), speed_m_s=7.4)
     still = camera(noise_m_s=0.0, gust=0.0, outliers=0.0, dropouts=0.0)
     exact = {w: measured(w, still, 1, 0).value for w in (CONTROL, near)}
@@ -105,7 +138,9 @@ def coverage(reps: int, n: int) -> tuple[float, float]:
 
 
 def test_its_interval_covers():
-    """40 repetitions of a nominal 0.90: 3.3 binomial sd, which cry wolf once in 2000 runs, are 0.157; position errors only widen."""
+    """40 repetitions of a nominal 0.90: 3.3 binomial sd, which cry wolf once in 2000 runs, are
+    0.157; position errors only widen.
+    """
     noise, less = coverage(40, 30)
     assert noise >= 0.90 - 0.157
     assert less >= 0.90 - 0.157
@@ -113,7 +148,9 @@ def test_its_interval_covers():
 
 @pytest.mark.calibration
 def test_its_interval_covers_at_length():
-    """1000 repetitions of 60 fields: 3.3 binomial sd are 0.031; the estimate of correlation in time costs up to 0.03 more."""
+    """1000 repetitions of 60 fields: 3.3 binomial sd are 0.031; the estimate of correlation in time
+    costs up to 0.03 more.
+    """
     noise, less = coverage(1000, 60)
     print(f"90 % intervals: noise {noise:.3f}, reduction {less:.3f}")
     assert 0.90 - 0.061 <= noise <= 0.90 + 0.031
@@ -121,7 +158,9 @@ def test_its_interval_covers_at_length():
 
 
 def test_outliers_do_not_move_it():
-    """Five per cent of wrong vectors, uniform in +-1.5 V, pull a mean down by 5 % unless they are found."""
+    """Five per cent of wrong vectors, uniform in +-1.5 V, pull a mean down by 5 % unless they are
+    found.
+    """
     picture = camera(outliers=0.05, gust=0.0)
     assert measured(CONTROL, picture, 30, 3).value == pytest.approx(TRUE, rel=0.012)
     assert measured(CONTROL, picture, 30, 3, threshold=0.0).value < 0.965 * TRUE
@@ -138,7 +177,9 @@ def test_a_mask_over_part_of_the_cut_is_said_and_widens():
 
 def test_a_cut_near_the_ground_is_not_the_inflow():
     tall = camera(y_m=2e-3 * np.arange(-40, 5))
-    high, low = (measured(Wake(scene=scene("ground", z), speed_m_s=7.5), tall, 3, 5) for z in (4.5, 3.4))
+    high, low = (
+        measured(Wake(scene=scene("ground", z), speed_m_s=7.5), tall, 3, 5) for z in (4.5, 3.4)
+    )
     assert high.warnings == ()
     assert low.warnings == ("deflection_zone",)
     assert low.clearance_hat == pytest.approx(1.4)
@@ -152,7 +193,9 @@ def test_tilt_brings_one_end_of_the_cut_nearer():
     tilted = scene("ground", 3.4, math.radians(4.6))
     ends = tilted.height_m(np.array([-0.0555, 0.0555]), np.full(2, -2 * R)) / R
     assert ends[0] < 1.4 < ends[1]
-    np.testing.assert_allclose(tilted.height_m(np.array([0.02]), tilted.boundary_y_m(np.array([0.02]))), 0.0, atol=1e-15)
+    np.testing.assert_allclose(
+        tilted.height_m(np.array([0.02]), tilted.boundary_y_m(np.array([0.02]))), 0.0, atol=1e-15
+    )
 
 
 def test_a_single_mean_field_takes_the_software_s_uncertainty_or_says_that_there_is_none():
@@ -168,9 +211,19 @@ def test_a_single_mean_field_takes_the_software_s_uncertainty_or_says_that_there
 def test_reduction_shares_what_case_and_control_share():
     def of(value: float, **parts: float) -> Downwash:
         base = {"u_noise": 0.0, "u_mask": 0.0, "u_position": 0.0, "span": 0.0, "u_scale": 0.0}
-        return Downwash(value=value, u=0.1, covered=1.0, n_eff=50.0, clearance_hat=9.0, warnings=(), **(base | parts))
+        return Downwash(
+            value=value,
+            u=0.1,
+            covered=1.0,
+            n_eff=50.0,
+            clearance_hat=9.0,
+            warnings=(),
+            **(base | parts),
+        )
 
-    assert reduction(of(9.0, span=0.9, u_scale=0.5), of(10.0, span=1.0, u_scale=0.5)).u == pytest.approx(0.0, abs=1e-12)
+    assert reduction(
+        of(9.0, span=0.9, u_scale=0.5), of(10.0, span=1.0, u_scale=0.5)
+    ).u == pytest.approx(0.0, abs=1e-12)
     found = reduction(of(9.0, u_noise=0.09), of(10.0, u_noise=0.1))
     assert found.value == pytest.approx(0.1)
     assert found.u == pytest.approx(0.9 * 0.01 * math.sqrt(2))
@@ -190,7 +243,17 @@ def test_the_difference_to_the_control_is_of_speeds_and_nan_where_either_is_miss
 
 
 def mean_field(wake: Wake = CONTROL) -> Field:
-    return next(iter(fields(wake, camera(y_m=2e-3 * np.arange(-28, 16), noise_m_s=0.05, gust=0.0, outliers=0.0), 1, 0, "m")))
+    return next(
+        iter(
+            fields(
+                wake,
+                camera(y_m=2e-3 * np.arange(-28, 16), noise_m_s=0.05, gust=0.0, outliers=0.0),
+                1,
+                0,
+                "m",
+            )
+        )
+    )
 
 
 def doubt(field: Field, expected: float = 8.0) -> None:
@@ -205,12 +268,30 @@ def test_a_true_field_is_not_doubted():
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda f: dataclasses.replace(f, vy_m_s=-f.vy_m_s), "one component is flipped against its axis.*\n.*v_sign = -1"),
-        (lambda f: dataclasses.replace(f, vx_m_s=-f.vx_m_s, vy_m_s=-f.vy_m_s), "moves along thrust, at 6.* m/s\n.*turn `thrust` round"),
-        (lambda f: dataclasses.replace(f, vx_m_s=1e3 * f.vx_m_s, vy_m_s=1e3 * f.vy_m_s), r"check velocity_unit, .*mm/s written as m/s"),
-        (lambda f: dataclasses.replace(f, vx_m_s=f.vx_m_s / 50, vy_m_s=f.vy_m_s / 50), "0.02 times the 8 m/s of the hovering vehicle's wake"),
-        (lambda f: dataclasses.replace(f, x_m=1e-3 * f.x_m, y_m=1e-3 * f.y_m), "the cut 46 mm below the rotor plane has no vector"),
-        (lambda f: dataclasses.replace(f, y_m=f.y_m + 0.2), "the field spans x = -70 to 70 mm and y = 144 to 230 mm"),
+        (
+            lambda f: dataclasses.replace(f, vy_m_s=-f.vy_m_s),
+            "one component is flipped against its axis.*\n.*v_sign = -1",
+        ),
+        (
+            lambda f: dataclasses.replace(f, vx_m_s=-f.vx_m_s, vy_m_s=-f.vy_m_s),
+            "moves along thrust, at 6.* m/s\n.*turn `thrust` round",
+        ),
+        (
+            lambda f: dataclasses.replace(f, vx_m_s=1e3 * f.vx_m_s, vy_m_s=1e3 * f.vy_m_s),
+            r"check velocity_unit, .*mm/s written as m/s",
+        ),
+        (
+            lambda f: dataclasses.replace(f, vx_m_s=f.vx_m_s / 50, vy_m_s=f.vy_m_s / 50),
+            "0.02 times the 8 m/s of the hovering vehicle's wake",
+        ),
+        (
+            lambda f: dataclasses.replace(f, x_m=1e-3 * f.x_m, y_m=1e-3 * f.y_m),
+            "the cut 46 mm below the rotor plane has no vector",
+        ),
+        (
+            lambda f: dataclasses.replace(f, y_m=f.y_m + 0.2),
+            "the field spans x = -70 to 70 mm and y = 144 to 230 mm",
+        ),
     ],
 )
 def test_wrong_signs_and_wrong_units_are_caught(spoil, says):

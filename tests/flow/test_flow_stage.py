@@ -1,4 +1,6 @@
-"""The stage on files: known downwash comes back, nothing bad goes by unseen, and it runs where it is configured."""
+"""The stage on files: known downwash comes back, nothing bad goes by unseen, and it runs where it
+is configured.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ from tests.unit import small_run
 
 from nearlift import campaign as manifests
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_PRODUCTS, FLOW_TOPOLOGY
+from nearlift.products import (
+    DOWNWASH,
+    DOWNWASH_PROFILE,
+    FLOW,
+    FLOW_FIELDS,
+    FLOW_PRODUCTS,
+    FLOW_TOPOLOGY,
+)
 from nearlift.readers.piv.cases import files_of
 from nearlift.stages import flow, graph
 from nearlift.synthetic import demo_flow
@@ -24,7 +33,9 @@ NEW = "# x\ty\tu\tv\tflags\tmask\n"
 
 
 def test_the_true_reductions_lie_in_their_intervals(wakes: Made):
-    """Twelve 90 % intervals with 8 fields each: fewer than 7 hits have a chance of 1 in 2000 even at 0.85."""
+    """Twelve 90 % intervals with 8 fields each: fewer than 7 hits have a chance of 1 in 2000 even
+    at 0.85.
+    """
     table = wakes.job.read(DOWNWASH)
     true = demo_flow.wakes(Bench())
     control = true["control"].downwash_m_s(0.046, 0.023, (0.0325,))
@@ -69,14 +80,21 @@ def test_topology_has_a_row_for_each_number_of_each_ground_case(wakes: Made):
     table = wakes.job.read(FLOW_TOPOLOGY)
     assert len(table["case"]) == 10 * 7
     tilted = np.abs(table["tilt_rad"]) > 1e-3
-    pairs = {c: v for c, q, v in zip(table["case"], table["quantity"], table["value"], strict=True) if q == "vortex_pairs"}
+    pairs = {
+        c: v
+        for c, q, v in zip(table["case"], table["quantity"], table["value"], strict=True)
+        if q == "vortex_pairs"
+    }
     assert pairs["tilt+4.6"] == pairs["tilt+3.1"] == 2
     known = tilted & np.isfinite(table["u"])
     assert (table["lo90"][known] <= table["hi90"][known]).all()
 
 
 def test_the_cut_s_place_is_told_in_notes(wakes: Made):
-    assert any(n.startswith("ground-3.4: the cut stands less than one rotor diameter above") for n in wakes.outcome.notes)
+    assert any(
+        n.startswith("ground-3.4: the cut stands less than one rotor diameter above")
+        for n in wakes.outcome.notes
+    )
     assert any(n.startswith("ground-1.8: the cut meets the boundary") for n in wakes.outcome.notes)
 
 
@@ -84,7 +102,9 @@ def test_running_twice_gives_the_same_bytes(wakes: Made, tmp_path):
     again = job(wakes.job.root, tmp_path)
     flow.run(again)
     for product in FLOW_PRODUCTS:
-        assert (again.processed / product.file).read_bytes() == (wakes.job.processed / product.file).read_bytes()
+        assert (again.processed / product.file).read_bytes() == (
+            wakes.job.processed / product.file
+        ).read_bytes()
 
 
 # ---- spoilt files
@@ -142,9 +162,18 @@ def test_a_case_of_zeros_is_refused(two):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda r: r.__setitem__((slice(None), 3), -r[:, 3]), "one component is flipped|moves along thrust"),
-        (lambda r: r.__setitem__((slice(None), slice(2, 4)), 1e3 * r[:, 2:4]), "mm/s written as m/s"),
-        (lambda r: r.__setitem__((slice(None), slice(0, 2)), 1e-3 * r[:, :2]), "the cut 46 mm below the rotor plane has no vector"),
+        (
+            lambda r: r.__setitem__((slice(None), 3), -r[:, 3]),
+            "one component is flipped|moves along thrust",
+        ),
+        (
+            lambda r: r.__setitem__((slice(None), slice(2, 4)), 1e3 * r[:, 2:4]),
+            "mm/s written as m/s",
+        ),
+        (
+            lambda r: r.__setitem__((slice(None), slice(0, 2)), 1e-3 * r[:, :2]),
+            "the cut 46 mm below the rotor plane has no vector",
+        ),
     ],
 )
 def test_wrong_signs_and_units_in_files_are_refused(two, change, says):
@@ -171,15 +200,27 @@ def test_v_sign_mends_a_flipped_component_and_thrust_an_inverted_vehicle(two):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ('control = "control"', 'control = "free"', "there is no case 'free'; cases are control, ground-4"),
-        ('control = "control"', 'control = "ground-4"', "the control 'ground-4' must have boundary = \"none\""),
+        (
+            'control = "control"',
+            'control = "free"',
+            "there is no case 'free'; cases are control, ground-4",
+        ),
+        (
+            'control = "control"',
+            'control = "ground-4"',
+            "the control 'ground-4' must have boundary = \"none\"",
+        ),
         ('thrust = "+y"', "", "case 'control': thrust is missing"),
         ('origin = ["0 mm", "0 mm"]', "origin = [0, 0]", "has no unit"),
         ("z_hat = 4", "", "needs z_hat"),
         ('boundary = "none"', 'boundary = "none"\nz_hat = 3', "has no distance: leave z_hat out"),
         ('name = "ground-4"', 'name = "control"', "two cases have the same name: control"),
         ('thrust = "+y"', 'thrust = "+y"\nacross = "+y"', "across and thrust are the same axis"),
-        ('length_unit = "mm"', 'scale = "20 um"', 'is not a length per pixel; write it as "20 um/px"'),
+        (
+            'length_unit = "mm"',
+            'scale = "20 um"',
+            'is not a length per pixel; write it as "20 um/px"',
+        ),
         ("bootstrap = 100", "bootstraps = 100", "unknown key; did you mean 'bootstrap'"),
     ],
 )
@@ -203,7 +244,11 @@ def test_files_come_in_the_order_of_their_numbers(two):
         (two / "piv" / n).write_text("x")
     edit(two, "piv/ground-4/*.txt", "piv/b*.txt")
     made = job(two, two)
-    assert [p.name for p in files_of(two, made.campaign.piv.named("ground-4"))] == ["b1.txt", "b9.txt", "b10.txt"]
+    assert [p.name for p in files_of(two, made.campaign.piv.named("ground-4"))] == [
+        "b1.txt",
+        "b9.txt",
+        "b10.txt",
+    ]
 
 
 # ---- in the graph
@@ -220,7 +265,9 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(two
     shutil.copytree(two / "piv", raw / "piv")
     text = (two / "campaign.toml").read_text()
     path = raw / "campaign.toml"
-    path.write_text(path.read_text() + '\n[report]\nstyle = "screen"\n\n' + text[text.index("[piv]") :])
+    path.write_text(
+        path.read_text() + '\n[report]\nstyle = "screen"\n\n' + text[text.index("[piv]") :]
+    )
     ran = small_run.ran(small_run.job(raw, tmp_path))
     others = {"ingest", "reduce", "fit", "diagnose"}
     assert others | {"flow", "report"} <= set(ran)
@@ -240,10 +287,16 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(two
     first, last = (sorted((raw / "piv/ground-4").iterdir())[i] for i in (0, -1))
     whole = first.read_bytes()
     first.write_bytes(whole[:-1] + b" ")
-    assert "[piv] ground-4 (8 files): are not what they were" in small_run.nearlift("verify", raw, "--out", tmp_path).stdout
+    assert (
+        "[piv] ground-4 (8 files): are not what they were"
+        in small_run.nearlift("verify", raw, "--out", tmp_path).stdout
+    )
     first.write_bytes(whole)
     last.rename(tmp_path / last.name)
-    assert "[piv] ground-4 (8 files): are other files by now" in small_run.nearlift("verify", raw, "--out", tmp_path).stdout
+    assert (
+        "[piv] ground-4 (8 files): are other files by now"
+        in small_run.nearlift("verify", raw, "--out", tmp_path).stdout
+    )
     (tmp_path / last.name).rename(last)
     (raw / "campaign.toml").write_text(path.read_text()[: path.read_text().index("[piv]")])
     left = {s.name: why for s, why in graph.plan(small_run.job(raw, tmp_path))}

@@ -1,4 +1,6 @@
-"""Lift and downwash informing one coefficient: more is known when they agree, and it is said when they do not."""
+"""Lift and downwash informing one coefficient: more is known when they agree, and it is said when
+they do not.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +49,18 @@ def wash(K_b: float, seed: int = 0, u: float = 0.005, u_control: float = 0.003) 
     z = np.array([4.5, 3.0, 2.0])
     rng = np.random.default_rng(seed)
     error = u * rng.standard_normal(3) - u_control * rng.standard_normal()
-    return Downwash(z_hat=z, ratio=MODEL.downwash(z, **GEOMETRY, K_b=K_b) * np.exp(error), u_own=np.full(3, u), u_control=u_control)
+    return Downwash(
+        z_hat=z,
+        ratio=MODEL.downwash(z, **GEOMETRY, K_b=K_b) * np.exp(error),
+        u_own=np.full(3, u),
+        u_control=u_control,
+    )
 
 
 def test_together_they_know_more_than_lift_alone_and_are_unbiased():
-    """40 joint estimates of K_b = 2: their mean within 4 of its standard errors, their spread within 5 sd (44 %) of what they claim."""
+    """40 joint estimates of K_b = 2: their mean within 4 of its standard errors, their spread
+    within 5 sd (44 %) of what they claim.
+    """
     found = []
     for seed in range(40):
         data = trials(2.0, seed)
@@ -82,8 +91,12 @@ def test_a_contradiction_is_told():
 
 
 def test_the_control_s_error_is_shared():
-    """A control that is off moves all cases alike: as many as there are know no more of a common factor than the control's own error."""
-    many = Downwash(z_hat=np.full(400, 3.0), ratio=np.full(400, 0.95), u_own=np.full(400, 1e-3), u_control=0.01)
+    """A control that is off moves all cases alike: as many as there are know no more of a common
+    factor than the control's own error.
+    """
+    many = Downwash(
+        z_hat=np.full(400, 3.0), ratio=np.full(400, 0.95), u_own=np.full(400, 1e-3), u_control=0.01
+    )
     w = many.whitener()
     assert 1 / np.sqrt((w @ np.ones(400)) @ (w @ np.ones(400))) == pytest.approx(0.01, rel=0.01)
 
@@ -92,7 +105,9 @@ def test_residuals_are_those_of_lift_then_of_downwash_and_broadcast():
     data = trials(2.0)
     alone = fit(MODEL, data)
     problem = assemble(MODEL, data, (), alone.noise, alone.theta)
-    both = JointProblem(model=MODEL, data=data, covariance=problem.covariance, downwash=wash(2.0), geometry=GEOMETRY)
+    both = JointProblem(
+        model=MODEL, data=data, covariance=problem.covariance, downwash=wash(2.0), geometry=GEOMETRY
+    )
     many = both.residuals(np.array([[1.0], [2.0]]))
     assert many.shape == (2, data.n + 3)
     np.testing.assert_allclose(many[1], both.residuals(np.array([2.0])))
@@ -109,7 +124,14 @@ def test_what_cannot_be_joined_is_refused():
     with pytest.raises(InputRefused, match="declares no downwash"):
         fit_joint(fit(catalogue.model("exponential"), data), data, wash(2.0))
     with pytest.raises(InputRefused, match="has no free coefficient"):
-        fit_joint(fit(catalogue.model("images"), dataclasses.replace(data, geometry=GEOMETRY | {"layout_hat": np.zeros((1, 2))})), data, wash(2.0))
+        fit_joint(
+            fit(
+                catalogue.model("images"),
+                dataclasses.replace(data, geometry=GEOMETRY | {"layout_hat": np.zeros((1, 2))}),
+            ),
+            data,
+            wash(2.0),
+        )
 
 
 def test_asking_for_it_without_grids_is_refused():
@@ -127,17 +149,27 @@ def test_the_stage_takes_only_cuts_that_stand_for_the_disk(wakes, tmp_path: Path
     raw = small_run.write(tmp_path / "raw")
     text = (wakes.job.root / "campaign.toml").read_text()
     path = raw / "campaign.toml"
-    path.write_text(path.read_text() + "\n[fit.ground]\ndownwash = true\n\n" + text[text.index("[piv]") :])
+    path.write_text(
+        path.read_text() + "\n[fit.ground]\ndownwash = true\n\n" + text[text.index("[piv]") :]
+    )
     (raw / "piv").symlink_to(wakes.job.root / "piv")
     campaign = manifests.load(raw)
     table = wakes.job.read(DOWNWASH)
     used, left_out, measured = joint.select(table, campaign, "ground")
     assert used == ["ground-4"]
     reasons = {entry["case"]: entry["reason"] for entry in left_out}
-    assert (reasons["ground-3.4"], reasons["ground-1.8"], reasons["tilt+1.5"]) == ("deflection zone", "meets boundary", "tilted")
-    assert measured.ratio[0] == pytest.approx(1 - table["reduction"][(table["case"] == "ground-4") & (table["rotor"] == "all")][0])
+    assert (reasons["ground-3.4"], reasons["ground-1.8"], reasons["tilt+1.5"]) == (
+        "deflection zone",
+        "meets boundary",
+        "tilted",
+    )
+    assert measured.ratio[0] == pytest.approx(
+        1 - table["reduction"][(table["case"] == "ground-4") & (table["rotor"] == "all")][0]
+    )
     # the rest of the stage, on the trials of a small campaign
-    made = dataclasses.replace(wakes.job, root=raw, campaign=campaign, processed=tmp_path / "processed")
+    made = dataclasses.replace(
+        wakes.job, root=raw, campaign=campaign, processed=tmp_path / "processed"
+    )
     from nearlift.stages import ingest
 
     made = dataclasses.replace(made, inputs=dict.fromkeys(ingest.inputs(raw, campaign), "0" * 64))

@@ -1,4 +1,6 @@
-"""Every dialect into SI on a grid; what is no vector is never zero; what cannot be known is refused with the remedy."""
+"""Every dialect into SI on a grid; what is no vector is never zero; what cannot be known is refused
+with the remedy.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,22 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.piv import DIALECTS, Setting, dialect, read, told_apart
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "piv-samples"
-measured = pytest.mark.skipif(not SHARED.is_dir(), reason="the measured samples are not beside this repository")
+measured = pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the measured samples are not beside this repository"
+)
 X, Y = np.meshgrid([1.0, 2.0, 3.0, 4.0], [10.0, 20.0, 30.0])
 U, V = 0.5 * X + 0.25, -0.1 * Y
 PX = Setting(scale_m=20e-6, frame_time_s=100e-6)
 
 
 def table(*columns: np.ndarray, sep: str = "\t") -> str:
-    return "\n".join(sep.join(f"{v:.6g}" for v in row) for row in np.column_stack([c.ravel() for c in columns])) + "\n"
+    return (
+        "\n".join(
+            sep.join(f"{v:.6g}" for v in row)
+            for row in np.column_stack([c.ravel() for c in columns])
+        )
+        + "\n"
+    )
 
 
 def one(path: Path, setting: Setting = Setting(), name: str | None = None):  # noqa: B008
@@ -34,13 +44,23 @@ def put(folder: Path, text: str | bytes, name: str = "f.txt") -> Path:
 
 
 INSIGHT = (
-    'TITLE="a" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", DATASETAUXDATA MicrometersPerPixelX="20.0" '
-    'DATASETAUXDATA MicrosecondsPerDeltaT="100.0" ZONE I=4, J=3, F=POINT\n'
+    'TITLE="a" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", DATASETAUXDATA'
+    ' MicrometersPerPixelX="20.0" DATASETAUXDATA MicrosecondsPerDeltaT="100.0" ZONE I=4, J=3,'
+    " F=POINT\n"
 )
 DAVIS = '#DaVis 8.1.6 2D-vector 32 3 4 "position" "mm" "position" "mm" "velocity" "m/s"\n'
-DANTEC = ">>*HEADER*<<\nFileID:DSExport.CSV\nVersion:7.6\nGridSize:{Width=4, Height=3}\nTimeStamp: #1, 0.066\n>>*DATA*<<\n"
-NAMES = "x,y,X (pix)[pix],Y (pix)[pix],X (mm)[mm],Y (mm)[mm],U pix[pix],V pix[pix],U[m/s],V[m/s],Length[m/s],Status\n"
-FRAME = "PIVlab, ASCII chart output - 1\nFRAME: 1, filenames: A & B, conversion factor xy (px -> m): {}, conversion factor uv (px/frame -> m/s): {}\n"
+DANTEC = (
+    ">>*HEADER*<<\nFileID:DSExport.CSV\nVersion:7.6\nGridSize:{Width=4, Height=3}\nTimeStamp: #1,"
+    " 0.066\n>>*DATA*<<\n"
+)
+NAMES = (
+    "x,y,X (pix)[pix],Y (pix)[pix],X (mm)[mm],Y (mm)[mm],U pix[pix],V"
+    " pix[pix],U[m/s],V[m/s],Length[m/s],Status\n"
+)
+FRAME = (
+    "PIVlab, ASCII chart output - 1\nFRAME: 1, filenames: A & B, conversion factor xy (px -> m):"
+    " {}, conversion factor uv (px/frame -> m/s): {}\n"
+)
 HEAD = "x [m],y [m],u [m/s],v [m/s],Vector type [-]\n"
 ONE = np.ones_like(X)
 
@@ -48,7 +68,13 @@ ONE = np.ones_like(X)
 def dantec(columns: str = NAMES, status: np.ndarray = 0 * ONE, tab: bool = False) -> str:
     pixels = (X, Y, 50 * X, 50 * Y, X, Y, 5 * U, 5 * V, U, V, np.hypot(U, V), status)
     text = DANTEC + columns + table(*pixels, sep=",")
-    return text.replace("DSExport.CSV", "DSExport.TAB").replace(columns, columns.replace(",", "\t")).replace(",", "\t") if tab else text
+    return (
+        text.replace("DSExport.CSV", "DSExport.TAB")
+        .replace(columns, columns.replace(",", "\t"))
+        .replace(",", "\t")
+        if tab
+        else text
+    )
 
 
 @pytest.mark.parametrize(
@@ -57,9 +83,21 @@ def dantec(columns: str = NAMES, status: np.ndarray = 0 * ONE, tab: bool = False
         ("insight", INSIGHT + table(X, Y, U, V, ONE, sep=", "), Setting()),
         ("davis", DAVIS + table(X, Y, U, V), Setting()),
         ("davis", DAVIS + table(X, Y, U, V).replace(".", ","), Setting()),
-        ("openpiv", "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * ONE, 0 * ONE), Setting(length_unit="mm", velocity_unit="m/s")),
-        ("openpiv", table(X, Y, U, V, 3.7 * ONE, sep=" "), Setting(length_unit="mm", velocity_unit="m/s")),
-        ("pivlab", FRAME.format("1e-3", "10") + HEAD + table(1e-3 * X, 1e-3 * Y, U, V, ONE, sep=","), Setting()),
+        (
+            "openpiv",
+            "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * ONE, 0 * ONE),
+            Setting(length_unit="mm", velocity_unit="m/s"),
+        ),
+        (
+            "openpiv",
+            table(X, Y, U, V, 3.7 * ONE, sep=" "),
+            Setting(length_unit="mm", velocity_unit="m/s"),
+        ),
+        (
+            "pivlab",
+            FRAME.format("1e-3", "10") + HEAD + table(1e-3 * X, 1e-3 * Y, U, V, ONE, sep=","),
+            Setting(),
+        ),
         ("pivlab", HEAD.replace("[m]", "[mm]") + table(X, Y, U, V, ONE, sep=","), Setting()),
         ("dantec", dantec(), Setting()),
         ("dantec", dantec(tab=True), Setting()),
@@ -87,8 +125,14 @@ def test_a_file_whose_rows_run_downwards_is_turned_the_right_way_up(tmp_path):
         (INSIGHT + table(X, Y, U, V, np.where(X == 2, -1, 1), sep=", "), Setting()),
         (INSIGHT + table(X, Y, U, V, np.where(X == 2, 2, 1), sep=", "), Setting()),
         (DAVIS + table(X, Y, np.where(X == 2, 0, U), np.where(X == 2, 0, V)), Setting()),
-        ("# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, np.where(X == 2, 1, 0), 0 * X), Setting(length_unit="mm", velocity_unit="m/s")),
-        ("# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * X, np.where(X == 2, 1, 0)), Setting(length_unit="mm", velocity_unit="m/s")),
+        (
+            "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, np.where(X == 2, 1, 0), 0 * X),
+            Setting(length_unit="mm", velocity_unit="m/s"),
+        ),
+        (
+            "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * X, np.where(X == 2, 1, 0)),
+            Setting(length_unit="mm", velocity_unit="m/s"),
+        ),
         (HEAD + table(1e-3 * X, 1e-3 * Y, np.where(X == 2, np.nan, U), V, ONE, sep=","), Setting()),
         (HEAD + table(1e-3 * X, 1e-3 * Y, U, V, np.where(X == 2, 0, 1), sep=","), Setting()),
         (dantec(status=np.where(X == 2, 16, 0)), Setting()),
@@ -108,7 +152,10 @@ def test_a_mask_column_of_zeros_masks_nothing(tmp_path):
 
 def test_pixels_and_displacements_become_velocities_by_scale_and_frame_time(tmp_path):
     path = put(tmp_path, "# x\ty\tu\tv\tflags\tmask\n" + table(X, Y, U, V, 0 * X, 0 * X))
-    field = one(path, Setting(length_unit="px", velocity_unit="px/frame", scale_m=20e-6, frame_time_s=100e-6))
+    field = one(
+        path,
+        Setting(length_unit="px", velocity_unit="px/frame", scale_m=20e-6, frame_time_s=100e-6),
+    )
     np.testing.assert_allclose(field.x_m, 20e-6 * X[0])
     np.testing.assert_allclose(field.vx_m_s, 0.2 * U, rtol=1e-5)
     field = one(path, Setting(length_unit="px", velocity_unit="px/s", scale_m=20e-6))
@@ -116,7 +163,12 @@ def test_pixels_and_displacements_become_velocities_by_scale_and_frame_time(tmp_
 
 
 def test_pivlab_is_believed_on_its_factors_not_on_its_unit_line(tmp_path):
-    displaced = put(tmp_path, FRAME.format("1e-3", "1e-3") + HEAD + table(1e-3 * X, 1e-3 * Y, 1e-4 * U, 1e-4 * V, ONE, sep=","))
+    displaced = put(
+        tmp_path,
+        FRAME.format("1e-3", "1e-3")
+        + HEAD
+        + table(1e-3 * X, 1e-3 * Y, 1e-4 * U, 1e-4 * V, ONE, sep=","),
+    )
     with pytest.raises(InputRefused, match=r"holds displacements \(m/frame\), not velocities"):
         one(displaced)
     np.testing.assert_allclose(one(displaced, Setting(frame_time_s=1e-4)).vx_m_s, U, rtol=1e-5)
@@ -127,12 +179,16 @@ def test_pivlab_is_believed_on_its_factors_not_on_its_unit_line(tmp_path):
 
 def test_pivlab_uncertainty_is_read(tmp_path):
     head = HEAD.strip() + ",correlation coefficient [-],uncertainty [m/s]\n"
-    field = one(put(tmp_path, head + table(1e-3 * X, 1e-3 * Y, U, V, ONE, 0.9 * ONE, 0.02 * ONE, sep=",")))
+    field = one(
+        put(tmp_path, head + table(1e-3 * X, 1e-3 * Y, U, V, ONE, 0.9 * ONE, 0.02 * ONE, sep=","))
+    )
     np.testing.assert_allclose(field.u_m_s, 0.02)
 
 
 def test_insight_brings_its_own_scale_and_frame_time(tmp_path):
-    text = INSIGHT.replace('"X mm", "Y mm", "U m/s", "V m/s"', '"X pixel", "Y pixel", "U pixel", "V pixel"')
+    text = INSIGHT.replace(
+        '"X mm", "Y mm", "U m/s", "V m/s"', '"X pixel", "Y pixel", "U pixel", "V pixel"'
+    )
     field = one(put(tmp_path, text + table(X, Y, U, V, ONE, sep=", ")))
     np.testing.assert_allclose(field.vx_m_s, 0.2 * U, rtol=1e-5)
 
@@ -146,24 +202,78 @@ KNOWN = Setting(length_unit="mm", velocity_unit="m/s")
     [
         (NEW + table(X, Y, 0 * X, 0 * X, 0 * X, 0 * X), KNOWN, "every vector is zero"),
         (NEW + table(X, Y, U, V, 0 * X, ONE), KNOWN, "none of its 12 vectors is valid"),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X), Setting(), 'does not say its length unit\n  add length_unit = "mm"'),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X), Setting(length_unit="mm"), "does not say its velocity unit"),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X), Setting(length_unit="px", velocity_unit="m/s"), 'add scale = "20 um/px"'),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X), Setting(length_unit="mm", velocity_unit="mm"), 'add frame_time = "100 us"'),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X), Setting(length_unit="mm", velocity_unit="kg"), "not a unit of length"),
+        (
+            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            Setting(),
+            'does not say its length unit\n  add length_unit = "mm"',
+        ),
+        (
+            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            Setting(length_unit="mm"),
+            "does not say its velocity unit",
+        ),
+        (
+            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            Setting(length_unit="px", velocity_unit="m/s"),
+            'add scale = "20 um/px"',
+        ),
+        (
+            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            Setting(length_unit="mm", velocity_unit="mm"),
+            'add frame_time = "100 us"',
+        ),
+        (
+            NEW + table(X, Y, U, V, 0 * X, 0 * X),
+            Setting(length_unit="mm", velocity_unit="kg"),
+            "not a unit of length",
+        ),
         (table(X, Y, U, V, ONE, sep=" "), KNOWN, "no header says whether 0 or 1 is a good vector"),
-        (DAVIS + table(X, Y, U, V), Setting(velocity_unit="mm/s"), "says 'm/s' where the manifest's velocity_unit is 'mm/s'"),
-        (DAVIS + table(X, Y, U, V).replace("0.75", "0,75"), Setting(), "mixes decimal commas and points"),
-        (DAVIS + table(X[:2], Y[:2], U[:2], V[:2]), Setting(), "has 8 rows of 4, its header promises 3 x 4"),
-        (DAVIS.replace('"velocity" "m/s"', '"displacement" "pixel"') + table(X, Y, U, V), Setting(scale_m=1e-5), "holds displacements"),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X)[:-9], KNOWN, "line 13: has . cells where the first has 6\n  the file was cut off there"),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X).replace("0.75", "0,75", 1), KNOWN, "line 2: '0,75' is no number\n  decimal commas"),
-        (NEW + table(X, Y, U, V, 0 * X, 0 * X) + table(X[:1], Y[:1], U[:1], V[:1], 0 * X[:1], 0 * X[:1]), KNOWN, "two vectors at one place"),
+        (
+            DAVIS + table(X, Y, U, V),
+            Setting(velocity_unit="mm/s"),
+            "says 'm/s' where the manifest's velocity_unit is 'mm/s'",
+        ),
+        (
+            DAVIS + table(X, Y, U, V).replace("0.75", "0,75"),
+            Setting(),
+            "mixes decimal commas and points",
+        ),
+        (
+            DAVIS + table(X[:2], Y[:2], U[:2], V[:2]),
+            Setting(),
+            "has 8 rows of 4, its header promises 3 x 4",
+        ),
+        (
+            DAVIS.replace('"velocity" "m/s"', '"displacement" "pixel"') + table(X, Y, U, V),
+            Setting(scale_m=1e-5),
+            "holds displacements",
+        ),
+        (
+            NEW + table(X, Y, U, V, 0 * X, 0 * X)[:-9],
+            KNOWN,
+            "line 13: has . cells where the first has 6\n  the file was cut off there",
+        ),
+        (
+            NEW + table(X, Y, U, V, 0 * X, 0 * X).replace("0.75", "0,75", 1),
+            KNOWN,
+            "line 2: '0,75' is no number\n  decimal commas",
+        ),
+        (
+            NEW
+            + table(X, Y, U, V, 0 * X, 0 * X)
+            + table(X[:1], Y[:1], U[:1], V[:1], 0 * X[:1], 0 * X[:1]),
+            KNOWN,
+            "two vectors at one place",
+        ),
         (NEW + table(X**2, Y, U, V, 0 * X, 0 * X), KNOWN, "not evenly spaced along x"),
         (NEW, KNOWN, "holds a header and no vectors"),
         ("", Setting(), "is empty"),
         ("hello\n", Setting(), "is of no known format"),
-        (DANTEC + NAMES.replace("[m/s]", "") + table(*[X] * 12, sep=","), Setting(), "nothing says how large a pixel is"),
+        (
+            DANTEC + NAMES.replace("[m/s]", "") + table(*[X] * 12, sep=","),
+            Setting(),
+            "nothing says how large a pixel is",
+        ),
         (b"# x\ty\tu\tv\n\x00\x00\x00", Setting(), "holds zero bytes"),
     ],
 )
@@ -193,8 +303,16 @@ def test_pivlab_matlab_version_5(tmp_path):
         return made
 
     flags = np.where(X == 2, 0.0, 1.0)
-    content = {"x": cells(1e-3 * X, 1e-3 * X), "y": cells(1e-3 * Y, 1e-3 * Y), "u_original": cells(U, 2 * U), "v_original": cells(V, 2 * V)}
-    savemat(tmp_path / "s.mat", content | {"typevector_original": cells(flags, flags), "units": "[m] respectively [m/s]"})
+    content = {
+        "x": cells(1e-3 * X, 1e-3 * X),
+        "y": cells(1e-3 * Y, 1e-3 * Y),
+        "u_original": cells(U, 2 * U),
+        "v_original": cells(V, 2 * V),
+    }
+    savemat(
+        tmp_path / "s.mat",
+        content | {"typevector_original": cells(flags, flags), "units": "[m] respectively [m/s]"},
+    )
     first, second = read(tmp_path / "s.mat")
     assert (~first.valid == (X == 2)).all()
     np.testing.assert_allclose(second.vx_m_s, 2 * first.vx_m_s)
@@ -228,7 +346,7 @@ def test_netcdf_in_pivpy_layout(tmp_path):
     assert (~first.valid == (X == 2)).all()
     np.testing.assert_allclose(first.vx_m_s[X != 2], U[X != 2])
     np.testing.assert_allclose(second.vx_m_s, 2 * first.vx_m_s)
-    (shifted, _) = read(netcdf(tmp_path / "b.nc", units="mm/dt", delta_t=1e-3))
+    shifted, _ = read(netcdf(tmp_path / "b.nc", units="mm/dt", delta_t=1e-3))
     np.testing.assert_allclose(shifted.vx_m_s, U)
 
 
@@ -251,7 +369,9 @@ def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch):
 
 
 def test_what_a_c_library_parses_is_parsed_in_another_process(tmp_path, monkeypatch):
-    """Fields come out as they would here; too little memory, too little time, a crash or damage cost that file alone."""
+    """Fields come out as they would here; too little memory, too little time, a crash or damage
+    cost that file alone.
+    """
     import os
     import signal
 
@@ -287,13 +407,26 @@ def test_what_a_c_library_parses_is_parsed_in_another_process(tmp_path, monkeypa
 
 
 def test_a_netcdf_that_unpacks_to_more_than_its_reader_may_hold_is_refused(tmp_path):
-    """Chunks that were never written read as zeros: 2.9 GB of them in a few kilobytes, each array within the limit of values."""
+    """Chunks that were never written read as zeros: 2.9 GB of them in a few kilobytes, each array
+    within the limit of values.
+    """
     import h5netcdf
 
     with h5netcdf.File(tmp_path / "bomb.nc", "w") as f:
         f.dimensions = {"x": 4000, "y": 3000, "t": 5}
-        for name, dims in (("x", ("x",)), ("y", ("y",)), ("u", ("t", "y", "x")), ("v", ("t", "y", "x"))):
-            f.create_variable(name, dims, dtype="f8", chunks=tuple(min(500, f.dimensions[d].size) for d in dims), compression="gzip")
+        for name, dims in (
+            ("x", ("x",)),
+            ("y", ("y",)),
+            ("u", ("t", "y", "x")),
+            ("v", ("t", "y", "x")),
+        ):
+            f.create_variable(
+                name,
+                dims,
+                dtype="f8",
+                chunks=tuple(min(500, f.dimensions[d].size) for d in dims),
+                compression="gzip",
+            )
     with pytest.raises(InputRefused, match=r"memory|allocate|crashed"):
         list(read(tmp_path / "bomb.nc"))
 
@@ -314,7 +447,9 @@ def test_real_davis_file_with_decimal_commas():
     assert (~field.valid).sum() == 2530  # written `0 -0`
     row = np.argmin(np.abs(field.y_m - 29.9271e-3))
     column = np.argmin(np.abs(field.x_m - 9.25759e-3))
-    assert (field.vx_m_s[row, column], field.vy_m_s[row, column]) == pytest.approx((-0.00993483, 3.17294e-5))
+    assert (field.vx_m_s[row, column], field.vy_m_s[row, column]) == pytest.approx(
+        (-0.00993483, 3.17294e-5)
+    )
 
 
 @measured
@@ -322,7 +457,9 @@ def test_real_openpiv_file_wants_to_be_told_its_units():
     path = SHARED / "openpiv_exp1_001_b.txt"
     with pytest.raises(InputRefused, match="length_unit"):
         one(path)
-    field = one(path, Setting(length_unit="px", velocity_unit="px/frame", scale_m=1e-5, frame_time_s=1e-3))
+    field = one(
+        path, Setting(length_unit="px", velocity_unit="px/frame", scale_m=1e-5, frame_time_s=1e-3)
+    )
     assert field.shape == (22, 30)
     assert field.vy_m_s[0, 1] == pytest.approx(5.3176e-2)
 
@@ -339,10 +476,19 @@ def test_real_pivlab_and_netcdf_files():
     ("content", "words"),
     [
         (
-            b"PIVlab\nFRAME: 1, conversion factor xy (px -> m): +, conversion factor uv (px/frame -> m/s): 0\n1,1,2,3,1\n",
+            (
+                b"PIVlab\nFRAME: 1, conversion factor xy (px -> m): +, conversion factor uv"
+                b" (px/frame -> m/s): 0\n1,1,2,3,1\n"
+            ),
             "line 2: has conv",
         ),
-        (b'TITLE="" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", MicrometersPerPixelX="1e"\n1,1,2,3,1\n', "line 1: has MicrometersPerPixel"),
+        (
+            (
+                b'TITLE="" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC",'
+                b' MicrometersPerPixelX="1e"\n1,1,2,3,1\n'
+            ),
+            "line 1: has MicrometersPerPixel",
+        ),
     ],
 )
 def test_a_scale_that_is_no_number_is_refused(tmp_path, content, words):

@@ -1,4 +1,6 @@
-"""Vortices, stagnation zone, split and asymmetry on flows that have them by construction; the bootstrap."""
+"""Vortices, stagnation zone, split and asymmetry on flows that have them by construction; the
+bootstrap.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ import pytest
 from nearlift.flow.bootstrap import Resamples, block_length
 from nearlift.flow.field import Field
 from nearlift.flow.scene import Scene
-from nearlift.flow.topology import QUANTITIES, asymmetry, describe, gamma, split_angle_deg, stagnation, vortices
+from nearlift.flow.topology import (
+    QUANTITIES,
+    asymmetry,
+    describe,
+    gamma,
+    split_angle_deg,
+    stagnation,
+    vortices,
+)
 from nearlift.randomness import generator
 from nearlift.synthetic.demo_flow import wakes
 from nearlift.synthetic.flow import Blob, Wake
@@ -20,7 +30,9 @@ from nearlift.synthetic.records import Bench
 R = 0.023
 X, Y = 2e-3 * np.arange(-35, 36), 2e-3 * np.arange(-40, 12)
 XX, YY = np.meshgrid(X, Y)
-GROUND = Scene(boundary="ground", distance_m=3.4 * R, tilt_rad=0.0, rotors_m=(-0.0325, 0.0325), radius_m=R)
+GROUND = Scene(
+    boundary="ground", distance_m=3.4 * R, tilt_rad=0.0, rotors_m=(-0.0325, 0.0325), radius_m=R
+)
 
 
 def swirl(x: float, y: float, turn: float, core: float = 0.012) -> tuple[np.ndarray, np.ndarray]:
@@ -62,14 +74,20 @@ def test_gaps_do_not_make_vortices():
     rng = generator(0, "gaps")
     whirl = field(swirl(0.0, -0.04, 1.0))
     holes = rng.random(XX.shape) < 0.05
-    spoilt = replace(whirl, vx_m_s=np.where(holes, np.nan, whirl.vx_m_s), vy_m_s=np.where(holes, np.nan, whirl.vy_m_s))
+    spoilt = replace(
+        whirl,
+        vx_m_s=np.where(holes, np.nan, whirl.vx_m_s),
+        vy_m_s=np.where(holes, np.nan, whirl.vy_m_s),
+    )
     assert len(vortices(spoilt, GROUND, 8.0)) == 1
 
 
 def mean_of(wake: Wake) -> Field:
     vx, vy = wake.velocity(XX, YY)
     hidden = wake.scene.height_m(XX, YY) <= 0
-    return Field(x_m=X, y_m=Y, vx_m_s=np.where(hidden, np.nan, vx), vy_m_s=np.where(hidden, np.nan, vy))
+    return Field(
+        x_m=X, y_m=Y, vx_m_s=np.where(hidden, np.nan, vx), vy_m_s=np.where(hidden, np.nan, vy)
+    )
 
 
 WAKE = Wake(scene=GROUND, speed_m_s=8.0)
@@ -88,7 +106,11 @@ def test_the_stagnation_zone_rests_on_the_ground_beneath_the_rotors():
 def test_a_nearer_ground_parts_the_jets_more():
     near = Wake(scene=replace(GROUND, distance_m=2.0 * R), speed_m_s=8.0)
     high = Wake(scene=replace(GROUND, distance_m=9.0 * R), speed_m_s=8.0)
-    assert split_angle_deg(mean_of(near), near.scene, 7.1) > split_angle_deg(mean_of(WAKE), GROUND, 7.1) > 20
+    assert (
+        split_angle_deg(mean_of(near), near.scene, 7.1)
+        > split_angle_deg(mean_of(WAKE), GROUND, 7.1)
+        > 20
+    )
     assert math.isnan(split_angle_deg(mean_of(high), high.scene, 7.1))
 
 
@@ -106,15 +128,24 @@ def test_a_blob_turns_as_it_says():
 
 def test_the_demo_s_tilts_have_the_paper_s_vortices():
     """Two pairs at +4.6 and +3.1 degrees; a single counter-clockwise vortex at negative tilts."""
-    numbers = {n: describe(mean_of(w), w.scene, 7.1).numbers for n, w in wakes(Bench()).items() if n.startswith("tilt")}
+    numbers = {
+        n: describe(mean_of(w), w.scene, 7.1).numbers
+        for n, w in wakes(Bench()).items()
+        if n.startswith("tilt")
+    }
     assert [numbers[f"tilt{t:+g}"]["vortex_pairs"] for t in (4.6, 3.1)] == [2, 2]
     for t in (-1.7, -3.2, -4.9):
-        assert (numbers[f"tilt{t:+g}"]["vortices_ccw"], numbers[f"tilt{t:+g}"]["vortices_cw"]) == (1, 0)
+        assert (numbers[f"tilt{t:+g}"]["vortices_ccw"], numbers[f"tilt{t:+g}"]["vortices_cw"]) == (
+            1,
+            0,
+        )
     assert set(numbers["tilt+4.6"]) == set(QUANTITIES)
 
 
 def test_resampled_means_scatter_as_the_mean_does():
-    """Resamples of 400 draws of 60 independent rows have the standard error of their mean; 5 sd of its estimate from 400 are 18 %."""
+    """Resamples of 400 draws of 60 independent rows have the standard error of their mean; 5 sd of
+    its estimate from 400 are 18 %.
+    """
     rng = generator(1, "boot")
     data = 3 + rng.standard_normal((60, 200))
     made = Resamples(400, 200, 1, generator(2, "boot"))
@@ -142,7 +173,9 @@ def test_blocks_keep_correlation_and_missing_values_count_for_nothing():
     for row in data:
         alone.add(row)
         blocks.add(row)
-    assert np.median(blocks.means().std(axis=0) / alone.means().std(axis=0)) == pytest.approx(2.0, rel=0.15)
+    assert np.median(blocks.means().std(axis=0) / alone.means().std(axis=0)) == pytest.approx(
+        2.0, rel=0.15
+    )
     gaps = Resamples(50, 2, 3, generator(5, "boot"))
     for i in range(30):
         gaps.add(np.array([1.0, np.nan if i % 2 else 1.0]))

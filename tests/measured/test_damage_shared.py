@@ -31,8 +31,12 @@ REAL: list[tuple[str, str, str, str, dict[str, Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "file", "column", "unit", "dialect"), REAL, ids=[row[1].split("/")[-1] for row in REAL])
-def test_a_damaged_file_of_a_laboratory_has_its_row(name: str, file: str, column: str, unit: str, dialect: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "file", "column", "unit", "dialect"), REAL, ids=[row[1].split("/")[-1] for row in REAL]
+)
+def test_a_damaged_file_of_a_laboratory_has_its_row(
+    name: str, file: str, column: str, unit: str, dialect: dict[str, Any], tmp_path: Path
+) -> None:
     content = (DATA / file).read_bytes()
     campaign = manifest(
         load_cell={"sample_rate": "40 Hz", "tare": "none", "range": None},

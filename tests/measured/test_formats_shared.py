@@ -1,4 +1,6 @@
-"""Files that laboratories recorded, beside the repository: each one is read, or refused with the right words."""
+"""Files that laboratories recorded, beside the repository: each one is read, or refused with the
+right words.
+"""
 
 from __future__ import annotations
 
@@ -73,10 +75,26 @@ def test_the_clock_of_averaged_steps_runs_on_but_not_steadily() -> None:
 @pytest.mark.parametrize(
     ("name", "channels", "rate"),
     [
-        ("short.lvm", {"Excitation (Trigger)": ("N", 10), "Response (Trigger)": ("m/s^2", 10)}, 25600),
-        ("short_new_line_end.lvm", {"Excitation (Trigger)": ("N", 10), "Response (Trigger)": ("m/s^2", 10)}, 25600),
-        ("long_single_header_multi_ch.lvm", {"F": ("g", 16384), "m_1": ("m/s^2", 16384), "m_2": ("m/s^2", 16384)}, 1023.5),
-        ("no_decimal_separator.lvm", {"ax": ("g", 4), "ay": ("g", 4), "az.X_Value": ("s", 4)}, 4000),
+        (
+            "short.lvm",
+            {"Excitation (Trigger)": ("N", 10), "Response (Trigger)": ("m/s^2", 10)},
+            25600,
+        ),
+        (
+            "short_new_line_end.lvm",
+            {"Excitation (Trigger)": ("N", 10), "Response (Trigger)": ("m/s^2", 10)},
+            25600,
+        ),
+        (
+            "long_single_header_multi_ch.lvm",
+            {"F": ("g", 16384), "m_1": ("m/s^2", 16384), "m_2": ("m/s^2", 16384)},
+            1023.5,
+        ),
+        (
+            "no_decimal_separator.lvm",
+            {"ax": ("g", 4), "ay": ("g", 4), "az.X_Value": ("s", 4)},
+            4000,
+        ),
     ],
 )
 def test_lvm(name: str, channels: dict[str, tuple[str, int]], rate: float) -> None:
@@ -90,7 +108,12 @@ def test_lvm(name: str, channels: dict[str, tuple[str, int]], rate: float) -> No
 
 def test_lvm_with_comments_and_a_false_rate() -> None:
     found = read("lvm", DATA / "daq-format-samples" / "with_comments.lvm")
-    assert [c.name for c in found.channels] == ["X_Value", "Press\u00e3o ABS. (MPa)", "Temperatura (\u00b0C)", "Volume (ml)"]
+    assert [c.name for c in found.channels] == [
+        "X_Value",
+        "Press\u00e3o ABS. (MPa)",
+        "Temperatura (\u00b0C)",
+        "Volume (ml)",
+    ]
     assert values(found, "Volume (ml)")[:2].tolist() == [0.0, 89.8214]
     assert "the header says 1 Hz" in found.notes[0]
 
@@ -100,7 +123,12 @@ def test_lvm_with_comments_and_a_false_rate() -> None:
     [
         ("raw1.tdms", "Layer Data/First  Channel", 2000, 5e4),
         ("big_endian.tdms", "Measured Data/Amplitude sweep", 3500, 1e3),
-        ("Digital_Input.tdms", "07/09/2012 06:58:23 PM - Digital Input - All Data/Dev1_port3_line7 - line 0", 20000, 2e3),
+        (
+            "Digital_Input.tdms",
+            "07/09/2012 06:58:23 PM - Digital Input - All Data/Dev1_port3_line7 - line 0",
+            20000,
+            2e3,
+        ),
     ],
 )
 def test_tdms(tdms: Any, name: str, channel: str, n: int, rate: float) -> None:
@@ -131,7 +159,11 @@ def test_what_has_no_header_and_what_is_packed_is_refused_with_the_way_out(tmp_p
     with pytest.raises(InputRefused, match="is compressed\n  unpack it"):
         read("text", packed)
     with pytest.raises(
-        InputRefused, match=r'line 1: has no columns\' names above its rows of 1 cell\n  name them: dialect = { columns = \["force"\] }'
+        InputRefused,
+        match=(
+            r"line 1: has no columns\' names above its rows of 1 cell\n  name them: dialect = {"
+            r' columns = \["force"\] }'
+        ),
     ):
         read("text", unpacked(packed, tmp_path))
 
@@ -157,7 +189,9 @@ def test_crazyflie(name: str, column: str, rows: int, largest: float) -> None:
 
 def test_a_table_of_means_is_no_recording() -> None:
     path = DATA / "crazyflie-thrust-stand" / "bitcraze_2015_table.csv"
-    with pytest.raises(InputRefused, match="line 1: has not the header of Crazyflie system identification"):
+    with pytest.raises(
+        InputRefused, match="line 1: has not the header of Crazyflie system identification"
+    ):
         read("crazyflie", path)
     assert len(values(read("text", path), "thrust_g")) == 16
 
@@ -171,7 +205,10 @@ RAMP = {
 }
 
 
-@pytest.mark.parametrize(("name", "rows"), [("5x5x3_fpv_forward.txt", 1820), ("6x4.5x2_fpv_forward.txt", 1827), ("apc_12_6.txt", 2203)])
+@pytest.mark.parametrize(
+    ("name", "rows"),
+    [("5x5x3_fpv_forward.txt", 1820), ("6x4.5x2_fpv_forward.txt", 1827), ("apc_12_6.txt", 2203)],
+)
 def test_raw_ramps(name: str, rows: int) -> None:
     found = read("text", DATA / "pitt-ras-iarc7-thrust" / "v2_static" / name, RAMP)
     thrust = pick(found.channels, "thrust", "k", "f")
@@ -180,9 +217,13 @@ def test_raw_ramps(name: str, rows: int) -> None:
 
 
 def test_sweeps_without_a_header() -> None:
-    paths = sorted((DATA / "pitt-ras-iarc7-thrust" / "v1_sweeps_with_ground_distance").glob("*.csv"))
+    paths = sorted(
+        (DATA / "pitt-ras-iarc7-thrust" / "v1_sweeps_with_ground_distance").glob("*.csv")
+    )
     for path in paths:
-        with pytest.raises(InputRefused, match="line 1: has no columns' names above its rows of 4 cells"):
+        with pytest.raises(
+            InputRefused, match="line 1: has no columns' names above its rows of 4 cells"
+        ):
             read("text", path)
         found = read("text", path, {"columns": ["throttle", "thrust", "battery", "distance"]})
         assert [len(c.values) for c in found.channels] == [50] * 4
@@ -191,7 +232,9 @@ def test_sweeps_without_a_header() -> None:
 
 def test_the_thermal_log(tmp_path: Path) -> None:
     """Labelled cells; its first line begins in the middle, its last ends there."""
-    path = unpacked(DATA / "pitt-ras-iarc7-thrust" / "v2_thermal" / "transisterthermaltesting.txt.gz", tmp_path)
+    path = unpacked(
+        DATA / "pitt-ras-iarc7-thrust" / "v2_thermal" / "transisterthermaltesting.txt.gz", tmp_path
+    )
     with pytest.raises(InputRefused, match="line 2: has 6 cells under 2 column names"):
         read("text", path, {"labels": True})
     found = read("text", path, {"labels": True, "skip": 1})
@@ -202,6 +245,8 @@ def test_the_thermal_log(tmp_path: Path) -> None:
 
 
 def test_step_responses_with_lines_of_another_kind_between_are_refused(tmp_path: Path) -> None:
-    path = unpacked(DATA / "pitt-ras-iarc7-thrust" / "v2_dynamic" / "6x4.5x2_dynamic.txt.gz", tmp_path)
+    path = unpacked(
+        DATA / "pitt-ras-iarc7-thrust" / "v2_dynamic" / "6x4.5x2_dynamic.txt.gz", tmp_path
+    )
     with pytest.raises(InputRefused, match="line 350: has 1 cells under 10 column names"):
         read("text", path, {"columns": list("abcdefghij"), "ignore": ["START", "STOP"]})

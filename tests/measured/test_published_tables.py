@@ -1,4 +1,6 @@
-"""Measured tables of 20 cells from ../shared: each gets a verdict, and rotor speed is named where its exponent is one that physics has."""
+"""Measured tables of 20 cells from ../shared: each gets a verdict, and rotor speed is named where
+its exponent is one that physics has.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +18,13 @@ from nearlift.products import TRIALS
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import observe
 
-FILE = Path(__file__).parents[3] / "shared/data/jirs2024-unibz-surface/surface_jirs2024_effect_packet.csv"
-pytestmark = pytest.mark.skipif(not FILE.is_file(), reason="the measured files of ../shared are not here")
+FILE = (
+    Path(__file__).parents[3]
+    / "shared/data/jirs2024-unibz-surface/surface_jirs2024_effect_packet.csv"
+)
+pytestmark = pytest.mark.skipif(
+    not FILE.is_file(), reason="the measured files of ../shared are not here"
+)
 
 #: As docs/published-tables.md gives it.
 MANIFEST = """
@@ -41,15 +48,22 @@ lift_sd  = 0.085
 
 
 def written(folder: Path, boundary: str, inches: int) -> Path:
-    """A campaign of one of the tables; under the ceiling the second of the 10-inch rotors is blank at the nearest distance."""
+    """A campaign of one of the tables; under the ceiling the second of the 10-inch rotors is blank
+    at the nearest distance.
+    """
     root = folder / "raw"
     root.mkdir()
-    (root / "campaign.toml").write_text(MANIFEST.format(boundary=boundary, inches=inches, radius=12.7 * inches))
+    (root / "campaign.toml").write_text(
+        MANIFEST.format(boundary=boundary, inches=inches, radius=12.7 * inches)
+    )
     rpm = "rpm_1" if (boundary, inches) == ("ceiling", 10) else "rpm_mean"
     with FILE.open() as lines:
         rows = [r for r in csv.DictReader(lines) if "measurement" in r["row_type"]]
     rows = [r for r in rows if (r["effect"], r["prop_diameter_in"]) == (boundary, str(inches))]
-    text = "".join(f"t{i:02d},{r['distance_cm']},{(float(r['pwm']) - 1000) / 10:g},{r[rpm]},{r['fz_n']}\n" for i, r in enumerate(rows))
+    text = "".join(
+        f"t{i:02d},{r['distance_cm']},{(float(r['pwm']) - 1000) / 10:g},{r[rpm]},{r['fz_n']}\n"
+        for i, r in enumerate(rows)
+    )
     (root / "trials.csv").write_text("trial,distance,throttle,rpm,lift\n" + text)
     return root
 
@@ -70,7 +84,9 @@ def candidate(found: dict[str, Any], name: str) -> dict[str, Any]:
     return next(c for c in found["rounds"][0]["candidates"] if c["name"] == name)
 
 
-@pytest.mark.parametrize(("boundary", "inches", "verdict"), [("ground", 10, "adequate"), ("ceiling", 10, "unexplained")])
+@pytest.mark.parametrize(
+    ("boundary", "inches", "verdict"), [("ground", 10, "adequate"), ("ceiling", 10, "unexplained")]
+)
 def test_where_speed_explains_nothing_it_is_not_named(tmp_path, boundary, inches, verdict):
     found = diagnosed(tmp_path, boundary, inches)
     assert found["verdict"] == verdict

@@ -1,4 +1,6 @@
-"""C_L of the Crazyflie's rotors from public thrust-stand tables: neither the 1.6 of Carter et al. 2021 nor constant."""
+"""C_L of the Crazyflie's rotors from public thrust-stand tables: neither the 1.6 of Carter et al.
+2021 nor constant.
+"""
 
 import csv
 import itertools
@@ -23,14 +25,18 @@ def rows(name):
 
 
 def points(name):
-    """Speed (root mean square over rotors) in Hz, thrust in N and its standard uncertainty, per setting of the throttle."""
+    """Speed (root mean square over rotors) in Hz, thrust in N and its standard uncertainty, per
+    setting of the throttle.
+    """
     table = rows(name)
     if name == "bitcraze_2015_table.csv":
         speed = np.array([float(r["rpm_avg"]) / 60 for r in table])
         gram = np.array([float(r["thrust_g"]) for r in table])
         u = np.full(len(gram), 0.1)
     elif "thrust[g]" in table[0]:
-        speed = np.sqrt(np.mean([[(float(r[f"rpm{i}"]) / 60) ** 2 for i in range(1, 5)] for r in table], axis=1))
+        speed = np.sqrt(
+            np.mean([[(float(r[f"rpm{i}"]) / 60) ** 2 for i in range(1, 5)] for r in table], axis=1)
+        )
         gram = np.array([float(r["thrust[g]"]) for r in table])
         u = np.full(len(gram), 0.5)
     else:
@@ -40,9 +46,15 @@ def points(name):
 
 
 def steps(table):
-    """Means over the second half of each step of the throttle, tare removed; the tare is that of the rotors at rest at both ends."""
+    """Means over the second half of each step of the throttle, tare removed; the tare is that of
+    the rotors at rest at both ends.
+    """
     found = []
-    at_rest = [float(r["weight[g]"]) for r in table if int(r["pwm"]) == 0 and all(float(r[f"rpm{i}"]) == 0 for i in range(1, 5))]
+    at_rest = [
+        float(r["weight[g]"])
+        for r in table
+        if int(r["pwm"]) == 0 and all(float(r[f"rpm{i}"]) == 0 for i in range(1, 5))
+    ]
     for _, group in itertools.groupby(table, key=lambda r: r["pwm"]):
         step = list(group)
         late = step[len(step) // 2 :]
@@ -50,7 +62,13 @@ def steps(table):
             continue
         speeds = np.array([[float(r[f"rpm{i}"]) / 60 for i in range(1, 5)] for r in late])
         weight = np.array([float(r["weight[g]"]) for r in late])
-        found.append((np.sqrt(np.mean(speeds**2)), weight.mean() - np.median(at_rest), max(weight.std() / np.sqrt(5), 0.1)))
+        found.append(
+            (
+                np.sqrt(np.mean(speeds**2)),
+                weight.mean() - np.median(at_rest),
+                max(weight.std() / np.sqrt(5), 0.1),
+            )
+        )
     return np.array(found).T
 
 
@@ -70,7 +88,8 @@ def test_bitcraze_2015_rises_from_2_2_to_2_7():
     assert law.mean > 1.5 * rotor.PAPER
 
 
-# speeds of the fourth are a quarter higher at the same thrust than on the other stands; the fifth has larger propellers
+# speeds of the fourth are a quarter higher at the same thrust than on the other stands; the fifth
+# has larger propellers
 OTHERS = {
     "cf2.1-stock-prop.csv": (2.46, 0.06),
     "cf21_stock2.csv": (2.24, 0.20),

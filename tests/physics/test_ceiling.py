@@ -1,4 +1,6 @@
-"""Laws of the ceiling models: gamma derived again, its limits, and what a constant-rpm rotor makes of it."""
+"""Laws of the ceiling models: gamma derived again, its limits, and what a constant-rpm rotor makes
+of it.
+"""
 
 import math
 
@@ -23,7 +25,9 @@ coefficient = st.floats(0, 4)
 
 @given(z=height)
 def test_gamma_solves_the_momentum_balance(z):
-    """Far-wake speed v_e and disk speed v_i: v_e^2 - 2 v_i v_e - v_i^2 / (8 z^2) = 0, and gamma = v_e / (2 v_i)."""
+    """Far-wake speed v_e and disk speed v_i: v_e^2 - 2 v_i v_e - v_i^2 / (8 z^2) = 0, and gamma =
+    v_e / (2 v_i).
+    """
     v_i = 1.0
     v_e = brentq(lambda v: v**2 - 2 * v_i * v - v_i**2 / (8 * z**2), 1.9, 1e4)
     assert float(gamma(z, 0.125)) == pytest.approx(v_e / (2 * v_i), rel=1e-9)
@@ -49,26 +53,35 @@ def test_negative_coefficient_has_no_value_where_the_root_has_none():
 @given(z=height, alpha=coefficient, n=st.floats(0.1, 2))
 def test_held_quantity_is_the_exponent(z, alpha, n):
     one = float(hsiao_chirarattananon.MODEL(z, alpha=alpha))
-    assert float(hsiao_chirarattananon_constant_power.MODEL(z, alpha=alpha)) == pytest.approx(one ** (2 / 3), rel=1e-12)
-    assert float(hsiao_chirarattananon_free_exponent.MODEL(z, alpha=alpha, n=n)) == pytest.approx(one**n, rel=1e-12)
+    assert float(hsiao_chirarattananon_constant_power.MODEL(z, alpha=alpha)) == pytest.approx(
+        one ** (2 / 3), rel=1e-12
+    )
+    assert float(hsiao_chirarattananon_free_exponent.MODEL(z, alpha=alpha, n=n)) == pytest.approx(
+        one**n, rel=1e-12
+    )
 
 
 @given(z=height, alpha=coefficient)
 def test_downwash_is_what_power_needs_at_the_same_thrust(z, alpha):
-    assert float(hsiao_chirarattananon.downwash(z, alpha=alpha)) * float(gamma(z, alpha)) == pytest.approx(1.0, rel=1e-12)
+    assert float(hsiao_chirarattananon.downwash(z, alpha=alpha)) * float(
+        gamma(z, alpha)
+    ) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_far_away_a_fitted_coefficient_carries_the_exponent():
     z = 50.0
     gain = float(hsiao_chirarattananon.MODEL(z, alpha=0.2)) - 1
-    assert float(hsiao_chirarattananon_constant_power.MODEL(z, alpha=0.3)) - 1 == pytest.approx(gain, rel=1e-3)
+    assert float(hsiao_chirarattananon_constant_power.MODEL(z, alpha=0.3)) - 1 == pytest.approx(
+        gain, rel=1e-3
+    )
 
 
 def thrust_at_constant_rpm(g: float, solidity_lift_slope: float, C_T: float = 0.02054) -> float:
-    """Thrust over thrust far away of a blade-element rotor whose induced power ratio is `g`, at constant rpm and pitch.
+    """Thrust over thrust far away of a blade-element rotor whose induced power ratio is `g`, at
+    constant rpm and pitch.
 
-    C_T = (sigma a / 2) (theta / 3 - lambda / 2), lambda = sqrt(C_T / 2) / g; C_T is a hovering Crazyflie's (66.2 mN a rotor,
-    r = 23 mm, 278 Hz, 1.2 kg/m^3), which sets theta.
+    C_T = (sigma a / 2) (theta / 3 - lambda / 2), lambda = sqrt(C_T / 2) / g; C_T is a hovering
+    Crazyflie's (66.2 mN a rotor, r = 23 mm, 278 Hz, 1.2 kg/m^3), which sets theta.
     """
     half = solidity_lift_slope / 2
     pitch = C_T / half + math.sqrt(C_T / 2) / 2
@@ -104,8 +117,14 @@ def test_exponent_at_constant_rpm_lies_below_the_papers(solidity_lift_slope):
 
 def test_empirical_form_is_a_shifted_image():
     z = np.linspace(0.3, 5, 20)
-    np.testing.assert_allclose(ceiling_empirical.MODEL(z, c=1 / 16, e=0.0), cheeseman_bennett.MODEL(z, k=1.0), rtol=1e-12)
-    np.testing.assert_allclose(ceiling_empirical.MODEL(z, c=0.3, e=0.5), ceiling_empirical.MODEL(z + 0.5, c=0.3, e=0.0), rtol=1e-12)
+    np.testing.assert_allclose(
+        ceiling_empirical.MODEL(z, c=1 / 16, e=0.0), cheeseman_bennett.MODEL(z, k=1.0), rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        ceiling_empirical.MODEL(z, c=0.3, e=0.5),
+        ceiling_empirical.MODEL(z + 0.5, c=0.3, e=0.0),
+        rtol=1e-12,
+    )
 
 
 def test_empirical_form_is_refused_below_its_pole():

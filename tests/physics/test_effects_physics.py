@@ -10,7 +10,13 @@ import pytest
 from nearlift.declare import Effect, compose
 from nearlift.effects import EFFECTS
 from nearlift.effects.air_density import density
-from nearlift.models import cheeseman_bennett, hsiao_chirarattananon, images, sanchez_cuevas, sidewall_decay
+from nearlift.models import (
+    cheeseman_bennett,
+    hsiao_chirarattananon,
+    images,
+    sanchez_cuevas,
+    sidewall_decay,
+)
 
 R = 0.023
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
@@ -33,34 +39,56 @@ def ceiling(z_hat: Any, *names: str, **values: Any) -> Any:
 @pytest.mark.parametrize(("z_hat", "percent_per_mm"), [(1.14, 0.43), (1.5, 0.26), (2.0, 0.19)])
 def test_datum_error_above_ground(z_hat: float, percent_per_mm: float) -> None:
     step = 1e-6
-    slope = (ground(z_hat, "height_offset", radius_m=R, offset_m=step) - ground(z_hat, "height_offset", radius_m=R, offset_m=-step)) / (2 * step)
+    slope = (
+        ground(z_hat, "height_offset", radius_m=R, offset_m=step)
+        - ground(z_hat, "height_offset", radius_m=R, offset_m=-step)
+    ) / (2 * step)
     assert -slope * 1e-3 * 100 == pytest.approx(percent_per_mm, abs=0.005)
 
 
-@pytest.mark.parametrize(("z_hat", "percent_per_tenth_mm"), [(0.1, 7.4), (0.2, 1.7), (0.3, 0.65), (0.5, 0.18)])
+@pytest.mark.parametrize(
+    ("z_hat", "percent_per_tenth_mm"), [(0.1, 7.4), (0.2, 1.7), (0.3, 0.65), (0.5, 0.18)]
+)
 def test_datum_error_under_a_ceiling(z_hat: float, percent_per_tenth_mm: float) -> None:
     step = 1e-7
-    slope = (ceiling(z_hat, "height_offset", radius_m=R, offset_m=step) - ceiling(z_hat, "height_offset", radius_m=R, offset_m=-step)) / (2 * step)
+    slope = (
+        ceiling(z_hat, "height_offset", radius_m=R, offset_m=step)
+        - ceiling(z_hat, "height_offset", radius_m=R, offset_m=-step)
+    ) / (2 * step)
     assert -slope * 1e-4 * 100 == pytest.approx(percent_per_tenth_mm, rel=0.02)
 
 
 def test_datum_error_of_a_sidewall_is_its_amplitude() -> None:
     gap = np.linspace(0.1, 3.0, 9)
-    shifted = compose(sidewall_decay.MODEL, effect("height_offset"))(gap, radius_m=R, offset_m=1e-3, a=0.05, lambda_=0.4)
-    np.testing.assert_allclose(shifted, sidewall_decay.MODEL(gap, a=0.05 * np.exp(-1e-3 / R / 0.4), lambda_=0.4), rtol=1e-14)
+    shifted = compose(sidewall_decay.MODEL, effect("height_offset"))(
+        gap, radius_m=R, offset_m=1e-3, a=0.05, lambda_=0.4
+    )
+    np.testing.assert_allclose(
+        shifted,
+        sidewall_decay.MODEL(gap, a=0.05 * np.exp(-1e-3 / R / 0.4), lambda_=0.4),
+        rtol=1e-14,
+    )
 
 
 def test_height_scale_under_a_ceiling_is_alpha() -> None:
     z_hat = np.geomspace(0.1, 5.0, 9)
-    np.testing.assert_allclose(ceiling(z_hat, "height_scale", z_scale=0.02), ceiling(z_hat, alpha=0.125 / 1.02**2), rtol=1e-14)
+    np.testing.assert_allclose(
+        ceiling(z_hat, "height_scale", z_scale=0.02),
+        ceiling(z_hat, alpha=0.125 / 1.02**2),
+        rtol=1e-14,
+    )
 
 
 def test_backlash_splits_the_branches_by_a_tenth_at_the_nearest_ceiling_station() -> None:
-    both = ceiling(0.1, "approach_backlash", radius_m=R, approach=np.array([-1.0, 1.0]), backlash_m=0.3e-3)
+    both = ceiling(
+        0.1, "approach_backlash", radius_m=R, approach=np.array([-1.0, 1.0]), backlash_m=0.3e-3
+    )
     middle = ceiling(0.1)
     assert (both[0] - middle) / middle == pytest.approx(0.06, abs=0.02)
     assert both[0] > middle > both[1]
-    low = ground(1.14, "approach_backlash", radius_m=R, approach=np.array([-1.0, 1.0]), backlash_m=0.3e-3)
+    low = ground(
+        1.14, "approach_backlash", radius_m=R, approach=np.array([-1.0, 1.0]), backlash_m=0.3e-3
+    )
     assert low[0] - low[1] < 0.002
 
 
@@ -70,11 +98,18 @@ def test_viscous_gap_takes_the_quoted_share_at_the_nearest_ceiling_station() -> 
     # the height form that it stands for
     z_hat = np.geomspace(0.1, 3.0, 20)
     height_form = ceiling(np.hypot(z_hat, 0.15))
-    np.testing.assert_allclose(ceiling(z_hat, "near_wall_saturation", gap_hat2=0.15**2), height_form, rtol=0.025)
-    assert (np.diff(ceiling(z_hat) / ceiling(z_hat, "near_wall_saturation", gap_hat2=0.15**2)) < 0).all()
+    np.testing.assert_allclose(
+        ceiling(z_hat, "near_wall_saturation", gap_hat2=0.15**2), height_form, rtol=0.025
+    )
+    assert (
+        np.diff(ceiling(z_hat) / ceiling(z_hat, "near_wall_saturation", gap_hat2=0.15**2)) < 0
+    ).all()
 
 
-@pytest.mark.parametrize(("z_hat", "thrust"), [(0.05, 2.549), (0.1, 1.761), (0.2, 1.319), (0.5, 1.074), (1.0, 1.020), (2.0, 1.005)])
+@pytest.mark.parametrize(
+    ("z_hat", "thrust"),
+    [(0.05, 2.549), (0.1, 1.761), (0.2, 1.319), (0.5, 1.074), (1.0, 1.020), (2.0, 1.005)],
+)
 def test_constant_power_under_a_ceiling(z_hat: float, thrust: float) -> None:
     assert ceiling(z_hat, "held_quantity", held_exponent=2 / 3) == pytest.approx(thrust, abs=6e-4)
 
@@ -84,16 +119,25 @@ def test_suckdown_loses_and_stagnation_gains_close_to_the_ground_only() -> None:
     change = ground(z_hat, "airframe_stagnation", stagnation=0.02) - ground(z_hat)
     np.testing.assert_allclose(change, 0.02 / z_hat**2, rtol=1e-9)
     assert change[-1] < 2e-4
-    np.testing.assert_allclose(ground(z_hat, "airframe_stagnation", stagnation=-0.02) - ground(z_hat), -change, rtol=1e-9)
-    held = effect("airframe_stagnation").evaluate(np.ones(2), z_hat=np.array([0.05, 0.2]), stagnation=0.02, stagnation_power=2.0)
+    np.testing.assert_allclose(
+        ground(z_hat, "airframe_stagnation", stagnation=-0.02) - ground(z_hat), -change, rtol=1e-9
+    )
+    held = effect("airframe_stagnation").evaluate(
+        np.ones(2), z_hat=np.array([0.05, 0.2]), stagnation=0.02, stagnation_power=2.0
+    )
     np.testing.assert_allclose(held, 1.5)
 
 
 def test_the_fountain_peaks_where_it_says_and_is_gone_at_contact_and_far_away() -> None:
     z_hat = np.geomspace(0.05, 60.0, 4001)
-    bump = ground(np.maximum(z_hat, 0.6), "fountain_shape", fountain=0.02, fountain_height=0.55) - ground(np.maximum(z_hat, 0.6))
+    bump = ground(
+        np.maximum(z_hat, 0.6), "fountain_shape", fountain=0.02, fountain_height=0.55
+    ) - ground(np.maximum(z_hat, 0.6))
     assert z_hat[np.argmax(bump)] == pytest.approx(0.55 * 65 / 23, rel=2e-3)
-    alone = effect("fountain_shape")(1.0, z_hat=z_hat[[0, -1]], spacing_hat=65 / 23, fountain=0.02) - 1.0
+    alone = (
+        effect("fountain_shape")(1.0, z_hat=z_hat[[0, -1]], spacing_hat=65 / 23, fountain=0.02)
+        - 1.0
+    )
     assert np.abs(alone).max() < 1e-8
 
 
@@ -112,7 +156,9 @@ def test_image_strength_beside_a_free_fountain_scales_the_images_alone() -> None
 
 def test_a_large_plate_costs_little() -> None:
     z_hat = np.array([1.14, 1.7, 3.0])
-    lost = 1 - (ground(z_hat, "plate_edge", edge_share=1.0, edge_width_hat=8 / 2) - 1) / (ground(z_hat) - 1)
+    lost = 1 - (ground(z_hat, "plate_edge", edge_share=1.0, edge_width_hat=8 / 2) - 1) / (
+        ground(z_hat) - 1
+    )
     np.testing.assert_allclose(lost, [0.000, 0.004, 0.169], atol=1e-3)
 
 
@@ -132,7 +178,9 @@ def test_tilt_follows_the_sum_over_images_to_second_order() -> None:
 
 def test_tilt_about_a_point_off_centre_changes_sign_with_tilt() -> None:
     z_hat, off_centre_hat, tilt_rad = 2.0, 0.2, np.deg2rad(2.0)
-    moved = (ground(z_hat - off_centre_hat * tilt_rad) - ground(z_hat + off_centre_hat * tilt_rad)) / 2
+    moved = (
+        ground(z_hat - off_centre_hat * tilt_rad) - ground(z_hat + off_centre_hat * tilt_rad)
+    ) / 2
     first = moved / (ground(z_hat) - 1) / tilt_rad
     got = ground(z_hat, "tilt", tilt_rad=tilt_rad, tilt_first=first, tilt_decay=0.0) - ground(
         z_hat, "tilt", tilt_rad=-tilt_rad, tilt_first=first, tilt_decay=0.0
@@ -142,62 +190,104 @@ def test_tilt_about_a_point_off_centre_changes_sign_with_tilt() -> None:
 
 
 def test_reynolds_number_moves_the_gain_by_under_a_percent_of_lift() -> None:
-    at = ground(1.14, "reynolds", throttle=np.array([0.25, 0.92]), throttle_ref=0.625, reynolds_slope=0.05)
+    at = ground(
+        1.14, "reynolds", throttle=np.array([0.25, 0.92]), throttle_ref=0.625, reynolds_slope=0.05
+    )
     assert 0 < at[1] - at[0] < 0.01
 
 
 def test_recirculation_takes_the_quoted_share_of_free_air() -> None:
     room = effect("room_recirculation")
     for inflow, loss in ((0.1, 0.009), (0.3, 0.026)):
-        free = room(1.0, z_hat=np.inf, throttle=0.6, throttle_ref=0.6, recirculation=0.35 * inflow / 4.07)
+        free = room(
+            1.0, z_hat=np.inf, throttle=0.6, throttle_ref=0.6, recirculation=0.35 * inflow / 4.07
+        )
         assert 1 - free == pytest.approx(loss, abs=5e-4)
-    near, far = room(1.0, z_hat=np.array([1.0, 10.0]), throttle=0.6, throttle_ref=0.6, recirculation=0.02)
+    near, far = room(
+        1.0, z_hat=np.array([1.0, 10.0]), throttle=0.6, throttle_ref=0.6, recirculation=0.02
+    )
     assert near > far
 
 
 def test_warm_copper_loses_lift_over_a_session() -> None:
-    lift = effect("warm_up")(0.3, session=0, since_start_s=np.array([0.0, 300.0, 1e6]), warming=0.03)
+    lift = effect("warm_up")(
+        0.3, session=0, since_start_s=np.array([0.0, 300.0, 1e6]), warming=0.03
+    )
     assert (np.diff(lift) < 0).all()
     assert lift[-1] == 0.3
 
 
 def test_half_a_percent_of_voltage_is_a_percent_of_lift() -> None:
-    assert effect("supply_sag")(1.0, supply_V=3.7 * 0.995, supply_ref_V=3.7, sag_exponent=2.0) == pytest.approx(0.99, abs=1e-4)
+    assert effect("supply_sag")(
+        1.0, supply_V=3.7 * 0.995, supply_ref_V=3.7, sag_exponent=2.0
+    ) == pytest.approx(0.99, abs=1e-4)
     # the power box's idle against full throttle
-    assert effect("supply_sag")(1.0, supply_V=3.30, supply_ref_V=4.01, sag_exponent=2.0) == pytest.approx(0.677, abs=1e-3)
+    assert effect("supply_sag")(
+        1.0, supply_V=3.30, supply_ref_V=4.01, sag_exponent=2.0
+    ) == pytest.approx(0.677, abs=1e-3)
 
 
 @pytest.mark.parametrize(
     ("celsius", "pressure_Pa", "humidity", "rho"),
-    [(20, 101325, 0.5, 1.1988), (25, 101325, 0.5, 1.1769), (15, 101325, 0.5, 1.2211), (20, 99000, 0.5, 1.1712)],
+    [
+        (20, 101325, 0.5, 1.1988),
+        (25, 101325, 0.5, 1.1769),
+        (15, 101325, 0.5, 1.2211),
+        (20, 99000, 0.5, 1.1712),
+    ],
 )
-def test_density_of_moist_air(celsius: float, pressure_Pa: float, humidity: float, rho: float) -> None:
+def test_density_of_moist_air(
+    celsius: float, pressure_Pa: float, humidity: float, rho: float
+) -> None:
     assert density(celsius + 273.15, pressure_Pa, humidity) == pytest.approx(rho, abs=6e-5)
 
 
 @pytest.mark.parametrize(
-    ("change", "percent"), [({"temperature_K": 298.15}, -1.8), ({"pressure_Pa": 99000.0}, -2.3), ({"humidity": 0.9}, -0.4), ({"humidity": 0.0}, 0.4)]
+    ("change", "percent"),
+    [
+        ({"temperature_K": 298.15}, -1.8),
+        ({"pressure_Pa": 99000.0}, -2.3),
+        ({"humidity": 0.9}, -0.4),
+        ({"humidity": 0.0}, 0.4),
+    ],
 )
 def test_sizes_of_air_density(change: dict[str, float], percent: float) -> None:
-    standard = {"temperature_K": 293.15, "pressure_Pa": 101325.0, "humidity": 0.5, "temperature_ref_K": 293.15, "pressure_ref_Pa": 101325.0}
+    standard = {
+        "temperature_K": 293.15,
+        "pressure_Pa": 101325.0,
+        "humidity": 0.5,
+        "temperature_ref_K": 293.15,
+        "pressure_ref_Pa": 101325.0,
+    }
     lift = effect("air_density")(1.0, **(standard | change), density_exponent=1.0)
     assert 100 * (lift - 1) == pytest.approx(percent, abs=0.06)
 
 
 def test_half_a_gram_of_tare_is_two_percent_of_the_weight() -> None:
     weight = 0.027 * 9.80665
-    assert effect("zero_offset")(weight, zero_N=0.0005 * 9.80665) / weight - 1 == pytest.approx(0.0185, abs=1e-4)
-    warm = effect("zero_temperature")(weight, temperature_K=294.0, temperature_ref_K=293.0, zero_N_per_K=0.0001 * 9.80665)
+    assert effect("zero_offset")(weight, zero_N=0.0005 * 9.80665) / weight - 1 == pytest.approx(
+        0.0185, abs=1e-4
+    )
+    warm = effect("zero_temperature")(
+        weight, temperature_K=294.0, temperature_ref_K=293.0, zero_N_per_K=0.0001 * 9.80665
+    )
     assert warm / weight - 1 == pytest.approx(0.0037, abs=1e-4)
 
 
 def test_a_tare_error_matters_most_at_low_throttle() -> None:
-    change = ground(1.14, "zero_offset", lift_inf_N=np.array([0.107, 0.551]), zero_N=0.002) - ground(1.14)
+    change = ground(
+        1.14, "zero_offset", lift_inf_N=np.array([0.107, 0.551]), zero_N=0.002
+    ) - ground(1.14)
     assert change[0] > change[1] > 0
 
 
 def test_zero_drift_settles_and_begins_anew() -> None:
-    got = effect("zero_drift")(0.3, session=np.array([0, 0, 1]), since_start_s=np.array([0.0, 1e6, 0.0]), zero_drift_N=0.003)
+    got = effect("zero_drift")(
+        0.3,
+        session=np.array([0, 0, 1]),
+        since_start_s=np.array([0.0, 1e6, 0.0]),
+        zero_drift_N=0.003,
+    )
     np.testing.assert_allclose(got, [0.3, 0.303, 0.3], rtol=1e-14)
 
 
@@ -206,14 +296,21 @@ def test_a_sound_cell_is_linear_enough() -> None:
 
 
 def test_creep_remembers_the_trial_before_and_forgets() -> None:
-    got = effect("cell_creep")(0.3, previous_lift_N=np.array([0.0, 0.2648, 0.2648]), rest_s=np.array([5.0, 0.0, 3600.0]), creep=0.0005)
+    got = effect("cell_creep")(
+        0.3,
+        previous_lift_N=np.array([0.0, 0.2648, 0.2648]),
+        rest_s=np.array([5.0, 0.0, 3600.0]),
+        creep=0.0005,
+    )
     assert got[0] == 0.3
     assert 0 < got[1] - 0.3 < 0.02e-3 * 9.80665
     assert got[2] == pytest.approx(0.3, abs=1e-15)
 
 
 def test_tether_pulls_a_millinewton_over_fifty_millimetres() -> None:
-    got = effect("tether_stiffness")(0.265, z_hat=np.array([1.0, 1.0 + 50 / 23, np.inf]), radius_m=R, stiffness_N_per_m=0.02)
+    got = effect("tether_stiffness")(
+        0.265, z_hat=np.array([1.0, 1.0 + 50 / 23, np.inf]), radius_m=R, stiffness_N_per_m=0.02
+    )
     assert got[1] - got[0] == pytest.approx(1e-3)
     assert got[2] == 0.265
 
@@ -223,10 +320,20 @@ def test_heating_takes_half_of_a_straight_fall_from_the_mean() -> None:
     cold, fall = 0.5, 0.02
     record = cold * (1 - fall * time)
     drift_hat = np.polyfit(time, record, 1)[0] / record.mean()
-    assert effect("motor_heating")(cold, drift_hat=drift_hat, heating=1.0) == pytest.approx(record.mean(), rel=2e-4)
+    assert effect("motor_heating")(cold, drift_hat=drift_hat, heating=1.0) == pytest.approx(
+        record.mean(), rel=2e-4
+    )
 
 
 def test_session_gain_and_drift_read_more_where_they_say() -> None:
     spread = np.array([0.0, 0.01, -0.02])
-    np.testing.assert_allclose(effect("session_gain")(0.3, session=np.arange(3), gain=spread), 0.3 * (1 + spread), rtol=1e-15)
-    np.testing.assert_allclose(effect("gain_drift")(0.3, elapsed_hat=np.array([-1.0, 0.0, 1.0]), drift=0.01), [0.297, 0.3, 0.303], rtol=1e-14)
+    np.testing.assert_allclose(
+        effect("session_gain")(0.3, session=np.arange(3), gain=spread),
+        0.3 * (1 + spread),
+        rtol=1e-15,
+    )
+    np.testing.assert_allclose(
+        effect("gain_drift")(0.3, elapsed_hat=np.array([-1.0, 0.0, 1.0]), drift=0.01),
+        [0.297, 0.3, 0.303],
+        rtol=1e-14,
+    )

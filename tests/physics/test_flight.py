@@ -1,4 +1,6 @@
-"""The simulated flights: the paper's crash curves, dimensionless groups, the normal transform, signs of gains, energy."""
+"""The simulated flights: the paper's crash curves, dimensionless groups, the normal transform,
+signs of gains, energy.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +33,12 @@ def flown(preset, boundary, exponent, targets, flights, key=KEY):
     own = groups.of(preset.craft, preset.gains(boundary), preset.disturbance, preset.duration_s)
     per_hold = steps_per_hold(preset.disturbance.hold_s, preset.step_s)
     plan = Plan(
-        boundary=boundary, settings=[Setting(target_z_hat=float(t), groups=own) for t in targets], curves=curves,
-        scheme=preset.scheme, steps_per_hold=per_hold,
-    )  # fmt: skip
+        boundary=boundary,
+        settings=[Setting(target_z_hat=float(t), groups=own) for t in targets],
+        curves=curves,
+        scheme=preset.scheme,
+        steps_per_hold=per_hold,
+    )
     return fly(plan, flights, key) >= 0
 
 
@@ -44,7 +49,8 @@ def level(preset, boundary, exponent, risk, around, flights):
 
 
 PAPER, CONVERGED = presets.preset("paper"), presets.preset("converged")
-#: Boundary, power (0: no model), and the levels of 50 % and 1 % worked out independently for the paper's scheme.
+#: Boundary, power (0: no model), and the levels of 50 % and 1 % worked out independently for the
+#: paper's scheme.
 REPRODUCED = [
     ("ground", 0.0, 1.15, 1.55),
     ("ground", 0.6, 0.80, 1.10),
@@ -63,7 +69,9 @@ REPRODUCED = [
 
 @pytest.mark.parametrize(("boundary", "exponent", "half", "_"), REPRODUCED)
 def test_the_paper_s_curves_half_of_the_flights(boundary, exponent, half, _):
-    """50 % levels within 0.05; 400 flights: the level's standard deviation is below 0.012, so a true one strays 4 of them."""
+    """50 % levels within 0.05; 400 flights: the level's standard deviation is below 0.012, so a
+    true one strays 4 of them.
+    """
     assert level(PAPER, boundary, exponent, 0.5, half, 400) == pytest.approx(half, abs=0.05)
 
 
@@ -76,14 +84,18 @@ def test_the_paper_s_curves_at_ten_thousand_flights(boundary, exponent, half, ra
 
 
 def test_a_converged_step_moves_the_levels_down_and_keeps_the_claim():
-    """Ground 50 %: 0.92 without and 0.55 with the model at steps of 0.02 s and less; ceiling 1.88 and 0.94. 200 flights: +-0.04."""
+    """Ground 50 %: 0.92 without and 0.55 with the model at steps of 0.02 s and less; ceiling 1.88
+    and 0.94. 200 flights: +-0.04.
+    """
     assert level(CONVERGED, "ground", 0.0, 0.5, 0.9, 200) == pytest.approx(0.91, abs=0.06)
     assert level(CONVERGED, "ground", 1.0, 0.5, 0.7, 200) == pytest.approx(0.53, abs=0.06)
     assert level(CONVERGED, "ceiling", 1.0, 0.5, 1.88, 200) == pytest.approx(1.87, abs=0.06)
 
 
 def test_runge_kutta_and_fine_euler_crash_alike():
-    """Two schemes, one truth: with a step of 1/16 hold explicit Euler agrees with Runge-Kutta flight by flight, but for a few."""
+    """Two schemes, one truth: with a step of 1/16 hold explicit Euler agrees with Runge-Kutta
+    flight by flight, but for a few.
+    """
     fine = replace(CONVERGED, scheme="euler", step_s=0.1 / 64)
     targets = np.array([0.8, 0.9, 1.0])
     one, two = (flown(p, "ground", 0.0, targets, 60) for p in (CONVERGED, fine))
@@ -98,8 +110,16 @@ def test_semi_implicit_euler_at_the_paper_s_step_turns_its_conclusion_round():
 
 def one_sweep(preset, boundary="ground", flights=120, **changes):
     own = groups.of(preset.craft, preset.gains(boundary), preset.disturbance, preset.duration_s)
-    given = {"scheme": preset.scheme, "steps_per_hold": steps_per_hold(0.1, preset.step_s), "step_s": preset.step_s, "flights": flights, "key": KEY}
-    return sweep(boundary, tabulate([np.ones_like], 0.5), np.array([0.8, 1.0, 1.2]), own, **(given | changes))
+    given = {
+        "scheme": preset.scheme,
+        "steps_per_hold": steps_per_hold(0.1, preset.step_s),
+        "step_s": preset.step_s,
+        "flights": flights,
+        "key": KEY,
+    }
+    return sweep(
+        boundary, tabulate([np.ones_like], 0.5), np.array([0.8, 1.0, 1.2]), own, **(given | changes)
+    )
 
 
 def test_every_run_tests_its_own_step():
@@ -111,7 +131,10 @@ def test_every_run_tests_its_own_step():
 
 
 def test_several_tests_of_the_step_are_as_good_as_the_worst():
-    good, bad = one_sweep(CONVERGED, flights=50).convergence, one_sweep(PAPER, flights=50).convergence
+    good, bad = (
+        one_sweep(CONVERGED, flights=50).convergence,
+        one_sweep(PAPER, flights=50).convergence,
+    )
     both = safety.together([good, bad])
     assert (both.converged, both.worst, both.step_s, both.settings) == (False, bad.worst, 0.1, 6)
     assert safety.together([good, good]).converged
@@ -134,10 +157,23 @@ def test_threads_blocks_and_order_change_nothing():
 
 
 def test_gusts_of_their_own_make_settings_independent_and_depend_on_no_block():
-    """Ten times one setting: with common gusts one and the same flights crash; with their own, crashes correlate by chance alone."""
-    own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], replace(PAPER_DISTURBANCE, correlation_s=0.1), 120.0)
+    """Ten times one setting: with common gusts one and the same flights crash; with their own,
+    crashes correlate by chance alone.
+    """
+    own = groups.of(
+        CRAZYFLIE_AS_PRINTED,
+        PAPER_GAINS["ground"],
+        replace(PAPER_DISTURBANCE, correlation_s=0.1),
+        120.0,
+    )
     settings = [Setting(target_z_hat=1.6, groups=own)] * 10
-    plan = Plan(boundary="ground", settings=settings, curves=tabulate([np.ones_like], 0.5), scheme="euler", steps_per_hold=1)
+    plan = Plan(
+        boundary="ground",
+        settings=settings,
+        curves=tabulate([np.ones_like], 0.5),
+        scheme="euler",
+        steps_per_hold=1,
+    )
     same, apart = (fly(p, 120, KEY) >= 0 for p in (plan, replace(plan, common=False)))
     assert (same == same[0]).all()
     assert 0.05 < same[0].mean() < 0.95
@@ -146,11 +182,15 @@ def test_gusts_of_their_own_make_settings_independent_and_depend_on_no_block():
     # a tenth of the variance: rates of ten independent settings average to the common one
     assert apart.mean() == pytest.approx(same[0].mean(), abs=4 * 0.5 / math.sqrt(120))
     assert np.array_equal(apart[:, :60], fly(replace(plan, common=False), 60, KEY) >= 0)
-    assert np.array_equal(apart[:3], fly(replace(plan, common=False, settings=settings[:3]), 120, KEY) >= 0)
+    assert np.array_equal(
+        apart[:3], fly(replace(plan, common=False, settings=settings[:3]), 120, KEY) >= 0
+    )
 
 
 def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
-    """A vehicle of three times the size and ten times the mass, its gains and weather carried over: the same flights crash."""
+    """A vehicle of three times the size and ten times the mass, its gains and weather carried over:
+    the same flights crash.
+    """
     own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
     big = Craft(radius_m=0.07, mass_kg=0.4, gravity_m_s2=9.81, density_kg_m3=1.1, C_L=2.5, rotors=4)
     gains, gusts = groups.gains_for(own, big), groups.disturbance_for(own, big)
@@ -162,7 +202,20 @@ def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
 
     def crashed(g):
         settings = [Setting(target_z_hat=float(t), groups=g) for t in targets]
-        return fly(Plan(boundary="ground", settings=settings, curves=tabulate([np.ones_like], 0.5), scheme="euler", steps_per_hold=1), 150, KEY) >= 0
+        return (
+            fly(
+                Plan(
+                    boundary="ground",
+                    settings=settings,
+                    curves=tabulate([np.ones_like], 0.5),
+                    scheme="euler",
+                    steps_per_hold=1,
+                ),
+                150,
+                KEY,
+            )
+            >= 0
+        )
 
     one, two = crashed(own), crashed(there)
     assert (one != two).mean() < 0.01  # rounding may part a flight that grazes the ground
@@ -185,15 +238,25 @@ def test_groups_are_the_paper_s():
 
 
 def test_gains_of_the_wrong_sign_are_refused_with_the_reason():
-    with pytest.raises(ManifestError, match=r"simulate.gains.ground: kP = 316.*unstable loop.*too low must turn its rotors faster\n.*negative"):
+    with pytest.raises(
+        ManifestError,
+        match=(
+            r"simulate.gains.ground: kP = 316.*unstable loop.*too low must turn its rotors"
+            r" faster\n.*negative"
+        ),
+    ):
         stable(PAPER_CEILING, CRAZYFLIE_AS_PRINTED, "ground")
-    with pytest.raises(ManifestError, match=r"simulate.gains.ceiling.*too close must slow its rotors\n.*positive"):
+    with pytest.raises(
+        ManifestError, match=r"simulate.gains.ceiling.*too close must slow its rotors\n.*positive"
+    ):
         stable(PAPER_GAINS["ground"], CRAZYFLIE_AS_PRINTED, "ceiling")
     with pytest.raises(ManifestError, match="want one sign"):
         stable(Gains(kP=-316, kD=316, kI=-31.6), CRAZYFLIE_AS_PRINTED, "ground")
     for boundary, gains in PAPER_GAINS.items():
         assert stable(gains, CRAZYFLIE_AS_PRINTED, boundary) is gains
-    assert sorted(poles(PAPER_CEILING, CRAZYFLIE_AS_PRINTED, "ceiling").real) == pytest.approx([-16.6, -0.945, -0.113], abs=0.05)
+    assert sorted(poles(PAPER_CEILING, CRAZYFLIE_AS_PRINTED, "ceiling").real) == pytest.approx(
+        [-16.6, -0.945, -0.113], abs=0.05
+    )
 
 
 def test_a_step_that_does_not_divide_the_hold_is_refused_with_one_that_does():
@@ -220,14 +283,27 @@ def test_a_sagging_supply_crashes_more():
     own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
     settings = [Setting(target_z_hat=1.0, groups=own, droop=d) for d in (0.0, -0.2)]
     curves = tabulate([np.ones_like], 0.5)
-    crashed = (fly(Plan(boundary="ground", settings=settings, curves=curves, scheme="rk4", steps_per_hold=2), 300, KEY) >= 0).sum(axis=1)
+    crashed = (
+        fly(
+            Plan(
+                boundary="ground", settings=settings, curves=curves, scheme="rk4", steps_per_hold=2
+            ),
+            300,
+            KEY,
+        )
+        >= 0
+    ).sum(axis=1)
     assert crashed[1] > crashed[0] + 30
 
 
 def test_a_trace_is_the_flight_that_was_counted():
     own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
     plan = Plan(
-        boundary="ground", settings=[Setting(target_z_hat=1.0, groups=own)], curves=tabulate([np.ones_like], 0.5), scheme="euler", steps_per_hold=1
+        boundary="ground",
+        settings=[Setting(target_z_hat=1.0, groups=own)],
+        curves=tabulate([np.ones_like], 0.5),
+        scheme="euler",
+        steps_per_hold=1,
     )
     ended = fly(plan, 60, KEY)[0]
     crashing, living = int(np.flatnonzero(ended >= 0)[0]), int(np.flatnonzero(ended < 0)[0])
@@ -241,7 +317,9 @@ def test_a_trace_is_the_flight_that_was_counted():
 
 
 def test_normals_are_normal():
-    """Kolmogorov-Smirnov at 1e-4, so one fixed key in ten thousand would cry wolf; and moments of 200 000 draws within 5 sigma."""
+    """Kolmogorov-Smirnov at 1e-4, so one fixed key in ten thousand would cry wolf; and moments of
+    200 000 draws within 5 sigma.
+    """
     draws = np.concatenate([stream.normals(KEY, f, 1000) for f in range(200)])
     assert stats.kstest(draws, "norm").pvalue > 1e-4
     n = len(draws)
@@ -253,7 +331,9 @@ def test_normals_are_normal():
 
 
 def test_streams_are_addressed():
-    """A flight's gusts depend on key and flight only, their beginning not on their number; other flights and keys have others."""
+    """A flight's gusts depend on key and flight only, their beginning not on their number; other
+    flights and keys have others.
+    """
     assert np.array_equal(stream.normals(1, 2, 5), stream.normals(1, 2, 1000)[:5])
     across = np.array([stream.normals(1, f, 500) for f in range(200)])
     assert stats.kstest(across[:, 0], "norm").pvalue > 1e-4
@@ -264,7 +344,9 @@ def test_streams_are_addressed():
 
 
 def test_the_disturbance_has_the_spectrum_that_it_declares():
-    """Averaged periodogram of 400 flights against the declared density at low frequency: each bin to 5 % (a sd of 1/sqrt(400))."""
+    """Averaged periodogram of 400 flights against the declared density at low frequency: each bin
+    to 5 % (a sd of 1/sqrt(400)).
+    """
     gusts = Disturbance(sd_N=0.015, hold_s=0.1, correlation_s=0.3)
     assert PAPER_DISTURBANCE.density_N2_s == pytest.approx(2.25e-5)
     n, m = 512, gusts.memory
@@ -275,7 +357,9 @@ def test_the_disturbance_has_the_spectrum_that_it_declares():
     frequency = np.fft.rfftfreq(n, gusts.hold_s)
     held = np.sinc(frequency * gusts.hold_s) ** 2
     band = slice(2, 40)
-    assert (power * held)[band].mean() == pytest.approx(gusts.spectrum_N2_s(frequency[band]).mean(), rel=0.05)
+    assert (power * held)[band].mean() == pytest.approx(
+        gusts.spectrum_N2_s(frequency[band]).mean(), rel=0.05
+    )
 
 
 # ---- rates and levels
@@ -311,7 +395,9 @@ def test_levels():
 
 
 def test_energy_by_what_is_held():
-    """gamma at z_hat 0.5 and 0.1: 0.852 and 0.280 as the paper takes it, 0.899 and 0.428 as the theory means it."""
+    """gamma at z_hat 0.5 and 0.1: 0.852 and 0.280 as the paper takes it, 0.899 and 0.428 as the
+    theory means it.
+    """
     gamma = catalogue.model("hsiao_chirarattananon")(np.array([0.5, 0.1]))
     assert energy.paper_cost(gamma) == pytest.approx([0.852, 0.280], abs=5e-4)
     assert energy.cost(gamma, "thrust")[1] == pytest.approx([0.899, 0.428], abs=5e-4)
@@ -323,7 +409,11 @@ def test_energy_by_what_is_held():
 
 
 def test_the_best_set_point_weighs_energy_against_crashes():
-    z_hat, cost, rate = np.array([1.0, 1.5, 2.0]), np.array([0.7, 0.8, 0.9]), np.array([0.5, 0.05, 0.0])
+    z_hat, cost, rate = (
+        np.array([1.0, 1.5, 2.0]),
+        np.array([0.7, 0.8, 0.9]),
+        np.array([0.5, 0.05, 0.0]),
+    )
     assert energy.best_set_point(z_hat, cost, rate, 0.0) == (0, 0.7)
     assert energy.best_set_point(z_hat, cost, rate, 1.0)[0] == 1
     assert energy.best_set_point(z_hat, cost, rate, 100.0) == (2, 0.9)
@@ -331,7 +421,9 @@ def test_the_best_set_point_weighs_energy_against_crashes():
 
 
 def test_a_rate_that_was_never_seen_is_not_zero():
-    """None of 60: estimated at half a crash, bounded by the rule of three; draws have Clopper and Pearson's ends as percentiles."""
+    """None of 60: estimated at half a crash, bounded by the rule of three; draws have Clopper and
+    Pearson's ends as percentiles.
+    """
     assert safety.upper95(np.array([0, 60]), 60) == pytest.approx([3 / 60, 1.0], rel=0.03)
     rate = safety.estimate(np.array([60, 20, 25, 0, 0]), 60)
     assert (np.diff(rate) <= 0).all()
@@ -340,7 +432,11 @@ def test_a_rate_that_was_never_seen_is_not_zero():
     crashed = np.zeros((1, 60), dtype=bool)
     crashed[0, :7] = True
     rng = np.random.default_rng(4)
-    for crash, safe, q, expected in ((1, 0, 95, stats.beta.ppf(0.95, 8, 53)), (0, 1, 5, stats.beta.ppf(0.05, 7, 54)), (0.5, 0.5, 50, 7.5 / 61)):
+    for crash, safe, q, expected in (
+        (1, 0, 95, stats.beta.ppf(0.95, 8, 53)),
+        (0, 1, 5, stats.beta.ppf(0.05, 7, 54)),
+        (0.5, 0.5, 50, 7.5 / 61),
+    ):
         drawn = safety.rate_draws(crashed, 8000, rng, crash, safe)
         assert np.percentile(drawn, q) == pytest.approx(expected, rel=0.05)
     none = safety.rate_draws(np.zeros((3, 60), dtype=bool), 2000, rng, crash=1.0, safe=0.0)
@@ -349,7 +445,11 @@ def test_a_rate_that_was_never_seen_is_not_zero():
 
 
 def test_a_price_that_the_flights_cannot_weigh_is_refused_with_the_number_that_would():
-    z_hat, cost, crashes = np.array([1.0, 1.5, 2.0]), np.array([0.7, 0.8, 0.9]), np.array([30, 0, 0])
+    z_hat, cost, crashes = (
+        np.array([1.0, 1.5, 2.0]),
+        np.array([0.7, 0.8, 0.9]),
+        np.array([30, 0, 0]),
+    )
     cheap = energy.choose(z_hat, cost, crashes, 60, 1.0)
     assert (cheap.index, cheap.resolved, cheap.crashes) == (1, True, 0)
     assert cheap.rate == pytest.approx(0.5 / 61)
@@ -372,12 +472,19 @@ def levels_of(rng, **centres):
         ("ground", 0.6, 0.5): 0.80,
         ("ground", 1.4, 0.5): 0.86,
     }
-    flown |= {("ground", 1.0, 0.01): 1.08, ("ceiling", 0.0, 0.5): 1.17, ("ceiling", 1.0, 0.5): 2.0, ("ceiling", 0.6, 0.5): 1.74}
+    flown |= {
+        ("ground", 1.0, 0.01): 1.08,
+        ("ceiling", 0.0, 0.5): 1.17,
+        ("ceiling", 1.0, 0.5): 2.0,
+        ("ceiling", 0.6, 0.5): 1.74,
+    }
     flown |= {("ceiling", 1.4, 0.5): 2.17} | centres.get("flown", {})
     common = 0.02 * rng.standard_normal(400)
     return claims.Levels(
         flown={k: v + common + 0.002 * rng.standard_normal(400) for k, v in flown.items()},
-        varied={k: v + 0.02 * rng.standard_normal(400) for k, v in centres.get("varied", {}).items()},
+        varied={
+            k: v + 0.02 * rng.standard_normal(400) for k, v in centres.get("varied", {}).items()
+        },
     )
 
 
@@ -400,16 +507,31 @@ def test_claims_hold_fail_or_are_undecided_by_their_intervals():
         found = claims.table({"p": levels_of(rng, flown={("ground", 0.0, 0.01): height})})[0]
         assert found["presets"]["p"]["verdict"] == said
         assert found["tolerance"] == "1.35 to 1.65"
-    nowhere = claims.table({"p": levels_of(rng, flown={("ground", 0.0, 0.01): math.nan})})[0]["presets"]["p"]
+    nowhere = claims.table({"p": levels_of(rng, flown={("ground", 0.0, 0.01): math.nan})})[0][
+        "presets"
+    ]["p"]
     assert nowhere["verdict"] == "undecided"
 
 
 def test_what_is_said_of_any_gains_and_noise_is_judged_by_the_worst_of_them():
-    varied = {(b, k, v): 1.0 for b in ("ground", "ceiling") for k in (0.0, 0.6, 1.0, 1.4) for v in ("one", "two")}
-    varied |= {("ground", 0.0, v): 1.5 for v in ("one", "two")} | {("ceiling", 1.0, v): 1.5 for v in ("one", "two")}
-    good = {("ground", 0.6, 0.5): 1.0, ("ground", 1.4, 0.5): 0.8} | {("ground", 0.6, v): 1.2 for v in ("one", "two")}
+    varied = {
+        (b, k, v): 1.0
+        for b in ("ground", "ceiling")
+        for k in (0.0, 0.6, 1.0, 1.4)
+        for v in ("one", "two")
+    }
+    varied |= {("ground", 0.0, v): 1.5 for v in ("one", "two")} | {
+        ("ceiling", 1.0, v): 1.5 for v in ("one", "two")
+    }
+    good = {("ground", 0.6, 0.5): 1.0, ("ground", 1.4, 0.5): 0.8} | {
+        ("ground", 0.6, v): 1.2 for v in ("one", "two")
+    }
     for second, said in ((1.2, "holds"), (0.8, "fails")):
-        own = levels_of(np.random.default_rng(1), flown=good, varied=varied | good | {("ground", 0.6, "two"): second})
+        own = levels_of(
+            np.random.default_rng(1),
+            flown=good,
+            varied=varied | good | {("ground", 0.6, "two"): second},
+        )
         own.varied.pop(("ground", 0.6, 0.5), None), own.varied.pop(("ground", 1.4, 0.5), None)
         told = {c["name"]: c["presets"]["p"]["verdict"] for c in claims.table({"p": own})}
         assert told["order_kept"] == said
@@ -420,12 +542,22 @@ def test_variants_change_gains_and_noise_and_nothing_else():
     preset = PAPER
     own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
     curves = tabulate([np.ones_like] * len(variants.EXPONENTS), 0.5)
-    how = {"scheme": "euler", "steps_per_hold": 1, "step_s": 0.1, "flights": 60, "key": KEY, "rng": np.random.default_rng(0)}
+    how = {
+        "scheme": "euler",
+        "steps_per_hold": 1,
+        "step_s": 0.1,
+        "flights": 60,
+        "key": KEY,
+        "rng": np.random.default_rng(0),
+    }
     found, tested = variants.levels("ground", curves, variants.EXPONENTS, own, **how)
     one = {name: found["ground", 0.0, name][0] for name, _, _ in variants.VARIANTS}
     assert one["noise x 0.7"] < level(PAPER, "ground", 0.0, 0.5, 1.15, 60) < one["noise x 1.4"]
     # their step is tested too, and the printed one is too long for them as well
-    assert (tested.converged, tested.settings) == (False, 2 * len(variants.VARIANTS) * ((len(variants.TARGETS["ground"]) + 1) // 2))
+    assert (tested.converged, tested.settings) == (
+        False,
+        2 * len(variants.VARIANTS) * ((len(variants.TARGETS["ground"]) + 1) // 2),
+    )
     # no curve differs from another here, so no level does
     assert all(np.array_equal(found["ground", 0.0, n], found["ground", 1.4, n]) for n in one)
 
@@ -436,21 +568,41 @@ def test_roll_as_the_paper_reads_it_and_otherwise():
     assert first.acceleration_lo_deg_s2 < 400 < first.acceleration_hi_deg_s2
     assert 1e3 * whole.torque_N_m == pytest.approx(0.357, abs=5e-4)
     assert 1e3 * arm.torque_N_m == pytest.approx(0.129, abs=5e-4)
-    assert (inertia.acceleration_lo_deg_s2, inertia.acceleration_hi_deg_s2) == pytest.approx((435, 528), abs=1)
+    assert (inertia.acceleration_lo_deg_s2, inertia.acceleration_hi_deg_s2) == pytest.approx(
+        (435, 528), abs=1
+    )
 
 
 def test_roll_from_a_fit():
     rng = np.random.default_rng(0)
-    ratios = [lambda z, a=a: 1 - a * np.exp(-z / 0.5) for a in (0.03, *rng.normal(0.03, 0.003, 200))]
-    found = roll.of_belief(ratios, 0.1, mass_kg=0.027, gravity_m_s2=9.8, arm_m=0.0325, spacing_hat=65 / 23, inertia_kg_m2=1.6e-5, rng=rng)
+    ratios = [
+        lambda z, a=a: 1 - a * np.exp(-z / 0.5) for a in (0.03, *rng.normal(0.03, 0.003, 200))
+    ]
+    found = roll.of_belief(
+        ratios,
+        0.1,
+        mass_kg=0.027,
+        gravity_m_s2=9.8,
+        arm_m=0.0325,
+        spacing_hat=65 / 23,
+        inertia_kg_m2=1.6e-5,
+        rng=rng,
+    )
     near = found["near_pair_only"]
     assert near["torque_N_m"][0] == pytest.approx(0.03 * math.exp(-0.2) * 0.027 * 9.8 * 0.0325)
     assert near["lo90_N_m"][0] < near["torque_N_m"][0] < near["hi90_N_m"][0]
     assert found["same_law"]["torque_N_m"][0] < near["torque_N_m"][0]
     assert near["lo90_deg_s2"] < near["acceleration_deg_s2"] < near["hi90_deg_s2"]
-    # the inertia is not known exactly: with a torque known perfectly, its uncertainty is all there is
+    # the inertia is not known exactly: with a torque known perfectly, its uncertainty is all there
+    # is
     sure = [ratios[0]] * 400
-    known = {"mass_kg": 0.027, "gravity_m_s2": 9.8, "arm_m": 0.0325, "spacing_hat": 65 / 23, "inertia_kg_m2": 1.6e-5}
+    known = {
+        "mass_kg": 0.027,
+        "gravity_m_s2": 9.8,
+        "arm_m": 0.0325,
+        "spacing_hat": 65 / 23,
+        "inertia_kg_m2": 1.6e-5,
+    }
     for u in (0.0, 0.1):
         own = roll.of_belief(sure, 0.1, **known, u_inertia=u, rng=rng)["near_pair_only"]
         half = 0.5 * math.log(own["hi90_deg_s2"] / own["lo90_deg_s2"])

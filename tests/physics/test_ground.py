@@ -27,10 +27,12 @@ strength = st.floats(-5.0, 8.0)
 
 
 def cancelled_by_brute_force(z_hat, layout, tilt_rad=0.0):
-    """Each rotor's cancelled inflow from sources mirrored one by one in a plane in space, in the rotors' frame.
+    """Each rotor's cancelled inflow from sources mirrored one by one in a plane in space, in the
+    rotors' frame.
 
-    A rotor far from the boundary draws v through its disk; its image is a point source of flux pi R^2 v, whose velocity at a
-    distance s is flux / (4 pi s^2). Counted along the boundary's normal, per unit of v and R.
+    A rotor far from the boundary draws v through its disk; its image is a point source of flux pi
+    R^2 v, whose velocity at a distance s is flux / (4 pi s^2). Counted along the boundary's normal,
+    per unit of v and R.
     """
     normal = np.array([math.sin(tilt_rad), 0.0, math.cos(tilt_rad)])
     out = []
@@ -48,19 +50,32 @@ def cancelled_by_brute_force(z_hat, layout, tilt_rad=0.0):
 # --- the images of any layout
 
 
-@given(z=height, positions=st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=1, max_size=6))
+@given(
+    z=height,
+    positions=st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=1, max_size=6),
+)
 def test_formula_is_the_sum_of_mirrored_sources(z, positions):
-    np.testing.assert_allclose(images.cancelled_per_rotor(z, layout_hat=positions), cancelled_by_brute_force(z, positions), rtol=1e-10)
+    np.testing.assert_allclose(
+        images.cancelled_per_rotor(z, layout_hat=positions),
+        cancelled_by_brute_force(z, positions),
+        rtol=1e-10,
+    )
 
 
-@given(z=st.floats(1.5, 20), tilt=st.floats(-0.2, 0.2), positions=st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_size=5))
+@given(
+    z=st.floats(1.5, 20),
+    tilt=st.floats(-0.2, 0.2),
+    positions=st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_size=5),
+)
 def test_tilted_formula_is_the_sum_of_mirrored_sources(z, tilt, positions):
     got = images.cancelled_per_rotor(z, layout_hat=positions, tilt_rad=tilt)
     np.testing.assert_allclose(got, cancelled_by_brute_force(z, positions, tilt), rtol=1e-9)
 
 
 def test_one_rotor_is_cheeseman_and_bennett():
-    np.testing.assert_allclose(images.MODEL(Z, layout_hat=((0.0, 0.0),)), cheeseman_bennett_fixed.MODEL(Z), rtol=1e-13)
+    np.testing.assert_allclose(
+        images.MODEL(Z, layout_hat=((0.0, 0.0),)), cheeseman_bennett_fixed.MODEL(Z), rtol=1e-13
+    )
 
 
 @given(d=spacing)
@@ -73,7 +88,11 @@ def test_square_is_sanchez_cuevas_without_fountain(d):
 def test_images_do_not_depend_on_where_the_layout_lies(d, z):
     layout = np.asarray(square(d))
     turn = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
-    np.testing.assert_allclose(images.MODEL(z, layout_hat=layout @ turn + [3.0, -1.0]), images.MODEL(z, layout_hat=layout), rtol=1e-12)
+    np.testing.assert_allclose(
+        images.MODEL(z, layout_hat=layout @ turn + [3.0, -1.0]),
+        images.MODEL(z, layout_hat=layout),
+        rtol=1e-12,
+    )
 
 
 @given(d=spacing, z=height)
@@ -92,14 +111,21 @@ def test_far_away_four_images_are_four_times_one():
 
 @given(d=spacing, z=st.floats(1.5, 10))
 def test_no_tilt_is_the_flat_boundary(d, z):
-    assert float(tilted(z, layout_hat=square(d), tilt_rad=0.0)) == pytest.approx(float(images.MODEL(z, layout_hat=square(d))), rel=1e-13)
+    assert float(tilted(z, layout_hat=square(d), tilt_rad=0.0)) == pytest.approx(
+        float(images.MODEL(z, layout_hat=square(d))), rel=1e-13
+    )
 
 
 @given(d=st.floats(2, 4), z=st.floats(1.5, 10), tilt=st.floats(0.001, 0.15))
 def test_tilting_a_symmetric_layout_either_way_is_the_same(d, z, tilt):
     layout = square(d)
-    assert float(tilted(z, layout_hat=layout, tilt_rad=tilt)) == pytest.approx(float(tilted(z, layout_hat=layout, tilt_rad=-tilt)), rel=1e-12)
-    one, other = gain_per_rotor(z, layout_hat=layout, tilt_rad=tilt), gain_per_rotor(z, layout_hat=layout, tilt_rad=-tilt)
+    assert float(tilted(z, layout_hat=layout, tilt_rad=tilt)) == pytest.approx(
+        float(tilted(z, layout_hat=layout, tilt_rad=-tilt)), rel=1e-12
+    )
+    one, other = (
+        gain_per_rotor(z, layout_hat=layout, tilt_rad=tilt),
+        gain_per_rotor(z, layout_hat=layout, tilt_rad=-tilt),
+    )
     np.testing.assert_allclose(one, other[[1, 0, 3, 2]], rtol=1e-12)
 
 
@@ -109,10 +135,21 @@ def test_positive_tilt_lifts_the_rotors_at_positive_x():
 
 
 def test_mean_effect_of_tilt_is_of_second_order():
-    one, two = (float(tilted(1.5, layout_hat=square(2.83), tilt_rad=t)) - float(images.MODEL(1.5, layout_hat=square(2.83))) for t in (0.01, 0.02))
+    one, two = (
+        float(tilted(1.5, layout_hat=square(2.83), tilt_rad=t))
+        - float(images.MODEL(1.5, layout_hat=square(2.83)))
+        for t in (0.01, 0.02)
+    )
     assert two / one == pytest.approx(4, rel=0.02)
     # one degree is worth less than 0.1 % of lift, while each side moves by first order
-    assert abs(float(tilted(1.5, layout_hat=square(2.83), tilt_rad=math.radians(1))) / float(images.MODEL(1.5, layout_hat=square(2.83))) - 1) < 1e-3
+    assert (
+        abs(
+            float(tilted(1.5, layout_hat=square(2.83), tilt_rad=math.radians(1)))
+            / float(images.MODEL(1.5, layout_hat=square(2.83)))
+            - 1
+        )
+        < 1e-3
+    )
 
 
 def test_tilt_broadcasts_with_height():
@@ -131,7 +168,9 @@ def test_rotor_in_the_boundary_has_no_ratio():
 
 def test_half_plane_covers_all_half_or_nothing():
     layout = ((0.0, 0.0), (-5.0, 0.0), (5.0, 0.0), (-1.0, 3.0), (1.0, 3.0))
-    np.testing.assert_allclose(covered_by_half_plane(layout, 0.0), [0.5, 1.0, 0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(
+        covered_by_half_plane(layout, 0.0), [0.5, 1.0, 0.0, 1.0, 0.0], atol=1e-12
+    )
 
 
 @given(x=st.floats(-2, 2), edge=st.floats(-2, 2))
@@ -162,9 +201,12 @@ def test_half_plane_under_a_square_leaves_the_images_of_a_pair():
 def test_whole_plane_is_no_edge_and_no_plane_is_no_effect():
     layout = square(2.83)
     np.testing.assert_allclose(
-        gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, 9.0)), gain_per_rotor(1.0, layout_hat=layout)
+        gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, 9.0)),
+        gain_per_rotor(1.0, layout_hat=layout),
     )
-    np.testing.assert_array_equal(gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, -9.0)), 1.0)
+    np.testing.assert_array_equal(
+        gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, -9.0)), 1.0
+    )
 
 
 # --- Sanchez-Cuevas
@@ -178,7 +220,10 @@ def test_distant_rotors_leave_cheeseman_and_bennett():
 @given(d=spacing, z=height)
 def test_fountain_term_is_four_images_at_the_diagonal(d, z):
     b = math.sqrt(2) * d
-    one = cancelled_by_brute_force(z, [(0.0, 0.0), (b, 0.0)])[0] - cancelled_by_brute_force(z, [(0.0, 0.0)])[0]
+    one = (
+        cancelled_by_brute_force(z, [(0.0, 0.0), (b, 0.0)])[0]
+        - cancelled_by_brute_force(z, [(0.0, 0.0)])[0]
+    )
     fountain = sanchez_cuevas.cancelled(z, d, b, 1.0) - sanchez_cuevas.cancelled(z, d, b, 0.0)
     assert fountain == pytest.approx(4 * one, rel=1e-9)
 
@@ -188,7 +233,11 @@ def test_equation_as_published(d, z, K_b):
     """The equation typed a second time, term by term, in dimensional form (R = 23 mm)."""
     R, b = 0.023, math.sqrt(2) * d
     D, B, H = R * d, R * b, R * z
-    s = (R / (4 * H)) ** 2 + R**2 * H / math.sqrt((D**2 + 4 * H**2) ** 3) + R**2 / 2 * H / math.sqrt((2 * D**2 + 4 * H**2) ** 3)
+    s = (
+        (R / (4 * H)) ** 2
+        + R**2 * H / math.sqrt((D**2 + 4 * H**2) ** 3)
+        + R**2 / 2 * H / math.sqrt((2 * D**2 + 4 * H**2) ** 3)
+    )
     s += 2 * R**2 * K_b * H / math.sqrt((B**2 + 4 * H**2) ** 3)
     got = float(sanchez_cuevas.MODEL(z, spacing_hat=d, diagonal_hat=b, K_b=K_b))
     assert got == pytest.approx(1 / (1 - s), rel=1e-10) if s < 1 else math.isnan(got)
@@ -196,7 +245,11 @@ def test_equation_as_published(d, z, K_b):
 
 @given(d=spacing, z=height, K_b=st.floats(0.05, 20))
 def test_equation_as_printed(d, z, K_b):
-    s = 1 / (16 * z**2) + z / math.sqrt((d**2 + 4 * z**2) ** 3) + z / (2 * math.sqrt((2 * d**2 + 4 * z**2) ** 3))
+    s = (
+        1 / (16 * z**2)
+        + z / math.sqrt((d**2 + 4 * z**2) ** 3)
+        + z / (2 * math.sqrt((2 * d**2 + 4 * z**2) ** 3))
+    )
     s += z / (2 * K_b * math.sqrt((d**2 + 4 * z**2) ** 3))
     got = float(sanchez_cuevas_as_printed.MODEL(z, spacing_hat=d, inverse_K_b=1 / K_b))
     assert got == pytest.approx(1 / (1 - s), rel=1e-10) if s < 1 else math.isnan(got)
@@ -204,18 +257,24 @@ def test_equation_as_printed(d, z, K_b):
 
 def test_printed_form_is_the_original_with_a_quarter_of_the_strength_at_the_adjacent_spacing():
     printed = sanchez_cuevas_as_printed.MODEL(Z, spacing_hat=3.9, inverse_K_b=3.0)
-    np.testing.assert_allclose(printed, sanchez_cuevas.MODEL(Z, spacing_hat=3.9, diagonal_hat=3.9, K_b=0.75), rtol=1e-12)
+    np.testing.assert_allclose(
+        printed, sanchez_cuevas.MODEL(Z, spacing_hat=3.9, diagonal_hat=3.9, K_b=0.75), rtol=1e-12
+    )
 
 
 def test_raising_the_printed_coefficient_lowers_the_lift():
-    assert sanchez_cuevas_as_printed.MODEL(1.0, spacing_hat=3.9, inverse_K_b=1 / 4) < sanchez_cuevas_as_printed.MODEL(
-        1.0, spacing_hat=3.9, inverse_K_b=1 / 2
-    )
-    assert sanchez_cuevas.MODEL(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=4) > sanchez_cuevas.MODEL(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=2)
+    assert sanchez_cuevas_as_printed.MODEL(
+        1.0, spacing_hat=3.9, inverse_K_b=1 / 4
+    ) < sanchez_cuevas_as_printed.MODEL(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
+    assert sanchez_cuevas.MODEL(
+        1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=4
+    ) > sanchez_cuevas.MODEL(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=2)
 
 
 def test_negative_fountain_loses_lift():
-    assert sanchez_cuevas.MODEL(1.5, spacing_hat=2.83, diagonal_hat=4, K_b=-2) < sanchez_cuevas.MODEL(1.5, spacing_hat=2.83, diagonal_hat=4, K_b=0)
+    assert sanchez_cuevas.MODEL(
+        1.5, spacing_hat=2.83, diagonal_hat=4, K_b=-2
+    ) < sanchez_cuevas.MODEL(1.5, spacing_hat=2.83, diagonal_hat=4, K_b=0)
 
 
 # --- poles and exponents
@@ -242,18 +301,28 @@ def test_negative_coefficient_loses_lift_and_has_no_pole(k, z):
 def test_free_exponent_is_the_power_of_the_base(z, n, K_b):
     layout = {"spacing_hat": 2.83, "diagonal_hat": 4.0}
     base = float(sanchez_cuevas.MODEL(z, **layout, K_b=K_b))
-    assert float(sanchez_cuevas_free_exponent.MODEL(z, **layout, K_b=K_b, n=n)) == pytest.approx(base**n, rel=1e-12, nan_ok=True)
+    assert float(sanchez_cuevas_free_exponent.MODEL(z, **layout, K_b=K_b, n=n)) == pytest.approx(
+        base**n, rel=1e-12, nan_ok=True
+    )
 
 
 def test_constant_power_gains_less_than_constant_inflow():
-    np.testing.assert_allclose(cheeseman_bennett_constant_power.MODEL(Z) ** 1.5, cheeseman_bennett.MODEL(Z), rtol=1e-12)
+    np.testing.assert_allclose(
+        cheeseman_bennett_constant_power.MODEL(Z) ** 1.5, cheeseman_bennett.MODEL(Z), rtol=1e-12
+    )
 
 
 def test_downwash_and_lift_are_reciprocal_where_the_inflow_is_unchanged():
     arguments = {"spacing_hat": 2.83, "diagonal_hat": 4.0, "K_b": 2.0}
-    np.testing.assert_allclose(sanchez_cuevas.downwash(Z, **arguments) * sanchez_cuevas.MODEL(Z, **arguments), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(
+        sanchez_cuevas.downwash(Z, **arguments) * sanchez_cuevas.MODEL(Z, **arguments),
+        1.0,
+        rtol=1e-12,
+    )
 
 
 def test_power_law_of_two_is_the_image_to_first_order():
     far = np.array([20.0, 50.0])
-    np.testing.assert_allclose(power_law.MODEL(far) - 1, cheeseman_bennett_fixed.MODEL(far) - 1, rtol=1e-3)
+    np.testing.assert_allclose(
+        power_law.MODEL(far) - 1, cheeseman_bennett_fixed.MODEL(far) - 1, rtol=1e-3
+    )

@@ -35,7 +35,9 @@ def test_a_sharp_reading_is_turned_round():
 
 
 def test_intervals_hold_the_height_as_often_as_they_say():
-    """Heights from the prior, models from their uncertainty, readings with noise: 90 % intervals of 300; binomial sd 1.7 %."""
+    """Heights from the prior, models from their uncertainty, readings with noise: 90 % intervals of
+    300; binomial sd 1.7 %.
+    """
     rng = np.random.default_rng(5)
     draws = [ground(k) for k in rng.normal(2, 0.3, 80)]
     low, high, u = 0.8, 6.0, 0.004
@@ -57,7 +59,9 @@ def test_a_reading_of_one_says_that_there_may_be_nothing():
 
 
 def test_a_reading_far_from_every_height_in_reach_says_that_there_is_nothing():
-    """Lift is L_inf to 0.1 % and the nearest that a ground within one radius gives is 7 % more: likelihoods below the smallest float."""
+    """Lift is L_inf to 0.1 % and the nearest that a ground within one radius gives is 7 % more:
+    likelihoods below the smallest float.
+    """
     found = inverse.locate(1.0, 0.001, [lambda z: 1 / (1 - 1 / (16 * z**2))], 0.5, 1.0)
     assert found.beyond == pytest.approx(1.0)
     assert 0.99 < found.lo90 <= found.median <= found.hi90 <= 1.0
@@ -72,7 +76,9 @@ def test_the_model_s_uncertainty_widens_the_answer():
 
 def test_refusals():
     folded = lambda z: 1 + 0.2 * np.exp(-z) - 0.4 * np.exp(-3 * z)  # noqa: E731
-    with pytest.raises(InputRefused, match=r"ground x: the model folds at z_hat = 0.8.*two heights\n.*above 0.8"):
+    with pytest.raises(
+        InputRefused, match=r"ground x: the model folds at z_hat = 0.8.*two heights\n.*above 0.8"
+    ):
         inverse.refuse_folds(folded, 0.2, 10.0, "ground x")
     inverse.refuse_folds(folded, 1.0, 10.0, "ground x")
     inverse.refuse_folds(wall(), 0.02, 10.0, "sidewall")
@@ -87,15 +93,20 @@ def test_refusals():
 
 
 def test_hover_throttle_is_a_lift_ratio():
-    """Far away the vehicle hovers at 0.5; near the ground at less: the ratio is weight over what that throttle lifts far away."""
+    """Far away the vehicle hovers at 0.5; near the ground at less: the ratio is weight over what
+    that throttle lifts far away.
+    """
     levels, far = (0.25, 0.5, 0.75), (0.107, 0.2646, 0.409)
     assert inverse.ratio_of_hover(0.5, 0.2646, 0.0, levels, far, 0.0) == pytest.approx((1.0, 0.0))
     ratio, u = inverse.ratio_of_hover(0.45, 0.2646, 0.03, levels, far, 0.04)
     assert ratio > 1.1
     assert u == pytest.approx(0.05 * ratio)
-    # between 0.25 and 0.5 lift goes as throttle to the power 1.307, and so does what 1 % of throttle is worth
+    # between 0.25 and 0.5 lift goes as throttle to the power 1.307, and so does what 1 % of
+    # throttle is worth
     power = math.log(0.2646 / 0.107) / math.log(2)
-    assert inverse.ratio_of_hover(0.45, 0.2646, 0.0, levels, far, 0.0, 0.0045)[1] == pytest.approx(ratio * power * 0.01)
+    assert inverse.ratio_of_hover(0.45, 0.2646, 0.0, levels, far, 0.0, 0.0045)[1] == pytest.approx(
+        ratio * power * 0.01
+    )
     with pytest.raises(InputRefused, match=r"0.9 is outside 0.25 to 0.75"):
         inverse.ratio_of_hover(0.9, 0.2646, 0.0, levels, far, 0.0)
 
@@ -104,7 +115,9 @@ def test_hover_throttle_is_a_lift_ratio():
 
 
 def test_alarms_and_misses_happen_as_often_as_asked():
-    """40 000 readings with and without the change that is called noticeable: rates to 4 binomial sd."""
+    """40 000 readings with and without the change that is called noticeable: rates to 4 binomial
+    sd.
+    """
     rng = np.random.default_rng(2)
     sigma = reach.Sensor(short_per_sqrt_Hz=0.01, floor=0.003).sigma(4.0, payload=0.002)
     assert sigma == pytest.approx(math.sqrt(0.005**2 + 0.003**2 + 0.002**2))
@@ -125,13 +138,21 @@ def test_range_is_where_the_model_gives_that_change():
 
 def test_averaging_widens_the_range_until_the_payload_stops_it():
     sensor = reach.Sensor(short_per_sqrt_Hz=0.01, floor=0.0)
-    ranges = [reach.reach(ground(), reach.needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0) for t in (0.1, 1.0, 10.0)]
+    ranges = [
+        reach.reach(ground(), reach.needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0)
+        for t in (0.1, 1.0, 10.0)
+    ]
     assert ranges == sorted(ranges)
-    known, unknown = (reach.reach(ground(), reach.needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0) for p in (0.0, 0.05))
+    known, unknown = (
+        reach.reach(ground(), reach.needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0)
+        for p in (0.0, 0.05)
+    )
     assert math.isnan(unknown) or unknown < 0.5 * known
 
 
 def test_ranges_of_draws_count_the_undetectable():
-    best, low, high = reach.reaches([wall(0.05), *(wall(a) for a in np.linspace(0.03, 0.07, 40))], 0.04, 0.02, 10.0)
+    best, low, high = reach.reaches(
+        [wall(0.05), *(wall(a) for a in np.linspace(0.03, 0.07, 40))], 0.04, 0.02, 10.0
+    )
     assert low == 0.0
     assert low < best < high

@@ -12,7 +12,9 @@ gap = st.floats(0.01, 20)
 
 @given(z=gap)
 def test_image_beside_a_rotor_moves_no_air_along_its_axis(z):
-    """A source mirrored in a vertical wall lies in the rotor plane: its velocity there has no axial part."""
+    """A source mirrored in a vertical wall lies in the rotor plane: its velocity there has no axial
+    part.
+    """
     rotor, image = np.array([0.0, 0.0, 0.0]), np.array([2 * (1 + z), 0.0, 0.0])
     away = rotor - image
     assert (away / np.linalg.norm(away) ** 3)[2] == 0.0
@@ -22,7 +24,9 @@ def test_image_beside_a_rotor_moves_no_air_along_its_axis(z):
 @given(z=gap, shift=st.floats(-0.5, 0.5), a=st.floats(0.01, 0.3), lambda_=st.floats(0.2, 5))
 def test_datum_error_is_absorbed_by_the_amplitude(z, shift, a, lambda_):
     shifted = sidewall_decay.MODEL(z + shift, a=a, lambda_=lambda_)
-    assert float(shifted) == pytest.approx(float(sidewall_decay.MODEL(z, a=a * np.exp(-shift / lambda_), lambda_=lambda_)), rel=1e-12)
+    assert float(shifted) == pytest.approx(
+        float(sidewall_decay.MODEL(z, a=a * np.exp(-shift / lambda_), lambda_=lambda_)), rel=1e-12
+    )
 
 
 @given(z=gap, a=st.floats(-0.5, 0.9))
@@ -34,7 +38,9 @@ def test_sign_of_the_amplitude_is_the_sign_of_the_loss(z, a):
 
 
 def test_both_forms_meet_at_contact():
-    assert float(sidewall_decay.MODEL(0.0, a=0.04)) == pytest.approx(float(sidewall_power_law.MODEL(0.0, a=0.04)))
+    assert float(sidewall_decay.MODEL(0.0, a=0.04)) == pytest.approx(
+        float(sidewall_power_law.MODEL(0.0, a=0.04))
+    )
 
 
 def test_power_law_reaches_farther():

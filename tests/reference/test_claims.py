@@ -1,8 +1,8 @@
 """Every number that the paper states, worked out again.
 
-claims.toml lists them in the paper's order, each with the words, the number, a verdict and the name of a function here that
-computes what the number should be. The test recomputes it and derives the verdict from the two; a claim that cannot be
-computed says what would have to be known.
+claims.toml lists them in the paper's order, each with the words, the number, a verdict and the name
+of a function here that computes what the number should be. The test recomputes it and derives the
+verdict from the two; a claim that cannot be computed says what would have to be known.
 """
 
 import functools
@@ -39,7 +39,11 @@ def computes(function: Callable[..., float]) -> Callable[..., float]:
 R = 0.023  # rotor radius, m
 MASS, GRAVITY, DENSITY = 0.027, 9.8, 1.2
 L_PAPER = 0.090  # "distance between centers of rotors", m
-ADJACENT, DIAGONAL, ARM = 0.06505, 0.092, 0.0325  # of a Crazyflie 2.0, from its maker's firmware; arm: half the adjacent spacing
+ADJACENT, DIAGONAL, ARM = (
+    0.06505,
+    0.092,
+    0.0325,
+)  # of a Crazyflie 2.0, from its maker's firmware; arm: half the adjacent spacing
 CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 PAPER = {"spacing_hat": L_PAPER / R, "diagonal_hat": math.sqrt(2) * L_PAPER / R}
 KP, KD, KI, C_L, STEP, DISTURBANCE = 316.0, 316.0, 31.6, 1.6, 0.1, 0.015
@@ -47,15 +51,42 @@ LIFT_PER_F2 = 4 * C_L * DENSITY * R**4  # N s^2
 
 #: Table 1 as printed, without its unit.
 CEILING = np.array([5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 18, 22, 25, 29, 34, 38, 55, 68, 90, 525.0])
-GROUND = np.array([57, 58, 59, 60, 61, 62, 63, 64, 66, 68, 70, 74, 77, 82, 86, 90, 108, 121, 142, 577.0])
-SIDEWALL = np.array([15, 16, 17, 18, 19, 21, 22, 23, 24, 26, 28, 32, 35, 40, 44, 48, 66, 79, 101, 535.0])
+GROUND = np.array(
+    [57, 58, 59, 60, 61, 62, 63, 64, 66, 68, 70, 74, 77, 82, 86, 90, 108, 121, 142, 577.0]
+)
+SIDEWALL = np.array(
+    [15, 16, 17, 18, 19, 21, 22, 23, 24, 26, 28, 32, 35, 40, 44, 48, 66, 79, 101, 535.0]
+)
 #: Metres per entry: as printed; as millimetres; as percent of a rotor diameter.
 UNIT = {"cm": 1e-2, "mm": 1e-3, "percent of diameter": 0.01 * 2 * R}
 
 #: The maker's thrust stand: PWM %, rpm, gram-force of the whole vehicle.
-PWM = np.array([0, 6.25, 12.5, 18.75, 25, 31.25, 37.5, 43.25, 50, 56.25, 62.5, 68.75, 75, 81.25, 87.5, 93.75])
-RPM = np.array([0, 4485, 7570, 9374, 10885, 12277, 13522, 14691, 15924, 17174, 18179, 19397, 20539, 21692, 22598, 23882.0])
-GF = np.array([0, 1.6, 4.8, 7.9, 10.9, 13.9, 17.3, 21.0, 24.4, 28.6, 32.8, 37.3, 41.7, 46.0, 51.9, 57.9])
+PWM = np.array(
+    [0, 6.25, 12.5, 18.75, 25, 31.25, 37.5, 43.25, 50, 56.25, 62.5, 68.75, 75, 81.25, 87.5, 93.75]
+)
+RPM = np.array(
+    [
+        0,
+        4485,
+        7570,
+        9374,
+        10885,
+        12277,
+        13522,
+        14691,
+        15924,
+        17174,
+        18179,
+        19397,
+        20539,
+        21692,
+        22598,
+        23882.0,
+    ]
+)
+GF = np.array(
+    [0, 1.6, 4.8, 7.9, 10.9, 13.9, 17.3, 21.0, 24.4, 28.6, 32.8, 37.3, 41.7, 46.0, 51.9, 57.9]
+)
 
 
 def induced_velocity() -> float:
@@ -77,7 +108,9 @@ def propeller_radius_mm() -> float:
 
 
 @computes
-def density_of_humid_air(celsius: float = 20.0, pressure: float = 101325.0, humidity: float = 0.5) -> float:
+def density_of_humid_air(
+    celsius: float = 20.0, pressure: float = 101325.0, humidity: float = 0.5
+) -> float:
     vapour = humidity * 610.94 * math.exp(17.625 * celsius / (celsius + 243.04))
     kelvin = celsius + 273.15
     return (pressure - vapour) / (287.058 * kelvin) + vapour / (461.495 * kelvin)
@@ -118,7 +151,11 @@ def farthest_station_m(unit: str) -> float:
 
 @computes
 def nearest_station_z_hat(boundary: str, unit: str) -> float:
-    return float({"ground": GROUND, "ceiling": CEILING, "sidewall": SIDEWALL}[boundary].min() * UNIT[unit] / R)
+    return float(
+        {"ground": GROUND, "ceiling": CEILING, "sidewall": SIDEWALL}[boundary].min()
+        * UNIT[unit]
+        / R
+    )
 
 
 @computes
@@ -129,7 +166,9 @@ def ground_stations_between(low: float, high: float, unit: str) -> float:
 
 @computes
 def nearest_ground_station_with_feet_z_hat() -> float:
-    """The third reading: millimetres of a command that carries 52.3 mm of datum, plus 24 mm from feet to rotor plane."""
+    """The third reading: millimetres of a command that carries 52.3 mm of datum, plus 24 mm from
+    feet to rotor plane.
+    """
     return float((GROUND.min() - 52.3 + 24) * 1e-3 / R)
 
 
@@ -159,7 +198,9 @@ def accuracy_over_lift_percent(throttle: float) -> float:
 @computes
 def hover_rpm_measured() -> float:
     """The maker's polynomial (whole vehicle, gf against rpm), solved for 27 gf."""
-    return float(brentq(lambda n: 1.0942e-07 * n**2 - 2.1059e-04 * n + 0.15417 - 1e3 * MASS, 1e4, 3e4))
+    return float(
+        brentq(lambda n: 1.0942e-07 * n**2 - 2.1059e-04 * n + 0.15417 - 1e3 * MASS, 1e4, 3e4)
+    )
 
 
 @computes
@@ -204,7 +245,14 @@ def equation_1_with_z_in_metres(z_hat: float) -> float:
 
 @computes
 def printed_gain_percent(z_hat: float) -> float:
-    return 100 * (float(sanchez_cuevas_as_printed.MODEL(z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5)) - 1)
+    return 100 * (
+        float(
+            sanchez_cuevas_as_printed.MODEL(
+                z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5
+            )
+        )
+        - 1
+    )
 
 
 @computes
@@ -215,9 +263,17 @@ def original_gain_percent(z_hat: float) -> float:
 
 @computes
 def original_over_printed_fountain(z_hat: float) -> float:
-    original = sanchez_cuevas.cancelled(z_hat, **PAPER, K_b=2.0) - sanchez_cuevas.cancelled(z_hat, **PAPER, K_b=0.0)
+    original = sanchez_cuevas.cancelled(z_hat, **PAPER, K_b=2.0) - sanchez_cuevas.cancelled(
+        z_hat, **PAPER, K_b=0.0
+    )
     d = PAPER["spacing_hat"]
-    return float(original / (sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.5) - sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.0)))
+    return float(
+        original
+        / (
+            sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.5)
+            - sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.0)
+        )
+    )
 
 
 @computes
@@ -242,9 +298,13 @@ def pole_of_sanchez_cuevas() -> float:
 
 @computes
 def u_of_K_b(unit: str, free_lift_inf: bool) -> float:
-    """Standard uncertainty of K_b from one mean per station of Table 1, each good to 1 %, geometry of a Crazyflie."""
+    """Standard uncertainty of K_b from one mean per station of Table 1, each good to 1 %, geometry
+    of a Crazyflie.
+    """
     z, step = GROUND * UNIT[unit] / R, 1e-5
-    ratio = [np.asarray(sanchez_cuevas.MODEL(z, **CRAZYFLIE, K_b=2.0 + d)) for d in (step, 0.0, -step)]
+    ratio = [
+        np.asarray(sanchez_cuevas.MODEL(z, **CRAZYFLIE, K_b=2.0 + d)) for d in (step, 0.0, -step)
+    ]
     slope = (ratio[0] - ratio[2]) / (2 * step)
     columns = np.stack([slope, ratio[1]], axis=1) if free_lift_inf else slope[:, None]
     return float(0.01 * math.sqrt(np.linalg.inv(columns.T @ columns)[0, 0]))
@@ -252,7 +312,9 @@ def u_of_K_b(unit: str, free_lift_inf: bool) -> float:
 
 @computes
 def coefficient_in_gamma() -> float:
-    """alpha of Eq. 3 from the momentum balance v_e^2 - 2 v_i v_e - v_i^2 / (8 z_hat^2) = 0 at z_hat = 1/2, v_i = 1."""
+    """alpha of Eq. 3 from the momentum balance v_e^2 - 2 v_i v_e - v_i^2 / (8 z_hat^2) = 0 at z_hat
+    = 1/2, v_i = 1.
+    """
     v_e = brentq(lambda v: v**2 - 2 * v - 1 / (8 * 0.25), 1.0, 10.0)
     return float(((v_e - 1) ** 2 - 1) * 0.25)
 
@@ -338,7 +400,9 @@ def height_of_equal_pressures_mm(times: float) -> float:
 
 
 def poles(sign: float = -1.0, ratio: float = 1.0) -> np.ndarray:
-    """Poles of the linearised loop, 1/s; `sign` is that of the gains above the ground, `ratio` a frozen L / L_inf."""
+    """Poles of the linearised loop, 1/s; `sign` is that of the gains above the ground, `ratio` a
+    frozen L / L_inf.
+    """
     f0 = math.sqrt(MASS * GRAVITY / LIFT_PER_F2 / ratio)
     per_Hz = 2 * GRAVITY / f0
     return np.roots([1.0, -sign * per_Hz * KD, -sign * per_Hz * KP, -sign * per_Hz * KI])
@@ -386,15 +450,27 @@ def step_in_rotor_times() -> float:
 
 @computes
 def dimensionless_group(name: str) -> float:
-    power = {"alpha": (KP, 6, 1), "beta": (KD, 5, 0), "gamma": (KI, 7, 2), "delta": (hover_frequency_Hz(), 4, 1)}
+    power = {
+        "alpha": (KP, 6, 1),
+        "beta": (KD, 5, 0),
+        "gamma": (KI, 7, 2),
+        "delta": (hover_frequency_Hz(), 4, 1),
+    }
     gain, r, g = power[name]
     return gain * math.sqrt(4 * C_L * DENSITY * R**r / (MASS * GRAVITY**g))
 
 
 @computes
 def dimension_left_in_the_groups() -> float:
-    """Largest exponent of m, kg or s left in the four groups; gain units m^-1 s^-1, m^-1, m^-1 s^-2, s^-1."""
-    gains = {"alpha": (-1, -1, 6, 1), "beta": (-1, 0, 5, 0), "gamma": (-1, -2, 7, 2), "delta": (0, -1, 4, 1)}
+    """Largest exponent of m, kg or s left in the four groups; gain units m^-1 s^-1, m^-1, m^-1
+    s^-2, s^-1.
+    """
+    gains = {
+        "alpha": (-1, -1, 6, 1),
+        "beta": (-1, 0, 5, 0),
+        "gamma": (-1, -2, 7, 2),
+        "delta": (0, -1, 4, 1),
+    }
     left = []
     for metre, second, r, g in gains.values():
         # sqrt(rho r^r / (m g^g)): rho is kg m^-3, g is m s^-2
@@ -405,11 +481,16 @@ def dimension_left_in_the_groups() -> float:
 def crash_rates(boundary: str, power: float, targets: np.ndarray, flights: int) -> np.ndarray:
     """Share of flights that touch the boundary, per target height; `power` 0 is no boundary model.
 
-    As the paper describes it: explicit Euler, 0.1 s, 120 s, disturbance held for a step, L / L_inf bounded to its value at
-    z_hat = 0.5, f0 adjusted for the boundary; gains with the sign that is stable at each boundary.
+    As the paper describes it: explicit Euler, 0.1 s, 120 s, disturbance held for a step, L / L_inf
+    bounded to its value at z_hat = 0.5, f0 adjusted for the boundary; gains with the sign that is
+    stable at each boundary.
     """
     heights = np.linspace(0.5, 12, 4000)
-    near = sanchez_cuevas_free_exponent.MODEL(heights, **PAPER, K_b=2.0, n=1.0) if boundary == "ground" else gamma(heights, 0.125)
+    near = (
+        sanchez_cuevas_free_exponent.MODEL(heights, **PAPER, K_b=2.0, n=1.0)
+        if boundary == "ground"
+        else gamma(heights, 0.125)
+    )
 
     def ratio(z_hat: np.ndarray) -> np.ndarray:
         return np.interp(z_hat, heights, near) ** power
@@ -417,7 +498,12 @@ def crash_rates(boundary: str, power: float, targets: np.ndarray, flights: int) 
     sign = -1.0 if boundary == "ground" else 1.0
     target = np.repeat(targets, flights) * R
     f0 = np.sqrt(MASS * GRAVITY / LIFT_PER_F2 / ratio(target / R))
-    z, v, total, crashed = target.copy(), np.zeros_like(target), np.zeros_like(target), np.zeros(target.shape, dtype=bool)
+    z, v, total, crashed = (
+        target.copy(),
+        np.zeros_like(target),
+        np.zeros_like(target),
+        np.zeros(target.shape, dtype=bool),
+    )
     rng = np.random.default_rng(20210401)
     for _ in range(1200):
         f = np.maximum(f0 + sign * (KP * (z - target) + KD * v + KI * total), 0)
@@ -427,7 +513,11 @@ def crash_rates(boundary: str, power: float, targets: np.ndarray, flights: int) 
         z = z + STEP * v
         v = v - sign * STEP * net
         crashed |= z <= 0
-        z[crashed], v[crashed], total[crashed] = target[crashed], 0.0, 0.0  # out of the count; kept finite
+        z[crashed], v[crashed], total[crashed] = (
+            target[crashed],
+            0.0,
+            0.0,
+        )  # out of the count; kept finite
     return crashed.reshape(len(targets), flights).mean(axis=1)
 
 
@@ -436,7 +526,9 @@ def crash_rates(boundary: str, power: float, targets: np.ndarray, flights: int) 
 def crash_level(boundary: str, power: float, rate: float) -> float:
     """Target z_hat at which the crash rate falls through `rate`."""
     targets = np.arange(0.65, 1.8, 0.1) if boundary == "ground" else np.arange(1.45, 2.5, 0.1)
-    rates = np.maximum(crash_rates(boundary, power, targets, flights=2000 if rate < 0.1 else 500), 1e-5)
+    rates = np.maximum(
+        crash_rates(boundary, power, targets, flights=2000 if rate < 0.1 else 500), 1e-5
+    )
     last = np.flatnonzero(rates > rate).max()
     a, b = np.log(rates[last]), np.log(rates[last + 1])
     return float(targets[last] + 0.1 * (a - math.log(rate)) / (a - b))
@@ -460,15 +552,23 @@ def ceiling_over_ground_sensitivity() -> float:
 def holds(claim: dict, value: float) -> bool:
     """Whether the paper's statement is true of the computed value."""
     relation, number = claim.get("relation", "="), claim["number"]
-    return {"=": abs(value - number) <= claim.get("margin", 0.0) * 1.000001, "<": value < number, ">": value > number}[relation]
+    return {
+        "=": abs(value - number) <= claim.get("margin", 0.0) * 1.000001,
+        "<": value < number,
+        ">": value > number,
+    }[relation]
 
 
 @pytest.mark.parametrize("claim", [c for c in CLAIMS if "computed" in c], ids=lambda c: c["id"])
 def test_number_is_recomputed_and_bears_out_the_verdict(claim):
     value = FUNCTIONS[claim["computed"]](**claim.get("with", {}))
-    assert value == pytest.approx(claim["gives"], abs=claim.get("within", 0.0), rel=1e-9), claim["text"]
+    assert value == pytest.approx(claim["gives"], abs=claim.get("within", 0.0), rel=1e-9), claim[
+        "text"
+    ]
     if claim["verdict"] != "untestable":
-        assert holds(claim, value) == (claim["verdict"] == "reproduced"), f"{claim['id']}: {value} against {claim['number']}"
+        assert holds(claim, value) == (claim["verdict"] == "reproduced"), (
+            f"{claim['id']}: {value} against {claim['number']}"
+        )
 
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda c: c["id"])
@@ -476,8 +576,24 @@ def test_claim_is_complete(claim):
     assert claim["text"]
     assert claim["verdict"] in ("reproduced", "contradicted", "untestable")
     assert claim["verdict"] == "untestable" or "computed" in claim
-    assert claim["verdict"] == "reproduced" or claim["why"], "a number that is not borne out needs a reason"
-    known = {"id", "text", "number", "unit", "relation", "margin", "verdict", "computed", "with", "gives", "within", "why", "findings"}
+    assert claim["verdict"] == "reproduced" or claim["why"], (
+        "a number that is not borne out needs a reason"
+    )
+    known = {
+        "id",
+        "text",
+        "number",
+        "unit",
+        "relation",
+        "margin",
+        "verdict",
+        "computed",
+        "with",
+        "gives",
+        "within",
+        "why",
+        "findings",
+    }
     assert set(claim) <= known
     if "computed" in claim:
         assert "gives" in claim

@@ -6,14 +6,25 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.models import cheeseman_bennett_fixed, hayden, hsiao_chirarattananon, hsiao_chirarattananon_constant_power, images, sanchez_cuevas
+from nearlift.models import (
+    cheeseman_bennett_fixed,
+    hayden,
+    hsiao_chirarattananon,
+    hsiao_chirarattananon_constant_power,
+    images,
+    sanchez_cuevas,
+)
 from nearlift.models.hsiao_chirarattananon import gamma
 from nearlift.models.images import square
 
 R = 23.0  # mm
 GROUND_Z = (0.5, 1.0, 1.14, 1.5, 2.0, 2.48, 3.0, 4.0, 5.0)
 GROUND = {
-    "Cheeseman-Bennett": ("cheeseman_bennett_fixed", {}, (1.3333, 1.0667, 1.0505, 1.0286, 1.0159, 1.0103, 1.0070, 1.0039, 1.0025)),
+    "Cheeseman-Bennett": (
+        "cheeseman_bennett_fixed",
+        {},
+        (1.3333, 1.0667, 1.0505, 1.0286, 1.0159, 1.0103, 1.0070, 1.0039, 1.0025),
+    ),
     "as printed, l = 90 mm": (
         "sanchez_cuevas_as_printed",
         {"spacing_hat": 90 / R},
@@ -51,9 +62,15 @@ def test_ground_table(row):
 
 def test_ceiling_table():
     z = np.array(CEILING_Z)
-    np.testing.assert_allclose(hsiao_chirarattananon.MODEL(z), (4.071, 2.337, 1.780, 1.516, 1.273, 1.112, 1.060, 1.030, 1.008), atol=6e-4)
+    np.testing.assert_allclose(
+        hsiao_chirarattananon.MODEL(z),
+        (4.071, 2.337, 1.780, 1.516, 1.273, 1.112, 1.060, 1.030, 1.008),
+        atol=6e-4,
+    )
     constant_power = (2.549, 1.761, 1.469, 1.319, 1.174, 1.074, 1.040, 1.020, 1.005)
-    np.testing.assert_allclose(hsiao_chirarattananon_constant_power.MODEL(z), constant_power, atol=6e-4)
+    np.testing.assert_allclose(
+        hsiao_chirarattananon_constant_power.MODEL(z), constant_power, atol=6e-4
+    )
 
 
 @pytest.mark.parametrize(("z", "value"), [(1.0, 1.066667), (0.5, 1.333333), (2.0, 1.015873)])
@@ -61,7 +78,9 @@ def test_cheeseman_bennett(z, value):
     assert float(cheeseman_bennett_fixed.MODEL(z)) == pytest.approx(value, abs=5e-7)
 
 
-@pytest.mark.parametrize(("z", "value"), [(0.5, 1.112372), (1.0, 1.030330), (2.0, 1.007752), (0.1, 2.337117)])
+@pytest.mark.parametrize(
+    ("z", "value"), [(0.5, 1.112372), (1.0, 1.030330), (2.0, 1.007752), (0.1, 2.337117)]
+)
 def test_gamma(z, value):
     assert float(gamma(z, 0.125)) == pytest.approx(value, abs=5e-7)
 
@@ -77,6 +96,10 @@ def test_ceiling_at_contact_scale():
 
 
 def test_no_fountain_is_the_images():
-    without = sanchez_cuevas.MODEL(1.0, spacing_hat=90 / R, diagonal_hat=math.sqrt(2) * 90 / R, K_b=0)
-    assert float(without) == pytest.approx(float(images.MODEL(1.0, layout_hat=square(90 / R))), rel=1e-12)
+    without = sanchez_cuevas.MODEL(
+        1.0, spacing_hat=90 / R, diagonal_hat=math.sqrt(2) * 90 / R, K_b=0
+    )
+    assert float(without) == pytest.approx(
+        float(images.MODEL(1.0, layout_hat=square(90 / R))), rel=1e-12
+    )
     assert float(without) == pytest.approx(1.0831, abs=6e-5)

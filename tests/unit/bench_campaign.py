@@ -1,4 +1,6 @@
-"""A campaign folder made by hand, one file at a time, for the tests of schedule, readers and ingest."""
+"""A campaign folder made by hand, one file at a time, for the tests of schedule, readers and
+ingest.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +22,36 @@ HEAD, LIVE = 100, 400
 
 
 def raw_manifest(**changes: Any) -> dict[str, Any]:
-    """A manifest of per-trial CSV files; `changes` replace keys of its sections, None takes a key away."""
+    """A manifest of per-trial CSV files; `changes` replace keys of its sections, None takes a key
+    away.
+    """
     raw: dict[str, Any] = {
         "schema": "nearlift.campaign/1",
         "name": "bench",
-        "vehicle": {"name": "Crazyflie 2.0", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
-        "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "arena": "1.5 m", "gravity": "9.8 m/s^2"},
-        "load_cell": {"sample_rate": f"{RATE:g} Hz", "tare": f"{HEAD / RATE:g} s", "range": "1 kgf"},
-        "records": {"reader": "csv", "files": "trials/{trial}.csv", "force": {"column": "force", "unit": "mN", "sign": 1}},
+        "vehicle": {
+            "name": "Crazyflie 2.0",
+            "rotors": 4,
+            "rotor_radius": "23 mm",
+            "rotor_spacing": "65 mm",
+            "mass": "27 g",
+        },
+        "rig": {
+            "held": "throttle",
+            "distance_datum": "rotor plane",
+            "distance_offset": "0 mm",
+            "arena": "1.5 m",
+            "gravity": "9.8 m/s^2",
+        },
+        "load_cell": {
+            "sample_rate": f"{RATE:g} Hz",
+            "tare": f"{HEAD / RATE:g} s",
+            "range": "1 kgf",
+        },
+        "records": {
+            "reader": "csv",
+            "files": "trials/{trial}.csv",
+            "force": {"column": "force", "unit": "mN", "sign": 1},
+        },
         "trials": {"file": "trials.csv", "units": dict(UNITS)},
     }
     for section, values in changes.items():
@@ -48,7 +72,15 @@ def write_schedule(folder: Path, text: str) -> Path:
     return folder
 
 
-def force_mN(lift_mN: float, *, zero: float = 5.0, noise: float = 1.0, head: int = HEAD, live: int = LIVE, seed: int = 0) -> np.ndarray:
+def force_mN(
+    lift_mN: float,
+    *,
+    zero: float = 5.0,
+    noise: float = 1.0,
+    head: int = HEAD,
+    live: int = LIVE,
+    seed: int = 0,
+) -> np.ndarray:
     samples = zero + noise * np.random.default_rng(seed).standard_normal(head + live)
     samples[head:] += lift_mN
     return samples
@@ -56,22 +88,34 @@ def force_mN(lift_mN: float, *, zero: float = 5.0, noise: float = 1.0, head: int
 
 def write_record(folder: Path, trial: str, force: np.ndarray) -> None:
     (folder / "trials").mkdir(exist_ok=True)
-    (folder / "trials" / f"{trial}.csv").write_text("force\n" + "".join(f"{f:.4f}\n" for f in force))
+    (folder / "trials" / f"{trial}.csv").write_text(
+        "force\n" + "".join(f"{f:.4f}\n" for f in force)
+    )
 
 
-def small_campaign(folder: Path, lifts_mN: tuple[float, ...] = (100.0, 250.0, 400.0, 500.0)) -> None:
+def small_campaign(
+    folder: Path, lifts_mN: tuple[float, ...] = (100.0, 250.0, 400.0, 500.0)
+) -> None:
     """Four throttles, near and far, a hundred and some mN each."""
     rows = ["trial,boundary,distance,throttle,supply"]
     for k, distance in enumerate((30, 300)):
         for j, lift in enumerate(lifts_mN):
             trial = f"t{k}{j}"
             rows.append(f"{trial},ground,{distance},{(25, 50, 75, 92)[j]},{4 - 0.1 * j}")
-            write_record(folder, trial, force_mN(lift * (1.1 if distance == 30 else 1.0), seed=10 * k + j))
+            write_record(
+                folder, trial, force_mN(lift * (1.1 if distance == 30 else 1.0), seed=10 * k + j)
+            )
     write_schedule(folder, "\n".join(rows) + "\n")
 
 
 def run_ingest(folder: Path, out: Path, given: Campaign) -> tuple[Outcome, Job]:
     if not (folder / "campaign.toml").exists():
         (folder / "campaign.toml").touch()
-    job = Job(root=folder, campaign=given, processed=out / "processed", reports=out / "reports", executor=SerialExecutor())
+    job = Job(
+        root=folder,
+        campaign=given,
+        processed=out / "processed",
+        reports=out / "reports",
+        executor=SerialExecutor(),
+    )
     return ingest.run(job), job

@@ -1,8 +1,10 @@
 """Code blocks of the documentation: found, told apart, run.
 
-``sh`` blocks are run line by line, ``python`` blocks in one namespace per page, ``toml`` blocks are parsed, and where they are part of a
-manifest, checked as one. A ``text`` block is what the block before it printed: its lines must come in this order, blanks and numbers apart, with
-``...`` for what is left out. ``folders`` must be there. A comment before a block, ``<!-- not run: reason -->``, exempts it.
+``sh`` blocks are run line by line, ``python`` blocks in one namespace per page, ``toml`` blocks are
+parsed, and where they are part of a manifest, checked as one. A ``text`` block is what the block
+before it printed: its lines must come in this order, blanks and numbers apart, with ``...`` for
+what is left out. ``folders`` must be there. A comment before a block, ``<!-- not run: reason -->``,
+exempts it.
 """
 
 from __future__ import annotations
@@ -27,7 +29,11 @@ from nearlift.cli import main
 from .conftest import raw_manifest
 
 ROOT = Path(__file__).parents[2]
-FENCE = re.compile(r"(?:<!-- not run: (?P<why>.+?) -->\n)?^(?P<indent> *)```(?P<kind>\w*)[^\n]*\n(?P<body>.*?)^(?P=indent)```$", re.M | re.S)
+FENCE = re.compile(
+    r"(?:<!-- not run: (?P<why>.+?) -->\n)?^(?P<indent>"
+    r" *)```(?P<kind>\w*)[^\n]*\n(?P<body>.*?)^(?P=indent)```$",
+    re.M | re.S,
+)
 #: Stand-ins in commands, and what they stand for here.
 STANDS_FOR = {".venv/bin/": "", "CAMPAIGN": "demo-campaign"}
 
@@ -46,13 +52,26 @@ class Block:
 
 def pages() -> list[Path]:
     """Every page that people write; those of docs/reference are generated."""
-    docs = (p for p in sorted((ROOT / "docs").rglob("*.md")) if "reference" not in p.relative_to(ROOT).parts)
+    docs = (
+        p
+        for p in sorted((ROOT / "docs").rglob("*.md"))
+        if "reference" not in p.relative_to(ROOT).parts
+    )
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *docs]
 
 
 def blocks(page: Path) -> list[Block]:
     text = page.read_text(encoding="utf-8")
-    return [Block(page, text[: found.start("body")].count("\n"), found["kind"], found["body"], found["why"] or "") for found in FENCE.finditer(text)]
+    return [
+        Block(
+            page,
+            text[: found.start("body")].count("\n"),
+            found["kind"],
+            found["body"],
+            found["why"] or "",
+        )
+        for found in FENCE.finditer(text)
+    ]
 
 
 @dataclass
@@ -77,10 +96,15 @@ class Runner:
             case "toml":
                 content = tomllib.loads(block.body)
                 if "project" not in content:
-                    campaign.parse(content if "schema" in content else _merged(raw_manifest(), content), str(block))
+                    campaign.parse(
+                        content if "schema" in content else _merged(raw_manifest(), content),
+                        str(block),
+                    )
             case "csv":
                 header, *rows = csv.reader(block.body.splitlines())
-                assert all(len(row) == len(header) for row in rows if row != ["..."]), f"{block}: a row has another number of cells than the header"
+                assert all(len(row) == len(header) for row in rows if row != ["..."]), (
+                    f"{block}: a row has another number of cells than the header"
+                )
             case "text":
                 _said(block, self.printed)
             case "folders":
@@ -88,16 +112,30 @@ class Runner:
                     base, *inner = re.findall(r"[\w./]+/(?= |$)", line)
                     assert (ROOT / base).is_dir(), f"{block}: {base} is no folder"
                     for name in inner:
-                        assert (ROOT / base / name).is_dir() or (ROOT / name).is_dir(), f"{block}: {name} is no folder"
+                        assert (ROOT / base / name).is_dir() or (ROOT / name).is_dir(), (
+                            f"{block}: {name} is no folder"
+                        )
             case _:
-                raise AssertionError(f"{block}: {block.kind or 'no language'}: nobody knows how to run it")
+                raise AssertionError(
+                    f"{block}: {block.kind or 'no language'}: nobody knows how to run it"
+                )
 
     def _command(self, line: str, block: Block) -> str:
         for stand_in, real in STANDS_FOR.items():
             line = line.replace(stand_in, real)
-        words = [w for word in shlex.split(line, comments=True) for w in (sorted(glob.glob(word)) if "*" in word else [word])]  # noqa: PTH207
+        words = [
+            w
+            for word in shlex.split(line, comments=True)
+            for w in (sorted(glob.glob(word)) if "*" in word else [word])  # noqa: PTH207
+        ]
         if words[0] == "make":
-            done = subprocess.run(["make", "--dry-run", *words[1:]], cwd=ROOT, capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                ["make", "--dry-run", *words[1:]],
+                cwd=ROOT,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
             assert done.returncode == 0, f"{block}: {line}: {done.stderr}"
             return ""
         assert words[0] == "nearlift", f"{block}: {line}: only nearlift and make are run here"
@@ -108,7 +146,11 @@ class Runner:
 
 def _lines(body: str) -> list[str]:
     joined = body.replace("\\\n", " ")
-    return [line.strip() for line in joined.splitlines() if line.strip() and not line.strip().startswith("#")]
+    return [
+        line.strip()
+        for line in joined.splitlines()
+        if line.strip() and not line.strip().startswith("#")
+    ]
 
 
 def _said(block: Block, printed: str) -> None:
@@ -132,4 +174,7 @@ def _plain(line: str) -> str:
 
 
 def _merged(base: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
-    return base | {k: _merged(base[k], v) if isinstance(v, dict) and isinstance(base.get(k), dict) else v for k, v in more.items()}
+    return base | {
+        k: _merged(base[k], v) if isinstance(v, dict) and isinstance(base.get(k), dict) else v
+        for k, v in more.items()
+    }

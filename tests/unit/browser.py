@@ -15,21 +15,39 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+CHROMIUM = next(
+    (
+        found
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (found := shutil.which(name))
+    ),
+    None,
+)
 #: Unprivileged, and offline: no name is ever resolved.
-OPTIONS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--remote-debugging-pipe")
+OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--remote-debugging-pipe",
+)
 PATIENCE_S = 120.0
 
 
 class Page:
-    """One page: `errors` and `requests` list what it said and what it asked for since it was opened."""
+    """One page: `errors` and `requests` list what it said and what it asked for since it was
+    opened.
+    """
 
     def __init__(self, read: int, write: int) -> None:
         self._read, self._write, self._rest, self._last, self._session = read, write, b"", 0, ""
         self.errors: list[str] = []
         self.requests: list[str] = []
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._session = self.ask("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.ask(f"{domain}.enable")
 
@@ -60,7 +78,9 @@ class Page:
         """One command and its answer."""
         self._last += 1
         own = self._last
-        message = {"id": own, "method": method, "params": params} | ({"sessionId": self._session} if self._session else {})
+        message = {"id": own, "method": method, "params": params} | (
+            {"sessionId": self._session} if self._session else {}
+        )
         os.write(self._write, json.dumps(message).encode() + b"\0")
         deadline = time.monotonic() + PATIENCE_S
         while (answer := self._receive(deadline)).get("id") != own:
@@ -71,7 +91,9 @@ class Page:
 
     def run(self, script: str) -> Any:
         """What an expression comes to; a promise is waited for."""
-        answer = self.ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        answer = self.ask(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
@@ -85,12 +107,25 @@ class Page:
 
     def open(self, address: str, width: int = 1200, dark: bool = False, media: str = "") -> None:
         """Load a page at a width, in a scheme, and wait until its charts are drawn."""
-        self.ask("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False)
-        self.ask("Emulation.setEmulatedMedia", media=media, features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}])
+        self.ask(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=900,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self.ask(
+            "Emulation.setEmulatedMedia",
+            media=media,
+            features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}],
+        )
         self.errors.clear()
         self.requests.clear()
         self.ask("Page.navigate", url=address)
-        self.wait("document.readyState === 'complete' && document.documentElement.dataset.charts !== 'drawing'")
+        self.wait(
+            "document.readyState === 'complete' && document.documentElement.dataset.charts !=="
+            " 'drawing'"
+        )
 
     def point(self, x: float, y: float) -> None:
         """Move the mouse there."""
@@ -103,11 +138,21 @@ class Page:
 
     def screenshot(self, path: Path, whole: bool = True) -> None:
         """As PNG."""
-        path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot", captureBeyondViewport=whole)["data"]))
+        path.write_bytes(
+            base64.b64decode(
+                self.ask("Page.captureScreenshot", captureBeyondViewport=whole)["data"]
+            )
+        )
 
     def pdf(self) -> bytes:
         """As printed on A4."""
-        found = self.ask("Page.printToPDF", printBackground=True, preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69)
+        found = self.ask(
+            "Page.printToPDF",
+            printBackground=True,
+            preferCSSPageSize=True,
+            paperWidth=8.27,
+            paperHeight=11.69,
+        )
         return base64.b64decode(found["data"])
 
 
@@ -116,10 +161,16 @@ def browser(folder: Path) -> Iterator[Page]:
     """A page of a browser whose profile lives in `folder`; ended with the block."""
     assert CHROMIUM is not None
     to_read, to_write = os.pipe(), os.pipe()
-    command = [CHROMIUM, *OPTIONS, f"--user-data-dir={folder / 'profile'}", "--host-resolver-rules=MAP * ~NOTFOUND"]
+    command = [
+        CHROMIUM,
+        *OPTIONS,
+        f"--user-data-dir={folder / 'profile'}",
+        "--host-resolver-rules=MAP * ~NOTFOUND",
+    ]
 
     def plug() -> None:
-        # the protocol is read at descriptor 3 and written at 4, wherever the pipes' own ends happen to be
+        # the protocol is read at descriptor 3 and written at 4, wherever the pipes' own ends happen
+        # to be
         ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (to_read[0], to_write[1])]
         for own, end in zip((3, 4), ends, strict=True):
             os.dup2(end, own)

@@ -1,4 +1,6 @@
-"""A small campaign as products on disk, made from formulas, for the tests of summaries, figures and the report."""
+"""A small campaign as products on disk, made from formulas, for the tests of summaries, figures and
+the report.
+"""
 
 from __future__ import annotations
 
@@ -48,15 +50,30 @@ def raw_manifest(**changes: Any) -> dict[str, Any]:
     raw: dict[str, Any] = {
         "schema": "nearlift.campaign/1",
         "name": "small",
-        "vehicle": {"name": "Crazyflie 2.0", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
-        "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2"},
+        "vehicle": {
+            "name": "Crazyflie 2.0",
+            "rotors": 4,
+            "rotor_radius": "23 mm",
+            "rotor_spacing": "65 mm",
+            "mass": "27 g",
+        },
+        "rig": {
+            "held": "throttle",
+            "distance_datum": "rotor plane",
+            "distance_offset": "0 mm",
+            "gravity": "9.8 m/s^2",
+        },
         "records": {"reader": "means"},
-        "uncertainty": [{"name": "distance datum", "on": "height", "value": "0.2 mm", "scope": "boundary"}],
+        "uncertainty": [
+            {"name": "distance datum", "on": "height", "value": "0.2 mm", "scope": "boundary"}
+        ],
     }
     return raw | changes
 
 
-def trial_table(boundaries: list[str], throttles: list[float], repeats: int, seed: int = 7) -> dict[str, np.ndarray]:
+def trial_table(
+    boundaries: list[str], throttles: list[float], repeats: int, seed: int = 7
+) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     rows, visit = [], 0
     for boundary in boundaries:
@@ -68,7 +85,9 @@ def trial_table(boundaries: list[str], throttles: list[float], repeats: int, see
     n = len(rows)
     boundary = np.array([r[0] for r in rows], dtype=object)
     z_hat, throttle = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
-    ratio = np.concatenate([true_ratio(b, z_hat[boundary == b]) for b in dict.fromkeys(boundary.tolist())])
+    ratio = np.concatenate(
+        [true_ratio(b, z_hat[boundary == b]) for b in dict.fromkeys(boundary.tolist())]
+    )
     lift = 0.6 * throttle**1.4 * ratio * np.exp(0.004 * rng.standard_normal(n))
     quality = np.full(n, "", dtype=object)
     quality[[3, 11]] = ["SATURATED", "drift spikes"]
@@ -99,7 +118,9 @@ MakeJob = Callable[..., Job]
 
 @pytest.fixture(scope="session")
 def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
-    """Make a job whose trials are written, reduced and fitted; the same trials and manifest are fitted once, and copied."""
+    """Make a job whose trials are written, reduced and fitted; the same trials and manifest are
+    fitted once, and copied.
+    """
 
     def make(
         boundaries: tuple[str, ...] = ("ground", "ceiling", "sidewall"),
@@ -130,8 +151,14 @@ def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
             fit.run(first)
 
         root = tmp_path_factory.mktemp("campaign")
-        told = repr([raw, [(name, str(column.dtype), column.tolist()) for name, column in table.items()]])
-        shutil.copytree(once(f"job-{hashlib.sha256(told.encode()).hexdigest()[:16]}", fitted), root, dirs_exist_ok=True)
+        told = repr(
+            [raw, [(name, str(column.dtype), column.tolist()) for name, column in table.items()]]
+        )
+        shutil.copytree(
+            once(f"job-{hashlib.sha256(told.encode()).hexdigest()[:16]}", fitted),
+            root,
+            dirs_exist_ok=True,
+        )
         return job(root)
 
     return make
@@ -139,7 +166,9 @@ def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
 
 @pytest.fixture
 def plain_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No figure is drawn: in its files stands a digest of its table. For tests of what is written when, not of how it looks."""
+    """No figure is drawn: in its files stands a digest of its table. For tests of what is written
+    when, not of how it looks.
+    """
     monkeypatch.setattr("nearlift.figures.render.render", small_run.undrawn)
 
 
@@ -150,17 +179,28 @@ def small_job(make_job: MakeJob) -> Job:
 
 @pytest.fixture(scope="session")
 def remake(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> MakeJob:
-    """The small campaign, fitted once, with another manifest: for what comes after the fit. With names of boundaries, only those are fitted."""
+    """The small campaign, fitted once, with another manifest: for what comes after the fit. With
+    names of boundaries, only those are fitted.
+    """
 
     def again(*boundaries: str, **changes: Any) -> Job:
         root = tmp_path_factory.mktemp("again")
         shutil.copytree(small_job.processed, root / "processed")
         campaign = manifest.parse(raw_manifest(**changes))
-        job = replace(small_job, root=root, campaign=campaign, processed=root / "processed", reports=root / "reports")
+        job = replace(
+            small_job,
+            root=root,
+            campaign=campaign,
+            processed=root / "processed",
+            reports=root / "reports",
+        )
         if boundaries:
             for product in (FIT, RESULTS):
                 content = job.read_json(product)
-                job.write_json(product, content | {"boundaries": {b: content["boundaries"][b] for b in boundaries}})
+                job.write_json(
+                    product,
+                    content | {"boundaries": {b: content["boundaries"][b] for b in boundaries}},
+                )
         return job
 
     return again
@@ -173,15 +213,44 @@ def cluster(tmp_path):
     file = tmp_path / "scheduler.json"
     dask = [sys.executable, "-m", "dask"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    started = [subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)], **quiet)]
-    worker = [*dask, "worker", "--scheduler-file", str(file), "--no-nanny", "--nthreads", "1", "--no-dashboard"]
+    started = [
+        subprocess.Popen(
+            [
+                *dask,
+                "scheduler",
+                "--host",
+                "127.0.0.1",
+                "--port",
+                "0",
+                "--no-dashboard",
+                "--scheduler-file",
+                str(file),
+            ],
+            **quiet,
+        )
+    ]
+    worker = [
+        *dask,
+        "worker",
+        "--scheduler-file",
+        str(file),
+        "--no-nanny",
+        "--nthreads",
+        "1",
+        "--no-dashboard",
+    ]
     # figures are not drawn, as in `plain_pictures`
     (tmp_path / "plain_pictures.py").write_text(
-        "from nearlift.figures import render\nfrom tests.unit import small_run\nrender.render = small_run.undrawn\n"
+        "from nearlift.figures import render\nfrom tests.unit import small_run\nrender.render ="
+        " small_run.undrawn\n"
     )
     worker += ["--preload", "plain_pictures"]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])}
-    started += [subprocess.Popen([*worker, "--name", name], env=environment, **quiet) for name in "ab"]
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
+    }
+    started += [
+        subprocess.Popen([*worker, "--name", name], env=environment, **quiet) for name in "ab"
+    ]
     try:
         deadline = time.monotonic() + 60
         while not (file.exists() and file.stat().st_size):

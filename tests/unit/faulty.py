@@ -1,4 +1,6 @@
-"""A disk that fails, or a process that dies, at the n-th call that reaches it; and what must stand afterwards."""
+"""A disk that fails, or a process that dies, at the n-th call that reaches it; and what must stand
+afterwards.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ Outputs = dict[str, dict[str, str]]
 
 
 class Faulty(store.Disk):
-    """Fails at the `at`-th call, at all from then on, or ends the process there; a write is torn in half first."""
+    """Fails at the `at`-th call, at all from then on, or ends the process there; a write is torn in
+    half first.
+    """
 
     def __init__(self, at: int, fault: Fault = "once") -> None:
         self.at, self.fault, self.calls = at, fault, 0
@@ -100,19 +104,31 @@ def failing(action: Callable[[], object], at: int, fault: Fault) -> None:
 
 
 def products(place: Path) -> dict[str, str]:
-    """Digest of every finished file of a run, provenance and lock aside: those hold times and names."""
+    """Digest of every finished file of a run, provenance and lock aside: those hold times and
+    names.
+    """
     found = {}
     for folder in ("processed", "reports"):
         for path in sorted((place / folder).rglob("*")):
-            hidden = path.name in ("provenance.json", ".lock", JOURNAL) or path.name.endswith(".tmp") or STAGED in path.parts
+            hidden = (
+                path.name in ("provenance.json", ".lock", JOURNAL)
+                or path.name.endswith(".tmp")
+                or STAGED in path.parts
+            )
             if path.is_file() and not hidden:
-                found[path.relative_to(place).as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+                found[path.relative_to(place).as_posix()] = hashlib.sha256(
+                    path.read_bytes()
+                ).hexdigest()
     return found
 
 
 def litter(place: Path) -> list[Path]:
     """What a run that has ended should have taken away."""
-    return [p for p in place.rglob("*") if p.name in (".lock", JOURNAL, STAGED, UNFINISHED) or p.name.endswith(".tmp")]
+    return [
+        p
+        for p in place.rglob("*")
+        if p.name in (".lock", JOURNAL, STAGED, UNFINISHED) or p.name.endswith(".tmp")
+    ]
 
 
 def homes(place: Path) -> Homes:
@@ -121,7 +137,9 @@ def homes(place: Path) -> Homes:
 
 
 def outputs(place: Path) -> Outputs:
-    """What provenance.json says that each stage has written, and no other stage writes too: `shared` files are their last writer's."""
+    """What provenance.json says that each stage has written, and no other stage writes too:
+    `shared` files are their last writer's.
+    """
     content = json.loads((homes(place).processed / "provenance.json").read_text())
     told = {name: entry["outputs"] for name, entry in content["stages"].items()}
     for name in shared():
@@ -139,7 +157,10 @@ def shared() -> set[str]:
 
 def own(told: Outputs) -> Outputs:
     """Each stage's files without those."""
-    return {stage: {name: digest for name, digest in files.items() if name not in shared()} for stage, files in told.items()}
+    return {
+        stage: {name: digest for name, digest in files.items() if name not in shared()}
+        for stage, files in told.items()
+    }
 
 
 def _digest(path: Path) -> str | None:
@@ -147,22 +168,35 @@ def _digest(path: Path) -> str | None:
 
 
 def stands(place: Path, old: Outputs, new: Outputs) -> dict[str, bool]:
-    """Whether each stage stands as the new run left it, or else as the old did; every one must be all of one, and provenance.json must agree."""
+    """Whether each stage stands as the new run left it, or else as the old did; every one must be
+    all of one, and provenance.json must agree.
+    """
     told, found = outputs(place), {}
     for stage in old.keys() | new.keys():
         before, after = old.get(stage, {}), new.get(stage, {})
         names = before.keys() | after.keys()
         on_disk = {name: _digest(homes(place).place(name)) for name in names}
         versions = [{name: version.get(name) for name in names} for version in (before, after)]
-        assert on_disk in versions, f"{stage} is a mixture: {[n for n in names if on_disk[n] == versions[0][n] != versions[1][n]]} are old"
-        assert told.get(stage, {}) in [version for version, files in zip((before, after), versions, strict=True) if files == on_disk]
+        assert on_disk in versions, (
+            f"{stage} is a mixture:"
+            f" {[n for n in names if on_disk[n] == versions[0][n] != versions[1][n]]} are old"
+        )
+        assert told.get(stage, {}) in [
+            version
+            for version, files in zip((before, after), versions, strict=True)
+            if files == on_disk
+        ]
         found[stage] = on_disk == versions[1]
     return found
 
 
 def run(raw: Path, place: Path, stages: Sequence[str]) -> list[str]:
     """Bring the stages up to date; the names of those that ran."""
-    return [s.stage.name for s in graph.run(small_run.job(raw, place), [graph.stage(name) for name in stages]) if s.why]
+    return [
+        s.stage.name
+        for s in graph.run(small_run.job(raw, place), [graph.stage(name) for name in stages])
+        if s.why
+    ]
 
 
 def copied(folder: Path) -> Path:
@@ -195,7 +229,9 @@ class Scene:
         return copied(self.folder)
 
     def check(self, place: Path) -> None:
-        """Every stage is old or new; a rerun ends in the bytes of an undisturbed run and leaves no litter."""
+        """Every stage is old or new; a rerun ends in the bytes of an undisturbed run and leaves no
+        litter.
+        """
         settled(homes(place))
         stood = stands(place, self.old, self.new)
         # one stage after the other, where the bytes tell
@@ -218,19 +254,30 @@ def book(version: str) -> dict[str, dict[str, bytes]]:
     from nearlift.stages.gallery import FIGURES
 
     figures = [f"{spec.name}.{kind}" for spec in FIGURES for kind in ("pdf", "png", "csv")]
-    tables = [f"tables/{name}.{kind}" for name in ("coefficients", "budget", "comparison") for kind in ("tex", "csv")]
+    tables = [
+        f"tables/{name}.{kind}"
+        for name in ("coefficients", "budget", "comparison")
+        for kind in ("tex", "csv")
+    ]
     names = {stage.name: [f"processed/{p.file}" for p in stage.writes] for stage in graph.STAGES}
     paper = ("methods.md", "methods.tex", "references.bib")
     names["report"] = [f"reports/{name}" for name in (*figures, *tables, *paper, "index.html")]
     if version == "old":
         names["fit"].append("processed/posterior.nc")
     else:
-        names["report"] = [name for name in names["report"] if not name.startswith(f"reports/{FIGURES[-1].name}.")]
-    return {stage: {name: f"{version} {name}".encode() for name in listed} for stage, listed in names.items()}
+        names["report"] = [
+            name for name in names["report"] if not name.startswith(f"reports/{FIGURES[-1].name}.")
+        ]
+    return {
+        stage: {name: f"{version} {name}".encode() for name in listed}
+        for stage, listed in names.items()
+    }
 
 
 def written(of: Book, before: Book) -> Callable[[graph.Stage, graph.Job], graph.Outcome]:
-    """In the place of `Stage.run`: write what the book says, and let go what only the book `before` has."""
+    """In the place of `Stage.run`: write what the book says, and let go what only the book `before`
+    has.
+    """
 
     def stage(self: graph.Stage, job: graph.Job) -> graph.Outcome:
         for name, content in of[self.name].items():

@@ -23,23 +23,38 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
         verdict = found.get("verdict", own["verdict"])
         effects = [e["name"] for e in found.get("effects", [])]
         rivals = [r for e in found.get("effects", []) for r in e.get("rivals", [])]
-        own |= {"verdict": verdict, "effects": effects, "rivals": rivals, "reason": found.get("reason", "") if verdict == NOT_DIAGNOSED else ""}
+        own |= {
+            "verdict": verdict,
+            "effects": effects,
+            "rivals": rivals,
+            "reason": found.get("reason", "") if verdict == NOT_DIAGNOSED else "",
+        }
         if joint := found.get("joint"):
             own["correlation"] = {"parameters": joint["parameters"], "values": joint["correlation"]}
         if error := found.get("error"):
             known = {w: error[w]["held_out_rmse"] for w in ("before", "after")}
-            own["error"] = {"unit": "fraction of lift", **known, "noise_floor": error["noise_floor"]}
+            own["error"] = {
+                "unit": "fraction of lift",
+                **known,
+                "noise_floor": error["noise_floor"],
+            }
         blocks = found.get("coefficients", {})
         for name, e in blocks.get("after", {}).items():
             _coefficient(own["coefficients"][name], e)
             doubts = {}
             if effects:
-                doubts[f"{effects[0]} is all, exactly in its declared form"] = _pair(e, "conditional")
+                doubts[f"{effects[0]} is all, exactly in its declared form"] = _pair(
+                    e, "conditional"
+                )
             if verdict != "adequate":
                 doubts["the base model lacks nothing"] = blocks.get("before", {}).get(name)
-            doubts["every effect too small to be seen acts at its plausible size"] = _pair(e, "constrained")
+            doubts["every effect too small to be seen acts at its plausible size"] = _pair(
+                e, "constrained"
+            )
             own["coefficients"][name]["doubts"] = [
-                {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}} for condition, d in doubts.items() if d
+                {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}}
+                for condition, d in doubts.items()
+                if d
             ]
     return whole
 
@@ -52,7 +67,10 @@ def write(job: Job, boundaries: Mapping[str, Any]) -> None:
 def known(evidence: Evidence, diagnosis: Mapping[str, Any]) -> Evidence:
     """Evidence with this diagnosis.json, and what is then quoted."""
     told = content(evidence.document(RESULTS), diagnosis["boundaries"])
-    return dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: dict(diagnosis), RESULTS.file: told})
+    return dataclasses.replace(
+        evidence,
+        documents={**evidence.documents, DIAGNOSIS.file: dict(diagnosis), RESULTS.file: told},
+    )
 
 
 def _pair(e: Mapping[str, Any], kind: str) -> dict[str, Any] | None:
@@ -64,5 +82,15 @@ def _coefficient(own: dict[str, Any], e: Mapping[str, Any]) -> None:
         own |= {"value": e["value"], "dof": 0.0}
         return
     low, high = ((e[end] - e["value"]) / HALF_90 for end in ("lo90", "hi90"))
-    own |= {"value": e["value"], "u": (high - low) / 2, "dof": None, "lo90": e["lo90"], "hi90": e["hi90"]}
-    own |= {f"{end}{level}": e["value"] + k * x for level, k in OTHERS.items() for end, x in (("lo", low), ("hi", high))}
+    own |= {
+        "value": e["value"],
+        "u": (high - low) / 2,
+        "dof": None,
+        "lo90": e["lo90"],
+        "hi90": e["hi90"],
+    }
+    own |= {
+        f"{end}{level}": e["value"] + k * x
+        for level, k in OTHERS.items()
+        for end, x in (("lo", low), ("hi", high))
+    }

@@ -37,15 +37,31 @@ scope = "boundary"
 
 def write(folder: Path, form: Form = "csv", visits: int = 4) -> Path:
     """112 short trials near the ground in three sessions, K_b = 2."""
-    truth = Truth(model=catalogue.model("sanchez_cuevas"), parameters={"K_b": 2.0}, lift_inf_N=FAR, geometry=GEOMETRY)
+    truth = Truth(
+        model=catalogue.model("sanchez_cuevas"),
+        parameters={"K_b": 2.0},
+        lift_inf_N=FAR,
+        geometry=GEOMETRY,
+    )
     bench = Bench(rate_Hz=500.0, tare_s=0.1, record_s=0.3, text=UNCERTAINTY)
     design = randomised({"ground": STATIONS}, seed=4, visits=visits, sessions=3)
-    write_campaign(folder, design, {"ground": truth}, name=NAME, note="for tests", seed=4, bench=bench, form=form)
+    write_campaign(
+        folder,
+        design,
+        {"ground": truth},
+        name=NAME,
+        note="for tests",
+        seed=4,
+        bench=bench,
+        form=form,
+    )
     return folder
 
 
 def write_means(folder: Path, rows: int, lift_sd: float | None = None) -> Path:
-    """The first `rows` trials of a campaign of which only means are known, and their standard deviation in mN where it is given."""
+    """The first `rows` trials of a campaign of which only means are known, and their standard
+    deviation in mN where it is given.
+    """
     folder.mkdir()
     (folder / "campaign.toml").write_text(
         """
@@ -63,8 +79,14 @@ lift_sd = "mN"
 """
         + ("" if lift_sd is None else f'lift_sd = {lift_sd}\n[trials]\norder = "unknown"\n')
     )
-    lifts = [(30 + 20 * i, t, far * (1 + 0.1 / (1 + i))) for i in range(6) for t, far in ((25, 107.0), (50, 239.0), (75, 409.0), (92, 551.0))]
-    text = "".join(f"m{i},ground,{z},{t},{lift:.3f}\n" for i, (z, t, lift) in enumerate(lifts[:rows]))
+    lifts = [
+        (30 + 20 * i, t, far * (1 + 0.1 / (1 + i)))
+        for i in range(6)
+        for t, far in ((25, 107.0), (50, 239.0), (75, 409.0), (92, 551.0))
+    ]
+    text = "".join(
+        f"m{i},ground,{z},{t},{lift:.3f}\n" for i, (z, t, lift) in enumerate(lifts[:rows])
+    )
     (folder / "trials.csv").write_text("trial,boundary,distance,throttle,lift\n" + text)
     return folder
 
@@ -75,7 +97,9 @@ def nearlift(*words: object) -> Result:
 
 
 def undrawn(_: Any, table: Mapping[str, Any], look: Any) -> dict[str, bytes]:
-    """In place of `figures.render.render`: what depends on the table and the style, without the seconds of drawing."""
+    """In place of `figures.render.render`: what depends on the table and the style, without the
+    seconds of drawing.
+    """
     told = hashlib.sha256(to_csv(dict(table)) + repr(look).encode()).hexdigest().encode()
     return {"pdf": b"%PDF " + told, "png": b"PNG " + told, "page": told}
 
@@ -85,7 +109,12 @@ def job(root: Path, out: Path, **changes: Any) -> Job:
     campaign = manifests.load(root)
     processed = out / "processed" / campaign.name
     inputs, _ = digests(root, campaign, processed)
-    given = {"processed": processed, "reports": out / "reports" / campaign.name, "executor": SerialExecutor(), "inputs": inputs}
+    given = {
+        "processed": processed,
+        "reports": out / "reports" / campaign.name,
+        "executor": SerialExecutor(),
+        "inputs": inputs,
+    }
     return Job(**{"root": root, "campaign": campaign} | given | changes)
 
 
@@ -97,4 +126,10 @@ def ran(of: Job) -> list[str]:
 def state(folder: Path) -> dict[str, tuple[str, int]]:
     """Every file under a folder: digest and time of last change."""
     files = sorted(p for p in folder.rglob("*") if p.is_file())
-    return {p.relative_to(folder).as_posix(): (hashlib.sha256(p.read_bytes()).hexdigest(), p.stat().st_mtime_ns) for p in files}
+    return {
+        p.relative_to(folder).as_posix(): (
+            hashlib.sha256(p.read_bytes()).hexdigest(),
+            p.stat().st_mtime_ns,
+        )
+        for p in files
+    }

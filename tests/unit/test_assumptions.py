@@ -11,13 +11,24 @@ from nearlift.products import FIT
 from nearlift.stages.report import gather
 from nearlift.summaries import assumptions
 
-MAP = {"points": [["25 percent", "10885 rpm"], ["50 percent", "15924 rpm"], ["92 percent", "23600 rpm"]], "uncertainty": "0.5 percent"}
+MAP = {
+    "points": [
+        ["25 percent", "10885 rpm"],
+        ["50 percent", "15924 rpm"],
+        ["92 percent", "23600 rpm"],
+    ],
+    "uncertainty": "0.5 percent",
+}
 
 
 @pytest.fixture(scope="module")
 def mapped(make_job):
     raw = raw_manifest()
-    return make_job(boundaries=("ground",), vehicle={**raw["vehicle"], "throttle_map": MAP}, rig={**raw["rig"], "air_density": "1.2 kg/m^3"})
+    return make_job(
+        boundaries=("ground",),
+        vehicle={**raw["vehicle"], "throttle_map": MAP},
+        rig={**raw["rig"], "air_density": "1.2 kg/m^3"},
+    )
 
 
 def drawn(table):
@@ -35,19 +46,33 @@ def test_the_table_is_what_fit_json_says(small_job):
         mine = table["panel"] == boundary
         each = mine & (table["kind"] == "throttle")
         assert table["x"][each].tolist() == [25, 50, 75, 92]
-        assert table["value"][each].tolist() == [e["value"] for e in found["throttle_collapse"][boundary]["per_throttle"].values()]
+        assert table["value"][each].tolist() == [
+            e["value"] for e in found["throttle_collapse"][boundary]["per_throttle"].values()
+        ]
         # what throttles share is in the thin interval and not in the thick one
         assert (table["hi90_apart"][each] <= table["hi90"][each] * (1 + 1e-9)).all()
         marks = mine & (table["kind"] == "plausible")
         assert table["x"][marks] == pytest.approx([1, 0.82, 2 / 3, 0.6])
         curve = mine & (table["kind"] == "curve")
-        assert np.interp(0.82, table["x"][curve], table["value"][curve]) == pytest.approx(table["value"][marks][1], rel=0.01)
+        assert np.interp(0.82, table["x"][curve], table["value"][curve]) == pytest.approx(
+            table["value"][marks][1], rel=0.01
+        )
 
 
 def test_a_row_of_panels_per_question_and_a_column_per_boundary(small_job):
     figure = drawn(assumptions.summarise(gather(small_job)))
-    assert [ax.get_title(loc="left") for ax in figure.axes] == ["ground", "ceiling", "sidewall", "", "", ""]
-    assert [ax.get_xlabel() for ax in figure.axes[::3]] == ["throttle (%)", "exponent $n$ of the ratio"]
+    assert [ax.get_title(loc="left") for ax in figure.axes] == [
+        "ground",
+        "ceiling",
+        "sidewall",
+        "",
+        "",
+        "",
+    ]
+    assert [ax.get_xlabel() for ax in figure.axes[::3]] == [
+        "throttle (%)",
+        "exponent $n$ of the ratio",
+    ]
     assert [ax.get_ylabel() for ax in figure.axes[:3]] == ["$K_b$", r"$\alpha$", "$a$"]
 
 
@@ -67,7 +92,9 @@ def test_a_map_adds_the_rotor_to_picture_and_page(mapped):
     assert "Ground: C_L per speed:" in assumptions.alt(evidence, table)
     rows = page.facts(evidence)["rotor"][0]["rows"]
     assert [r["throttle"] for r in rows] == ["25 %", "50 %", "75 %", "92 %"]
-    assert rows[0]["speed"].source == "fit.json#/rotor_coefficient/ground/per_throttle/0.25/speed_Hz"
+    assert (
+        rows[0]["speed"].source == "fit.json#/rotor_coefficient/ground/per_throttle/0.25/speed_Hz"
+    )
 
 
 def test_supported_exponents_are_shaded(small_job):
@@ -82,8 +109,14 @@ def test_supported_exponents_are_shaded(small_job):
 def test_every_number_of_the_page_has_its_place(small_job):
     facts = page.facts(gather(small_job))
     assert [c["boundary"] for c in facts["collapse"]] == ["ground", "ceiling", "sidewall"]
-    assert facts["collapse"][0]["p"][2].source == "fit.json#/throttle_collapse/ground/tests/cells/p_value"
-    assert facts["held"][1]["rows"][0]["value"].source == "fit.json#/held_quantity/ceiling/plausible/0/value"
+    assert (
+        facts["collapse"][0]["p"][2].source
+        == "fit.json#/throttle_collapse/ground/tests/cells/p_value"
+    )
+    assert (
+        facts["held"][1]["rows"][0]["value"].source
+        == "fit.json#/held_quantity/ceiling/plausible/0/value"
+    )
     assert "fixes neither speed nor power" in facts["held"][0]["declared"]
     assert facts["rotor"][0]["rows"] == []
 
@@ -94,10 +127,17 @@ def test_logged_speed_reaches_held_quantity_and_rotor(make_job):
     def log_speed(table):
         rng = np.random.default_rng(3)
         answer = true_ratio("ground", np.minimum(table["z_hat"], 1e3)) ** -0.15
-        table["speed_Hz"] = 390 * (table["throttle"] / 0.92) ** 0.6 * answer * np.exp(0.002 * rng.standard_normal(len(answer)))
+        table["speed_Hz"] = (
+            390
+            * (table["throttle"] / 0.92) ** 0.6
+            * answer
+            * np.exp(0.002 * rng.standard_normal(len(answer)))
+        )
 
     raw = raw_manifest()
-    job = make_job(boundaries=("ground",), edit=log_speed, rig={**raw["rig"], "air_density": "1.2 kg/m^3"})
+    job = make_job(
+        boundaries=("ground",), edit=log_speed, rig={**raw["rig"], "air_density": "1.2 kg/m^3"}
+    )
     found = job.read_json(FIT)
     held = found["held_quantity"]["ground"]
     speed = held["logged"][0]

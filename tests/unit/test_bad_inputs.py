@@ -1,7 +1,9 @@
-"""The bad inputs that laboratories make, one after another: the damage is made, and the reaction seen at the command line.
+"""The bad inputs that laboratories make, one after another: the damage is made, and the reaction
+seen at the command line.
 
-The numbers are those of the table in docs/formats.md. What needs other machinery stands elsewhere: disks, signals and locks (27 to 29) in
-test_crash.py and test_lock.py, fields of velocity (25) under tests/flow.
+The numbers are those of the table in docs/formats.md. What needs other machinery stands elsewhere:
+disks, signals and locks (27 to 29) in test_crash.py and test_lock.py, fields of velocity (25) under
+tests/flow.
 """
 
 from __future__ import annotations
@@ -98,16 +100,25 @@ def words(raw: Path) -> None:
     record(raw).write_bytes(b"".join(rows))
 
 
-def clock(change: Callable[[np.ndarray], np.ndarray], *, others: bool = False) -> Callable[[Path], None]:
+def clock(
+    change: Callable[[np.ndarray], np.ndarray], *, others: bool = False
+) -> Callable[[Path], None]:
     """Every record with a clock, the damaged one (or all) with a changed one."""
 
     def damage(raw: Path) -> None:
-        edit(raw, "campaign.toml", "sign = 1 } }", 'sign = 1 }, time = { column = "t", unit = "s" } }')
+        edit(
+            raw,
+            "campaign.toml",
+            "sign = 1 } }",
+            'sign = 1 }, time = { column = "t", unit = "s" } }',
+        )
         for path in (raw / "trials").iterdir():
             force = path.read_text().split()[1:]
             t = np.arange(len(force)) / RATE
             t = change(t) if others or path.stem == TRIAL else t
-            path.write_text("t,force\n" + "".join(f"{a:.6f},{b}\n" for a, b in zip(t, force, strict=False)))
+            path.write_text(
+                "t,force\n" + "".join(f"{a:.6f},{b}\n" for a, b in zip(t, force, strict=False))
+            )
 
     return damage
 
@@ -120,12 +131,25 @@ def log(whole: bool) -> Callable[[Path], None]:
     """All records as uSD logs; the damaged one with a wrong sum."""
 
     def damage(raw: Path) -> None:
-        edit(raw, "campaign.toml", 'reader = "csv", files = "trials/{trial}.csv"', 'reader = "crazyflie-usd", files = "trials/{trial}.bin"')
-        edit(raw, "campaign.toml", "sign = 1 } }", f"sign = 1 }}, dialect = {{ ignore_rate = true, salvage = {str(not whole).lower()} }} }}")
+        edit(
+            raw,
+            "campaign.toml",
+            'reader = "csv", files = "trials/{trial}.csv"',
+            'reader = "crazyflie-usd", files = "trials/{trial}.bin"',
+        )
+        edit(
+            raw,
+            "campaign.toml",
+            "sign = 1 } }",
+            f"sign = 1 }}, dialect = {{ ignore_rate = true, salvage = {str(not whole).lower()}"
+            " } }",
+        )
         for path in list((raw / "trials").iterdir()):
             content = written.usd([float(x) for x in path.read_text().split()[1:]])
             # half a byte of CRC, or the last record
-            content = content if path.stem != TRIAL else content[:-1] + b"\0" if whole else content[:-40]
+            content = (
+                content if path.stem != TRIAL else content[:-1] + b"\0" if whole else content[:-40]
+            )
             path.with_suffix(".bin").write_bytes(content)
             path.unlink()
 
@@ -140,51 +164,137 @@ def reached(raw: Path) -> None:
     edit(raw, "campaign.toml", 'supply = "V"', 'supply = "V"\nreached = "mm"')
     rows = (raw / "trials.csv").read_text().split()
     # the traverse stood 3 mm off, more than 2 % of the rotor's radius
-    text = [rows[0] + ",reached", *(f"{r},{float(r.split(',')[2]) + (3 if r.startswith(TRIAL) else 0.1)}" for r in rows[1:])]
+    text = [
+        rows[0] + ",reached",
+        *(f"{r},{float(r.split(',')[2]) + (3 if r.startswith(TRIAL) else 0.1)}" for r in rows[1:]),
+    ]
     (raw / "trials.csv").write_text("\n".join(text) + "\n")
 
 
 def tare_after(raw: Path) -> None:
     edit(raw, "campaign.toml", 'supply = "V"', 'supply = "V"\ntare_after = "mN"')
     rows = (raw / "trials.csv").read_text().split()
-    (raw / "trials.csv").write_text("\n".join([rows[0] + ",tare_after", *(f"{r},{40 if r.startswith(TRIAL) else 5}" for r in rows[1:])]) + "\n")
+    (raw / "trials.csv").write_text(
+        "\n".join(
+            [
+                rows[0] + ",tare_after",
+                *(f"{r},{40 if r.startswith(TRIAL) else 5}" for r in rows[1:]),
+            ]
+        )
+        + "\n"
+    )
 
 
-#: Row of the table, damage, codes that the trial must carry, and whether the record itself is whole.
+#: Row of the table, damage, codes that the trial must carry, and whether the record itself is
+#: whole.
 CODED: list[tuple[str, Callable[[Path], None], set[str], str]] = [
     ("1 empty file", put(b""), {"EMPTY"}, "truncated"),
     ("2 header only", put(b"force\n"), {"NO_DATA"}, "truncated"),
     ("3 number cut, nearly all there", cut(0.99), {"truncated", "short"}, "truncated"),
     ("3 less than 95 %", cut(0.9), {"truncated", "SHORT"}, "truncated"),
-    ("3 cut between two lines, seen by the planned length", cut(0.98, at_line=True), {"short"}, "truncated"),
+    (
+        "3 cut between two lines, seen by the planned length",
+        cut(0.98, at_line=True),
+        {"short"},
+        "truncated",
+    ),
     ("3 a row cut in the middle of the file", cut_row, {"MALFORMED"}, "malformed"),
     ("7 wrong check sum", log(whole=True), {"MALFORMED"}, "malformed"),
     ("7 salvaged", log(whole=False), {"salvaged", "short"}, "malformed"),
     ("8 words for no number", words, {"OUT_OF_RANGE"}, "complete"),
-    ("9 beyond the capacity", series(lambda f: np.minimum(f * 50, 9806.0)), {"SATURATED"}, "complete"),
-    ("9 clipped at one code", series(lambda f: np.minimum(f, np.sort(f)[-60])), {"SATURATED"}, "complete"),
-    ("10 stands still", series(lambda f: np.where(np.arange(len(f)) < HEAD, f, f[HEAD])), {"STUCK"}, "complete"),
-    ("11 spikes", series(lambda f: f + 80.0 * (np.arange(len(f)) % 97 == 50)), {"spikes"}, "complete"),
-    ("14 header repeated", lambda raw: record(raw).write_bytes(record(raw).read_bytes() * 2), {"MALFORMED"}, "malformed"),
+    (
+        "9 beyond the capacity",
+        series(lambda f: np.minimum(f * 50, 9806.0)),
+        {"SATURATED"},
+        "complete",
+    ),
+    (
+        "9 clipped at one code",
+        series(lambda f: np.minimum(f, np.sort(f)[-60])),
+        {"SATURATED"},
+        "complete",
+    ),
+    (
+        "10 stands still",
+        series(lambda f: np.where(np.arange(len(f)) < HEAD, f, f[HEAD])),
+        {"STUCK"},
+        "complete",
+    ),
+    (
+        "11 spikes",
+        series(lambda f: f + 80.0 * (np.arange(len(f)) % 97 == 50)),
+        {"spikes"},
+        "complete",
+    ),
+    (
+        "14 header repeated",
+        lambda raw: record(raw).write_bytes(record(raw).read_bytes() * 2),
+        {"MALFORMED"},
+        "malformed",
+    ),
     ("16 drift of the zero", tare_after, {"DRIFT"}, "complete"),
     ("18 the same record twice", doubled, {"DUPLICATE"}, "complete"),
-    ("19 clock backwards", clock(lambda t: np.where(np.arange(len(t)) == 1, t - 0.02, t)), {"clock"}, "complete"),
-    ("19 duplicate stamps", clock(lambda t: np.where(np.arange(len(t)) == 9, t[8], t)), {"clock"}, "complete"),
+    (
+        "19 clock backwards",
+        clock(lambda t: np.where(np.arange(len(t)) == 1, t - 0.02, t)),
+        {"clock"},
+        "complete",
+    ),
+    (
+        "19 duplicate stamps",
+        clock(lambda t: np.where(np.arange(len(t)) == 9, t[8], t)),
+        {"clock"},
+        "complete",
+    ),
     ("19 a gap", clock(lambda t: t + 0.06 * (np.arange(len(t)) > 200)), {"gaps"}, "truncated"),
-    ("19 summer time begins", clock(lambda t: t + 3600.0 * (np.arange(len(t)) > 200)), {"clock"}, "complete"),
-    ("19 summer time ends", clock(lambda t: t - 3600.0 * (np.arange(len(t)) > 200)), {"clock"}, "complete"),
-    ("19 a great gap", clock(lambda t: t + 1000.0 * (np.arange(len(t)) > 200)), {"GAPS"}, "truncated"),
+    (
+        "19 summer time begins",
+        clock(lambda t: t + 3600.0 * (np.arange(len(t)) > 200)),
+        {"clock"},
+        "complete",
+    ),
+    (
+        "19 summer time ends",
+        clock(lambda t: t - 3600.0 * (np.arange(len(t)) > 200)),
+        {"clock"},
+        "complete",
+    ),
+    (
+        "19 a great gap",
+        clock(lambda t: t + 1000.0 * (np.arange(len(t)) > 200)),
+        {"GAPS"},
+        "truncated",
+    ),
     ("20 a wrong rate", clock(lambda t: 2 * t), {"MALFORMED"}, "malformed"),
-    ("21 two throttles in a trial", series(lambda f: f + 60.0 * (np.arange(len(f)) > HEAD + LIVE // 2)), {"MIXED"}, "complete"),
+    (
+        "21 two throttles in a trial",
+        series(lambda f: f + 60.0 * (np.arange(len(f)) > HEAD + LIVE // 2)),
+        {"MIXED"},
+        "complete",
+    ),
     ("22 the traverse did not arrive", reached, {"HEIGHT"}, "complete"),
-    ("23 aborted", lambda raw: write_record(raw, TRIAL, force_mN(275.0)[: HEAD + 3]), {"TOO_SHORT", "SHORT"}, "truncated"),
-    ("30 NUL tail", lambda raw: record(raw).write_bytes(b"".join(lines(raw)[:-3]) + b"\0" * 64), {"truncated", "short"}, "truncated"),
+    (
+        "23 aborted",
+        lambda raw: write_record(raw, TRIAL, force_mN(275.0)[: HEAD + 3]),
+        {"TOO_SHORT", "SHORT"},
+        "truncated",
+    ),
+    (
+        "30 NUL tail",
+        lambda raw: record(raw).write_bytes(b"".join(lines(raw)[:-3]) + b"\0" * 64),
+        {"truncated", "short"},
+        "truncated",
+    ),
     ("missing", lambda raw: record(raw).unlink(), {"MISSING"}, "missing"),
 ]
 
 
-@pytest.mark.parametrize(("damage", "codes", "whole"), [row[1:] for row in CODED], ids=[row[0] for row in CODED])
-def test_a_bad_record_gets_its_code_and_costs_no_other_trial(raw: Path, damage: Any, codes: set[str], whole: str) -> None:
+@pytest.mark.parametrize(
+    ("damage", "codes", "whole"), [row[1:] for row in CODED], ids=[row[0] for row in CODED]
+)
+def test_a_bad_record_gets_its_code_and_costs_no_other_trial(
+    raw: Path, damage: Any, codes: set[str], whole: str
+) -> None:
     damage(raw)
     for path in (raw / "trials").iterdir():
         # long since written
@@ -243,10 +353,22 @@ def test_3_what_is_wrong_with_a_record_is_told_with_its_place(raw: Path) -> None
 
 
 def test_4_a_half_written_tdms_is_flagged_and_counted(raw: Path) -> None:
-    edit(raw, "campaign.toml", 'reader = "csv", files = "trials/{trial}.csv"', 'reader = "tdms", files = "trials/{trial}.tdms"')
-    edit(raw, "campaign.toml", '"force", unit = "mN", sign = 1 } }', '"daq/force", unit = "mN", sign = 1 }, dialect = { ignore_rate = true } }')
+    edit(
+        raw,
+        "campaign.toml",
+        'reader = "csv", files = "trials/{trial}.csv"',
+        'reader = "tdms", files = "trials/{trial}.tdms"',
+    )
+    edit(
+        raw,
+        "campaign.toml",
+        '"force", unit = "mN", sign = 1 } }',
+        '"daq/force", unit = "mN", sign = 1 }, dialect = { ignore_rate = true } }',
+    )
     for path in list((raw / "trials").iterdir()):
-        content = written.tdms([float(x) for x in path.read_text().split()[1:]]).replace(b"unit_string", b"unit_xxxxxx")
+        content = written.tdms([float(x) for x in path.read_text().split()[1:]]).replace(
+            b"unit_string", b"unit_xxxxxx"
+        )
         if path.stem == TRIAL:
             content = content[: int(0.7 * len(content))]
         if path.stem == "t02":
@@ -266,7 +388,9 @@ def test_5_a_file_that_is_still_being_written_is_left_for_later(raw: Path) -> No
     code, said, quality = ingest(raw)
     assert code == 3
     assert "PENDING" in quality[TRIAL].split()
-    assert f"{TRIAL}: PENDING (the file was still being written; the next run reads it again)" in said
+    assert (
+        f"{TRIAL}: PENDING (the file was still being written; the next run reads it again)" in said
+    )
     # nothing has changed, but it is looked at again
     planned = nearlift("plan", raw, "--out", raw.parent)
     assert "ingest   run: 1 record was still being written" in planned.stdout
@@ -287,7 +411,9 @@ def test_5_a_file_that_changes_while_it_is_read(raw: Path, monkeypatch: pytest.M
     assert (code, quality[TRIAL]) == (3, "PENDING")
 
 
-def test_5_a_schedule_that_changes_while_it_is_read_stops(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_5_a_schedule_that_changes_while_it_is_read_stops(
+    raw: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = intact.moving
 
     def meanwhile(job: Any) -> Any:
@@ -352,40 +478,125 @@ def unit_of_header(raw: Path) -> None:
     edit(raw, "campaign.toml", 'reader = "csv"', 'reader = "rcbenchmark"')
     edit(raw, "campaign.toml", 'column = "force", unit = "mN"', 'column = "Thrust", unit = "N"')
     for path in (raw / "trials").iterdir():
-        path.write_bytes(written.rcbenchmark([float(x) / 9.80665 for x in path.read_text().split()[1:]]))
+        path.write_bytes(
+            written.rcbenchmark([float(x) / 9.80665 for x in path.read_text().split()[1:]])
+        )
 
 
 STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
     ("12 gram-force read as newton", manifest('unit = "mN"', 'unit = "N"'), 4, "times the weight"),
-    ("12 a unit that the header contradicts", unit_of_header, 4, 'states \'Thrust (gf)\' in gf, the manifest says N: a factor of 0.009807'),
-    ("12 the impossible cm", manifest('distance = "mm"', 'distance = "cm"'), 4, "300 cm is outside the 1.5 m arena; mm?"),
-    ("13 decimal commas in a csv", everywhere(lambda c: c.replace(b".", b",")), 4, "has 2 cells under 1 column names"),
-    ("13 UTF-16 in a csv", everywhere(lambda c: c.decode().encode("utf-16")), 4, 'is UTF-16 text\n  save it as UTF-8, or say reader = "text"'),
-    ("13 ambiguous commas", by_text(lambda c: b"force\n" + b"1,234\n" * 500), 4, "'1,234' may be 1.234 or 1234\n  say which"),
-    ("14 duplicate column names", everywhere(lambda c: b"force,force\n1,2\n"), 4, "line 1: more than one column 'force'"),
-    ("14 header repeated", everywhere(lambda c: c * 2), 4, "repeats the header: two records stand in one file"),
+    (
+        "12 a unit that the header contradicts",
+        unit_of_header,
+        4,
+        "states 'Thrust (gf)' in gf, the manifest says N: a factor of 0.009807",
+    ),
+    (
+        "12 the impossible cm",
+        manifest('distance = "mm"', 'distance = "cm"'),
+        4,
+        "300 cm is outside the 1.5 m arena; mm?",
+    ),
+    (
+        "13 decimal commas in a csv",
+        everywhere(lambda c: c.replace(b".", b",")),
+        4,
+        "has 2 cells under 1 column names",
+    ),
+    (
+        "13 UTF-16 in a csv",
+        everywhere(lambda c: c.decode().encode("utf-16")),
+        4,
+        'is UTF-16 text\n  save it as UTF-8, or say reader = "text"',
+    ),
+    (
+        "13 ambiguous commas",
+        by_text(lambda c: b"force\n" + b"1,234\n" * 500),
+        4,
+        "'1,234' may be 1.234 or 1234\n  say which",
+    ),
+    (
+        "14 duplicate column names",
+        everywhere(lambda c: b"force,force\n1,2\n"),
+        4,
+        "line 1: more than one column 'force'",
+    ),
+    (
+        "14 header repeated",
+        everywhere(lambda c: c * 2),
+        4,
+        "repeats the header: two records stand in one file",
+    ),
     ("15 no tare", manifest('tare = "0.5 s", ', ""), 2, "[load_cell] needs tare"),
-    ("18 one id, two trials", schedule("t02,", "t01,"), 2, "trial 't01' stands already in trials.csv, line 3"),
-    ("20 a wrong rate", clock(lambda t: 2 * t, others=True), 4, "the clock column runs at 100 Hz, the manifest says 200 Hz"),
-    ("20 a wrong rate, by the planned length", manifest('"200 Hz"', '"250 Hz"'), 4, "where 2.5 s at 250 Hz are 625\n  is the rate 200 Hz?"),
+    (
+        "18 one id, two trials",
+        schedule("t02,", "t01,"),
+        2,
+        "trial 't01' stands already in trials.csv, line 3",
+    ),
+    (
+        "20 a wrong rate",
+        clock(lambda t: 2 * t, others=True),
+        4,
+        "the clock column runs at 100 Hz, the manifest says 200 Hz",
+    ),
+    (
+        "20 a wrong rate, by the planned length",
+        manifest('"200 Hz"', '"250 Hz"'),
+        4,
+        "where 2.5 s at 250 Hz are 625\n  is the rate 200 Hz?",
+    ),
     ("20 too low a rate", manifest('"200 Hz"', '"160 Hz"'), 4, "the records hold 500 samples"),
-    ("24 on the boundary", schedule("t01,ground,30", "t01,ground,0"), 4, "0 mm with an offset of 0 mm puts the rotor on the ground itself"),
+    (
+        "24 on the boundary",
+        schedule("t01,ground,30", "t01,ground,0"),
+        4,
+        "0 mm with an offset of 0 mm puts the rotor on the ground itself",
+    ),
     ("24 inside the boundary", schedule(",30,", ",-3,"), 4, "-3 mm"),
-    ("26 no gravity", manifest(', gravity = "9.8 m/s^2"', ""), 2, "rig.gravity: is missing\n  `nearlift new DIR` writes"),
-    ("26 no radius", manifest('rotor_radius = "23 mm", ', ""), 2, "vehicle.rotor_radius: is missing"),
+    (
+        "26 no gravity",
+        manifest(', gravity = "9.8 m/s^2"', ""),
+        2,
+        "rig.gravity: is missing\n  `nearlift new DIR` writes",
+    ),
+    (
+        "26 no radius",
+        manifest('rotor_radius = "23 mm", ', ""),
+        2,
+        "vehicle.rotor_radius: is missing",
+    ),
     ("32 a link out of the folder", outside, 4, "leads outside the campaign's folder"),
     ("32 a link to itself", loop, 4, "is a loop of symbolic links"),
     ("32 a pipe", fifo, 4, "is not a regular file"),
     ("32 a device", device, 4, "leads outside the campaign's folder"),
-    ("32 a path upwards", manifest("trials/{trial}.csv", "../raw/trials/{trial}.csv"), 4, "leads outside the campaign's folder"),
-    ("32 an absolute path", manifest("trials/{trial}.csv", "/dev/{trial}"), 4, "leads outside the campaign's folder, to /dev/t00"),
-    ("33 a later manifest", manifest("nearlift.campaign/1", "nearlift.campaign/2"), 2,
-     "schema: is 'nearlift.campaign/2', and this nearlift reads 'nearlift.campaign/1'"),
-]  # fmt: skip
+    (
+        "32 a path upwards",
+        manifest("trials/{trial}.csv", "../raw/trials/{trial}.csv"),
+        4,
+        "leads outside the campaign's folder",
+    ),
+    (
+        "32 an absolute path",
+        manifest("trials/{trial}.csv", "/dev/{trial}"),
+        4,
+        "leads outside the campaign's folder, to /dev/t00",
+    ),
+    (
+        "33 a later manifest",
+        manifest("nearlift.campaign/1", "nearlift.campaign/2"),
+        2,
+        "schema: is 'nearlift.campaign/2', and this nearlift reads 'nearlift.campaign/1'",
+    ),
+]
 
 
-@pytest.mark.parametrize(("damage", "code", "text"), [row[1:] for row in STOPPED], ids=[row[0] for row in STOPPED])
-def test_what_cannot_be_true_stops_the_run_and_writes_nothing(raw: Path, damage: Any, code: int, text: str) -> None:
+@pytest.mark.parametrize(
+    ("damage", "code", "text"), [row[1:] for row in STOPPED], ids=[row[0] for row in STOPPED]
+)
+def test_what_cannot_be_true_stops_the_run_and_writes_nothing(
+    raw: Path, damage: Any, code: int, text: str
+) -> None:
     damage(raw)
     found, said, quality = ingest(raw)
     assert (found, quality) == (code, {}), said
@@ -405,7 +616,9 @@ def plain(raw: Path) -> bytes:
 def latin_1(content: bytes) -> bytes:
     """A second column whose name only an 8-bit encoding spells in so many bytes."""
     head, *rows = content.decode().splitlines()
-    return "\n".join([head + ",Gr\u00f6\u00dfe", *(row + ",1" for row in rows), ""]).encode("latin-1")
+    return "\n".join([head + ",Gr\u00f6\u00dfe", *(row + ",1" for row in rows), ""]).encode(
+        "latin-1"
+    )
 
 
 @pytest.mark.parametrize(
@@ -415,13 +628,30 @@ def latin_1(content: bytes) -> bytes:
         ("13 UTF-16", lambda c: c.decode().encode("utf-16")),
         ("13 byte order mark", lambda c: b"\xef\xbb\xbf" + c),
         ("13 Latin-1", latin_1),
-        ("14 trailing comma", lambda c: c.replace(b"force\n", b"force,n\n", 1).replace(b"\n", b",7,\n").replace(b"n,7,\n", b"n,\n", 1)),
+        (
+            "14 trailing comma",
+            lambda c: (
+                c.replace(b"force\n", b"force,n\n", 1)
+                .replace(b"\n", b",7,\n")
+                .replace(b"n,7,\n", b"n,\n", 1)
+            ),
+        ),
         ("14 trailing comma behind one column", lambda c: c.replace(b"\n", b",\n")),
-        ("14 trailing comma in rows only", lambda c: c.replace(b"\n", b",\n").replace(b"force,", b"force")),
+        (
+            "14 trailing comma in rows only",
+            lambda c: c.replace(b"\n", b",\n").replace(b"force,", b"force"),
+        ),
         ("14 units row", lambda c: c.replace(b"force\n", b"force\nmN\n", 1)),
-        ("33 an unknown column", lambda c: c.replace(b"force\n", b"force,new\n", 1).replace(b"\n", b",1\n").replace(b"new,1\n", b"new\n", 1)),
+        (
+            "33 an unknown column",
+            lambda c: (
+                c.replace(b"force\n", b"force,new\n", 1)
+                .replace(b"\n", b",1\n")
+                .replace(b"new,1\n", b"new\n", 1)
+            ),
+        ),
     ],
-)  # fmt: skip
+)
 def test_13_14_33_dialects_give_the_same_numbers(raw: Path, kind: str, change: Any) -> None:
     before = plain(raw)
     by_text(change)(raw)
@@ -439,7 +669,9 @@ def test_15_no_tare_enters_the_budget_when_that_is_said(raw: Path) -> None:
 
 
 def test_17_a_throttle_without_a_far_station_has_no_delta_L_unless_asked(raw: Path) -> None:
-    """L_inf of such a group would be a lift that the boundary changes; the others have theirs as before."""
+    """L_inf of such a group would be a lift that the boundary changes; the others have theirs as
+    before.
+    """
     rows = (raw / "trials.csv").read_text().split()
     (raw / "trials.csv").write_text("\n".join(r for r in rows if not r.startswith("t12")) + "\n")
     assert ingest(raw)[0] == 0
@@ -448,16 +680,27 @@ def test_17_a_throttle_without_a_far_station_has_no_delta_L_unless_asked(raw: Pa
         said = nearlift("reduce", raw, "--out", raw.parent)
         assert said.exit_code == 0, said.stderr
         folder = next((raw.parent / "processed").iterdir())
-        cells, covariance = store.read_table(folder / LIFT.file, LIFT), store.read_table(folder / LIFT_COVARIANCE.file, LIFT_COVARIANCE)
+        cells, covariance = (
+            store.read_table(folder / LIFT.file, LIFT),
+            store.read_table(folder / LIFT_COVARIANCE.file, LIFT_COVARIANCE),
+        )
         for name in ("delta_L", "u_delta_L"):
-            known = {float(t): set(np.isfinite(cells[name][cells["throttle"] == t]).tolist()) for t in np.unique(cells["throttle"])}
+            known = {
+                float(t): set(np.isfinite(cells[name][cells["throttle"] == t]).tolist())
+                for t in np.unique(cells["throttle"])
+            }
         finite = np.isfinite(np.stack(list(covariance.values())))
-        assert (finite == np.outer(np.isfinite(cells["delta_L"]), np.isfinite(cells["delta_L"]))).all()
+        assert (
+            finite == np.outer(np.isfinite(cells["delta_L"]), np.isfinite(cells["delta_L"]))
+        ).all()
         assert np.isfinite(cells["lift_N"]).all()
         return said.stderr, known, int(finite.sum())
 
     said, known, _ = reduced()
-    assert "note: ground: at 75 % throttle no trial is farther than z_hat = 1.3, where others reach 13: it has no L_inf, hence no Delta L" in said
+    assert (
+        "note: ground: at 75 % throttle no trial is farther than z_hat = 1.3, where others reach"
+        " 13: it has no L_inf, hence no Delta L" in said
+    )
     assert "near_reference = true under [quality]" in said
     assert known == {t: {t != 0.75} for t in known}
     assert 0.75 in known
@@ -489,9 +732,13 @@ def test_31_an_id_longer_than_any_file_name_is_a_missing_record(raw: Path) -> No
 
 def test_33_an_unknown_column_of_the_schedule_is_kept(raw: Path) -> None:
     rows = (raw / "trials.csv").read_text().split()
-    (raw / "trials.csv").write_text("\n".join([rows[0] + ",moon", *(f"{r},{i}" for i, r in enumerate(rows[1:]))]) + "\n")
+    (raw / "trials.csv").write_text(
+        "\n".join([rows[0] + ",moon", *(f"{r},{i}" for i, r in enumerate(rows[1:]))]) + "\n"
+    )
     assert ingest(raw)[0] == 0
-    assert store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)["moon"].tolist() == list(range(8))
+    assert store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)[
+        "moon"
+    ].tolist() == list(range(8))
 
 
 # ---- what must not matter, and what must
@@ -531,7 +778,9 @@ def test_32_the_size_is_told_before_anything_is_read(raw: Path) -> None:
 
 
 @pytest.mark.parametrize("tail", [b"\0", b"7"])
-def test_30_32_a_line_without_an_end_costs_no_memory(raw: Path, tail: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_30_32_a_line_without_an_end_costs_no_memory(
+    raw: Path, tail: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("nearlift.readers.text.BLOCK", 4096)
     by_text(lambda c: c)(raw)
     record(raw).write_bytes(record(raw).read_bytes() + 9 * 4096 * tail)

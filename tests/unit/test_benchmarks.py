@@ -33,11 +33,21 @@ def bench(harness, **changes):
         "prepare": lambda folder, quick: "nothing",
         "one": "peer",
         "contestants": (
-            harness.Contestant(name="peer", title="peer", command=python("import time; time.sleep(0.3)")),
-            harness.Contestant(name="nearlift", title="nearlift", command=python('print(\'{"wall_s": 0.15, "ESS": 7}\')')),
-            harness.Contestant(name="slow", title="slow", command=python("x = b'x' * 400_000_000"), rounds=1),
+            harness.Contestant(
+                name="peer", title="peer", command=python("import time; time.sleep(0.3)")
+            ),
+            harness.Contestant(
+                name="nearlift",
+                title="nearlift",
+                command=python('print(\'{"wall_s": 0.15, "ESS": 7}\')'),
+            ),
+            harness.Contestant(
+                name="slow", title="slow", command=python("x = b'x' * 400_000_000"), rounds=1
+            ),
         ),
-        "targets": (harness.Target(work="waiting", ours="nearlift", peer="peer", must=0.9, aim=0.01),),
+        "targets": (
+            harness.Target(work="waiting", ours="nearlift", peer="peer", must=0.9, aim=0.01),
+        ),
     }
     return harness.Bench(**{**given, **changes})
 
@@ -53,11 +63,17 @@ def test_median_and_spread(harness):
 
 def test_ratios_are_of_one_round_each(harness):
     # the machine was half as fast in the second round: the ratio does not know
-    ours, peer = [{"wall_s": 1.0}, {"wall_s": 2.0}], [{"wall_s": 4.0}, {"wall_s": 8.0}, {"wall_s": 1.0}]
+    ours, peer = (
+        [{"wall_s": 1.0}, {"wall_s": 2.0}],
+        [{"wall_s": 4.0}, {"wall_s": 8.0}, {"wall_s": 1.0}],
+    )
     assert harness.ratios(ours, peer, "wall_s") == [0.25, 0.25]
 
 
-@pytest.mark.parametrize(("value", "word"), [(0.05, "aim met"), (0.1, "aim met"), (0.2, "met"), (0.5, "met"), (0.51, "missed")])
+@pytest.mark.parametrize(
+    ("value", "word"),
+    [(0.05, "aim met"), (0.1, "aim met"), (0.2, "met"), (0.5, "met"), (0.51, "missed")],
+)
 def test_verdict(harness, value: float, word: str):
     assert harness.verdict(value, 0.5, 0.1) == word
     assert harness.verdict(value, 0.5, None) == ("met" if word == "aim met" else word)
@@ -73,11 +89,19 @@ def test_a_change_within_noise_is_none(harness):
 
 def test_regressions_compare_like_with_like(harness):
     def result(ratio: float, setting: str = "all") -> dict:
-        own = {"name": "nearlift", "title": "nearlift", "ratio": {"wall_s": harness.summary([ratio] * 3)}}
+        own = {
+            "name": "nearlift",
+            "title": "nearlift",
+            "ratio": {"wall_s": harness.summary([ratio] * 3)},
+        }
         peer = {"name": "peer", "title": "peer", "ratio": {"wall_s": harness.summary([ratio] * 3)}}
-        return {"benches": {"waiting": {"setting": setting, "one": "peer", "contestants": [own, peer]}}}
+        return {
+            "benches": {"waiting": {"setting": setting, "one": "peer", "contestants": [own, peer]}}
+        }
 
-    assert harness.regressions(result(0.8), result(0.5)) == ["waiting: nearlift: wall 0.8 x peer, was 0.5: 60 % worse"]
+    assert harness.regressions(result(0.8), result(0.5)) == [
+        "waiting: nearlift: wall 0.8 x peer, was 0.5: 60 % worse"
+    ]
     assert harness.regressions(result(0.5), result(0.8)) == []
     assert harness.regressions(result(0.8), result(0.5, "a part")) == []
     assert harness.regressions(result(0.8), {}) == []
@@ -92,15 +116,20 @@ def test_contestants_take_turns_and_are_measured(harness, tmp_path: Path):
     assert [len(own) for own in runs.values()] == [2, 2, 1]
     assert all(r["wall_s"] >= 0.3 > r["cpu_s"] for r in runs["peer"])
     assert runs["nearlift"][0]["wall_s"] == 0.15
-    # a child's peak begins with its parent's, which is why the harness itself stays small; here it is pytest's
+    # a child's peak begins with its parent's, which is why the harness itself stays small; here it
+    # is pytest's
     begun = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     assert runs["slow"][0]["peak_MiB"] > 380
     assert runs["peer"][0]["peak_MiB"] < max(380, 1.1 * begun)
     told = harness.told(given, "nothing", runs)
     (target,) = told["targets"]
     assert target["verdict"] == "met"
-    assert target["median"] == pytest.approx(harness.median([0.15 / r["wall_s"] for r in runs["peer"]]))
-    page = harness.markdown({"machine": harness.machine(), "benches": {"waiting": {**told, "load": [1.0, 2.0]}}})
+    assert target["median"] == pytest.approx(
+        harness.median([0.15 / r["wall_s"] for r in runs["peer"]])
+    )
+    page = harness.markdown(
+        {"machine": harness.machine(), "benches": {"waiting": {**told, "load": [1.0, 2.0]}}}
+    )
     assert "| waiting | 0.9 | 0.01 |" in page
     assert "| nearlift |" in page
     assert " ESS |" in page
@@ -113,7 +142,17 @@ def test_a_contestant_that_fails_stops_the_run(harness):
 
 def test_every_benchmark_is_one(harness):
     main = importlib.import_module("benchmarks.__main__")
-    assert {"ingest", "rerun", "memory", "fits", "posterior", "simulation", "formats", "flow", "campaigns"} <= set(main.NAMES)
+    assert {
+        "ingest",
+        "rerun",
+        "memory",
+        "fits",
+        "posterior",
+        "simulation",
+        "formats",
+        "flow",
+        "campaigns",
+    } <= set(main.NAMES)
     for name in main.NAMES:
         found = main.bench_of(name)
         names = [c.name for c in found.contestants]

@@ -1,4 +1,6 @@
-"""Throttle collapse, held quantity, rotor coefficient: on trials whose truth is written out here."""
+"""Throttle collapse, held quantity, rotor coefficient: on trials whose truth is written
+out here.
+"""
 
 import dataclasses
 
@@ -20,8 +22,20 @@ CEILING = (0.12, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0, 6.0, 11.0)
 MANIFEST = {
     "schema": "nearlift.campaign/1",
     "name": "beside",
-    "vehicle": {"name": "x", "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
-    "rig": {"held": "throttle", "distance_datum": "rotor plane", "distance_offset": "0 mm", "gravity": "9.8 m/s^2", "air_density": "1.2 kg/m^3"},
+    "vehicle": {
+        "name": "x",
+        "rotors": 4,
+        "rotor_radius": "23 mm",
+        "rotor_spacing": "65 mm",
+        "mass": "27 g",
+    },
+    "rig": {
+        "held": "throttle",
+        "distance_datum": "rotor plane",
+        "distance_offset": "0 mm",
+        "gravity": "9.8 m/s^2",
+        "air_density": "1.2 kg/m^3",
+    },
     "records": {"reader": "means"},
 }
 NOISE = Noise(relative=0.004, force_N=3e-4, dof=240.0)
@@ -60,13 +74,21 @@ def uneven(seed, low, high):
 
 
 def test_a_collapse_is_rejected_as_often_as_stated():
-    """60 campaigns at 5 %: each of three counts lies in its 99.9 % band unless the library errs (or once in 300 runs)."""
-    found = [collapse.examine(*(lambda p, f: (p, f.theta, known))(*problem_of(ground(s)))) for s in range(60)]
+    """60 campaigns at 5 %: each of three counts lies in its 99.9 % band unless the library errs (or
+    once in 300 runs).
+    """
+    found = [
+        collapse.examine(*(lambda p, f: (p, f.theta, known))(*problem_of(ground(s))))
+        for s in range(60)
+    ]
     low, high = binom.interval(0.999, 60, 0.05)
     for name in ("coefficient", "curve", "cells"):
         assert low <= sum(getattr(f, name).p_value < 0.05 for f in found) <= high, name
-    # the interval behind the bound holds the truth, which is 0, over all pairs at once at 95 %: ten misses are a chance of 1 in 3000
-    assert sum(abs(d.value) > d.bound - abs(d.value) for d in (f.of_coefficient for f in found)) <= 9
+    # the interval behind the bound holds the truth, which is 0, over all pairs at once at 95 %: ten
+    # misses are a chance of 1 in 3000
+    assert (
+        sum(abs(d.value) > d.bound - abs(d.value) for d in (f.of_coefficient for f in found)) <= 9
+    )
 
 
 def test_a_coefficient_that_depends_on_throttle_is_seen_by_all_three_tests():
@@ -93,7 +115,9 @@ def test_each_throttle_alone_gives_the_same_coefficient():
 
 
 def test_an_error_that_throttles_share_cancels_between_them():
-    datum = Component(name="datum", on="height", standard=2e-3, distribution="normal", scope="boundary")
+    datum = Component(
+        name="datum", on="height", standard=2e-3, distribution="normal", scope="boundary"
+    )
     data = ground(3)
     plain, fitted = problem_of(data)
     shared, with_datum = problem_of(data, parts=(datum,))
@@ -115,7 +139,9 @@ def test_one_throttle_says_nothing_of_the_collapse():
 
 
 def test_the_exponent_that_was_put_in_is_found_near_the_ceiling():
-    data = campaign(5, boundary="ceiling", ratio=lambda z: hsiao(z) ** (2 / 3), stations=CEILING, height=0.0)
+    data = campaign(
+        5, boundary="ceiling", ratio=lambda z: hsiao(z) ** (2 / 3), stations=CEILING, height=0.0
+    )
     problem, fitted = problem_of(data, "hsiao_chirarattananon")
     found = held_quantity.examine(problem, fitted.theta, 240.0)
     assert found.n == pytest.approx(2 / 3, abs=4 * found.u_n)
@@ -128,7 +154,13 @@ def test_the_exponent_that_was_put_in_is_found_near_the_ceiling():
 
 
 def test_a_sidewall_cannot_tell_exponent_from_amplitude():
-    data = campaign(6, boundary="sidewall", ratio=lambda z: 1 - 0.05 * np.exp(-z / 0.5), stations=CEILING, height=0.0)
+    data = campaign(
+        6,
+        boundary="sidewall",
+        ratio=lambda z: 1 - 0.05 * np.exp(-z / 0.5),
+        stations=CEILING,
+        height=0.0,
+    )
     problem, fitted = problem_of(data, "sidewall_decay")
     found = held_quantity.examine(problem, fitted.theta, 240.0)
     # 1 - (1 - x)^n is n x to a few per cent: lift alone says next to nothing of n
@@ -137,9 +169,16 @@ def test_a_sidewall_cannot_tell_exponent_from_amplitude():
 
 
 def logging(data, slope, spread=0.003):
-    """Speed that answers to the change of lift with a power, about 166 Hz at a quarter and 330 Hz at nearly full throttle."""
+    """Speed that answers to the change of lift with a power, about 166 Hz at a quarter and 330 Hz
+    at nearly full throttle.
+    """
     rng = np.random.default_rng(0)
-    speed = 330 * np.sqrt(data.throttle / 0.92) * sanchez_cuevas(data.z_hat) ** slope * np.exp(rng.normal(0, spread, data.n))
+    speed = (
+        330
+        * np.sqrt(data.throttle / 0.92)
+        * sanchez_cuevas(data.z_hat) ** slope
+        * np.exp(rng.normal(0, spread, data.n))
+    )
     return dataclasses.replace(data, covariates={**data.covariates, "speed_Hz": speed})
 
 
@@ -147,7 +186,7 @@ def test_a_speed_that_follows_the_load_was_not_held_and_decides_the_exponent():
     data = logging(ground(7), -0.2)
     problem, fitted = problem_of(data)
     found = held_quantity.examine(problem, fitted.theta, 240.0)
-    (speed, supply) = found.responses
+    speed, supply = found.responses
     assert (speed.quantity, supply.quantity) == ("speed_Hz", "supply_V")
     assert speed.slope == pytest.approx(-0.2, abs=4 * speed.u)
     assert not speed.held
@@ -179,7 +218,10 @@ def test_a_speed_that_explains_all_of_the_change_says_nothing_of_the_exponent():
 def test_held_quantities_are_accused_as_often_as_stated():
     """40 schedules at 1 %: more than four accusations is a chance of 4e-5."""
     ratio = np.log(sanchez_cuevas(ground(1).z_hat))
-    accused = sum(not held_quantity.response(logging(ground(s), 0.0), ratio_of(s), "speed_Hz").held for s in range(40))
+    accused = sum(
+        not held_quantity.response(logging(ground(s), 0.0), ratio_of(s), "speed_Hz").held
+        for s in range(40)
+    )
     assert ratio.max() > 0.05
     assert accused <= 4
 
@@ -202,9 +244,11 @@ def test_power_comes_from_supply_and_current_and_theory_wants_two_thirds():
 
 def test_distance_that_changes_with_the_session_tells_nothing():
     data = logging(ground(10), -0.2)
-    data = dataclasses.replace(data, session=np.unique(data.z_hat, return_inverse=True)[1].astype(np.int64))
+    data = dataclasses.replace(
+        data, session=np.unique(data.z_hat, return_inverse=True)[1].astype(np.int64)
+    )
     assert held_quantity.response(data, np.log(sanchez_cuevas(data.z_hat)), "speed_Hz") is None
-    (speed, u) = beside.logged_speed(data, ())
+    speed, u = beside.logged_speed(data, ())
     assert speed == pytest.approx(330 * np.sqrt(data.levels / 0.92), rel=0.01)
     assert (u > 0).all()
 
@@ -214,7 +258,9 @@ def test_distance_that_changes_with_the_session_tells_nothing():
 
 def test_c_l_follows_from_its_definition():
     # Bitcraze's table: 24.4 gf at 15924 rpm, four rotors of 23 mm
-    assert rotor.coefficient(24.4e-3 * 9.8, 15924 / 60, air_density=1.2, radius_m=0.023, rotors=4) == pytest.approx(2.53, abs=0.01)
+    assert rotor.coefficient(
+        24.4e-3 * 9.8, 15924 / 60, air_density=1.2, radius_m=0.023, rotors=4
+    ) == pytest.approx(2.53, abs=0.01)
 
 
 def test_a_trend_with_speed_is_found_and_a_constant_is_kept():
@@ -222,10 +268,15 @@ def test_a_trend_with_speed_is_found_and_a_constant_is_kept():
     covariance = np.diag([2e-3**2] * 4)
     rng = np.random.default_rng(1)
     noise = rng.multivariate_normal(np.zeros(4), covariance, 400)
-    rising = [rotor.trend(np.log(2.4 * (speed / 300) ** 0.1) + e, covariance, np.log(speed)) for e in noise]
+    rising = [
+        rotor.trend(np.log(2.4 * (speed / 300) ** 0.1) + e, covariance, np.log(speed))
+        for e in noise
+    ]
     flat = [rotor.trend(np.log(np.full(4, 2.4)) + e, covariance, np.log(speed)) for e in noise]
     assert all(r.p_constant < 1e-6 for r in rising)
-    assert np.mean([r.exponent for r in rising]) == pytest.approx(0.1, abs=4 * rising[0].u_exponent / 20)
+    assert np.mean([r.exponent for r in rising]) == pytest.approx(
+        0.1, abs=4 * rising[0].u_exponent / 20
+    )
     # 99.9 % band of 5 % of 400
     low, high = binom.interval(0.999, 400, 0.05)
     assert low <= sum(f.p_constant < 0.05 for f in flat) <= high
@@ -244,7 +295,15 @@ def test_scatter_about_the_power_law_widens_its_interval():
 
 def test_a_throttle_map_gives_c_l_and_outside_of_it_nothing():
     points = [["20 percent", "9600 rpm"], ["50 percent", "15924 rpm"], ["80 percent", "21461 rpm"]]
-    given = manifests.parse({**MANIFEST, "vehicle": {**MANIFEST["vehicle"], "throttle_map": {"points": points, "uncertainty": "1 percent"}}})
+    given = manifests.parse(
+        {
+            **MANIFEST,
+            "vehicle": {
+                **MANIFEST["vehicle"],
+                "throttle_map": {"points": points, "uncertainty": "1 percent"},
+            },
+        }
+    )
     speed = given.vehicle.throttle_map.speed_Hz(np.array([0.1, 0.5, 0.65, 0.92]))
     assert speed[1:3] == pytest.approx([265.4, 311.5], abs=0.1)
     assert np.isnan(speed[[0, 3]]).all()
@@ -255,37 +314,61 @@ def test_a_throttle_map_gives_c_l_and_outside_of_it_nothing():
     level = fitted.levels[0.5]
     assert entry["value"] == pytest.approx(level.value / (4 * 1.2 * 265.4**2 * RADIUS**4), rel=1e-4)
     # twice the speed's uncertainty, and L_inf's
-    assert entry["u"] / entry["value"] == pytest.approx(np.hypot(0.02, level.u / level.value), rel=1e-3)
+    assert entry["u"] / entry["value"] == pytest.approx(
+        np.hypot(0.02, level.u / level.value), rel=1e-3
+    )
     assert "against the 1.6" in found["text"]
 
 
 def test_a_map_that_does_not_ascend_is_refused():
     points = [["50 percent", "15924 rpm"], ["25 percent", "10885 rpm"]]
     with pytest.raises(ManifestError, match=r"must ascend \(found 50 %, 25 %\)"):
-        manifests.parse({**MANIFEST, "vehicle": {**MANIFEST["vehicle"], "throttle_map": {"points": points}}})
+        manifests.parse(
+            {**MANIFEST, "vehicle": {**MANIFEST["vehicle"], "throttle_map": {"points": points}}}
+        )
     with pytest.raises(ManifestError, match="not a unit of rotation"):
-        manifests.parse({**MANIFEST, "vehicle": {**MANIFEST["vehicle"], "throttle_map": {"points": [["50 percent", "15924 mm"]]}}})
+        manifests.parse(
+            {
+                **MANIFEST,
+                "vehicle": {
+                    **MANIFEST["vehicle"],
+                    "throttle_map": {"points": [["50 percent", "15924 mm"]]},
+                },
+            }
+        )
 
 
 def test_what_is_lacking_is_said():
     problem, fitted = problem_of(ground(12))
-    assert "log rpm in trials.csv" in beside.rotor_coefficient(manifests.parse(MANIFEST), problem, fitted.theta, fitted.covariance, ())["text"]
+    assert (
+        "log rpm in trials.csv"
+        in beside.rotor_coefficient(
+            manifests.parse(MANIFEST), problem, fitted.theta, fitted.covariance, ()
+        )["text"]
+    )
     rig = {k: v for k, v in MANIFEST["rig"].items() if k != "air_density"}
     known = {"points": [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]]}
-    bare = manifests.parse({**MANIFEST, "rig": rig, "vehicle": {**MANIFEST["vehicle"], "throttle_map": known}})
+    bare = manifests.parse(
+        {**MANIFEST, "rig": rig, "vehicle": {**MANIFEST["vehicle"], "throttle_map": known}}
+    )
     found = beside.rotor_coefficient(bare, problem, fitted.theta, fitted.covariance, ())
     assert found["air_density_from"] == "the temperature logged, standard pressure and humidity"
     cold = dataclasses.replace(problem.data, covariates={})
     blind = dataclasses.replace(problem, data=cold)
-    assert beside.rotor_coefficient(bare, blind, fitted.theta, fitted.covariance, ())["missing"] == ["air_density"]
+    assert beside.rotor_coefficient(bare, blind, fitted.theta, fitted.covariance, ())[
+        "missing"
+    ] == ["air_density"]
     assert GEOMETRY["spacing_hat"] == pytest.approx(problem.data.geometry["spacing_hat"])
 
 
-# ---------------------------------------------------------------- heights that the slope does not carry
+# ---------------------------------------------------------------- heights that the slope does not
+# carry
 
 
 def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_first():
-    datum = Component(name="datum", on="height", standard=0.5e-3, distribution="normal", scope="boundary")
+    datum = Component(
+        name="datum", on="height", standard=0.5e-3, distribution="normal", scope="boundary"
+    )
     data = campaign(13, boundary="ceiling", ratio=hsiao, stations=CEILING, height=0.0, datum=0.7e-3)
     fitted = fit(catalogue.model("hsiao_chirarattananon"), data, (datum,), NOISE)
     assert fitted.marginal is not None

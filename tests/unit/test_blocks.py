@@ -23,8 +23,16 @@ def workspace(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(folder / "raw" / "my-rig" / "trials", folder / "logs")
     (folder / "raw" / "next").mkdir()
     rig = (folder / "raw" / "my-rig" / "campaign.toml").read_text()
-    plan = next(b.body for page in pages() if page.name == "planning.md" for b in blocks(page) if b.kind == "toml")
-    (folder / "raw" / "next" / "campaign.toml").write_text(rig.replace('"small"', '"next"') + "\n" + plan)
+    plan = next(
+        b.body
+        for page in pages()
+        if page.name == "planning.md"
+        for b in blocks(page)
+        if b.kind == "toml"
+    )
+    (folder / "raw" / "next" / "campaign.toml").write_text(
+        rig.replace('"small"', '"next"') + "\n" + plan
+    )
     return folder
 
 
@@ -49,7 +57,9 @@ def block(kind: str, body: str) -> Block:
 
 
 def test_a_wrong_block_fails(tmp_path, monkeypatch):
-    """The test is tested: a command that fails, an output that was not printed, a key that no manifest has."""
+    """The test is tested: a command that fails, an output that was not printed, a key that no
+    manifest has.
+    """
     monkeypatch.chdir(tmp_path)
     runner = Runner()
     with pytest.raises(AssertionError, match=r"README\.md:1: nearlift run nowhere: 2"):
@@ -60,7 +70,11 @@ def test_a_wrong_block_fails(tmp_path, monkeypatch):
         runner.run(block("sh", "make coffee\n"))
     runner.run(block("python", "print('K_b = 2.01')\nprint('and more')\n"))
     runner.run(block("text", "K_b = 1.98\n...\n"))
-    for text, told in (("K_c = 2.01\n", "was not printed"), ("and more\n", "stands more"), ("K_b = 2.01\n", "more was printed")):
+    for text, told in (
+        ("K_c = 2.01\n", "was not printed"),
+        ("and more\n", "stands more"),
+        ("K_b = 2.01\n", "more was printed"),
+    ):
         with pytest.raises(AssertionError, match=told):
             runner.run(block("text", text))
     with pytest.raises(Exception, match="unknown key"):

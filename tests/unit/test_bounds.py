@@ -1,6 +1,8 @@
-"""What a stranger's text may cost: a manifest is refused within a second, and no pattern takes more than linear time.
+"""What a stranger's text may cost: a manifest is refused within a second, and no pattern takes more
+than linear time.
 
-Each runs in a process of its own, since what hangs cannot be interrupted from within: ten seconds are generous where a hundredth is needed.
+Each runs in a process of its own, since what hangs cannot be interrupted from within: ten seconds
+are generous where a hundredth is needed.
 """
 
 import ast
@@ -18,17 +20,29 @@ from nearlift.errors import ManifestError
 
 PACKAGE = Path(nearlift.__file__).parent
 GOOD = Path(__file__).with_name("broken_manifests").joinpath("good.txt").read_text(encoding="utf-8")
-#: A hang on any machine under any load: what is asked takes milliseconds, what is quadratic many minutes.
+#: A hang on any machine under any load: what is asked takes milliseconds, what is quadratic many
+#: minutes.
 TIME_S = 60
 MANY = toml.MOST_BYTES
 
 
 def run(code: str, *questions: object) -> dict[str, str]:
-    """What `answer(*question)` of the code says of each question, by the question's first word, in one process."""
+    """What `answer(*question)` of the code says of each question, by the question's first word, in
+    one process.
+    """
     asked = "import faulthandler, json, sys\n" + code + SERVE
-    done = subprocess.run([sys.executable, "-P", "-c", asked], input=json.dumps(questions), capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", asked],
+        input=json.dumps(questions),
+        capture_output=True,
+        text=True,
+    )
     answers = [json.loads(line) for line in done.stdout.splitlines()]
-    hung = "" if len(answers) == len(questions) else f"not within {TIME_S} s, or dead: {questions[len(answers)][0]}\n{done.stderr}"
+    hung = (
+        ""
+        if len(answers) == len(questions)
+        else f"not within {TIME_S} s, or dead: {questions[len(answers)][0]}\n{done.stderr}"
+    )
     return {**dict(answers), **({"hung": hung} if hung else {})}
 
 
@@ -61,20 +75,44 @@ HOSTILE = {
     "braces": ("a = " + "{a=" * 50_000, "is nested more than 8 deep"),
     "digits": ("a = " + "1" * 10_000, "holds a number of 10000 digits"),
     "hexadecimal_digits": ("a = 0x" + "f" * 10_000, "holds a number of 10002 digits"),
-    "whole_number": (GOOD.replace("rotors = 4", "rotors = 9223372036854775808"), "vehicle.rotors: a whole number of TOML has at most 64 bits"),
-    "so_many_rotors": (GOOD.replace("rotors = 4", "rotors = 1000000000"), "vehicle.rotors: Input should be less than or equal to 100"),
+    "whole_number": (
+        GOOD.replace("rotors = 4", "rotors = 9223372036854775808"),
+        "vehicle.rotors: a whole number of TOML has at most 64 bits",
+    ),
+    "so_many_rotors": (
+        GOOD.replace("rotors = 4", "rotors = 1000000000"),
+        "vehicle.rotors: Input should be less than or equal to 100",
+    ),
     "unknown_keys": ("".join(f"a{i}=1\n" for i in range(50_000)), r"and 49\d\d\d more"),
-    "lines_of_deep_keys": ("".join(f"a{i}.b.c.d.e.f.g=1\n" for i in range(25_000)), r"and 24\d\d\d more"),
+    "lines_of_deep_keys": (
+        "".join(f"a{i}.b.c.d.e.f.g=1\n" for i in range(25_000)),
+        r"and 24\d\d\d more",
+    ),
     "long_key": ("a" * (MANY - 10) + "=1", "unknown key"),
-    "long_text": (GOOD.replace("23 mm", "2" * (MANY - len(GOOD) - 9) + "x"), r"rotor_radius: .* \.\.\. "),
-    "blanks_in_a_quantity": (GOOD.replace("23 mm", "23 m" + " " * 500_000 + "m"), "rotor_radius: unknown unit"),
+    "long_text": (
+        GOOD.replace("23 mm", "2" * (MANY - len(GOOD) - 9) + "x"),
+        r"rotor_radius: .* \.\.\. ",
+    ),
+    "blanks_in_a_quantity": (
+        GOOD.replace("23 mm", "23 m" + " " * 500_000 + "m"),
+        "rotor_radius: unknown unit",
+    ),
     "escaped_quotes": ('a = """' + '\\"""' * 100_000, "is not valid TOML"),
     "quotes": ("a = '" + "'\"" * 200_000, "is not valid TOML"),
     "filled_in": ("a = [" + '"FILL IN",' * 40_000 + "]", "and 39950 more"),
-    "power_tower": (GOOD.replace('unit = "mN"', 'unit = "mN**9**9**9"'), "unknown unit 'mN\\*\\*9\\*\\*9\\*\\*9'"),
+    "power_tower": (
+        GOOD.replace('unit = "mN"', 'unit = "mN**9**9**9"'),
+        "unknown unit 'mN\\*\\*9\\*\\*9\\*\\*9'",
+    ),
     "power_of_a_number": (GOOD.replace('unit = "mN"', 'unit = "mN*99999**999999"'), "unknown unit"),
-    "power_of_powers": (GOOD.replace('unit = "mN"', 'unit = "((((mN^99)^99)^99)^99)"'), "unknown unit"),
-    "unit_as_long_as_a_page": (GOOD.replace('unit = "mN"', f'unit = "{"mN*" * 10_000}mN"'), "unknown unit"),
+    "power_of_powers": (
+        GOOD.replace('unit = "mN"', 'unit = "((((mN^99)^99)^99)^99)"'),
+        "unknown unit",
+    ),
+    "unit_as_long_as_a_page": (
+        GOOD.replace('unit = "mN"', f'unit = "{"mN*" * 10_000}mN"'),
+        "unknown unit",
+    ),
 }
 
 
@@ -128,12 +166,17 @@ def test_what_is_no_toml_is_told_by_its_line():
 def patterns() -> list[tuple[str, str, str]]:
     """Every regular expression of the package: where it stands, how it is used, and itself.
 
-    A pattern that is put together as it runs cannot be judged here. What is compiled is asked for in all ways in which its name is used.
+    A pattern that is put together as it runs cannot be judged here. What is compiled is asked for
+    in all ways in which its name is used.
     """
     found = []
     for path in sorted(PACKAGE.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and getattr(node.func.value, "id", "") == "re":
+            if (
+                isinstance(node, ast.Call)
+                and isinstance(node.func, ast.Attribute)
+                and getattr(node.func.value, "id", "") == "re"
+            ):
                 where = f"{path.relative_to(PACKAGE).as_posix()}, line {node.lineno}, {len(found)}"
                 assert isinstance(node.args[0], ast.Constant), f"{where}: {ast.unparse(node)}"
                 found.append((where, node.func.attr, str(node.args[0].value)))

@@ -1,4 +1,6 @@
-"""The budget: each declared component widens what linear theory says it widens, and no repeat averages it down."""
+"""The budget: each declared component widens what linear theory says it widens, and no repeat
+averages it down.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,19 @@ SCATTER = Noise(relative=0.004)
 THETA = np.array([2.0])
 
 
-def part(on: str = "height", standard: float = 2e-4, scope: str = "boundary", **more: object) -> Component:
-    return Component(**{"name": f"{on} by {scope}", "on": on, "standard": standard, "distribution": "normal", "scope": scope} | more)
+def part(
+    on: str = "height", standard: float = 2e-4, scope: str = "boundary", **more: object
+) -> Component:
+    return Component(
+        **{
+            "name": f"{on} by {scope}",
+            "on": on,
+            "standard": standard,
+            "distribution": "normal",
+            "scope": scope,
+        }
+        | more
+    )
 
 
 def u_K_b(data: Observations, *parts: Component) -> float:
@@ -34,12 +47,22 @@ def u_K_b(data: Observations, *parts: Component) -> float:
 
 
 def curvature(data: Observations, theta: float) -> tuple[float, float, float]:
-    """J'J, J's and s's with L_inf taken out by hand, of K_b and of a shared height error of one metre, under SCATTER alone."""
+    """J'J, J's and s's with L_inf taken out by hand, of K_b and of a shared height error of one
+    metre, under SCATTER alone.
+    """
     variance = SCATTER.relative**2 + (data.u_lift_N / data.lift_N) ** 2
     step_m = 1e-6
     columns = [
-        (np.log(sanchez_cuevas(data.z_hat, theta + 1e-4)) - np.log(sanchez_cuevas(data.z_hat, theta - 1e-4))) / 2e-4,
-        (np.log(sanchez_cuevas(data.z_hat + step_m / RADIUS, theta)) - np.log(sanchez_cuevas(data.z_hat - step_m / RADIUS, theta))) / (2 * step_m),
+        (
+            np.log(sanchez_cuevas(data.z_hat, theta + 1e-4))
+            - np.log(sanchez_cuevas(data.z_hat, theta - 1e-4))
+        )
+        / 2e-4,
+        (
+            np.log(sanchez_cuevas(data.z_hat + step_m / RADIUS, theta))
+            - np.log(sanchez_cuevas(data.z_hat - step_m / RADIUS, theta))
+        )
+        / (2 * step_m),
     ]
     free = []
     for column in columns:
@@ -53,9 +76,14 @@ def curvature(data: Observations, theta: float) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize("datum_m", [0.05e-3, 0.2e-3, 2e-3])
 def test_a_datum_widens_K_b_by_exactly_what_linear_theory_says(datum_m):
-    """One unknown height d ~ N(0, datum): the K_b entry of the inverse of [[J'J, J's], [J's, s's + 1/datum^2]]."""
+    """One unknown height d ~ N(0, datum): the K_b entry of the inverse of [[J'J, J's], [J's, s's +
+    1/datum^2]].
+    """
     data = campaign(3, visits=4)
-    without, found = (fit(MODEL, data, parts, SCATTER, plan=Plan()).estimates["K_b"] for parts in ((), (part(standard=datum_m),)))
+    without, found = (
+        fit(MODEL, data, parts, SCATTER, plan=Plan()).estimates["K_b"]
+        for parts in ((), (part(standard=datum_m),))
+    )
     assert without.u == pytest.approx(curvature(data, without.value)[0] ** -0.5, rel=1e-4)
     jj, js, ss = curvature(data, found.value)
     expected = np.linalg.inv([[jj, js], [js, ss + datum_m**-2]])[0, 0] ** 0.5
@@ -64,7 +92,9 @@ def test_a_datum_widens_K_b_by_exactly_what_linear_theory_says(datum_m):
 
 
 def test_the_datum_does_not_average_down_and_scatter_does():
-    """Sixteen times as many trials: the scatter's part falls to a quarter, that of a datum too small for them to find stays."""
+    """Sixteen times as many trials: the scatter's part falls to a quarter, that of a datum too
+    small for them to find stays.
+    """
     few, many = campaign(3, visits=4), campaign(3, visits=64)
     assert u_K_b(many) == pytest.approx(u_K_b(few) / 4, rel=0.05)
     datum = part(standard=0.1e-3)
@@ -75,12 +105,17 @@ def test_the_datum_does_not_average_down_and_scatter_does():
 @pytest.mark.parametrize("scope", ["throttle", "boundary", "campaign"])
 def test_a_gain_that_L_inf_absorbs_leaves_K_b_and_its_uncertainty_unmoved(scope):
     data = campaign(3, visits=3)
-    without, given = fit(MODEL, data, (), SCATTER), fit(MODEL, data, (part("gain", 0.05, scope),), SCATTER)
+    without, given = (
+        fit(MODEL, data, (), SCATTER),
+        fit(MODEL, data, (part("gain", 0.05, scope),), SCATTER),
+    )
     assert given.estimates["K_b"].value == pytest.approx(without.estimates["K_b"].value, abs=1e-7)
     assert given.estimates["K_b"].u == pytest.approx(without.estimates["K_b"].u, rel=1e-8)
     for throttle, level in given.levels.items():
         # but each L_inf is as uncertain as the gain
-        assert level.u / level.value == pytest.approx(np.hypot(0.05, without.levels[throttle].u / without.levels[throttle].value), rel=1e-6)
+        assert level.u / level.value == pytest.approx(
+            np.hypot(0.05, without.levels[throttle].u / without.levels[throttle].value), rel=1e-6
+        )
 
 
 def test_a_gain_by_distance_is_not_absorbed():
@@ -92,9 +127,13 @@ def test_a_gain_by_distance_is_not_absorbed():
 def test_an_independent_component_widens_each_trials_own_variance(scope):
     data = campaign(3, visits=2)
     bare = assemble(MODEL, data, (), SCATTER, THETA).covariance
-    given = assemble(MODEL, data, (part("force", 2e-3, scope), part("gain", 0.01, scope)), SCATTER, THETA).covariance
+    given = assemble(
+        MODEL, data, (part("force", 2e-3, scope), part("gain", 0.01, scope)), SCATTER, THETA
+    ).covariance
     over = 50.0 if scope == "sample" else 1.0  # n_eff of every trial
-    assert given.variance - bare.variance == pytest.approx(((2e-3 / data.lift_N) ** 2 + 0.01**2) / over)
+    assert given.variance - bare.variance == pytest.approx(
+        ((2e-3 / data.lift_N) ** 2 + 0.01**2) / over
+    )
     assert given.shared.shape == (data.n, 0)
 
 
@@ -103,11 +142,15 @@ def test_an_independent_component_widens_each_trials_own_variance(scope):
 def test_trials_of_one_element_share_one_unknown_and_others_none(on, scope):
     data = campaign(3, visits=2)
     slope = height_slope(MODEL, data, {"K_b": 2.0})
-    element = {"distance": data.z_hat, "throttle": data.throttle, "session": data.session}.get(scope, np.zeros(data.n))
+    element = {"distance": data.z_hat, "throttle": data.throttle, "session": data.session}.get(
+        scope, np.zeros(data.n)
+    )
     size = {"height": 2e-4 * slope, "force": 2e-4 / data.lift_N, "gain": np.full(data.n, 2e-4)}[on]
     shared = budget.shared(data, (part(on, scope=scope),), slope)
     assert shared.shape[1] == len(np.unique(element))
-    assert shared @ shared.T == pytest.approx(np.equal.outer(element, element) * np.outer(size, size), abs=1e-18)
+    assert shared @ shared.T == pytest.approx(
+        np.equal.outer(element, element) * np.outer(size, size), abs=1e-18
+    )
 
 
 def test_components_stand_side_by_side():
@@ -140,7 +183,13 @@ def test_the_manifest_declares_the_budget():
         load_cell={"range": "1 kgf", "accuracy": "1.5 gf", "tare": "none"},
         uncertainty=[
             {"name": "datum", "on": "height", "value": "0.2 mm", "scope": "boundary"},
-            {"name": "supply", "on": "gain", "value": "1 percent", "distribution": "uniform", "scope": "session"},
+            {
+                "name": "supply",
+                "on": "gain",
+                "value": "1 percent",
+                "distribution": "uniform",
+                "scope": "session",
+            },
         ],
     )
     found = {c.name: c for c in budget.components(manifest.parse(raw))}
@@ -155,7 +204,9 @@ def test_the_manifest_declares_the_budget():
 
 
 def test_what_is_declared_far_above_the_scatter_of_repeats_is_said_to_be():
-    """20 % of each trial's own would show as 20 % of scatter; the same shared by the campaign would not, and is believed."""
+    """20 % of each trial's own would show as 20 % of scatter; the same shared by the campaign would
+    not, and is believed.
+    """
     data = campaign(0)
     told = overdeclared(fit(MODEL, data, (part("gain", 0.2, "trial"),)))
     assert len(told) == 1

@@ -1,6 +1,7 @@
 """The manifest: what a good one becomes, and what each broken one is told.
 
-broken_manifests/ holds one manifest per fault. Its first lines, comments, are what the refusal must say, line by line.
+broken_manifests/ holds one manifest per fault. Its first lines, comments, are what the refusal must
+say, line by line.
 """
 
 import math
@@ -20,7 +21,9 @@ GOOD = (FOLDER / "good.txt").read_text(encoding="utf-8")
 def good(**vehicle) -> campaign.Campaign:
     raw = tomllib.loads(GOOD)
     raw["vehicle"] |= vehicle
-    return campaign.parse({**raw, "vehicle": {k: v for k, v in raw["vehicle"].items() if v is not None}})
+    return campaign.parse(
+        {**raw, "vehicle": {k: v for k, v in raw["vehicle"].items() if v is not None}}
+    )
 
 
 # --- a good one
@@ -68,7 +71,9 @@ def test_one_rotor_has_a_layout_and_no_spacing():
 
 
 def test_positions_are_taken_as_they_are():
-    known = good(rotors=2, rotor_spacing=None, rotor_positions=[["0 mm", "0 mm"], ["46 mm", "23 mm"]]).vehicle.geometry()
+    known = good(
+        rotors=2, rotor_spacing=None, rotor_positions=[["0 mm", "0 mm"], ["46 mm", "23 mm"]]
+    ).vehicle.geometry()
     np.testing.assert_allclose(known["layout_hat"], [[0, 0], [2, 1]])
     assert "spacing_hat" not in known
 
@@ -79,18 +84,29 @@ def test_no_geometry_is_invented():
 
 def test_offset_and_datum_by_boundary():
     raw = tomllib.loads(GOOD)
-    raw["rig"] |= {"distance_offset": {"ground": "3 mm", "sidewall": "-23 mm"}, "distance_datum": {"ground": "airframe", "sidewall": "rotor axis"}}
+    raw["rig"] |= {
+        "distance_offset": {"ground": "3 mm", "sidewall": "-23 mm"},
+        "distance_datum": {"ground": "airframe", "sidewall": "rotor axis"},
+    }
     rig = campaign.parse(raw).rig
     assert rig.offset("sidewall") == pytest.approx(-0.023)
     assert rig.datum("ground") == "airframe"
-    with pytest.raises(ManifestError, match=r"rig.distance_offset: says nothing about the ceiling\n  add ceiling = "):
+    with pytest.raises(
+        ManifestError,
+        match=r"rig.distance_offset: says nothing about the ceiling\n  add ceiling = ",
+    ):
         rig.offset("ceiling")
     assert good().rig.offset("ceiling") == 0.0
 
 
 def test_counts_become_newtons_of_lift():
     raw = tomllib.loads(GOOD)
-    raw["records"]["force"] = {"column": "f", "unit": "count", "sign": -1, "calibration": {"gain": "9.8e-3 mN/count", "offset": "120 count"}}
+    raw["records"]["force"] = {
+        "column": "f",
+        "unit": "count",
+        "sign": -1,
+        "calibration": {"gain": "9.8e-3 mN/count", "offset": "120 count"},
+    }
     force = campaign.parse(raw).records.force
     assert force is not None
     assert force.linear() == (pytest.approx(-9.8e-6), 120.0)
@@ -100,7 +116,13 @@ def test_uniform_component_is_a_half_width():
     raw = tomllib.loads(GOOD)
     raw["uncertainty"] = [
         {"name": "datum", "on": "height", "value": "0.2 mm", "scope": "boundary"},
-        {"name": "gain", "on": "gain", "value": "0.5 percent", "scope": "session", "distribution": "uniform"},
+        {
+            "name": "gain",
+            "on": "gain",
+            "value": "0.5 percent",
+            "scope": "session",
+            "distribution": "uniform",
+        },
     ]
     datum, gain = campaign.parse(raw).uncertainty
     assert datum.standard() == pytest.approx(2e-4)
@@ -122,7 +144,10 @@ def test_tare(tare, seconds):
 
 
 def test_boundaries_in_house_order():
-    assert campaign.boundaries_of(["none", "sidewall", "ground", "ground"]) == ["ground", "sidewall"]
+    assert campaign.boundaries_of(["none", "sidewall", "ground", "ground"]) == [
+        "ground",
+        "sidewall",
+    ]
 
 
 # --- broken ones
@@ -146,7 +171,10 @@ def test_every_fault_is_listed_at_once():
     del raw["rig"]["gravity"]
     with pytest.raises(ManifestError) as refusal:
         campaign.parse(raw)
-    assert all(key in str(refusal.value) for key in ("vehicle.rotor_radius", "vehicle.mass", "rig.gravity: is missing"))
+    assert all(
+        key in str(refusal.value)
+        for key in ("vehicle.rotor_radius", "vehicle.mass", "rig.gravity: is missing")
+    )
 
 
 def test_load_reads_the_folder(tmp_path):
@@ -159,7 +187,10 @@ def test_load_reads_the_folder(tmp_path):
     [
         (None, r"holds no campaign.toml\n  `nearlift new DIR` writes one to fill in"),
         (b"name = ", r"campaign.toml: is not valid TOML: .*\n  mend that line"),
-        (b'name = "caf\xe9"', r"campaign.toml: is not UTF-8 text \(.* at byte 11\)\n  save it as UTF-8"),
+        (
+            b'name = "caf\xe9"',
+            r"campaign.toml: is not UTF-8 text \(.* at byte 11\)\n  save it as UTF-8",
+        ),
     ],
 )
 def test_unreadable_manifest_is_refused(tmp_path, content, told):

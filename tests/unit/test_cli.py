@@ -1,4 +1,6 @@
-"""The command line: exit codes, one JSON object, nothing written that was not asked for, and the demo against the contract."""
+"""The command line: exit codes, one JSON object, nothing written that was not asked for, and the
+demo against the contract.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ ALWAYS = [s.name for s in graph.STAGES if not s.where]
 
 @pytest.fixture(scope="session")
 def raw(tmp_path_factory) -> Path:
-    """A campaign an hour old, as any lab's: digests of files that are younger than two seconds are not kept."""
+    """A campaign an hour old, as any lab's: digests of files that are younger than two seconds are
+    not kept.
+    """
     folder = small_run.write(tmp_path_factory.mktemp("cli") / "raw")
     for path in folder.rglob("*"):
         os.utime(path, (time.time() - 3600,) * 2)
@@ -58,12 +62,24 @@ def copy(folder: Path, to: Path) -> Path:
 
 
 def test_two_fresh_runs_give_the_same_bytes(raw, finished, tmp_path):
-    """Another folder, another time, another executor: every product and page is the same; in provenance.json only wall times differ."""
+    """Another folder, another time, another executor: every product and page is the same; in
+    provenance.json only wall times differ.
+    """
     assert nearlift("run", raw, "--out", tmp_path, "--executor", "threads:2").exit_code == 0
-    one, two = ({name: sha for name, (sha, _) in state(folder).items() if not name.endswith("inputs-cache.json")} for folder in (finished, tmp_path))
+    one, two = (
+        {
+            name: sha
+            for name, (sha, _) in state(folder).items()
+            if not name.endswith("inputs-cache.json")
+        }
+        for folder in (finished, tmp_path)
+    )
     differ = {name for name in one.keys() | two.keys() if one.get(name) != two.get(name)}
     assert differ <= {"processed/small/provenance.json"}
-    ledgers = [json.loads((folder / "processed/small/provenance.json").read_text()) for folder in (finished, tmp_path)]
+    ledgers = [
+        json.loads((folder / "processed/small/provenance.json").read_text())
+        for folder in (finished, tmp_path)
+    ]
     for ledger in ledgers:
         for stage in ledger["stages"].values():
             assert stage.pop("wall_s") > 0
@@ -102,21 +118,33 @@ def test_plan_runs_nothing_and_writes_nothing(raw, finished, tmp_path, monkeypat
     assert found.exit_code == 0
     assert state(tmp_path) == before
     assert out.exists() == (where != "nothing")
-    expected = {"nothing": "run: has not run yet", "finished": "up to date", "stale": "run: trials.csv has changed"}[where]
+    expected = {
+        "nothing": "run: has not run yet",
+        "finished": "up to date",
+        "stale": "run: trials.csv has changed",
+    }[where]
     assert found.stdout.splitlines()[0] == f"ingest   {expected}"
     assert len(found.stdout.splitlines()) == len(ALWAYS)
 
 
 def test_one_stage_runs_even_if_it_is_up_to_date_and_makes_the_same(raw, finished, tmp_path):
     out = copy(finished, tmp_path / "out")
-    before = {name: sha for name, (sha, _) in state(out).items() if "provenance" not in name and "cache" not in name}
+    before = {
+        name: sha
+        for name, (sha, _) in state(out).items()
+        if "provenance" not in name and "cache" not in name
+    }
     found = nearlift("fit", raw, "--out", out)
     assert found.exit_code == 0
     assert "fit      lift models by least squares, and their posteriors (asked for)" in found.stderr
     # what is quoted is the fit's again, until it is diagnosed
     again = nearlift("diagnose", raw, "--out", out)
     assert again.exit_code == 0
-    assert {name: sha for name, (sha, _) in state(out).items() if "provenance" not in name and "cache" not in name} == before
+    assert {
+        name: sha
+        for name, (sha, _) in state(out).items()
+        if "provenance" not in name and "cache" not in name
+    } == before
 
 
 def test_a_stage_before_its_time_says_what_must_run_first(raw, tmp_path):
@@ -131,7 +159,9 @@ def test_a_stage_before_its_time_says_what_must_run_first(raw, tmp_path):
 def test_2_for_a_bad_manifest_which_writes_nothing(raw, tmp_path):
     root = copy(raw, tmp_path / "raw")
     text = (root / "campaign.toml").read_text()
-    (root / "campaign.toml").write_text(text.replace('rotor_radius  = "23 mm"', "rotor_radius = 23").replace("[rig]", "[rigg]"))
+    (root / "campaign.toml").write_text(
+        text.replace('rotor_radius  = "23 mm"', "rotor_radius = 23").replace("[rig]", "[rigg]")
+    )
     for command in ("run", "ingest", "plan"):
         found = nearlift(command, root, "--out", tmp_path / "out")
         assert found.exit_code == 2
@@ -145,7 +175,10 @@ def test_2_for_a_bad_manifest_which_writes_nothing(raw, tmp_path):
     ("words", "text"),
     [
         (("run", "{raw}", "--executor", "gpu"), "'gpu' is not an executor"),
-        (("run", "{raw}/nowhere"), "holds no campaign.toml\n  `nearlift new DIR` writes one to fill in"),
+        (
+            ("run", "{raw}/nowhere"),
+            "holds no campaign.toml\n  `nearlift new DIR` writes one to fill in",
+        ),
         (("describe", "sanches_cuevas"), "sanchez_cuevas"),
         (("run",), "Missing argument 'CAMPAIGN...'"),
         (("fly", "{raw}"), "No such command 'fly'"),
@@ -156,7 +189,12 @@ def test_2_for_a_bad_manifest_which_writes_nothing(raw, tmp_path):
 )
 def test_2_for_usage(raw, tmp_path, words, text):
     found = nearlift(
-        *(w.format(raw=raw) for w in words), *(() if words[0] in ("fly", "run", "new") and len(words) < 2 else ("--out", tmp_path / "out"))
+        *(w.format(raw=raw) for w in words),
+        *(
+            ()
+            if words[0] in ("fly", "run", "new") and len(words) < 2
+            else ("--out", tmp_path / "out")
+        ),
     )
     assert found.exit_code == 2
     assert text in found.stderr
@@ -185,7 +223,9 @@ def test_3_lists_ten_and_with_v_all(raw, tmp_path):
     root = copy(raw, tmp_path / "raw")
     for path in sorted((root / "trials").glob("*.csv"))[:12]:
         path.unlink()
-    short, long = (nearlift("ingest", root, "--out", tmp_path / "out", *flag) for flag in ((), ("-v",)))
+    short, long = (
+        nearlift("ingest", root, "--out", tmp_path / "out", *flag) for flag in ((), ("-v",))
+    )
     assert "  ... and 2 more (-v lists all)" in short.stderr
     assert len(re.findall(r"^  t\d+: ", short.stderr, re.M)) == 10
     assert len(re.findall(r"^  t\d+: ", long.stderr, re.M)) == 12
@@ -213,7 +253,10 @@ def test_5_for_a_base_model_that_cannot_be_fitted(tmp_path):
     root = small_run.write_means(tmp_path / "raw", rows=6)
     found = nearlift("run", root, "--out", tmp_path)
     assert found.exit_code == 5
-    assert "error: fit of sanchez_cuevas: 6 usable trials for 5 unknowns\n  at least 7 are wanted" in found.stderr
+    assert (
+        "error: fit of sanchez_cuevas: 6 usable trials for 5 unknowns\n  at least 7 are wanted"
+        in found.stderr
+    )
     # what came before stands
     assert (tmp_path / "processed/means/lift.parquet").is_file()
     assert not (tmp_path / "processed/means/fit.json").exists()
@@ -223,7 +266,9 @@ def test_5_for_a_base_model_that_cannot_be_fitted(tmp_path):
 def test_a_base_model_without_a_free_coefficient_goes_all_the_way(tmp_path):
     root = small_run.write(tmp_path / "raw", form="parquet")
     manifest = root / "campaign.toml"
-    manifest.write_text(manifest.read_text() + '\n[fit.ground]\nbase = "sanchez_cuevas_published"\n')
+    manifest.write_text(
+        manifest.read_text() + '\n[fit.ground]\nbase = "sanchez_cuevas_published"\n'
+    )
     found = nearlift("run", root, "--out", tmp_path)
     assert found.exit_code == 0, found.output
     assert (tmp_path / "reports/small/index.html").is_file()
@@ -238,7 +283,10 @@ def test_130_for_an_interrupt_after_which_the_same_command_goes_on(raw, tmp_path
         patch.setattr(fit, "run", interrupted)
         found = nearlift("run", raw, "--out", tmp_path, "--json")
     assert found.exit_code == 130
-    assert "interrupted; finished products stand, and the same command goes on from there" in found.stderr
+    assert (
+        "interrupted; finished products stand, and the same command goes on from there"
+        in found.stderr
+    )
     assert json.loads(found.stdout)["exit_code"] == 130
     again = nearlift("run", raw, "--out", tmp_path)
     assert again.exit_code == 0
@@ -278,7 +326,9 @@ def test_a_closed_pipe_is_no_refusal(monkeypatch):
     ],
 )
 def test_json_is_one_object_and_nothing_else(raw, finished, tmp_path, words, code, keys):
-    found = nearlift(*(w.format(raw=raw, finished=finished, new=tmp_path / "new") for w in words), "--json")
+    found = nearlift(
+        *(w.format(raw=raw, finished=finished, new=tmp_path / "new") for w in words), "--json"
+    )
     assert found.exit_code == code
     answer = json.loads(found.stdout)
     assert answer.keys() == keys
@@ -304,11 +354,24 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
     folder = tmp_path / "My Rig_é"
     found = nearlift("new", folder)
     assert found.exit_code == 0
-    assert {Path(line).name for line in found.stdout.splitlines()} == {"campaign.toml", "trials.csv", "trials"}
-    with pytest.raises(ManifestError, match=r"vehicle.rotor_radius.*FILL IN(.|\n)*vehicle.rotor_spacing(.|\n)*vehicle.mass"):
+    assert {Path(line).name for line in found.stdout.splitlines()} == {
+        "campaign.toml",
+        "trials.csv",
+        "trials",
+    }
+    with pytest.raises(
+        ManifestError,
+        match=r"vehicle.rotor_radius.*FILL IN(.|\n)*vehicle.rotor_spacing(.|\n)*vehicle.mass",
+    ):
         manifests.load(folder)
     text = (folder / "campaign.toml").read_text()
-    values = {"FILL IN mm": ("23 mm", "65 mm"), "FILL IN g": ("27 g",), "FILL IN m": ("1.5 m",), "FILL IN kgf": ("1 kgf",), "FILL IN gf": ("1.5 gf",)}
+    values = {
+        "FILL IN mm": ("23 mm", "65 mm"),
+        "FILL IN g": ("27 g",),
+        "FILL IN m": ("1.5 m",),
+        "FILL IN kgf": ("1 kgf",),
+        "FILL IN gf": ("1.5 gf",),
+    }
     text = text.replace('"FILL IN"', '"Crazyflie 2.0"', 1)
     for empty, given_values in values.items():
         for value in given_values:
@@ -319,15 +382,27 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
     assert given.name == "my-rig-e"
     assert given.vehicle.rotor_spacing == 0.065
     # the commented budget parses too
-    manifest = text.replace("# [[", "[[").replace("# name", "name").replace("# on ", "on ").replace("# value", "value").replace("# scope", "scope")
+    manifest = (
+        text.replace("# [[", "[[")
+        .replace("# name", "name")
+        .replace("# on ", "on ")
+        .replace("# value", "value")
+        .replace("# scope", "scope")
+    )
     (folder / "campaign.toml").write_text(manifest)
     assert manifests.load(folder).uncertainty[0].standard() == 2e-4
-    assert nearlift("plan", folder, "--out", tmp_path).exit_code in (2, 4)  # an empty schedule is refused, not crashed on
+    assert nearlift("plan", folder, "--out", tmp_path).exit_code in (
+        2,
+        4,
+    )  # an empty schedule is refused, not crashed on
     assert nearlift("new", folder).exit_code == 2
     assert (folder / "campaign.toml").read_text() == manifest
 
 
-@pytest.mark.parametrize(("name", "text"), [("sanchez_cuevas", "K_b"), ("supply_sag", "supply"), ("fit.json", "boundary"), ("z_hat", "z")])
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("sanchez_cuevas", "K_b"), ("supply_sag", "supply"), ("fit.json", "boundary"), ("z_hat", "z")],
+)
 def test_describe_knows_models_effects_products_and_symbols(name, text):
     found = nearlift("describe", name)
     assert found.exit_code == 0
@@ -358,14 +433,25 @@ def test_the_demo_obeys_the_contract(demo):
     assert len(set(trials["trial"])) == len(trials["trial"])
 
     cells = store.read_table(processed / "lift.parquet", LIFT)
-    assert {"boundary", "z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L"} <= cells.keys()
+    assert {
+        "boundary",
+        "z_hat",
+        "throttle",
+        "lift_N",
+        "u_lift_N",
+        "n_trials",
+        "delta_L",
+        "u_delta_L",
+    } <= cells.keys()
     columns = store.read_table(processed / "lift_covariance.parquet", LIFT_COVARIANCE)
     covariance = np.stack(list(columns.values()), axis=1)
     assert list(columns) == [f"c{i}" for i in range(len(cells["delta_L"]))]
     assert covariance == pytest.approx(covariance.T)
     assert np.sqrt(np.diag(covariance)) == pytest.approx(cells["u_delta_L"])
     for side in ("ground", "ceiling", "sidewall"):
-        far = (cells["boundary"] == side) & (cells["z_hat"] == cells["z_hat"][cells["boundary"] == side].max())
+        far = (cells["boundary"] == side) & (
+            cells["z_hat"] == cells["z_hat"][cells["boundary"] == side].max()
+        )
         assert (cells["delta_L"][far] == 0).all()
         assert (cells["u_delta_L"][far] == 0).all()
 
@@ -373,8 +459,21 @@ def test_the_demo_obeys_the_contract(demo):
     assert set(fits) == {"ground", "ceiling", "sidewall"}
     for models in fits.values():
         for entry in models.values():
-            assert {"parameters", "covariance", "chi2", "dof", "rmse", "r2", "aic", "bic", "L_inf_N", "degeneracies"} <= entry.keys()
-            assert all({"value", "u", "lo90", "hi90"} <= p.keys() for p in entry["parameters"].values())
+            assert {
+                "parameters",
+                "covariance",
+                "chi2",
+                "dof",
+                "rmse",
+                "r2",
+                "aic",
+                "bic",
+                "L_inf_N",
+                "degeneracies",
+            } <= entry.keys()
+            assert all(
+                {"value", "u", "lo90", "hi90"} <= p.keys() for p in entry["parameters"].values()
+            )
             assert len(entry["L_inf_N"]) == 4
     assert all("r2_near" in entry for entry in fits["ground"].values())
 
@@ -387,14 +486,18 @@ def test_the_demo_obeys_the_contract(demo):
         assert error["noise_floor"] > 0
         assert all(math.isfinite(error[when]["held_out_rmse"]) for when in ("before", "after"))
         for when in ("before", "after"):
-            assert all({"value", "lo90", "hi90"} <= c.keys() for c in found["coefficients"][when].values())
+            assert all(
+                {"value", "lo90", "hi90"} <= c.keys() for c in found["coefficients"][when].values()
+            )
     assert (processed / "provenance.json").is_file()
     for name in ("index.html", "fig2.pdf", "fig2.png", "fig2.csv", "tables/coefficients.tex"):
         assert (reports / name).stat().st_size > 0
 
 
 def test_the_demo_finds_what_is_in_it_and_says_that_it_is_simulated(demo):
-    """Supply voltage at the ground, which its manifest does not mention, and nothing at the ceiling and the sidewall."""
+    """Supply voltage at the ground, which its manifest does not mention, and nothing at the ceiling
+    and the sidewall.
+    """
     found = json.loads((demo / "processed/demo/diagnosis.json").read_text())["boundaries"]
     assert [e["name"] for e in found["ground"]["effects"]] == ["supply_sag"]
     K_b = found["ground"]["coefficients"]["after"]["K_b"]

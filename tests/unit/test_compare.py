@@ -1,4 +1,6 @@
-"""Many campaigns beside each other: what they share stays shared, and the table, the file and the picture say the same."""
+"""Many campaigns beside each other: what they share stays shared, and the table, the file and the
+picture say the same.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +18,38 @@ SHARED = "load cell linearity"
 
 def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=None):
     """What a finished run leaves of its headline coefficient."""
-    ends = {f"{end}{level}": value + sign * k * u for level, k in ((68, 1.0), (90, 1.645), (95, 1.96)) for end, sign in (("lo", -1), ("hi", 1))}
+    ends = {
+        f"{end}{level}": value + sign * k * u
+        for level, k in ((68, 1.0), (90, 1.645), (95, 1.96))
+        for end, sign in (("lo", -1), ("hi", 1))
+    }
     lines = []
     if linearity is not None:
-        lines = [{"source": SHARED, "type": "B", "u": abs(linearity), "u_without": u, "scope": "campaign", "sensitivity": linearity}]
-    own = {"value": value, "u": u, "dof": 40.0, "unit": "1", **ends, "holds": "Holds everything.", "budget": lines}
+        lines = [
+            {
+                "source": SHARED,
+                "type": "B",
+                "u": abs(linearity),
+                "u_without": u,
+                "scope": "campaign",
+                "sensitivity": linearity,
+            }
+        ]
+    own = {
+        "value": value,
+        "u": u,
+        "dof": 40.0,
+        "unit": "1",
+        **ends,
+        "holds": "Holds everything.",
+        "budget": lines,
+    }
     found = {"verdict": verdict, "base_model": "sanchez_cuevas", "coefficients": {"K_b": own}}
     folder = out / "processed" / name
     folder.mkdir(parents=True)
-    (folder / "results.json").write_text(json.dumps({"schema": "nearlift.results/1", "boundaries": {boundary: found}}))
+    (folder / "results.json").write_text(
+        json.dumps({"schema": "nearlift.results/1", "boundaries": {boundary: found}})
+    )
 
 
 def compare(out, *words):
@@ -61,14 +86,19 @@ def test_what_pulls_two_campaigns_apart_is_told_from_what_pulls_them_along(tmp_p
     """The sign of a sensitivity counts: two that err against each other leave their mean alone."""
     for i, sign in enumerate((1, 1, -1, -1)):
         write(tmp_path, f"c{i}", 2.0, 0.1, linearity=0.08 * sign)
-    apart, together = (compare(tmp_path, *words)[0]["groups"][0]["population"]["mean"]["u"] for words in ((), ("--shared", SHARED)))
+    apart, together = (
+        compare(tmp_path, *words)[0]["groups"][0]["population"]["mean"]["u"]
+        for words in ((), ("--shared", SHARED))
+    )
     assert together < apart
 
 
 def test_a_finished_run_names_what_may_be_shared(tmp_path):
     """The file is read as the stage writes it, not only as this test does."""
     raw = small_run.write(tmp_path / "raw", form="parquet", visits=2)
-    assert small_run.nearlift("fit", raw, "--out", tmp_path, "-q").exit_code == 4  # nothing ingested yet
+    assert (
+        small_run.nearlift("fit", raw, "--out", tmp_path, "-q").exit_code == 4
+    )  # nothing ingested yet
     for stage in ("ingest", "fit"):
         assert small_run.nearlift(stage, raw, "--out", tmp_path, "-q").exit_code == 0
     told = small_run.nearlift("compare", "--out", tmp_path, "--shared", "the moon")
@@ -77,11 +107,17 @@ def test_a_finished_run_names_what_may_be_shared(tmp_path):
 
 def test_what_is_pooled_is_what_is_quoted(tmp_path):
     for i, value in enumerate((1.8, 2.0, 2.3)):
-        write(tmp_path, f"c{i}", value, 0.05 * (i + 1), verdict="effect" if i == 0 else "unexplained")
+        write(
+            tmp_path, f"c{i}", value, 0.05 * (i + 1), verdict="effect" if i == 0 else "unexplained"
+        )
     (group,) = compare(tmp_path)[0]["groups"]
     assert [own["quoted"]["value"] for own in group["campaigns"]] == [1.8, 2.0, 2.3]
     assert [own["quoted"]["u"] for own in group["campaigns"]] == pytest.approx([0.05, 0.1, 0.15])
-    assert [own["verdict"] for own in group["campaigns"]] == ["effect", "unexplained", "unexplained"]
+    assert [own["verdict"] for own in group["campaigns"]] == [
+        "effect",
+        "unexplained",
+        "unexplained",
+    ]
 
 
 def test_campaigns_that_are_one_and_the_same_are_said(tmp_path):
@@ -104,14 +140,20 @@ def test_that_a_spread_of_three_hangs_on_its_prior_is_said_and_of_many_it_is_not
     (three,), (all_of_them,) = (compare(out)[0]["groups"] for out in (few, many))
     assert any("its prior counts" in remark for remark in three["remarks"])
     wider = three["population"]["spread_prior"]["mean_if_doubled"]
-    assert wider["hi90"] - wider["lo90"] > three["population"]["mean"]["hi90"] - three["population"]["mean"]["lo90"]
+    assert (
+        wider["hi90"] - wider["lo90"]
+        > three["population"]["mean"]["hi90"] - three["population"]["mean"]["lo90"]
+    )
     assert all_of_them["remarks"] == []
 
 
 def test_boundaries_are_not_mixed_and_two_campaigns_are_only_listed(four):
     write(four, "d0", 0.1, 0.01, boundary="ceiling")
     content, _ = compare(four)
-    assert [(g["boundary"], len(g["campaigns"]), "population" in g) for g in content["groups"]] == [("ceiling", 1, False), ("ground", 4, True)]
+    assert [(g["boundary"], len(g["campaigns"]), "population" in g) for g in content["groups"]] == [
+        ("ceiling", 1, False),
+        ("ground", 4, True),
+    ]
 
 
 def test_the_table_of_the_picture_is_what_the_file_says(four):
@@ -119,7 +161,9 @@ def test_the_table_of_the_picture_is_what_the_file_says(four):
     with (four / "reports" / "comparison" / "forest.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["label"] for row in rows] == ["c1", "c2", "c3", "population mean", "next campaign"]
-    assert float(rows[3]["hi90"]) == pytest.approx(content["groups"][0]["population"]["mean"]["hi90"], rel=1e-8)
+    assert float(rows[3]["hi90"]) == pytest.approx(
+        content["groups"][0]["population"]["mean"]["hi90"], rel=1e-8
+    )
     for kind in ("pdf", "png"):
         assert (four / "reports" / "comparison" / f"forest.{kind}").stat().st_size > 5000
 
@@ -133,7 +177,10 @@ def test_the_same_campaigns_give_the_same_bytes(four):
 
 @pytest.mark.parametrize(
     ("words", "why"),
-    [(("c9",), "is not fitted (1 of 1 campaigns)"), (("--shared", "the moon"), f"there are: '{SHARED}'")],
+    [
+        (("c9",), "is not fitted (1 of 1 campaigns)"),
+        (("--shared", "the moon"), f"there are: '{SHARED}'"),
+    ],
 )
 def test_what_is_not_there_is_refused(four, words, why):
     told = small_run.nearlift("compare", "--out", four, *words)
@@ -160,11 +207,24 @@ def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
     points = "[...document.querySelectorAll('.view [aria-roledescription=line]')]"
     with browser(tmp_path_factory.mktemp("browser")) as page:
         page.open(file.as_uri())
-        assert (page.errors, [r for r in page.requests if not r.startswith("data:")]) == ([], [file.as_uri()])
+        assert (page.errors, [r for r in page.requests if not r.startswith("data:")]) == (
+            [],
+            [file.as_uri()],
+        )
         words = page.run(f"{points}.map(e => e.getAttribute('aria-label'))")
         assert words[1] == "b9: K_b = 2.40 (2.24 to 2.56); effect named and added"
-        assert [w.partition(":")[0] for w in words] == ["c3", "b9", "c0", "c1", "population mean", "next campaign"]
-        names = "[...document.querySelectorAll('.view .role-axis-label text')].map(t => t.textContent).filter(t => /^[bc]\\d/.test(t))"
+        assert [w.partition(":")[0] for w in words] == [
+            "c3",
+            "b9",
+            "c0",
+            "c1",
+            "population mean",
+            "next campaign",
+        ]
+        names = (
+            "[...document.querySelectorAll('.view .role-axis-label text')].map(t =>"
+            " t.textContent).filter(t => /^[bc]\\d/.test(t))"
+        )
         assert page.run(names) == ["c3", "b9", "c0", "c1"]
         page.run("document.querySelector('input[value=value]').click()")
         page.wait(f'JSON.stringify({names}) === \'["c0","c3","c1","b9"]\'')
@@ -173,7 +233,9 @@ def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
         page.press("ArrowDown")
         assert page.wait("document.querySelector('[aria-live]').textContent").startswith("c0: ")
         assert "c0" in page.wait("document.querySelector('#vg-tooltip-element.visible')?.innerText")
-        assert page.run("[...document.querySelectorAll('td a, th a')].map(a => a.getAttribute('href'))") == ["../c1/index.html"]
+        assert page.run(
+            "[...document.querySelectorAll('td a, th a')].map(a => a.getAttribute('href'))"
+        ) == ["../c1/index.html"]
         page.open(file.as_uri(), media="print")
         assert page.run("getComputedStyle(document.querySelector('.instead')).display") == "block"
         assert "population mean" in page.run("document.querySelector('.instead img').alt")

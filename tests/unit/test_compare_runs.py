@@ -1,4 +1,6 @@
-"""Two runs side by side: nothing where nothing changed; what changed is named, and the shift is in units of u."""
+"""Two runs side by side: nothing where nothing changed; what changed is named, and the shift is in
+units of u.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,10 @@ def test_the_same_run_twice_differs_in_nothing(runs, tmp_path):
     folder, _ = runs
     shutil.copytree(folder / "a", tmp_path / "b")
     found = compare(folder / "a", tmp_path / "b" / "processed" / "means")
-    assert [len(found[p]) for p in ("inputs", "manifest", "options", "versions", "code", "products", "trials")] == [0] * 7
+    assert [
+        len(found[p])
+        for p in ("inputs", "manifest", "options", "versions", "code", "products", "trials")
+    ] == [0] * 7
     assert all(c["shift"] == 0 for c in found["coefficients"])
     assert found["coefficients"]
     text = nearlift("compare-runs", folder / "a", tmp_path / "b").output
@@ -55,9 +60,14 @@ def test_what_changed_is_named_and_the_shift_is_in_units_of_u(runs, tmp_path):
     assert found["options"] == {"seed": [0, 3]}
     assert found["versions"] == {}
     assert {"trials.parquet", "lift.parquet", "fit.json"} <= set(found["products"])
-    before, after = (json.loads((f / "processed/means/fit.json").read_text()) for f in (folder / "a", tmp_path / "b"))
+    before, after = (
+        json.loads((f / "processed/means/fit.json").read_text())
+        for f in (folder / "a", tmp_path / "b")
+    )
     own = next(c for c in found["coefficients"] if c["name"] == "K_b")
-    one, two = (f["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"] for f in (before, after))
+    one, two = (
+        f["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"] for f in (before, after)
+    )
     assert own["shift"] == pytest.approx(two["value"] - one["value"])
     assert own["shift"] != 0
     assert own["shift_in_u"] == pytest.approx(own["shift"] / one["u"])
@@ -73,7 +83,9 @@ def test_a_folder_without_a_run_or_with_several_is_refused(runs, tmp_path):
     assert empty.exit_code == 2
     assert "holds no finished run" in empty.output
     shutil.copytree(folder / "a", tmp_path / "two")
-    shutil.copytree(tmp_path / "two" / "processed" / "means", tmp_path / "two" / "processed" / "again")
+    shutil.copytree(
+        tmp_path / "two" / "processed" / "means", tmp_path / "two" / "processed" / "again"
+    )
     several = nearlift("compare-runs", folder / "a", tmp_path / "two")
     assert several.exit_code == 2
     assert "holds 2 finished runs" in several.output

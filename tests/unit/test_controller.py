@@ -1,4 +1,6 @@
-"""Exported models: the compiled C, the Python module, JSON and CasADi agree with the model over the whole range."""
+"""Exported models: the compiled C, the Python module, JSON and CasADi agree with the model over the
+whole range.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ from . import quoted
 SIDES = ("ground", "ceiling", "sidewall")
 GCC = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(GCC is None, reason="no C compiler on this machine")
-#: A float carries 6e-8; the table is within 1.5e-7 of the model, and either form takes some ten roundings.
+#: A float carries 6e-8; the table is within 1.5e-7 of the model, and either form takes some ten
+#: roundings.
 FLOAT = 1e-6
 
 
@@ -41,8 +44,18 @@ def job(remake):
     (job.root / "campaign.toml").write_text("")
     os.utime(job.root / "campaign.toml", (1.6e9, 1.6e9))
     span = {"value": 0.02, "lo90": 0.01, "hi90": 0.03}
-    effect = {"name": "near_wall_saturation", "parameters": {"gap_hat2": span, "saturation_power": {"value": 0.68, "lo90": 0.68, "hi90": 0.68}}}
-    found = {"verdict": "effect", "effects": [effect], "coefficients": {"after": {"alpha": {"value": 0.1, "lo90": 0.09, "hi90": 0.11}}}}
+    effect = {
+        "name": "near_wall_saturation",
+        "parameters": {
+            "gap_hat2": span,
+            "saturation_power": {"value": 0.68, "lo90": 0.68, "hi90": 0.68},
+        },
+    }
+    found = {
+        "verdict": "effect",
+        "effects": [effect],
+        "coefficients": {"after": {"alpha": {"value": 0.1, "lo90": 0.09, "hi90": 0.11}}},
+    }
     job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "boundaries": {"ceiling": found}})
     quoted.write(job, {"ceiling": found})
     return job
@@ -72,7 +85,17 @@ EXPORT(ground) EXPORT(ceiling) EXPORT(sidewall)
 EXPORT(ground_closed) EXPORT(ceiling_closed) EXPORT(sidewall_closed)
 #endif
 """
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wdouble-promotion", "-Wfloat-conversion", "-Wno-unused-function", "-O2")
+STRICT = (
+    "-std=c99",
+    "-pedantic",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-Wdouble-promotion",
+    "-Wfloat-conversion",
+    "-Wno-unused-function",
+    "-O2",
+)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +103,17 @@ def library(job, tmp_path_factory):
     folder = tmp_path_factory.mktemp("c")
     shutil.copy(controller.write_c(job), folder)
     (folder / "calls.c").write_text(SOURCE)
-    command = [GCC, *STRICT, "-DNEARLIFT_CLOSED_FORM", "-shared", "-fPIC", "-o", "calls.so", "calls.c", "-lm"]
+    command = [
+        GCC,
+        *STRICT,
+        "-DNEARLIFT_CLOSED_FORM",
+        "-shared",
+        "-fPIC",
+        "-o",
+        "calls.so",
+        "calls.c",
+        "-lm",
+    ]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return ctypes.CDLL(str(folder / "calls.so"))
 
@@ -104,8 +137,18 @@ def test_the_compiled_header_is_the_model_to_float_precision(library, beliefs, s
 def test_outside_its_validity_c_clamps_and_flags(library, beliefs, form):
     call = getattr(library, f"call_ceiling{form}")
     call.restype, call.argtypes = Found, (ctypes.c_float,)
-    low, high = (float(beliefs["ceiling"].ratio()(np.array([z]))[0]) for z in beliefs["ceiling"].measured_z_hat)
-    for z, flag, ratio in ((0.0, -1, low), (-3.0, -1, low), (math.nan, -1, low), (-math.inf, -1, low), (1e6, 1, high), (math.inf, 1, high)):
+    low, high = (
+        float(beliefs["ceiling"].ratio()(np.array([z]))[0])
+        for z in beliefs["ceiling"].measured_z_hat
+    )
+    for z, flag, ratio in (
+        (0.0, -1, low),
+        (-3.0, -1, low),
+        (math.nan, -1, low),
+        (-math.inf, -1, low),
+        (1e6, 1, high),
+        (math.inf, 1, high),
+    ):
         found = call(z)
         assert found.flag == flag
         assert found.ratio == pytest.approx(ratio, rel=FLOAT)
@@ -115,8 +158,15 @@ def test_outside_its_validity_c_clamps_and_flags(library, beliefs, form):
 def test_the_table_form_calls_no_library(job, tmp_path):
     shutil.copy(controller.write_c(job), tmp_path)
     (tmp_path / "calls.c").write_text(SOURCE)
-    subprocess.run([GCC, *STRICT, "-ffreestanding", "-c", "calls.c"], cwd=tmp_path, check=True, capture_output=True)
-    undefined = subprocess.run(["nm", "-u", "calls.o"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    subprocess.run(
+        [GCC, *STRICT, "-ffreestanding", "-c", "calls.c"],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+    )
+    undefined = subprocess.run(
+        ["nm", "-u", "calls.o"], cwd=tmp_path, check=True, capture_output=True, text=True
+    ).stdout
     assert [name for name in undefined.split() if name not in ("U", "_GLOBAL_OFFSET_TABLE_")] == []
     text = (tmp_path / "lift_model.h").read_text()
     assert not re.search(r"\bdouble\b|\bmalloc\b", text)
@@ -129,12 +179,19 @@ def test_the_header_says_where_it_comes_from(job):
     assert store.sha256(job.processed / TRIALS.file) in text
     assert "2020-09-13" in text
     assert re.search(r"K_b = \S+ \(90 %: \S+ to \S+\)", text)
-    assert re.search(r"ceiling: .* with near_wall_saturation; valid for 0.12 <= z_hat <= 10.5", text)
+    assert re.search(
+        r"ceiling: .* with near_wall_saturation; valid for 0.12 <= z_hat <= 10.5", text
+    )
     assert re.search(r"at z_hat = \S+: \S+ \(90 %: \S+ to \S+\)", text)
 
 
 def test_twice_gives_the_same_bytes(job):
-    writers = (controller.write_c, controller.write_json, controller.write_python, controller.write_casadi)
+    writers = (
+        controller.write_c,
+        controller.write_json,
+        controller.write_python,
+        controller.write_casadi,
+    )
     before = [Path(write(job)).read_bytes() for write in writers]
     assert [Path(write(job)).read_bytes() for write in writers] == before
 
@@ -164,8 +221,13 @@ def test_the_python_module_is_the_model(job, beliefs, side):
 
 
 def test_the_python_module_runs_without_anything_installed(job):
-    code = f"import runpy; m = runpy.run_path({controller.write_python(job)!r}); print(m['ratio']('ground', 1.5)[1])"
-    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], check=True, capture_output=True, text=True)
+    code = (
+        f"import runpy; m = runpy.run_path({controller.write_python(job)!r});"
+        " print(m['ratio']('ground', 1.5)[1])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code], check=True, capture_output=True, text=True
+    )
     assert done.stdout == "0\n"
 
 
@@ -180,9 +242,13 @@ def test_the_casadi_expression_is_the_model(job, beliefs, side):
     truth = beliefs[side].ratio()(z_hat)
     assert np.array(ratio(z_hat)).ravel() == pytest.approx(truth, rel=1e-12)
     step = 1e-5 * z_hat
-    numeric = (beliefs[side].ratio()(z_hat + step) - beliefs[side].ratio()(z_hat - step)) / (2 * step)
+    numeric = (beliefs[side].ratio()(z_hat + step) - beliefs[side].ratio()(z_hat - step)) / (
+        2 * step
+    )
     inner = slice(5, -5)
-    assert np.array(slope(z_hat)).ravel()[inner] == pytest.approx(numeric[inner], rel=1e-4, abs=1e-8)
+    assert np.array(slope(z_hat)).ravel()[inner] == pytest.approx(
+        numeric[inner], rel=1e-4, abs=1e-8
+    )
 
 
 # ---- JSON
@@ -190,7 +256,13 @@ def test_the_casadi_expression_is_the_model(job, beliefs, side):
 
 def follows(value, schema, where="$"):
     """The part of JSON Schema that the schema uses."""
-    kinds = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None)}
+    kinds = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "number": (int, float),
+        "null": type(None),
+    }
     if "type" in schema:
         wanted = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
         assert isinstance(value, tuple(k for w in wanted for k in np.atleast_1d(kinds[w]))), where
@@ -224,7 +296,9 @@ def test_json_follows_its_schema_and_its_table_is_the_model(job, beliefs):
     own = content["boundaries"]["ground"]
     table = own["table"]
     assert len(table["value"]) == len(table["slope"])
-    assert table["value"][-1] == pytest.approx(float(beliefs["ground"].ratio()(np.array([own["valid_z_hat"][0]]))[0]))
+    assert table["value"][-1] == pytest.approx(
+        float(beliefs["ground"].ratio()(np.array([own["valid_z_hat"][0]]))[0])
+    )
     assert own["closed_form"].count("(") == own["closed_form"].count(")")
 
 

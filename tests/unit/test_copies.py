@@ -1,4 +1,6 @@
-"""Work shared with copies of a process: the same answers in the same order, whatever becomes of the copies."""
+"""Work shared with copies of a process: the same answers in the same order, whatever becomes of the
+copies.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,16 @@ here, fork, made = os.getpid(), os.fork, []
 os.fork = lambda: made.append(fork()) or made[-1]
 """
 WANTED = str([i * i for i in range(23)])
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are copied on Linux only")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="processes are copied on Linux only"
+)
 
 
 def by_itself(code: str) -> str:
     """What code prints that runs in a process with one thread."""
-    return subprocess.run([sys.executable, "-c", ALONE + code], check=True, capture_output=True, text=True, timeout=60).stdout.strip()
+    return subprocess.run(
+        [sys.executable, "-c", ALONE + code], check=True, capture_output=True, text=True, timeout=60
+    ).stdout.strip()
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3, 40])
@@ -32,7 +38,9 @@ print([square for square, _ in done], len(set(pid for _, pid in done)), any(os.p
     assert by_itself(code) == f"{WANTED} {min(workers, 23)} False"
 
 
-@pytest.mark.parametrize("end", ["os._exit(0)", "os.kill(os.getpid(), 9)", "raise MemoryError", "sys.stdout = 1 / 0"])
+@pytest.mark.parametrize(
+    "end", ["os._exit(0)", "os.kill(os.getpid(), 9)", "raise MemoryError", "sys.stdout = 1 / 0"]
+)
 def test_what_a_copy_does_not_answer_is_done_here(end):
     code = f"""
 import sys

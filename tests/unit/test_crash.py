@@ -1,4 +1,6 @@
-"""Nothing lost: whatever fails, and whenever, old products or new ones stand, and a rerun ends in the same bytes."""
+"""Nothing lost: whatever fails, and whenever, old products or new ones stand, and a rerun ends in
+the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,24 @@ from nearlift.stages import graph
 from nearlift.transaction import Homes
 
 from . import small_run
-from .faulty import Book, Fault, Faulty, Outputs, Scene, book, calls, copied, failing, homes, litter, outputs, own, run, stands, written
+from .faulty import (
+    Book,
+    Fault,
+    Faulty,
+    Outputs,
+    Scene,
+    book,
+    calls,
+    copied,
+    failing,
+    homes,
+    litter,
+    outputs,
+    own,
+    run,
+    stands,
+    written,
+)
 from .small_run import nearlift, state
 
 ROOT = Path(__file__).parents[2]
@@ -38,7 +57,9 @@ def scene(tmp_path_factory):
 
 @pytest.mark.parametrize("fault", ["once", "lasting"])
 def test_a_failing_call_at_every_place_in_turn(scene, fault):
-    """The n-th write (torn in half), sync, rename or removal fails, for every n, and with it all that follow: as on a full disk."""
+    """The n-th write (torn in half), sync, rename or removal fails, for every n, and with it all
+    that follow: as on a full disk.
+    """
     for at in range(1, scene.calls + 1):
         place = scene.fresh()
         failing(lambda place=place: run(scene.raw, place, scene.stages), at, fault)
@@ -46,7 +67,15 @@ def test_a_failing_call_at_every_place_in_turn(scene, fault):
 
 
 def killed(scene: Scene, place: Path, at: int) -> None:
-    words = [sys.executable, "-m", "tests.unit.faulty", str(scene.raw), str(place), str(at), ",".join(scene.stages)]
+    words = [
+        sys.executable,
+        "-m",
+        "tests.unit.faulty",
+        str(scene.raw),
+        str(place),
+        str(at),
+        ",".join(scene.stages),
+    ]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "pipeline")])}
     done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()[-400:]
@@ -71,7 +100,9 @@ def test_kill_9_at_every_place_of_a_run_up_to_its_report(tmp_path):
 
 
 def strata(kinds: Sequence[str]) -> list[int]:
-    """First, middle and last place of every kind of call, before the journal takes its name and from then on."""
+    """First, middle and last place of every kind of call, before the journal takes its name and
+    from then on.
+    """
     journal, found = kinds.index("rename"), set()
     for part in (range(journal), range(journal, len(kinds))):
         for kind in set(kinds):
@@ -82,9 +113,13 @@ def strata(kinds: Sequence[str]) -> list[int]:
 
 @pytest.mark.calibration
 def test_kill_9_within_the_report(tmp_path):
-    """Its files are many, slow to draw and written alike: some places of each kind stand for all, and the book below takes every one."""
+    """Its files are many, slow to draw and written alike: some places of each kind stand for all,
+    and the book below takes every one.
+    """
     whole = Scene(tmp_path, (*BEFORE_REPORT, "report"), ONE_FIT)
-    assert set(whole.new["report"]) <= book("old")["report"].keys(), "the book has every file that the report writes"
+    assert set(whole.new["report"]) <= book("old")["report"].keys(), (
+        "the book has every file that the report writes"
+    )
     # from here on all but the report is new
     run(whole.raw, whole.folder / "old", BEFORE_REPORT)
     kinds = calls(lambda: run(whole.raw, whole.fresh(), whole.stages))
@@ -106,17 +141,26 @@ class Bookkeeping:
 
     def write(self, place: Path, of: Book, before: Book, stages: Sequence[str]) -> None:
         self.patch.setattr(graph.Stage, "run", written(of, before))
-        for _ in graph.run(small_run.job(self.raw, place), [graph.stage(name) for name in stages], force=True):
+        for _ in graph.run(
+            small_run.job(self.raw, place), [graph.stage(name) for name in stages], force=True
+        ):
             pass
 
     def ended(self, of: Book) -> Outputs:
-        return own({stage: {n: hashlib.sha256(c).hexdigest() for n, c in sorted(files.items())} for stage, files in of.items()})
+        return own(
+            {
+                stage: {n: hashlib.sha256(c).hexdigest() for n, c in sorted(files.items())}
+                for stage, files in of.items()
+            }
+        )
 
     def places(self, stage: str) -> int:
         return len(calls(lambda: self.write(copied(self.folder), self.new, self.old, [stage])))
 
     def fails(self, stage: str, at: int, fault: Fault) -> bool:
-        """Whether the stage stands as new after a fault; that a mixture is never seen, nor kept, and that a rerun mends it."""
+        """Whether the stage stands as new after a fault; that a mixture is never seen, nor kept,
+        and that a rerun mends it.
+        """
         place = copied(self.folder)
         failing(lambda: self.write(place, self.new, self.old, [stage]), at, fault)
         old, new = self.ended(self.old), self.ended(self.old | {stage: self.new[stage]})
@@ -144,7 +188,9 @@ SAMPLE = {"reduce": 1, "fit": 1, "report": 23}
 @pytest.mark.parametrize("stage", [s.name for s in graph.STAGES])
 def test_a_stage_is_old_or_new_wherever_it_is_killed(bookkeeping, stage):
     places = bookkeeping.places(stage)
-    ends = [bookkeeping.fails(stage, at, "kill") for at in range(1, places + 1, SAMPLE.get(stage, 4))]
+    ends = [
+        bookkeeping.fails(stage, at, "kill") for at in range(1, places + 1, SAMPLE.get(stage, 4))
+    ]
     assert ends == sorted(ends), "once new, never old again"
     assert set(ends) == {False, True}
 
@@ -160,14 +206,19 @@ def test_a_stage_is_old_or_new_whatever_happens_at_every_place(bookkeeping, stag
 
 
 def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
-    """plan, verify and all that opens the campaign find it whole; while its lock is held they wait, then say whose it is."""
+    """plan, verify and all that opens the campaign find it whole; while its lock is held they wait,
+    then say whose it is.
+    """
     place = copied(bookkeeping.folder)
     before = stands(place, *2 * [bookkeeping.ended(bookkeeping.old)])
     at = bookkeeping.places("fit") - 4
     place = copied(bookkeeping.folder)
     failing(lambda: bookkeeping.write(place, bookkeeping.new, bookkeeping.old, ["fit"]), at, "kill")
     assert homes(place).journal.is_file()
-    with pytest.MonkeyPatch.context() as patch, locked(Homes(processed=place / "other", reports=place / "other")):
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        locked(Homes(processed=place / "other", reports=place / "other")),
+    ):
         patch.setattr(lock, "PATIENCE_S", 0.05)
         patch.setattr(lock, "_flock", lambda descriptor: False)
         found = nearlift("plan", bookkeeping.raw, "--out", place)
@@ -177,7 +228,11 @@ def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
     found = nearlift("verify", bookkeeping.raw, "--out", place)
     assert found.exit_code == 0, found.output
     assert litter(place) == []
-    after = stands(place, bookkeeping.ended(bookkeeping.old), bookkeeping.ended(bookkeeping.old | {"fit": bookkeeping.new["fit"]}))
+    after = stands(
+        place,
+        bookkeeping.ended(bookkeeping.old),
+        bookkeeping.ended(bookkeeping.old | {"fit": bookkeeping.new["fit"]}),
+    )
     assert after["fit"]
     assert before["fit"]
 
@@ -186,12 +241,22 @@ def test_a_journal_that_names_other_files_is_refused(tmp_path):
     there = Homes.of(tmp_path, "c")
     there.processed.mkdir(parents=True)
     for name in ("processed/../../stray", "stray", "/etc/stray", "processed", "processed/stray\0"):
-        there.journal.write_text(json.dumps({"schema": "nearlift.commit/1", "put": [name], "remove": []}))
+        there.journal.write_text(
+            json.dumps({"schema": "nearlift.commit/1", "put": [name], "remove": []})
+        )
         with pytest.raises(ProductError, match="which is no product"):
             settled(there)
 
 
-@pytest.mark.parametrize("lists", [{"put": []}, {"put": "reports", "remove": []}, {"put": [1], "remove": []}, {"put": [], "remove": None}])
+@pytest.mark.parametrize(
+    "lists",
+    [
+        {"put": []},
+        {"put": "reports", "remove": []},
+        {"put": [1], "remove": []},
+        {"put": [], "remove": None},
+    ],
+)
 def test_a_journal_that_lists_nothing_is_refused_and_nothing_moves(tmp_path, lists):
     there = Homes.of(tmp_path, "c")
     there.processed.mkdir(parents=True)
@@ -207,7 +272,10 @@ def test_a_full_disk_ends_with_4_and_old_products(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "disk", Faulty(1))
     found = nearlift("ingest", raw, "--out", tmp_path)
     assert found.exit_code == 4
-    assert f"{tmp_path / 'processed' / 'means' / 'trials.parquet'}: no space left on device" in found.stderr
+    assert (
+        f"{tmp_path / 'processed' / 'means' / 'trials.parquet'}: no space left on device"
+        in found.stderr
+    )
     assert state(tmp_path / "processed") == before
 
 
@@ -225,10 +293,15 @@ def test_too_little_room_is_told_before_anything_is_written(tmp_path, monkeypatc
 def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
     raw = small_run.write(tmp_path / "raw")
     # what a shell starts in the background ignores SIGINT, and so do its children
-    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from nearlift.cli import main; main()"
+    start = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from nearlift.cli"
+        " import main; main()"
+    )
     words = [sys.executable, "-c", start, "run", str(raw), "--out", str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "pipeline")}
-    process = subprocess.Popen(words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(
+        words, env=environment, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+    )
     assert process.stderr is not None
     # the first line tells that the run has begun
     first = process.stderr.readline()
@@ -238,7 +311,11 @@ def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
     assert process.returncode == 130, first + rest
     assert "interrupted; finished products stand" in rest
     assert "Traceback" not in rest
-    assert not [p for p in (tmp_path / "processed").rglob("*") if p.name.endswith((".tmp", ".lock", ".staged", ".commit.json"))]
+    assert not [
+        p
+        for p in (tmp_path / "processed").rglob("*")
+        if p.name.endswith((".tmp", ".lock", ".staged", ".commit.json"))
+    ]
 
 
 def test_a_flipped_bit_in_a_raw_file_that_was_ingested_stops_the_run(tmp_path):
@@ -253,7 +330,10 @@ def test_a_flipped_bit_in_a_raw_file_that_was_ingested_stops_the_run(tmp_path):
     os.utime(record, (1e9, 1e9))
     found = nearlift("ingest", raw, "--out", tmp_path)
     assert found.exit_code == 4
-    assert "is not what was ingested before, though its size and its time stamp are as they were" in found.stderr
+    assert (
+        "is not what was ingested before, though its size and its time stamp are as they were"
+        in found.stderr
+    )
     assert "restore it from a copy" in found.stderr
     os.utime(record, (1e9 + 1, 1e9 + 1))
     assert nearlift("ingest", raw, "--out", tmp_path, "-q").exit_code == 0

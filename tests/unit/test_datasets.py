@@ -1,4 +1,6 @@
-"""`nearlift data`: files come from a server on this machine; nothing of the published data is in the repository."""
+"""`nearlift data`: files come from a server on this machine; nothing of the published data is in
+the repository.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,11 @@ from nearlift.store import Table, read_table
 from .small_run import nearlift
 
 SHARED = Path(__file__).parents[3] / "shared"
-# requests leaves a socket to the collector where an answer is refused in the middle; when that runs is chance
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+# requests leaves a socket to the collector where an answer is refused in the middle; when that runs
+# is chance
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
 HEX = re.compile(r"/[0-9a-f]{40}/")
 
 
@@ -67,12 +72,22 @@ def server(tmp_path):
 
 
 SWEEPS = {
-    "thrust_data_2020-01-01_10-00-00.500000.csv": "0.1,0.01,12.6,2.0\n0.5,0.50,12.4,2.0\n1.0,1.50,12.0,2.0\n",
-    "thrust_data_2020-01-01_10-20-00.500000_0.25m.csv": "0.5,0.52,12.2,2.5e-01\n1.0,1.52,11.8,2.5e-01\n",
+    "thrust_data_2020-01-01_10-00-00.500000.csv": (
+        "0.1,0.01,12.6,2.0\n0.5,0.50,12.4,2.0\n1.0,1.50,12.0,2.0\n"
+    ),
+    "thrust_data_2020-01-01_10-20-00.500000_0.25m.csv": (
+        "0.5,0.52,12.2,2.5e-01\n1.0,1.52,11.8,2.5e-01\n"
+    ),
 }
 
 
-def listed(server: Server, files: dict[str, str], path: Path, converter: str = "pitt_ras", digest: str | None = None) -> Path:
+def listed(
+    server: Server,
+    files: dict[str, str],
+    path: Path,
+    converter: str = "pitt_ras",
+    digest: str | None = None,
+) -> Path:
     """Serve files, and list them as the data set `made-up`."""
     text = f"""
 [[dataset]]
@@ -87,13 +102,19 @@ next = "nearlift run"
     for name, content in files.items():
         (server.folder / name).write_text(content)
         sha = digest or hashlib.sha256(content.encode()).hexdigest()
-        text += f'[[dataset.file]]\nname = "{name}"\nurl = "{server.url}/{urllib.parse.quote(name)}"\nsha256 = "{sha}"\nbytes = {len(content)}\n'
+        text += (
+            f'[[dataset.file]]\nname = "{name}"\nurl ='
+            f' "{server.url}/{urllib.parse.quote(name)}"\nsha256 = "{sha}"\nbytes ='
+            f" {len(content)}\n"
+        )
     path.write_text(text)
     return path
 
 
 def get(tmp_path: Path, own: Path, *more: object, name: str = "made-up", to: str = "raw"):
-    return nearlift("data", "get", name, tmp_path / to, "--registry", own, "--cache", tmp_path / "cache", *more)
+    return nearlift(
+        "data", "get", name, tmp_path / to, "--registry", own, "--cache", tmp_path / "cache", *more
+    )
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -103,7 +124,9 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 def test_what_is_listed_is_pinned_and_says_whose_it_is():
     found = registry.datasets()
-    assert {"pitt-ras-2017", "garofano-soldado-2023", "crazyflie-2.1-stand"} <= {d.name for d in found}
+    assert {"pitt-ras-2017", "garofano-soldado-2023", "crazyflie-2.1-stand"} <= {
+        d.name for d in found
+    }
     for item in found:
         assert item.licence
         assert item.citation
@@ -118,7 +141,9 @@ def test_list_shows_names_licences_and_what_is_not_checked():
     assert told.exit_code == 0
     for words in ("pitt-ras-2017", "licence: MIT", "licence: none stated", "wants --trust"):
         assert words in told.stdout
-    assert [d["name"] for d in json.loads(nearlift("data", "list", "--json").stdout)] == [d.name for d in registry.datasets()]
+    assert [d["name"] for d in json.loads(nearlift("data", "list", "--json").stdout)] == [
+        d.name for d in registry.datasets()
+    ]
 
 
 def test_sweeps_become_a_campaign_that_runs(server, tmp_path):
@@ -187,13 +212,19 @@ def test_a_damaged_cache_is_mended(server, tmp_path):
 def test_an_unknown_digest_wants_trust(server, tmp_path):
     own = listed(server, SWEEPS, tmp_path / "list.toml", digest="unknown")
     told = get(tmp_path, own)
-    assert (told.exit_code, "whose digest is unknown" in told.stderr, "--trust" in told.stderr) == (2, True, True)
+    assert (told.exit_code, "whose digest is unknown" in told.stderr, "--trust" in told.stderr) == (
+        2,
+        True,
+        True,
+    )
     assert server.asked == []
     assert get(tmp_path, own, "--trust").exit_code == 0
 
 
 def test_nothing_is_overwritten_and_a_broken_file_leaves_no_campaign(server, tmp_path):
-    own = listed(server, {"thrust_data_2020-01-01_10-00-00.5.csv": "0.5,0.5,12\n"}, tmp_path / "list.toml")
+    own = listed(
+        server, {"thrust_data_2020-01-01_10-00-00.5.csv": "0.5,0.5,12\n"}, tmp_path / "list.toml"
+    )
     told = get(tmp_path, own)
     assert (told.exit_code, "is not four numbers" in told.stderr) == (4, True)
     assert [p.name for p in tmp_path.iterdir() if "raw" in p.name] == []
@@ -201,7 +232,14 @@ def test_nothing_is_overwritten_and_a_broken_file_leaves_no_campaign(server, tmp
     (tmp_path / "raw" / "mine.txt").write_text("mine")
     assert get(tmp_path, own).exit_code == 2
     assert [p.name for p in (tmp_path / "raw").iterdir()] == ["mine.txt"]
-    assert get(tmp_path, listed(server, {"sweep.csv": "0.5,0.5,12,2\n"}, tmp_path / "list.toml"), to="other").exit_code == 4
+    assert (
+        get(
+            tmp_path,
+            listed(server, {"sweep.csv": "0.5,0.5,12,2\n"}, tmp_path / "list.toml"),
+            to="other",
+        ).exit_code
+        == 4
+    )
 
 
 @pytest.mark.parametrize(
@@ -231,15 +269,30 @@ STAND = "weight[g],pwm,vbat[V],rpm1,rpm2,rpm3,rpm4,v[V]\n"
 
 
 def stand(*dwells: tuple[int, int, float, float]) -> str:
-    return STAND + "".join(f"{weight + 0.1 * (i // 10 % 2)},{pwm},3.9,{rpm},{rpm},{rpm},0,3.9\n" for n, pwm, weight, rpm in dwells for i in range(n))
+    return STAND + "".join(
+        f"{weight + 0.1 * (i // 10 % 2)},{pwm},3.9,{rpm},{rpm},{rpm},0,3.9\n"
+        for n, pwm, weight, rpm in dwells
+        for i in range(n)
+    )
 
 
 def test_dwells_in_free_air_become_trials_and_a_throttle_map(server, tmp_path):
-    text = stand((100, 0, -1.0, 0), (200, 13107, 9.0, 8000), (30, 20000, 20.0, 9000), (200, 32768, 24.0, 12000))
-    told = get(tmp_path, listed(server, {"stand.csv": text}, tmp_path / "list.toml", converter="crazyflie_stand"))
+    text = stand(
+        (100, 0, -1.0, 0),
+        (200, 13107, 9.0, 8000),
+        (30, 20000, 20.0, 9000),
+        (200, 32768, 24.0, 12000),
+    )
+    told = get(
+        tmp_path,
+        listed(server, {"stand.csv": text}, tmp_path / "list.toml", converter="crazyflie_stand"),
+    )
     assert told.exit_code == 0, told.output
     found = rows(tmp_path / "raw")
-    assert [(r["throttle"], r["lift"], r["n"], r["rpm"]) for r in found] == [("0.2", "10", "10", "8000"), ("0.500008", "25", "10", "12000")]
+    assert [(r["throttle"], r["lift"], r["n"], r["rpm"]) for r in found] == [
+        ("0.2", "10", "10", "8000"),
+        ("0.500008", "25", "10", "12000"),
+    ]
     manifest = manifests.load(tmp_path / "raw")
     assert manifest.vehicle.throttle_map.points[0] == pytest.approx((0.2, 8000 / 60))
     assert nearlift("ingest", tmp_path / "raw", "--out", tmp_path).exit_code == 0
@@ -252,7 +305,9 @@ def test_dwells_in_free_air_become_trials_and_a_throttle_map(server, tmp_path):
         ("a,b\n1,2\n", "lacks the columns"),
         (stand((9, 0, 0, 0)) + "x,0,3,0,0,0,0,3\n", "is not a row"),
     ):
-        own = listed(server, {"stand.csv": text}, tmp_path / "list.toml", converter="crazyflie_stand")
+        own = listed(
+            server, {"stand.csv": text}, tmp_path / "list.toml", converter="crazyflie_stand"
+        )
         assert told in get(tmp_path, own, to="broken").stderr
 
 
@@ -279,19 +334,31 @@ def test_a_script_becomes_a_table_with_the_heights_of_each_row():
     with pytest.raises(InputRefused, match="has no rows"):
         garofano_soldado.table("nothing", "script.m")
     with pytest.raises(InputRefused, match="1 standard deviations and no such heights"):
-        garofano_soldado.table(SCRIPT.replace("std_Fz0 = [0.1 0.1 0.2]", "std_Fz0 = [0.1]"), "script.m")
+        garofano_soldado.table(
+            SCRIPT.replace("std_Fz0 = [0.1 0.1 0.2]", "std_Fz0 = [0.1]"), "script.m"
+        )
 
 
 def test_other_numbers_than_the_published_ones_are_refused_although_trusted(server, tmp_path):
-    own = listed(server, {"script.m": SCRIPT}, tmp_path / "list.toml", converter="garofano_soldado", digest="unknown")
+    own = listed(
+        server,
+        {"script.m": SCRIPT},
+        tmp_path / "list.toml",
+        converter="garofano_soldado",
+        digest="unknown",
+    )
     told = get(tmp_path, own, "--trust")
     assert (told.exit_code, "holds other numbers" in told.stderr) == (4, True)
 
 
 def served(server: Server, name: str, folder: Path, tmp_path: Path) -> Path:
-    """The real entry of the list, its files served from a folder; their digests are the list's own."""
+    """The real entry of the list, its files served from a folder; their digests are the
+    list's own.
+    """
     entry = registry.dataset(name)
-    text = registry.OWN.read_text().split("[[dataset]]")[1 + [d.name for d in registry.datasets()].index(name)]
+    text = registry.OWN.read_text().split("[[dataset]]")[
+        1 + [d.name for d in registry.datasets()].index(name)
+    ]
     for file in entry.file:
         (server.folder / file.name).write_bytes((folder / file.name).read_bytes())
         text = text.replace(file.url, f"{server.url}/{urllib.parse.quote(file.name)}")
@@ -301,15 +368,25 @@ def served(server: Server, name: str, folder: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="../shared is not here")
 def test_the_measured_sweeps_are_the_measured_campaign(server, tmp_path):
-    own = served(server, "pitt-ras-2017", SHARED / "data/pitt-ras-iarc7-thrust/v1_sweeps_with_ground_distance", tmp_path)
+    own = served(
+        server,
+        "pitt-ras-2017",
+        SHARED / "data/pitt-ras-iarc7-thrust/v1_sweeps_with_ground_distance",
+        tmp_path,
+    )
     assert get(tmp_path, own, name="pitt-ras-2017").exit_code == 0
     ours, theirs = rows(tmp_path / "raw"), rows(SHARED / "campaigns/pitt-ras-2017")
     assert len(ours) == len(theirs) == 378
     for own_row, row in zip(ours, theirs, strict=True):
         assert (own_row["trial"], own_row["session"]) == (row["trial"], row["session"])
         for column in ("distance", "throttle", "lift", "supply", "start"):
-            assert float(own_row[column]) == pytest.approx(float(row[column]), rel=1e-5, abs=1e-5), (own_row, row)
-    assert manifests.load(tmp_path / "raw").vehicle.rotor_radius == manifests.load(SHARED / "campaigns/pitt-ras-2017").vehicle.rotor_radius
+            assert float(own_row[column]) == pytest.approx(
+                float(row[column]), rel=1e-5, abs=1e-5
+            ), (own_row, row)
+    assert (
+        manifests.load(tmp_path / "raw").vehicle.rotor_radius
+        == manifests.load(SHARED / "campaigns/pitt-ras-2017").vehicle.rotor_radius
+    )
 
 
 @pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="../shared is not here")
@@ -327,4 +404,9 @@ def test_the_measured_stand_gives_a_map(server, tmp_path):
 
 @pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="../shared is not here")
 def test_the_digest_of_the_numbers_is_that_of_the_table_at_hand():
-    assert hashlib.sha256((SHARED / "data/garofano-soldado-2023/thrust_vs_height.csv").read_bytes()).hexdigest() == garofano_soldado.NUMBERS_SHA256
+    assert (
+        hashlib.sha256(
+            (SHARED / "data/garofano-soldado-2023/thrust_vs_height.csv").read_bytes()
+        ).hexdigest()
+        == garofano_soldado.NUMBERS_SHA256
+    )

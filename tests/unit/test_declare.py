@@ -1,16 +1,31 @@
-"""Declarations defend themselves when they are made, and effects compose with models into models."""
+"""Declarations defend themselves when they are made, and effects compose with models into
+models.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from nearlift.declare import Check, Effect, LiftModel, Parameter, Prior, Source, compose, keywords, normal, uniform
+from nearlift.declare import (
+    Check,
+    Effect,
+    LiftModel,
+    Parameter,
+    Prior,
+    Source,
+    compose,
+    keywords,
+    normal,
+    uniform,
+)
 from nearlift.errors import DeclarationError
 from nearlift.models import cheeseman_bennett, sanchez_cuevas
 
 SOURCE = Source(citation="nobody")
-GAIN = Parameter(name="gain", unit="1", value=0.0, bounds=(-1, 1), prior=normal(0, 0.1), meaning="relative gain")
+GAIN = Parameter(
+    name="gain", unit="1", value=0.0, bounds=(-1, 1), prior=normal(0, 0.1), meaning="relative gain"
+)
 
 
 def bell(z_hat, /, *, k):
@@ -18,7 +33,9 @@ def bell(z_hat, /, *, k):
 
 
 def declare(**changes) -> LiftModel:
-    k = Parameter(name="k", unit="1", value=0.5, bounds=(0, 2), prior=uniform(0, 2), meaning="gain at contact")
+    k = Parameter(
+        name="k", unit="1", value=0.5, bounds=(0, 2), prior=uniform(0, 2), meaning="gain at contact"
+    )
     defaults = {
         "name": "bell",
         "title": "Bell",
@@ -52,10 +69,20 @@ def effect(name="gain", evaluate=None, acts_on="force", **changes) -> Effect:
 
 
 @pytest.mark.parametrize(
-    ("value", "bounds"), [(3.0, (0.0, 2.0)), (-1.0, (0.0, 2.0)), (1.0, (2.0, 0.0)), (1.0, (1.0, 1.0)), (float("nan"), (0.0, 1.0))]
+    ("value", "bounds"),
+    [
+        (3.0, (0.0, 2.0)),
+        (-1.0, (0.0, 2.0)),
+        (1.0, (2.0, 0.0)),
+        (1.0, (1.0, 1.0)),
+        (float("nan"), (0.0, 1.0)),
+    ],
 )
 def test_value_outside_its_bounds_is_refused(value, bounds):
-    with pytest.raises(DeclarationError, match=r"parameter p: value .* and bounds .* disagree\n  order them low < high"):
+    with pytest.raises(
+        DeclarationError,
+        match=r"parameter p: value .* and bounds .* disagree\n  order them low < high",
+    ):
         Parameter(name="p", unit="1", value=value, bounds=bounds, prior=uniform(0, 1), meaning="m")
 
 
@@ -67,10 +94,15 @@ def test_parameter_without_a_meaning_is_refused():
 def test_priors():
     assert uniform(2, 5).frozen().support() == (2, 5)
     assert normal(1, 2).frozen().std() == 2
-    assert Prior(distribution="lognorm", shape=(1.0,), scale=3.0).frozen().median() == pytest.approx(3.0)
+    assert Prior(
+        distribution="lognorm", shape=(1.0,), scale=3.0
+    ).frozen().median() == pytest.approx(3.0)
     assert str(uniform(2, 5)) == "uniform on [2, 5]"
     assert str(normal(1, 2)) == "normal, mean 1, sd 2"
-    assert str(Prior(distribution="lognorm", shape=(1.0,), scale=3.0)) == "log-normal, median 3, sd of the logarithm 1"
+    assert (
+        str(Prior(distribution="lognorm", shape=(1.0,), scale=3.0))
+        == "log-normal, median 3, sd of the logarithm 1"
+    )
 
 
 # --- declarations
@@ -88,14 +120,29 @@ def test_keywords_are_the_keyword_only_names():
         ({"needs": ("k",)}, "a name stands twice among parameters and needs"),
         (
             {"needs": ("spacing_hat",)},
-            r"evaluate takes \['k'\] but parameters and needs are \['k', 'spacing_hat'\]\n  make its keyword-only names equal",
+            (
+                r"evaluate takes \['k'\] but parameters and needs are \['k', 'spacing_hat'\]\n "
+                r" make its keyword-only names equal"
+            ),
         ),
         ({"parameters": ()}, r"evaluate takes \['k'\] but parameters and needs are \[\]"),
         ({"checks": ()}, "has no numeric check\n  give at least one number"),
-        ({"checks": (Check(x=0.0, expected=1.6, quoted_by="a slip"),)}, r"gives 1\.5 at 0\.0 \{\}, not 1\.6 \(a slip\)"),
-        ({"checks": (Check(x=float("nan"), expected=1.0, quoted_by="a slip"),)}, "gives nan at nan"),
-        ({"boundary": "window"}, "'window' is not a boundary\n  boundaries are ground, ceiling, sidewall"),
-        ({"downwash": lambda z, /: 1.0}, r"downwash takes \[\] but evaluate takes \['k'\]\n  give both the same"),
+        (
+            {"checks": (Check(x=0.0, expected=1.6, quoted_by="a slip"),)},
+            r"gives 1\.5 at 0\.0 \{\}, not 1\.6 \(a slip\)",
+        ),
+        (
+            {"checks": (Check(x=float("nan"), expected=1.0, quoted_by="a slip"),)},
+            "gives nan at nan",
+        ),
+        (
+            {"boundary": "window"},
+            "'window' is not a boundary\n  boundaries are ground, ceiling, sidewall",
+        ),
+        (
+            {"downwash": lambda z, /: 1.0},
+            r"downwash takes \[\] but evaluate takes \['k'\]\n  give both the same",
+        ),
     ],
 )
 def test_contradiction_is_refused_when_it_is_made(changes, told):
@@ -109,12 +156,16 @@ def test_calling_fills_in_declared_values():
 
 
 def test_calling_with_a_name_it_does_not_take_is_refused():
-    with pytest.raises(DeclarationError, match=r"declaration bell: does not take \['K'\]\n  it takes \['k'\]"):
+    with pytest.raises(
+        DeclarationError, match=r"declaration bell: does not take \['K'\]\n  it takes \['k'\]"
+    ):
         declare()(0.0, K=1.0)
 
 
 def test_calling_without_what_it_needs_is_refused():
-    with pytest.raises(DeclarationError, match=r"needs \['diagonal_hat'\]\n  give them as keywords"):
+    with pytest.raises(
+        DeclarationError, match=r"needs \['diagonal_hat'\]\n  give them as keywords"
+    ):
         sanchez_cuevas.MODEL(1.0, spacing_hat=3.0)
 
 
@@ -134,15 +185,27 @@ def test_suits():
 
 
 def test_effect_without_a_mechanism_is_refused():
-    with pytest.raises(DeclarationError, match="effect gain: names no mechanism\n  only what has a physical cause"):
+    with pytest.raises(
+        DeclarationError, match="effect gain: names no mechanism\n  only what has a physical cause"
+    ):
         effect(mechanism="")
 
 
 # --- composition
 
-HEIGHT = effect("offset", lambda z, /, *, delta: z + delta, "height", parameters=(replace(GAIN, name="delta"),))
-RATIO = effect("power", lambda r, /, *, m: r ** (1 + m), "ratio", parameters=(replace(GAIN, name="m"),))
-ADDED = effect("tare", lambda lift, /, *, zero_N: lift + zero_N, "force", parameters=(replace(GAIN, name="zero_N", unit="N"),), additive=True)
+HEIGHT = effect(
+    "offset", lambda z, /, *, delta: z + delta, "height", parameters=(replace(GAIN, name="delta"),)
+)
+RATIO = effect(
+    "power", lambda r, /, *, m: r ** (1 + m), "ratio", parameters=(replace(GAIN, name="m"),)
+)
+ADDED = effect(
+    "tare",
+    lambda lift, /, *, zero_N: lift + zero_N,
+    "force",
+    parameters=(replace(GAIN, name="zero_N", unit="N"),),
+    additive=True,
+)
 
 
 def test_composed_model_is_a_model_that_does_nothing_new_at_the_null():
@@ -168,19 +231,34 @@ def test_additive_force_needs_the_lift_far_away():
 
 
 def test_effect_that_asks_for_the_height_gets_the_shifted_one():
-    asking = effect("fade", lambda r, /, *, m, z_hat: r + m * z_hat, "ratio", parameters=(replace(GAIN, name="m"),), needs=("z_hat",),
-                    checks=(Check(x=1.0, expected=1.0, arguments={"z_hat": 2.0}, quoted_by="null"),))  # fmt: skip
+    asking = effect(
+        "fade",
+        lambda r, /, *, m, z_hat: r + m * z_hat,
+        "ratio",
+        parameters=(replace(GAIN, name="m"),),
+        needs=("z_hat",),
+        checks=(Check(x=1.0, expected=1.0, arguments={"z_hat": 2.0}, quoted_by="null"),),
+    )
     model = compose(cheeseman_bennett.MODEL, HEIGHT, asking)
     assert model.needs == ()
-    assert float(model(1.0, delta=0.5, m=0.1)) == pytest.approx(float(cheeseman_bennett.MODEL(1.5)) + 0.15)
+    assert float(model(1.0, delta=0.5, m=0.1)) == pytest.approx(
+        float(cheeseman_bennett.MODEL(1.5)) + 0.15
+    )
 
 
 def test_composed_model_broadcasts():
     model = compose(sanchez_cuevas.MODEL, HEIGHT, effect())
     z, column = np.linspace(1, 5, 7), np.full((3, 1), 0.1)
-    assert model(z, K_b=column, delta=column, gain=column, spacing_hat=2.83, diagonal_hat=4.0).shape == (3, 7)
+    assert model(
+        z, K_b=column, delta=column, gain=column, spacing_hat=2.83, diagonal_hat=4.0
+    ).shape == (3, 7)
 
 
 def test_two_parts_with_one_parameter_name_are_refused():
-    with pytest.raises(DeclarationError, match=r"compose\(cheeseman_bennett, ...\): two of the parts have a parameter of the same name"):
+    with pytest.raises(
+        DeclarationError,
+        match=(
+            r"compose\(cheeseman_bennett, ...\): two of the parts have a parameter of the same name"
+        ),
+    ):
         compose(cheeseman_bennett.MODEL, effect(), effect("again"))

@@ -1,4 +1,6 @@
-"""The stage `detect`: products, what payload and supply cost, the sidewall's number, folds, figure and chapter."""
+"""The stage `detect`: products, what payload and supply cost, the sidewall's number, folds, figure
+and chapter.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,11 @@ def test_ranges(done):
     table = job.read(DETECTION)
     assert set(table["boundary"]) == {"ground", "ceiling", "sidewall"}
     ground = {
-        (p, t): z for b, p, t, z in zip(*(table[k] for k in ("boundary", "payload", "averaging_s", "range_z_hat")), strict=True) if b == "ground"
+        (p, t): z
+        for b, p, t, z in zip(
+            *(table[k] for k in ("boundary", "payload", "averaging_s", "range_z_hat")), strict=True
+        )
+        if b == "ground"
     }
     assert ground[0.0, 0.1] < ground[0.0, 10.0]
     assert not ground[0.05, 100.0] > 0.5 * ground[0.0, 100.0]
@@ -71,7 +77,12 @@ def test_supply_costs_range(remake, done):
     (spec,) = (s for s in FIGURES if s.name == "detection")
     table = spec.summarise(evidence)
     drawn = set(table["case"][table["row"] == "range"])
-    assert drawn == {"weight and supply known exactly", "weight ±1 %", "weight ±5 %", "supply voltage ±2 %"}
+    assert drawn == {
+        "weight and supply known exactly",
+        "weight ±1 %",
+        "weight ±5 %",
+        "supply voltage ±2 %",
+    }
     shown = [c["case"] for c in chapter.facts(evidence)["rows"][0]["cells"]]
     assert shown == [
         "weight and supply known exactly",
@@ -84,25 +95,35 @@ def test_supply_costs_range(remake, done):
 
 
 def test_a_reading_becomes_a_distance(done):
-    """The ratio that the fitted model has at 1.5 radii, and the throttle at which a vehicle would hover there, say 1.5 radii."""
+    """The ratio that the fitted model has at 1.5 radii, and the throttle at which a vehicle would
+    hover there, say 1.5 radii.
+    """
     job, _ = done
     belief = believe(job, "ground", 50)
     ratio = float(belief.ratio()(np.array([1.5]))[0])
-    found = read(job, Reading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"}))
+    found = read(
+        job, Reading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"})
+    )
     assert found["z_hat"]["lo90"] < 1.5 < found["z_hat"]["hi90"]
     assert found["z_hat"]["median"] == pytest.approx(1.5, rel=0.05)
     assert found["z_m"]["median"] == pytest.approx(0.023 * found["z_hat"]["median"])
     assert found["beyond"] < 1e-3
     assert "11.5: below 0.01 % (50 % before" in text(found)
-    assert "z_hat = 1.5 (90 %: 1." in text(found).replace("1.49 ", "1.5 ").replace("1.51 ", "1.5 ").replace("1.52 ", "1.5 ")
+    assert "z_hat = 1.5 (90 %: 1." in text(found).replace("1.49 ", "1.5 ").replace(
+        "1.51 ", "1.5 "
+    ).replace("1.52 ", "1.5 ")
     # lift goes as throttle^1.4 here: the throttle that lifts weight / ratio far away
     hover = (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)
     given = {"boundary": "ground", "throttle": f"{100 * hover} percent", "u": "0 percent"}
     told = read(job, Reading.model_validate(given))
     assert told["ratio"] == pytest.approx(ratio, rel=0.02)
     assert told["z_hat"]["lo90"] < 1.5 < told["z_hat"]["hi90"]
-    wider = read(job, Reading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"}))
-    assert wider["u"] == pytest.approx(math.hypot(told["u"], 0.01 * told["ratio"], 0.02 * told["ratio"]), rel=1e-3)
+    wider = read(
+        job, Reading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"})
+    )
+    assert wider["u"] == pytest.approx(
+        math.hypot(told["u"], 0.01 * told["ratio"], 0.02 * told["ratio"]), rel=1e-3
+    )
     heavier = read(job, Reading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}))
     assert heavier["ratio"] == pytest.approx(told["ratio"] * 28 / 27)
 
@@ -142,15 +163,36 @@ def test_the_command_line_takes_a_reading(tmp_path):
     assert "ground, sanchez_cuevas: L/L_inf = 1.1 +- 0.01\nz_hat = " in found.stdout
     told = json.loads(nearlift("detect", raw, "--out", tmp_path, *reading, "--json").stdout)
     assert told["z_hat"]["lo90"] < told["z_hat"]["median"] < told["z_hat"]["hi90"]
-    hover = nearlift("detect", raw, "--out", tmp_path, "--boundary", "ground", "--throttle", "50 percent", "--u", "0.5 percent", "--mass", "27 g")
+    hover = nearlift(
+        "detect",
+        raw,
+        "--out",
+        tmp_path,
+        "--boundary",
+        "ground",
+        "--throttle",
+        "50 percent",
+        "--u",
+        "0.5 percent",
+        "--mass",
+        "27 g",
+    )
     assert "(hover at 50 % throttle)" in hover.stdout
     assert not (tmp_path / "processed" / small_run.NAME / "proximity.json").exists()
     for words, code, said in (
         (("--ratio", "1.1"), 2, "--boundary: is missing"),
-        (("--boundary", "ceiling", "--ratio", "1.1", "--u", "1 percent"), 2, "nothing was fitted at the ceiling"),
+        (
+            ("--boundary", "ceiling", "--ratio", "1.1", "--u", "1 percent"),
+            2,
+            "nothing was fitted at the ceiling",
+        ),
         (("--boundary", "ground", "--ratio", "1.1"), 2, "u: is missing"),
         (("--boundary", "ground", "--u", "1 percent"), 2, "one of both"),
-        (("--boundary", "ground", "--ratio", "3", "--u", "1 percent"), 4, "standard uncertainties from everything"),
+        (
+            ("--boundary", "ground", "--ratio", "3", "--u", "1 percent"),
+            4,
+            "standard uncertainties from everything",
+        ),
     ):
         found = nearlift("detect", raw, "--out", tmp_path, *words)
         assert found.exit_code == code

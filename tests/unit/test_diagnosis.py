@@ -1,4 +1,6 @@
-"""The loop on trials of known truth: what it finds, what it refuses to find, and what each piece of it promises."""
+"""The loop on trials of known truth: what it finds, what it refuses to find, and what each piece of
+it promises.
+"""
 
 import dataclasses
 
@@ -7,7 +9,16 @@ import pytest
 from scipy.stats import binom
 
 from nearlift import catalogue
-from nearlift.diagnosis import adequacy, confirmation, families, few_visits, loop, search, separation, structure
+from nearlift.diagnosis import (
+    adequacy,
+    confirmation,
+    families,
+    few_visits,
+    loop,
+    search,
+    separation,
+    structure,
+)
 from nearlift.diagnosis.candidate import Candidate
 from nearlift.diagnosis.candidate import fit as candidate_fit
 from nearlift.diagnosis.loop import close_loop, set_up
@@ -23,7 +34,9 @@ CEILING = catalogue.model("hsiao_chirarattananon")
 
 
 def datum(standard):
-    return budget.Component(name="datum", on="height", standard=standard, distribution="normal", scope="boundary")
+    return budget.Component(
+        name="datum", on="height", standard=standard, distribution="normal", scope="boundary"
+    )
 
 
 def sag(power):
@@ -42,7 +55,9 @@ def null_stage():
 
 @pytest.fixture(scope="module")
 def sagging_stage():
-    return set_up(campaign(11, visits=10, gain=sag(0.5), session_gain=0.01), GROUND, (), Options())[0]
+    return set_up(campaign(11, visits=10, gain=sag(0.5), session_gain=0.01), GROUND, (), Options())[
+        0
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +76,9 @@ def test_a_sagging_supply_is_found_named_and_removed(sagging):
     assert error["after"]["held_out_rmse"] < 0.7 * error["before"]["held_out_rmse"]
     assert error["after"]["hi90"] > error["noise_floor"]
     assert error["chosen_in_folds"] == ["supply_sag"] * 3
-    assert error["change"]["value"] == pytest.approx(error["after"]["held_out_rmse"] / error["before"]["held_out_rmse"] - 1)
+    assert error["change"]["value"] == pytest.approx(
+        error["after"]["held_out_rmse"] / error["before"]["held_out_rmse"] - 1
+    )
     assert error["change"]["hi90"] < 0
 
 
@@ -69,13 +86,17 @@ def test_the_coefficient_before_and_after_has_three_intervals(sagging):
     after = sagging["coefficients"]["after"]["K_b"]
     assert after["lo90"] <= after["conditional"][0] < after["conditional"][1] <= after["hi90"]
     assert after["constrained"][1] - after["constrained"][0] > after["hi90"] - after["lo90"]
-    # one campaign in ten misses its 90 % interval, and undetected effects are in none of them: the widest must hold the truth
+    # one campaign in ten misses its 90 % interval, and undetected effects are in none of them: the
+    # widest must hold the truth
     assert after["constrained"][0] < 2.0 < after["constrained"][1]
 
 
 def test_false_alarms_stay_near_their_rate():
     # 40 nulls at a stated 5 %: 7 or more claims happen by chance once in 300
-    verdicts = [close_loop(campaign(500 + s, visits=5), GROUND, confirm=False, seed=s)["verdict"] for s in range(40)]
+    verdicts = [
+        close_loop(campaign(500 + s, visits=5), GROUND, confirm=False, seed=s)["verdict"]
+        for s in range(40)
+    ]
     assert sum(v != "adequate" for v in verdicts) < 7
 
 
@@ -84,13 +105,17 @@ def test_an_adequate_model_is_left_alone():
     assert found["verdict"] == "adequate"
     assert found["effects"] == []
     assert found["error"]["before"] == found["error"]["after"]
-    assert found["coefficients"]["before"]["K_b"]["value"] == pytest.approx(found["coefficients"]["after"]["K_b"]["value"], abs=1e-6)
+    assert found["coefficients"]["before"]["K_b"]["value"] == pytest.approx(
+        found["coefficients"]["after"]["K_b"]["value"], abs=1e-6
+    )
 
 
 def test_structure_outside_the_library_stays_without_a_name():
     data = campaign(5, visits=8)
     ripple = 1 + 0.012 * np.sin(np.arange(data.n) * 2 * np.pi / 37)
-    found = close_loop(dataclasses.replace(data, lift_N=data.lift_N * ripple), GROUND, confirm=False)
+    found = close_loop(
+        dataclasses.replace(data, lift_N=data.lift_N * ripple), GROUND, confirm=False
+    )
     assert found["verdict"] == "unexplained"
     assert found["effects"] == []
     assert found["structure"][0]["covariate"] == "start"
@@ -103,7 +128,13 @@ def test_two_effects_are_found_together():
 
 
 def test_under_a_ceiling_a_height_scale_is_silent_and_never_named():
-    data = campaign(3, boundary="ceiling", ratio=hsiao, stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0), visits=8)
+    data = campaign(
+        3,
+        boundary="ceiling",
+        ratio=hsiao,
+        stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
+        visits=8,
+    )
     found = close_loop(data, CEILING, confirm=False)
     hidden = {s["effect"]: s for s in found["silent"] if s["hidden"]}
     assert hidden["height_scale"]["absorbed_by"] == "alpha"
@@ -121,19 +152,24 @@ def test_what_was_not_logged_is_untestable_and_says_what_to_log():
 
 def test_too_few_trials_are_refused_with_the_number_that_would_do():
     data = campaign(6, visits=1)
-    with pytest.raises(NotConverged, match="at least 45 are wanted to tell a noise floor from structure"):
+    with pytest.raises(
+        NotConverged, match="at least 45 are wanted to tell a noise floor from structure"
+    ):
         close_loop(data.take(np.arange(20)), GROUND)
 
 
 def test_a_constant_covariate_tells_nothing():
     stage = set_up(campaign(7, visits=5), GROUND, (), Options())[0]
-    flat = dataclasses.replace(stage.data, covariates={**stage.data.covariates, "supply_V": np.full(stage.data.n, 3.7)})
+    flat = dataclasses.replace(
+        stage.data, covariates={**stage.data.covariates, "supply_V": np.full(stage.data.n, 3.7)}
+    )
     assert "supply_V" in missing(catalogue.effect("supply_sag"), flat)
 
 
 def test_noise_floor_recovers_what_the_trials_were_given():
     sizes = [set_up(campaign(800 + s, visits=15), GROUND, (), Options())[0].noise for s in range(6)]
-    # about 420 degrees of freedom each: 3.5 % on one, 1.5 % on the mean of six, plus a trade between relative and additive
+    # about 420 degrees of freedom each: 3.5 % on one, 1.5 % on the mean of six, plus a trade
+    # between relative and additive
     assert np.mean([n.relative for n in sizes]) == pytest.approx(0.004, rel=0.08)
     assert np.mean([n.force_N for n in sizes]) == pytest.approx(3e-4, rel=0.4)
 
@@ -142,7 +178,9 @@ def test_neighbours_that_share_noise_are_noticed():
     data = campaign(9, visits=12)
     rng = np.random.default_rng(0)
     shared = rng.normal(0, 0.004, data.visit.max() + 1)[data.visit]
-    stage = set_up(dataclasses.replace(data, lift_N=data.lift_N * (1 + shared)), GROUND, (), Options())[0]
+    stage = set_up(
+        dataclasses.replace(data, lift_N=data.lift_N * (1 + shared)), GROUND, (), Options()
+    )[0]
     assert stage.noise.common == pytest.approx(0.004, rel=0.35)
     assert set_up(data, GROUND, (), Options())[0].noise.common < 0.001
 
@@ -158,7 +196,9 @@ def test_an_outlier_is_pulled_in_and_the_rest_left_alone():
 
 
 def drawn(stage, source):
-    return structure.draw(stage.hypotheses[0], stage.absorbed, np.random.default_rng(source), stage.noise.dof)
+    return structure.draw(
+        stage.hypotheses[0], stage.absorbed, np.random.default_rng(source), stage.noise.dof
+    )
 
 
 def test_the_largest_of_all_tests_has_the_stated_false_alarm_rate(null_stage):
@@ -166,7 +206,10 @@ def test_the_largest_of_all_tests_has_the_stated_false_alarm_rate(null_stage):
     rng = np.random.default_rng(1)
     none = np.zeros((basis.shape[1], 0))
     null = structure.draw(hypotheses, none, np.random.default_rng(2), 1e6)
-    p = [structure.examine(rng.standard_normal(basis.shape[1]), hypotheses, none, null, 0.05).p_value for _ in range(150)]
+    p = [
+        structure.examine(rng.standard_normal(basis.shape[1]), hypotheses, none, null, 0.05).p_value
+        for _ in range(150)
+    ]
     # binomial: 150 draws at 5 % and at 50 %, 99.7 % bands
     assert sum(q <= 0.05 for q in p) <= 16
     assert 56 <= sum(q <= 0.5 for q in p) <= 94
@@ -176,13 +219,19 @@ def test_without_the_correction_for_many_candidates_chance_finds_something(null_
     hypotheses, basis = null_stage.hypotheses
     rng = np.random.default_rng(3)
     none = np.zeros((basis.shape[1], 0))
-    found = [structure.examine(rng.standard_normal(basis.shape[1]), hypotheses, none, structure.ALONE, 0.05).present for _ in range(30)]
+    found = [
+        structure.examine(
+            rng.standard_normal(basis.shape[1]), hypotheses, none, structure.ALONE, 0.05
+        ).present
+        for _ in range(30)
+    ]
     # a level of 5 % would let that happen once in a million times
     assert sum(found) > binom.isf(1e-6, 30, 0.05)
 
 
 def test_a_threshold_is_known_to_the_draws_that_lie_beyond_it(null_stage):
-    # of so many draws a twentieth lies beyond: the rate at another draw's threshold is binomial, and 15 of them stay within 4 sd
+    # of so many draws a twentieth lies beyond: the rate at another draw's threshold is binomial,
+    # and 15 of them stay within 4 sd
     first, *others = (drawn(null_stage, source) for source in range(15))
     sd = np.sqrt(2 * 0.05 * 0.95 / structure.DRAWS)
     assert all(abs(first.p_value(other.threshold(0.05)) - 0.05) < 4 * sd for other in others)
@@ -195,7 +244,10 @@ def test_what_is_named_does_not_hang_on_the_seed(ambiguous):
     for seed in range(15):
         threshold = drawn(stage, seed).threshold(0.05)
         singles, pairs = (
-            tuple(dataclasses.replace(e, left=dataclasses.replace(e.left, threshold=threshold)) for e in tried)
+            tuple(
+                dataclasses.replace(e, left=dataclasses.replace(e.left, threshold=threshold))
+                for e in tried
+            )
             for tried in (answer.singles, answer.pairs)
         )
         sets.append([e.effects for e in search.contenders(stage, singles, pairs)])
@@ -256,7 +308,8 @@ def test_the_change_of_the_error_is_known_better_than_the_errors():
 
 
 def test_families_do_not_carry_the_trials_own_noise(null_stage):
-    # a column made of measured lift would explain the noise by itself: the residual about all families would lose its size
+    # a column made of measured lift would explain the noise by itself: the residual about all
+    # families would lose its size
     columns = np.hstack([f.columns for f in families.families(null_stage.data)])
     basis = noise.orthonormal(columns)
     white = np.random.default_rng(8).normal(size=null_stage.data.n)
@@ -275,7 +328,9 @@ def test_a_tube_has_the_declared_relative_size(null_stage):
     candidate = Candidate(base=GROUND, effects=(effect,), data=null_stage.data)
     vector = np.array([2.0, 1.0])
     tube = candidate.tube(vector, 0.2)
-    size = np.sqrt(np.sum(tube**2, axis=1)) / np.maximum(np.abs(candidate.contribution(vector, effect)), 1e-12)
+    size = np.sqrt(np.sum(tube**2, axis=1)) / np.maximum(
+        np.abs(candidate.contribution(vector, effect)), 1e-12
+    )
     # 20 % along supply and 20 % along throttle
     assert np.sqrt(np.mean(size**2)) == pytest.approx(0.2 * np.sqrt(2), rel=0.1)
     assert candidate.tube(vector, 0.0).shape == (null_stage.data.n, 0)
@@ -299,7 +354,9 @@ def test_a_proposed_session_adds_power(null_stage):
     one, other = answer.accepted[:2]
     now = separation.parting(answer.stage, answer.stage.data, one, other)
     for proposal in separation.menu(answer.stage.data):
-        more = separation.parting(answer.stage, separation.join(answer.stage.data, proposal.added), one, other)
+        more = separation.parting(
+            answer.stage, separation.join(answer.stage.data, proposal.added), one, other
+        )
         assert more > now - 1e-6 * max(now, 1.0)
 
 
@@ -315,38 +372,56 @@ def test_partial_explanations_are_ranked_though_the_excess_is_small():
 
 def test_what_the_bench_cannot_do_is_not_proposed():
     data = campaign(12, visits=15, datum=3e-3)
-    answer, refused = (run(set_up(data, GROUND, (), Options(not_feasible=n))[0]) for n in ((), ("closer", "both directions")))
+    answer, refused = (
+        run(set_up(data, GROUND, (), Options(not_feasible=n))[0])
+        for n in ((), ("closer", "both directions"))
+    )
     near = data.z_hat.min()
     for answered, allowed in ((answer, True), (refused, False)):
         menu = separation.menu(answered.stage.data, answered.stage.options.not_feasible)
         assert any(p.added.z_hat.min() < near for p in menu) is allowed
         assert any("both directions" in p.text for p in menu) is allowed
         said = [
-            text for n in separation.next_experiment(answered.stage, answered) for text in (n["measure"], *(a["measure"] for a in n["alternatives"]))
+            text
+            for n in separation.next_experiment(answered.stage, answered)
+            for text in (n["measure"], *(a["measure"] for a in n["alternatives"]))
         ]
         assert said
         assert any("closer" in text for text in said) is allowed
-    assert all(p.added.z_hat.max() <= data.z_hat.max() for p in separation.menu(answer.stage.data, ("farther",)))
+    assert all(
+        p.added.z_hat.max() <= data.z_hat.max()
+        for p in separation.menu(answer.stage.data, ("farther",))
+    )
 
 
 def test_lift_levels_are_what_the_trials_were_given(null_stage):
-    assert null_stage.data.covariates["lift_inf_N"] == pytest.approx([L_INF[t] for t in null_stage.data.throttle], rel=0.01)
+    assert null_stage.data.covariates["lift_inf_N"] == pytest.approx(
+        [L_INF[t] for t in null_stage.data.throttle], rel=0.01
+    )
 
 
 def sweeps(seed, *, gain=None, spread=0.03, supply_falls=False):
-    """Nine long visits, one distance and one session each, each with a gain of its own that nothing explains."""
+    """Nine long visits, one distance and one session each, each with a gain of its own that nothing
+    explains.
+    """
     rng = np.random.default_rng(seed)
     data = campaign(seed, stations=(1.2, 2.0, 6.0, 11.5), visits=14)
     run_of = np.arange(data.n) * 9 // data.n
     z = np.array([1.2, 11.5, 2.0, 6.0, 11.5, 1.2, 6.0, 11.5, 2.0])[run_of]
-    lift = np.array([L_INF[t] for t in data.throttle]) * (1 + rng.normal(0, 0.004, data.n)) * (1 + rng.normal(0, spread, 9)[run_of])
+    lift = (
+        np.array([L_INF[t] for t in data.throttle])
+        * (1 + rng.normal(0, 0.004, data.n))
+        * (1 + rng.normal(0, spread, 9)[run_of])
+    )
     poor = {k: v for k, v in data.covariates.items() if k == "start_s"}
     if supply_falls:
         # read in steps, as a bench's voltmeter shows it
         true = 4.0 - 0.1 * rng.permutation(9)[run_of] - 0.1 * data.throttle
         poor["supply_V"] = np.round(true, 1)
         lift = lift * (true / 3.8) ** 2
-    return dataclasses.replace(data, z_hat=z, lift_N=lift, visit=run_of, session=run_of, covariates=poor)
+    return dataclasses.replace(
+        data, z_hat=z, lift_N=lift, visit=run_of, session=run_of, covariates=poor
+    )
 
 
 def test_a_gain_of_each_visit_is_never_named():
@@ -357,7 +432,9 @@ def test_a_gain_of_each_visit_is_never_named():
     assert found["error"]["after"] == found["error"]["before"]
     assert "none predicts visits left out" in found["rounds"][-1]["reason"]
     assert any(limit.get("absorbed_by") == "session_gain" for limit in found["limits"])
-    assert any("several distances within each session" in n["measure"] for n in found["next_experiment"])
+    assert any(
+        "several distances within each session" in n["measure"] for n in found["next_experiment"]
+    )
 
 
 def test_a_cause_that_predicts_visits_left_out_is_found():
@@ -381,23 +458,38 @@ def test_jackknife_is_the_textbook_one():
     assert confirmation.standard_error(vectors) == pytest.approx(np.sqrt(3 / 4 * 14))
 
 
-@pytest.mark.parametrize("names", [(), ("supply_sag",), ("supply_sag", "height_offset"), ("session_gain",)], ids=lambda n: "+".join(n) or "base")
+@pytest.mark.parametrize(
+    "names",
+    [(), ("supply_sag",), ("supply_sag", "height_offset"), ("session_gain",)],
+    ids=lambda n: "+".join(n) or "base",
+)
 def test_leaving_out_every_visit_at_once_is_leaving_out_each(names):
-    """Vectors and predictions beside a fit to the other visits' trials alone; the last visit is its session's only one, and a throttle's.
+    """Vectors and predictions beside a fit to the other visits' trials alone; the last visit is its
+    session's only one, and a throttle's.
 
-    A fit of one ends where the next step gains less than 1e-3 in chi2, so they agree to a twentieth of a standard uncertainty.
+    A fit of one ends where the next step gains less than 1e-3 in chi2, so they agree to a twentieth
+    of a standard uncertainty.
     """
     data = sweeps(4, spread=0.004, supply_falls=True)
-    data = dataclasses.replace(data, throttle=np.where((data.visit == 8) & (data.throttle == data.levels[0]), 0.99, data.throttle))
+    data = dataclasses.replace(
+        data,
+        throttle=np.where(
+            (data.visit == 8) & (data.throttle == data.levels[0]), 0.99, data.throttle
+        ),
+    )
     stage = dataclasses.replace(set_up(data, GROUND, (), Options())[0], independent=True)
     effects = tuple(catalogue.effect(n) for n in names)
-    whole = search.search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector)
+    whole = search.search(
+        stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector
+    )
     vectors, left = few_visits.without_each(stage, whole), few_visits.left_out(stage, effects)
     assert vectors.shape == (9, whole.candidate.size)
     scale = 1 / np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / whole.candidate.prior[1] ** 2)
     for v, vector in enumerate(vectors):
         test = stage.data.visit == v
-        part = dataclasses.replace(stage, data=stage.data.take(~test), log_lift=stage.log_lift[~test])
+        part = dataclasses.replace(
+            stage, data=stage.data.take(~test), log_lift=stage.log_lift[~test]
+        )
         candidate = part.candidate(*effects)
         size = candidate.size  # a session that is left out, the last, is not in it
         alone = candidate_fit(candidate, part.space, part.log_lift, whole.vector[:size])
@@ -410,8 +502,12 @@ def test_leaving_out_every_visit_at_once_is_leaving_out_each(names):
 
 
 def test_few_visits_that_only_repeat_badly_are_given_no_name():
-    # eight campaigns, each named wrongly with a chance below 10 %: three or more would happen once in thirty
-    named = [few_visits.choose(set_up(sweeps(s), GROUND, (), Options(seed=s))[0]).accepted for s in range(100, 108)]
+    # eight campaigns, each named wrongly with a chance below 10 %: three or more would happen once
+    # in thirty
+    named = [
+        few_visits.choose(set_up(sweeps(s), GROUND, (), Options(seed=s))[0]).accepted
+        for s in range(100, 108)
+    ]
     assert sum(map(bool, named)) <= 2
 
 
@@ -426,24 +522,37 @@ def test_what_held_out_visits_do_not_confirm_is_not_named(monkeypatch):
 
 
 def test_held_out_visits_are_weighed_by_how_well_they_are_known(null_stage):
-    # an effect seen well everywhere but at the visits whose height was off: unweighted, those would drown it
+    # an effect seen well everywhere but at the visits whose height was off: unweighted, those would
+    # drown it
     data, rng = null_stage.data, np.random.default_rng(4)
-    stage = dataclasses.replace(null_stage, noise=dataclasses.replace(null_stage.noise, relative=1e-3, force_N=0.0, height_m=2e-3))
+    stage = dataclasses.replace(
+        null_stage,
+        noise=dataclasses.replace(null_stage.noise, relative=1e-3, force_N=0.0, height_m=2e-3),
+    )
     visits, label = np.unique(data.visit, return_inverse=True)
     off = stage.noise.height_m * stage.slope * rng.standard_normal(len(visits))[label]
     effect = 5e-4 * np.sign(np.sin(np.arange(data.n)))
     noise = 1e-3 * rng.standard_normal(data.n) + off
-    scored = confirmation.HeldOut(before=noise + effect, after=noise + effect, named=noise, visit=data.visit, chosen=())
+    scored = confirmation.HeldOut(
+        before=noise + effect, after=noise + effect, named=noise, visit=data.visit, chosen=()
+    )
     # what the folds chose is for the error; whether the effect predicts, for the effect itself
     assert confirmation.improves(stage, scored)
-    assert not confirmation.improves(stage, dataclasses.replace(scored, before=noise, named=noise + effect))
+    assert not confirmation.improves(
+        stage, dataclasses.replace(scored, before=noise, named=noise + effect)
+    )
     # chance alone, as large: no credit
-    idle = dataclasses.replace(scored, before=noise, named=noise + 5e-4 * rng.standard_normal(data.n))
+    idle = dataclasses.replace(
+        scored, before=noise, named=noise + 5e-4 * rng.standard_normal(data.n)
+    )
     assert not confirmation.improves(stage, idle)
     # one wild trial on either side decides nothing
     wild = np.zeros(data.n)
     wild[7] = 0.5
-    assert confirmation.improves(stage, dataclasses.replace(scored, before=scored.before + wild, named=scored.named + 1.1 * wild))
+    assert confirmation.improves(
+        stage,
+        dataclasses.replace(scored, before=scored.before + wild, named=scored.named + 1.1 * wild),
+    )
 
 
 def test_a_name_accounts_for_the_greater_part_of_what_is_there_without_it(sagging_stage):
@@ -454,7 +563,8 @@ def test_a_name_accounts_for_the_greater_part_of_what_is_there_without_it(saggin
     def beside(*names):
         return stage.explain(tuple(effects[n] for n in names), tuple(alone[n].gain for n in names))
 
-    # two effects of which each leaves what the other did: both are wanted; a passenger beside either is not
+    # two effects of which each leaves what the other did: both are wanted; a passenger beside
+    # either is not
     assert beside("supply_sag", "session_gain").needed
     assert not beside("supply_sag", "tilt").needed
     assert not beside("session_gain", "tilt").needed
@@ -488,14 +598,20 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         return [e.effects for e in search.contenders(null_stage, singles, pairs)]
 
     # the plausible first, of those within reach
-    singles = (standing(["supply_sag"], 0.0), standing(["warm_up"], -2.0, plausibility=1.0), standing(["air_density"], -6.0))
+    singles = (
+        standing(["supply_sag"], 0.0),
+        standing(["warm_up"], -2.0, plausibility=1.0),
+        standing(["air_density"], -6.0),
+    )
     assert listed(singles) == [("warm_up",), ("supply_sag",)]
-    # what is likelier than nothing, if not by enough to be named, is a rival and never the name; without one that is, it is nothing
+    # what is likelier than nothing, if not by enough to be named, is a rival and never the name;
+    # without one that is, it is nothing
     shy = standing(["warm_up"], -1.0, over_none=1.0, plausibility=1.0)
     assert listed((singles[0], shy)) == [("supply_sag",), ("warm_up",)]
     assert listed((shy,)) == []
     assert listed((singles[0], standing(["warm_up"], -1.0, over_none=-0.5))) == [("supply_sag",)]
-    # evidence says who is a rival, whatever it leaves; nobody is named who leaves something, nor for less than the greater part
+    # evidence says who is a rival, whatever it leaves; nobody is named who leaves something, nor
+    # for less than the greater part
     something = dataclasses.replace(nothing, log10_p=np.full(1, -9.0))
     for left, needed in ((something, True), (nothing, False)):
         rival = standing(["warm_up"], 3.0, plausibility=1.0, left=left, needed=needed)
@@ -503,10 +619,16 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         assert listed((rival,)) == []
     # of two effects of which one would do, neither the name nor a rival
     passenger = standing(["warm_up", "tilt"], 6.0, needed=False)
-    assert listed((), (passenger, standing(["supply_sag", "tilt"], 6.0))) == [("supply_sag", "tilt")]
+    assert listed((), (passenger, standing(["supply_sag", "tilt"], 6.0))) == [
+        ("supply_sag", "tilt")
+    ]
     assert listed(singles[:1], (passenger,)) == [("supply_sag",)]
     # a pair may be less likely than the single effect, likelier though not plainly, or plainly
-    for ahead, expected in ((-1.0, [("supply_sag",)]), (2.0, [("supply_sag",), ("supply_sag", "tilt")]), (6.0, [("supply_sag", "tilt")])):
+    for ahead, expected in (
+        (-1.0, [("supply_sag",)]),
+        (2.0, [("supply_sag",), ("supply_sag", "tilt")]),
+        (6.0, [("supply_sag", "tilt")]),
+    ):
         assert listed(singles[:1], (standing(["supply_sag", "tilt"], ahead),)) == expected
 
 
@@ -515,7 +637,9 @@ def test_an_effect_that_no_fold_found_still_predicts():
     sagging = tuple(e for e, _ in stage.library if e.name == "supply_sag")
 
     def blind(part):
-        return search.Answer(stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=())
+        return search.Answer(
+            stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=()
+        )
 
     scored = confirmation.held_out(stage, blind, sagging)
     assert np.array_equal(scored.before, scored.after)
@@ -565,27 +689,50 @@ def test_with_hardly_any_freedom_the_noise_stays_finite():
     data = campaign(2, visits=1)
     rng = np.random.default_rng(1)
     for free in (0, 1, 2):
-        found, _ = noise.estimate(data, np.log(data.lift_N), rng.standard_normal((data.n, data.n - free)), [], np.zeros(data.n))
+        found, _ = noise.estimate(
+            data,
+            np.log(data.lift_N),
+            rng.standard_normal((data.n, data.n - free)),
+            [],
+            np.zeros(data.n),
+        )
         assert np.isfinite([found.relative, found.force_N]).all()
 
 
 def test_what_a_pair_could_gain_is_what_both_take_of_the_residual(null_stage):
     gains = pair_gains(null_stage)
     hypotheses, basis = null_stage.hypotheses
-    mine = {h.name: h.columns for h in hypotheses if h.name in (f"{EFFECT}supply_sag", f"{EFFECT}zero_offset")}
+    mine = {
+        h.name: h.columns
+        for h in hypotheses
+        if h.name in (f"{EFFECT}supply_sag", f"{EFFECT}zero_offset")
+    }
     residual = basis.T @ null_stage.base_fit.residual
     without, both = (
-        np.column_stack(x) for x in ((basis.T @ null_stage.base_fit.jacobian,), (basis.T @ null_stage.base_fit.jacobian, *mine.values()))
+        np.column_stack(x)
+        for x in (
+            (basis.T @ null_stage.base_fit.jacobian,),
+            (basis.T @ null_stage.base_fit.jacobian, *mine.values()),
+        )
     )
-    left = [np.sum((residual - x @ np.linalg.lstsq(x, residual, rcond=None)[0]) ** 2) for x in (without, both)]
+    left = [
+        np.sum((residual - x @ np.linalg.lstsq(x, residual, rcond=None)[0]) ** 2)
+        for x in (without, both)
+    ]
     assert gains["supply_sag", "zero_offset"] == pytest.approx(left[0] - left[1], rel=1e-6)
 
 
 def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plainly_likelier():
-    """The converter adds a little of the inclinometer's voltage to the force: a tilt can imitate it, with five numbers."""
+    """The converter adds a little of the inclinometer's voltage to the force: a tilt can imitate
+    it, with five numbers.
+    """
     data = campaign(21, visits=10)
     tilt = np.random.default_rng(2).uniform(-0.09, 0.09, data.visit.max() + 1)[data.visit]
-    data = dataclasses.replace(data, lift_N=data.lift_N + 0.15 * tilt * np.median(data.lift_N), covariates={**data.covariates, "tilt_rad": tilt})
+    data = dataclasses.replace(
+        data,
+        lift_N=data.lift_N + 0.15 * tilt * np.median(data.lift_N),
+        covariates={**data.covariates, "tilt_rad": tilt},
+    )
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
     assert answer.stage.straight_line(own) > own.over_none + search.PLAIN
@@ -594,12 +741,25 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
 
 
 def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage):
-    """Of what accounts for nearly all, what is left may be its form's, along the covariates that the form bends along, and no other's."""
+    """Of what accounts for nearly all, what is left may be its form's, along the covariates that
+    the form bends along, and no other's.
+    """
     stage = dataclasses.replace(sagging_stage)
     sag = next(e for e, _ in stage.library if e.name == "supply_sag")
     found = dataclasses.replace(stage.explain((sag,)), gain=1e9, over_none=1e3)
-    for covariate, taken in (("supply", True), ("throttle", True), ("session", False), ("approach", False)):
-        left = dataclasses.replace(found.left, names=("a",), covariates=(covariate,), log10_p=np.full(1, -9.0), threshold=-4.0)
+    for covariate, taken in (
+        ("supply", True),
+        ("throttle", True),
+        ("session", False),
+        ("approach", False),
+    ):
+        left = dataclasses.replace(
+            found.left,
+            names=("a",),
+            covariates=(covariate,),
+            log10_p=np.full(1, -9.0),
+            threshold=-4.0,
+        )
         judged = dataclasses.replace(found, left=left)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(search.Stage, "judged", lambda *_, judged=judged: judged)
@@ -611,7 +771,13 @@ def test_an_adequate_model_predicts_to_the_noise_floor_and_strains_nothing_decla
     stage = dataclasses.replace(null_stage)
     scored = confirmation.held_out(stage, run)
     assert adequacy.contradictions(stage, scored) == ()
-    quiet = dataclasses.replace(stage.noise, relative=0.5 * stage.noise.relative, force_N=0.5 * stage.noise.force_N, common=0.0, drift=())
+    quiet = dataclasses.replace(
+        stage.noise,
+        relative=0.5 * stage.noise.relative,
+        force_N=0.5 * stage.noise.force_N,
+        common=0.0,
+        drift=(),
+    )
     (told,) = adequacy.contradictions(dataclasses.replace(stage, noise=quiet), scored)
     assert told.startswith("visits left out are predicted to")
 

@@ -1,4 +1,6 @@
-"""The loop's numbers against matrices written out (n x n covariances, textbook formulae), its decisions against truth tables."""
+"""The loop's numbers against matrices written out (n x n covariances, textbook formulae), its
+decisions against truth tables.
+"""
 
 import dataclasses
 import itertools
@@ -9,7 +11,14 @@ import pytest
 from scipy.stats import chi2, t
 
 from nearlift import catalogue
-from nearlift.diagnosis import absorption, coefficients, confirmation, discrepancy, search, structure
+from nearlift.diagnosis import (
+    absorption,
+    coefficients,
+    confirmation,
+    discrepancy,
+    search,
+    structure,
+)
 from nearlift.diagnosis.families import STEP, families
 from nearlift.diagnosis.loop import set_up
 from nearlift.diagnosis.search import Options
@@ -27,7 +36,9 @@ def sagging(covariates):
 
 @pytest.fixture(scope="module")
 def stage():
-    return set_up(campaign(3, visits=3, gain=sagging, session_gain=0.004), GROUND, (), Options(), EFFECTS)[0]
+    return set_up(
+        campaign(3, visits=3, gain=sagging, session_gain=0.004), GROUND, (), Options(), EFFECTS
+    )[0]
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +61,9 @@ def log_det(matrix):
 
 
 def integrated(stage, residual, fixed, random):
-    """Chi2 of a residual under V = V0 + random random', beside L_inf and the columns `fixed`; and log |V| + log |A' V^-1 A| less those of V0."""
+    """Chi2 of a residual under V = V0 + random random', beside L_inf and the columns `fixed`; and
+    log |V| + log |A' V^-1 A| less those of V0.
+    """
     v0, a = stage.space.covariance.dense(), levels(stage)
     v = v0 + random @ random.T
     root = np.linalg.cholesky(v)
@@ -64,14 +77,25 @@ def integrated(stage, residual, fixed, random):
 
 
 def linearised(stage, fitted):
-    """What the fit leaves of log lift, its derivatives, prior, and which entries are coefficients, free sizes of their own, or one of a session's."""
+    """What the fit leaves of log lift, its derivatives, prior, and which entries are coefficients,
+    free sizes of their own, or one of a session's.
+    """
     candidate, p = fitted.candidate, len(stage.theta)
     mean, sd = candidate.prior
     low, high = candidate.bounds
     free = (fitted.vector > low) & (fitted.vector < high) & (np.arange(len(mean)) >= p)
-    by_session = np.array([s.parameter.per == "session" for s in candidate.slots for _ in range(s.start, s.stop)])
+    by_session = np.array(
+        [s.parameter.per == "session" for s in candidate.slots for _ in range(s.start, s.stop)]
+    )
     rest = stage.log_lift - candidate.log_ratio(fitted.vector)
-    return rest, candidate.jacobian(fitted.vector), mean, sd, np.flatnonzero(free & ~by_session), np.flatnonzero(free & by_session)
+    return (
+        rest,
+        candidate.jacobian(fitted.vector),
+        mean,
+        sd,
+        np.flatnonzero(free & ~by_session),
+        np.flatnonzero(free & by_session),
+    )
 
 
 def test_plausibility_is_the_evidence_with_every_size_integrated_over_its_prior(stage, tried):
@@ -110,13 +134,20 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
 
 
 def precision(stage, nuisance):
-    """What V0 + nuisance nuisance' leaves of the precision once L_inf per throttle is eliminated, (n, n)."""
-    a, inverse = levels(stage), np.linalg.inv(stage.space.covariance.dense() + nuisance @ nuisance.T)
+    """What V0 + nuisance nuisance' leaves of the precision once L_inf per throttle is eliminated,
+    (n, n).
+    """
+    a, inverse = (
+        levels(stage),
+        np.linalg.inv(stage.space.covariance.dense() + nuisance @ nuisance.T),
+    )
     return inverse - inverse @ a @ np.linalg.solve(a.T @ inverse @ a, a.T @ inverse)
 
 
 @pytest.mark.parametrize("wide", [False, True], ids=["exact", "form uncertain"])
-def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_squares(stage, tried, wide):
+def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_squares(
+    stage, tried, wide
+):
     p = len(stage.theta)
     for e in tried.values():
         nuisance = e.tube if wide else np.zeros((stage.data.n, 0))
@@ -128,31 +159,46 @@ def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_square
         value, u = coefficients.spread(stage, e.fitted, nuisance if wide else None)
         low, high = e.fitted.candidate.bounds
         assert u == pytest.approx(np.sqrt(np.diag(covariance))[:p], rel=1e-5), e.name
-        assert value == pytest.approx(np.clip(e.fitted.vector + step, low, high)[:p], abs=1e-4 * u[0]), e.name
-        assert coefficients.joint(stage, e.fitted, nuisance if wide else None) == pytest.approx(covariance, rel=1e-4, abs=1e-9 * covariance.max())
+        assert value == pytest.approx(
+            np.clip(e.fitted.vector + step, low, high)[:p], abs=1e-4 * u[0]
+        ), e.name
+        assert coefficients.joint(stage, e.fitted, nuisance if wide else None) == pytest.approx(
+            covariance, rel=1e-4, abs=1e-9 * covariance.max()
+        )
 
 
 def test_an_effect_that_was_not_named_is_a_nuisance_of_its_physical_size(stage):
     def size(effect):
         (prior,) = (q.prior for q in effect.parameters if not q.grid)
-        return prior.scale if prior.distribution in ("norm", "halfnorm") else prior.scale / np.sqrt(12)
+        return (
+            prior.scale if prior.distribution in ("norm", "halfnorm") else prior.scale / np.sqrt(12)
+        )
 
     def expected(names, declared):
         total = np.zeros((stage.data.n, stage.data.n))
         for effect, columns in stage.library:
             if effect.name in names:
                 shapes = sum(e.name == effect.name for e, _ in stage.library)
-                total += (size(effect) * declared.get(effect.name, 1.0)) ** 2 / shapes * columns @ columns.T
+                total += (
+                    (size(effect) * declared.get(effect.name, 1.0)) ** 2
+                    / shapes
+                    * columns
+                    @ columns.T
+                )
         return total
 
     everything = {e.name for e, _ in stage.library}
     for chosen, declared in (((), {}), (("supply_sag",), {"warm_up": 0.3})):
         found = coefficients.constrained_columns(stage, chosen, declared)
-        assert found @ found.T == pytest.approx(expected(everything - {*chosen}, declared), rel=1e-9, abs=1e-18)
+        assert found @ found.T == pytest.approx(
+            expected(everything - {*chosen}, declared), rel=1e-9, abs=1e-18
+        )
 
 
 def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
-    """The headline's shift, in its u, by an effect of noncentrality 16, or of its prior's size where that is less."""
+    """The headline's shift, in its u, by an effect of noncentrality 16, or of its prior's size
+    where that is less.
+    """
     effects = tuple({e.name: e for e, _ in stage.library}.values())
     inverse = precision(stage, np.zeros((stage.data.n, 0)))
     jacobian = stage.candidate().jacobian(stage.base_fit.vector)
@@ -168,10 +214,16 @@ def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
             shift = np.linalg.solve(information, jacobian.T @ inverse @ c)
             seen = c @ inverse @ c - shift @ information @ shift
             prior = coefficients._size(effect)
-            bias = abs(shift[0]) * np.sqrt(information[0, 0]) * (prior if limit > 1 else min(4 / np.sqrt(seen), prior))
+            bias = (
+                abs(shift[0])
+                * np.sqrt(information[0, 0])
+                * (prior if limit > 1 else min(4 / np.sqrt(seen), prior))
+            )
             assert (effect.name in found) == (limit > 1 or bias > 1), effect.name
             if effect.name in found:
-                assert found[effect.name]["bias_at_detection_limit"] == pytest.approx(bias, rel=1e-6)
+                assert found[effect.name]["bias_at_detection_limit"] == pytest.approx(
+                    bias, rel=1e-6
+                )
                 assert found[effect.name]["u"] == pytest.approx(information[0, 0] ** -0.5)
                 assert found[effect.name]["hidden"] == (limit > 1)
         biases = [f["bias_at_detection_limit"] for f in coefficients.silent(stage, effects, limit)]
@@ -200,7 +252,9 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
     whole, _ = integrated(stage, rest, slopes, none)
     listed = iter(zip(found.names, found.covariates, found.log10_p, strict=True))
     checked = 0
-    named = [(f.name, f.columns) for f in families(stage.data)] + [(f"{search.EFFECT}{e.name}", c) for e, c in stage.library]
+    named = [(f.name, f.columns) for f in families(stage.data)] + [
+        (f"{search.EFFECT}{e.name}", c) for e, c in stage.library
+    ]
     root = np.linalg.cholesky(stage.space.covariance.dense())
     fixed = np.linalg.solve(root, np.hstack([levels(stage), slopes]))
     fixed, _ = np.linalg.qr(fixed)
@@ -214,26 +268,46 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
         assert given == name
         if singular[singular > 0].min() > 1e-4 * singular.max():
             drop = whole - integrated(stage, rest, np.hstack([slopes, columns]), none)[0]
-            assert value == pytest.approx(chi2.logsf(drop, rank) / np.log(10), rel=1e-4, abs=1e-4), name
+            assert value == pytest.approx(
+                chi2.logsf(drop, rank) / np.log(10), rel=1e-4, abs=1e-4
+            ), name
             checked += 1
     assert checked > 20
     steps = [c for name, c in named if name == STEP]
-    assert stage.best_step == pytest.approx(max(whole - integrated(stage, rest, np.hstack([slopes, c]), none)[0] for c in steps), rel=1e-6)
+    assert stage.best_step == pytest.approx(
+        max(whole - integrated(stage, rest, np.hstack([slopes, c]), none)[0] for c in steps),
+        rel=1e-6,
+    )
 
 
 def test_excess_is_the_chi_square_of_all_directions_beyond_their_number(stage):
     rest, slopes, *_ = linearised(stage, stage.base_fit)
     root = np.linalg.cholesky(stage.space.covariance.dense())
-    x = np.hstack([levels(stage), slopes, *(f.columns for f in families(stage.data)), *(c for _, c in stage.library)])
+    x = np.hstack(
+        [
+            levels(stage),
+            slopes,
+            *(f.columns for f in families(stage.data)),
+            *(c for _, c in stage.library),
+        ]
+    )
     white, y = np.linalg.solve(root, x / np.linalg.norm(x, axis=0)), np.linalg.solve(root, rest)
     a, _ = np.linalg.qr(np.linalg.solve(root, levels(stage)))
     u, s, _ = np.linalg.svd(white - a @ (a.T @ white), full_matrices=False)
     u = u[:, s > 1e-6 * s[0]]
-    assert stage.excess == pytest.approx(np.sum((u.T @ (y - a @ (a.T @ y))) ** 2) - u.shape[1], rel=0.01)  # directions at the edge of the rank
+    assert stage.excess == pytest.approx(
+        np.sum((u.T @ (y - a @ (a.T @ y))) ** 2) - u.shape[1], rel=0.01
+    )  # directions at the edge of the rank
 
 
 def of_left(e, present):
-    left = dataclasses.replace(e.left, names=("x",), covariates=("x",), log10_p=np.array([-5.0]), threshold=-4.0 if present else -6.0)
+    left = dataclasses.replace(
+        e.left,
+        names=("x",),
+        covariates=("x",),
+        log10_p=np.array([-5.0]),
+        threshold=-4.0 if present else -6.0,
+    )
     return dataclasses.replace(e, left=left)
 
 
@@ -250,7 +324,9 @@ DOUBTS = list(itertools.product([False, True], [-1.0, 1.0, 3.0], [False, True], 
 
 @pytest.mark.parametrize("names", [("supply_sag",), ("supply_sag", "zero_offset")], ids="+".join)
 def test_what_is_accepted_and_what_is_possible(stage, tried, names):
-    """A name leaves nothing, is likelier than none by 2 of log evidence, needed, and within bounds; beside it stands what is likelier than none."""
+    """A name leaves nothing, is likelier than none by 2 of log evidence, needed, and within bounds;
+    beside it stands what is likelier than none.
+    """
     effects = {e.name: e for e, _ in stage.library}
     candidate = stage.candidate(*(effects[n] for n in names))
     for present, over_none, at_bound, needed in DOUBTS:
@@ -272,19 +348,33 @@ def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tr
     e = dataclasses.replace(of_left(tried["supply_sag"], True), confirmed=None, form_sd=0.2)
     enough = max(0.8 * stage.excess, stage.best_step)
     for gain, over_none, looked in ((1.01, 20.0, True), (0.99, 20.0, False), (1.01, 14.0, False)):
-        (again,) = search.second_look(stage, (dataclasses.replace(e, gain=gain * enough, over_none=over_none),))
+        (again,) = search.second_look(
+            stage, (dataclasses.replace(e, gain=gain * enough, over_none=over_none),)
+        )
         assert (again.form_sd == pytest.approx(0.4)) == looked
         assert (again.confirmed is not None) == looked
     # a size for each session has no form that could be wrong
     (again,) = search.second_look(
-        stage, (dataclasses.replace(of_left(tried["session_gain"], True), gain=2 * enough, over_none=20.0, confirmed=None),)
+        stage,
+        (
+            dataclasses.replace(
+                of_left(tried["session_gain"], True),
+                gain=2 * enough,
+                over_none=20.0,
+                confirmed=None,
+            ),
+        ),
     )
     assert again.confirmed is None
 
 
 def of(log10_p, covariates=("time", "tilt"), threshold=-4.0):
     return structure.Structure(
-        names=tuple(f"f{i}" for i in range(len(covariates))), covariates=covariates, log10_p=np.array(log10_p), p_value=0.1, threshold=threshold
+        names=tuple(f"f{i}" for i in range(len(covariates))),
+        covariates=covariates,
+        log10_p=np.array(log10_p),
+        p_value=0.1,
+        threshold=threshold,
     )
 
 
@@ -313,9 +403,13 @@ def test_the_interval_spans_every_answer_and_the_jackknife_its_visits():
         return statistic(visit >= 0), half
 
     middle, half = ends(lambda keep: np.log(rms(before, keep)))
-    assert confirmation.rmse(before, visit) == pytest.approx(np.exp([middle, middle - half, middle + half]))
+    assert confirmation.rmse(before, visit) == pytest.approx(
+        np.exp([middle, middle - half, middle + half])
+    )
     middle, half = ends(lambda keep: np.log(rms(after, keep) / rms(before, keep)))
-    assert confirmation.change(before, after, visit) == pytest.approx(np.expm1([middle, middle - half, middle + half]))
+    assert confirmation.change(before, after, visit) == pytest.approx(
+        np.expm1([middle, middle - half, middle + half])
+    )
     assert np.isnan(confirmation.change(before[:6], after[:6], visit[:6])).all()
     assert np.isfinite(confirmation.change(before[:9], after[:9], visit[:9])).all()
 
@@ -325,13 +419,19 @@ def test_a_prediction_takes_its_levels_from_its_own_trials(stage):
     a, ratio = levels(stage), stage.base_fit.candidate.log_ratio(stage.base_fit.vector)
     log_inf = np.linalg.solve(a.T @ v @ a, a.T @ v @ (stage.log_lift - ratio))
     some = np.array([5, 3, 40])
-    assert confirmation.predict(stage, stage.base_fit, whole.take(some)) == pytest.approx((log_inf[whole.level] + ratio)[some])
+    assert confirmation.predict(stage, stage.base_fit, whole.take(some)) == pytest.approx(
+        (log_inf[whole.level] + ratio)[some]
+    )
 
 
 def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
-    """The union over the accepted with their form uncertain and the best as it stands; wider with every effect that was not named."""
+    """The union over the accepted with their form uncertain and the best as it stands; wider with
+    every effect that was not named.
+    """
     accepted = (tried["supply_sag"], tried["warm_up"])
-    answer = search.Answer(stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted)
+    answer = search.Answer(
+        stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted
+    )
     answers = coefficients.answers(stage, answer, {})
     reach, found = t.ppf(0.95, answers.dof[0]), answers.block()
     assert 1 <= answers.dof[0] < stage.data.n
@@ -339,36 +439,54 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     (value,), (u,) = best = coefficients.spread(stage, accepted[0].fitted)
     after = found["after"]["K_b"]
     ends = [(v[0] - reach * s[0], v[0] + reach * s[0]) for v, s in (*members, best)]
-    assert (after["lo90"], after["hi90"]) == pytest.approx((min(low for low, _ in ends), max(high for _, high in ends)))
+    assert (after["lo90"], after["hi90"]) == pytest.approx(
+        (min(low for low, _ in ends), max(high for _, high in ends))
+    )
     assert after["value"] == pytest.approx(value)
     assert after["conditional"] == pytest.approx([value - reach * u, value + reach * u])
-    nuisance = np.hstack([accepted[0].tube, coefficients.constrained_columns(stage, ("supply_sag",), {})])
+    nuisance = np.hstack(
+        [accepted[0].tube, coefficients.constrained_columns(stage, ("supply_sag",), {})]
+    )
     (value,), (u,) = coefficients.spread(stage, accepted[0].fitted, nuisance)
     assert after["constrained"] == pytest.approx([value - reach * u, value + reach * u])
     (value,), (u,) = coefficients.spread(stage, stage.base_fit)
-    assert found["before"]["K_b"] == pytest.approx({"value": value, "lo90": value - reach * u, "hi90": value + reach * u})
+    assert found["before"]["K_b"] == pytest.approx(
+        {"value": value, "lo90": value - reach * u, "hi90": value + reach * u}
+    )
     assert found["carried"] == []
 
 
 def test_what_is_carried_where_nothing_has_a_name(stage):
-    """The families flagged, curves that change with time, coefficients by throttle, each at the size that its moments give."""
-    answer = search.Answer(stage=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=())
+    """The families flagged, curves that change with time, coefficients by throttle, each at the
+    size that its moments give.
+    """
+    answer = search.Answer(
+        stage=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=()
+    )
     unnamed = discrepancy.columns(stage, ["supply"])
     answers = coefficients.answers(stage, answer, {})
     reach, after = t.ppf(0.95, answers.dof[0]), answers.block()
     (value,), (u,) = coefficients.spread(stage, stage.base_fit, unnamed)
     assert after["carried"] == ["supply"]
-    assert after["after"]["K_b"]["conditional"] == pytest.approx([value - reach * u, value + reach * u])
-    # moments, written out: r'F F'r less what noise alone would give, over |F'F|^2, all freed of L_inf and coefficients
+    assert after["after"]["K_b"]["conditional"] == pytest.approx(
+        [value - reach * u, value + reach * u]
+    )
+    # moments, written out: r'F F'r less what noise alone would give, over |F'F|^2, all freed of
+    # L_inf and coefficients
     m = precision(stage, np.zeros((stage.data.n, 0)))
     rest, slopes, *_ = linearised(stage, stage.base_fit)
     m = m - m @ slopes @ np.linalg.solve(slopes.T @ m @ slopes, slopes.T @ m)
     time, z = stage.data.covariates["run_order"], stage.data.z_hat
     u = 2 * (np.log(z) - np.log(z).min()) / np.ptp(np.log(z)) - 1
     rank = (np.unique(time, return_inverse=True)[1] + 0.5) / stage.data.n
-    moving = np.stack([u**i * np.cos(np.pi * j * rank) for i in (1, 2) for j in (1, 2, 3, 4)], axis=1)
+    moving = np.stack(
+        [u**i * np.cos(np.pi * j * rank) for i in (1, 2) for j in (1, 2, 3, 4)], axis=1
+    )
     by_throttle = slopes * levels(stage)
-    wanted = [f.columns for f in families(stage.data) if f.covariate == "supply"] + [moving, by_throttle]
+    wanted = [f.columns for f in families(stage.data) if f.covariate == "supply"] + [
+        moving,
+        by_throttle,
+    ]
     assert len(wanted) > 2
     total = np.zeros((stage.data.n, stage.data.n))
     for columns in wanted:
@@ -379,7 +497,9 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     assert unnamed @ unnamed.T == pytest.approx(total, rel=1e-4, abs=1e-6 * np.abs(total).max())
 
 
-@pytest.mark.parametrize(("r", "sign", "turns"), list(itertools.product([0.9, 0.51, 0.49, 0.0], [1, -1], [False, True])))
+@pytest.mark.parametrize(
+    ("r", "sign", "turns"), list(itertools.product([0.9, 0.51, 0.49, 0.0], [1, -1], [False, True]))
+)
 def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
     effect = SimpleNamespace(name="supply_sag")
     part, slope = np.array([1.0, 0.0]), 3 * np.array([sign * r, np.sqrt(1 - r**2)])
@@ -387,24 +507,34 @@ def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
     fitted = SimpleNamespace(candidate=candidate, vector=np.zeros(1), jacobian=slope[:, None])
     stage = SimpleNamespace(space=SimpleNamespace(project=lambda x: x), base=GROUND)
     told = {"before": {"K_b": {"value": 1.5}}, "after": {"K_b": {"value": -0.7 if turns else 2.25}}}
-    [row] = absorption.shifts(stage, SimpleNamespace(accepted=(SimpleNamespace(fitted=fitted),)), told)
+    [row] = absorption.shifts(
+        stage, SimpleNamespace(accepted=(SimpleNamespace(fitted=fitted),)), told
+    )
     assert row["correlation"] == pytest.approx(sign * r)
     assert ("text" in row) == (r > 0.5)
     if "text" in row:
         assert ("changes its sign" in row["text"], "moves by" in row["text"]) == (turns, not turns)
-        assert f"correlation {'-' if sign < 0 else '+'}{r:.2f}" in row["text"].replace("−", "-").replace(" ", " ")
+        assert f"correlation {'-' if sign < 0 else '+'}{r:.2f}" in row["text"].replace(
+            "−", "-"
+        ).replace(" ", " ")
         assert "a fit without supply_sag charges it to K_b" in row["text"]
     assert absorption.shifts(stage, SimpleNamespace(accepted=()), told) == []
 
 
-@pytest.mark.parametrize(("share", "visits"), list(itertools.product([0.9, 0.51, 0.49, 0.1], [1, 2])))
+@pytest.mark.parametrize(
+    ("share", "visits"), list(itertools.product([0.9, 0.51, 0.49, 0.1], [1, 2]))
+)
 def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(stage, share, visits):
-    """`share` of the slope's energy at one distance, which one or two visits hold; the rest spread over the other visits."""
+    """`share` of the slope's energy at one distance, which one or two visits hold; the rest spread
+    over the other visits.
+    """
     z = np.array([1.1, 1.1, *np.linspace(2, 9, 18)])
     visit = np.array([0, 0 if visits == 1 else 1, *range(2, 20)])
     slope = np.where(z == 1.1, np.sqrt(share / 2), np.sqrt((1 - share) / 18))
     data = SimpleNamespace(z_hat=z, visit=visit, session=np.zeros(20, dtype=int), ordered=True)
-    planned = SimpleNamespace(theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x))
+    planned = SimpleNamespace(
+        theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x)
+    )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f["coefficient"] for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
     if found:
@@ -413,14 +543,26 @@ def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(sta
         assert f"{100 * share:.0f} %" in found[0]["text"]
 
 
-@pytest.mark.parametrize(("beside", "sessions", "said"), [(0.05, 4, True), (0.2, 4, False), (0.05, 1, False), (1.0, 4, False)])
+@pytest.mark.parametrize(
+    ("beside", "sessions", "said"),
+    [(0.05, 4, True), (0.2, 4, False), (0.05, 1, False), (1.0, 4, False)],
+)
 def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions, said):
-    """A slope that is level within each session but for a share `beside`^2 / (1 + `beside`^2) of its energy."""
+    """A slope that is level within each session but for a share `beside`^2 / (1 + `beside`^2) of
+    its energy.
+    """
     session = np.repeat(np.arange(4), 10) if sessions == 4 else np.zeros(40, dtype=int)
-    across, within = np.repeat([3.0, 1.0, -1.0, -3.0], 10) / np.sqrt(200), np.tile([1.0, -1.0], 20) / np.sqrt(40)
+    across, within = (
+        np.repeat([3.0, 1.0, -1.0, -3.0], 10) / np.sqrt(200),
+        np.tile([1.0, -1.0], 20) / np.sqrt(40),
+    )
     slope = across + beside * within
-    data = SimpleNamespace(z_hat=np.arange(40.0), visit=np.arange(40), session=session, ordered=True)
-    planned = SimpleNamespace(theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x))
+    data = SimpleNamespace(
+        z_hat=np.arange(40.0), visit=np.arange(40), session=session, ordered=True
+    )
+    planned = SimpleNamespace(
+        theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x)
+    )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.get("absorbed_by") for f in found] == (["session_gain"] if said else [])
     if said:
@@ -429,7 +571,9 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
 
 
 def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_without_it(stage, tried):
-    """Gain less g is the greater part of the excess less g, but for chance, for every g that the others reach alone."""
+    """Gain less g is the greater part of the excess less g, but for chance, for every g that the
+    others reach alone.
+    """
     e, d = tried["supply_sag"], stage.hypotheses[1].shape[1]
     chance = search.BY_CHANCE * np.sqrt(2 * d + 2 * d**2 / stage.noise.dof)
     part = search.GREATER_PART
@@ -446,7 +590,9 @@ def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_witho
     assert needed()
 
 
-def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(stage, tried, monkeypatch):
+def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
+    stage, tried, monkeypatch
+):
     effects = tuple({e.name: e for e, _ in stage.library}.values())
     every = list(itertools.combinations(effects, 2))
     gains = {(a.name, b.name): float(10 * i) for i, (a, b) in enumerate(every)}
@@ -459,15 +605,26 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(stage,
 
 
 def test_two_effects_pay_for_what_both_leave(stage, tried):
-    """Beside one that will do, a pair comes first if plainly likelier, and stands beside it if likelier; both dearer by what it leaves."""
+    """Beside one that will do, a pair comes first if plainly likelier, and stands beside it if
+    likelier; both dearer by what it leaves.
+    """
     d = stage.hypotheses[1].shape[1]
-    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None, log_evidence=0.0, gain=stage.excess)
+    one = dataclasses.replace(
+        of_left(tried["supply_sag"], False),
+        over_none=50.0,
+        needed=True,
+        confirmed=None,
+        log_evidence=0.0,
+        gain=stage.excess,
+    )
     pair = next(e for e in tried.values() if len(e.effects) == 2)
 
     def listed(log_evidence, dispersion):
         gain = stage.excess - (dispersion - 1) * d
         left = of_left(pair, dispersion > 1)
-        both = dataclasses.replace(left, over_none=50.0, needed=True, confirmed=True, log_evidence=log_evidence, gain=gain)
+        both = dataclasses.replace(
+            left, over_none=50.0, needed=True, confirmed=True, log_evidence=log_evidence, gain=gain
+        )
         return [len(e.effects) for e in search.contenders(stage, (one,), (both,))]
 
     half = search.RIVAL / 2
@@ -478,13 +635,20 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
 
 
 def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
-    """One whose declared form leaves more than noise gives way to two that leave less and are no more than a rival's distance behind."""
+    """One whose declared form leaves more than noise gives way to two that leave less and are no
+    more than a rival's distance behind.
+    """
     pair = next(e for e in tried.values() if len(e.effects) == 2)
 
     def listed(one_leaves, two_leave, behind):
         one, two = (
             dataclasses.replace(
-                of_left(e, False), over_none=50.0, needed=True, confirmed=None, log_evidence=-by, gain=stage.excess - leaves * stage.chance
+                of_left(e, False),
+                over_none=50.0,
+                needed=True,
+                confirmed=None,
+                log_evidence=-by,
+                gain=stage.excess - leaves * stage.chance,
             )
             for e, by, leaves in ((tried["supply_sag"], 0.0, one_leaves), (pair, behind, two_leave))
         )
@@ -492,21 +656,42 @@ def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
 
     straight, bent, near = search.LEAVES - 0.1, search.LEAVES + 0.1, search.RIVAL / 2 - 0.1
     assert listed(bent, straight, near) == [2]
-    assert listed(straight, straight, near) == listed(bent, bent, near) == listed(bent, straight, near + 0.2) == [1]
+    assert (
+        listed(straight, straight, near)
+        == listed(bent, bent, near)
+        == listed(bent, straight, near + 0.2)
+        == [1]
+    )
 
 
 def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tried):
-    one = dataclasses.replace(of_left(tried["supply_sag"], False), over_none=50.0, needed=True, confirmed=None, gain=stage.excess)
+    one = dataclasses.replace(
+        of_left(tried["supply_sag"], False),
+        over_none=50.0,
+        needed=True,
+        confirmed=None,
+        gain=stage.excess,
+    )
     singles = [dataclasses.replace(one, log_evidence=0.0, plausibility=p) for p in (1.0, 3.0, 2.0)]
     assert [e.plausibility for e in search.contenders(stage, tuple(singles), ())] == [3.0, 2.0, 1.0]
     pair = next(e for e in tried.values() if len(e.effects) == 2)
-    both = dataclasses.replace(of_left(pair, False), over_none=50.0, needed=True, confirmed=None, log_evidence=1.0)
+    both = dataclasses.replace(
+        of_left(pair, False), over_none=50.0, needed=True, confirmed=None, log_evidence=1.0
+    )
     pairs = []
     for p, name in ((1.0, ("supply_sag", "warm_up")), (3.0, ("supply_sag", "zero_offset"))):
-        candidate = stage.candidate(*(e for e in {e.name: e for e, _ in stage.library}.values() if e.name in name))
+        candidate = stage.candidate(
+            *(e for e in {e.name: e for e, _ in stage.library}.values() if e.name in name)
+        )
         fitted = dataclasses.replace(pair.fitted, candidate=candidate, vector=candidate.null)
         pairs.append(dataclasses.replace(both, fitted=fitted, plausibility=p))
-    assert [e.plausibility for e in search.contenders(stage, tuple(singles), tuple(pairs))] == [3.0, 2.0, 1.0, 3.0, 1.0]
+    assert [e.plausibility for e in search.contenders(stage, tuple(singles), tuple(pairs))] == [
+        3.0,
+        2.0,
+        1.0,
+        3.0,
+        1.0,
+    ]
 
 
 def test_folds_take_turns_by_station():
@@ -515,21 +700,27 @@ def test_folds_take_turns_by_station():
     for offset, station in enumerate(np.unique(data.z_hat)):
         visits = np.unique(data.visit[data.z_hat == station])
         for i, v in enumerate(visits):
-            assert [bool(m[data.visit == v].all()) for m in masks] == [(i + offset) % 3 == f for f in range(3)]
+            assert [bool(m[data.visit == v].all()) for m in masks] == [
+                (i + offset) % 3 == f for f in range(3)
+            ]
     few = data.take(data.visit < 15)
     assert len(confirmation.folds(few)) == 15
     assert len(confirmation.folds(data.take(data.visit < 16))) == 3
 
 
 def test_a_throttle_that_only_a_fold_has_cannot_be_predicted(stage):
-    """The trials of one visit at a throttle of their own: nan where that visit is held out, and predictions of all others."""
+    """The trials of one visit at a throttle of their own: nan where that visit is held out, and
+    predictions of all others.
+    """
     data = stage.data
     odd = data.visit == 4
     data = dataclasses.replace(data, throttle=np.where(odd, data.throttle + 1e-3, data.throttle))
     moved = dataclasses.replace(stage, data=data)
 
     def blind(part):
-        return search.Answer(stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=())
+        return search.Answer(
+            stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=()
+        )
 
     scored = confirmation.held_out(moved, blind)
     assert np.array_equal(scored.predicted, ~odd)
@@ -546,7 +737,9 @@ def test_the_smallest_p_value_is_ranked_among_those_of_chance():
 
 
 def test_chance_knows_that_the_noise_is_estimated_too():
-    """A single test of one degree of freedom, its noise known with few: the threshold is that of Student's t."""
+    """A single test of one degree of freedom, its noise known with few: the threshold is that of
+    Student's t.
+    """
     alone = (structure.Hypothesis(name="a", covariate="b", columns=np.array([[1.0], [0.0]])),)
     none = np.zeros((2, 0))
     for dof in (4.0, 1e6):
@@ -556,13 +749,17 @@ def test_chance_knows_that_the_noise_is_estimated_too():
         assert drawn.threshold(0.05) == pytest.approx(expected, rel=0.08)
 
 
-def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(stage, tried, monkeypatch):
+def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(
+    stage, tried, monkeypatch
+):
     """Large: a gain of 0.3 in chi2 for every trial; at most twice."""
     taken = []
     monkeypatch.setattr(search, "prepare", lambda *ground, about: taken.append(about) or stage)
     for share, times in ((0.29, 0), (0.31, 2)):
         best = dataclasses.replace(tried["supply_sag"], gain=share * stage.data.n)
-        answer = search.Answer(stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=(best,))
+        answer = search.Answer(
+            stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=(best,)
+        )
         monkeypatch.setattr(search, "run", lambda _, answer=answer: answer)
         taken.clear()
         assert search.settle(stage) is answer
@@ -572,17 +769,25 @@ def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(stage,
 def test_only_a_named_effect_changes_the_error():
     rng = np.random.default_rng(1)
     scored = confirmation.HeldOut(
-        before=rng.normal(0, 0.01, 30), after=rng.normal(0, 0.005, 30), named=np.zeros(30), visit=np.repeat(np.arange(10), 3), chosen=()
+        before=rng.normal(0, 0.01, 30),
+        after=rng.normal(0, 0.005, 30),
+        named=np.zeros(30),
+        visit=np.repeat(np.arange(10), 3),
+        chosen=(),
     )
     for verdict in ("adequate", "unexplained", "effect"):
         found = confirmation.error(SimpleNamespace(verdict=verdict), scored, 0.004)
-        value, low, high = confirmation.rmse(scored.after if verdict == "effect" else scored.before, scored.visit)
+        value, low, high = confirmation.rmse(
+            scored.after if verdict == "effect" else scored.before, scored.visit
+        )
         assert found["after"] == {"held_out_rmse": value, "lo90": low, "hi90": high}
         assert ("change" in found) == (verdict == "effect")
 
 
 def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):
-    """Gains of visits with mean m and standard deviation 1: their sum stands beyond sqrt(visits) of them from m = 1 / sqrt(visits) on."""
+    """Gains of visits with mean m and standard deviation 1: their sum stands beyond sqrt(visits) of
+    them from m = 1 / sqrt(visits) on.
+    """
     apart = dataclasses.replace(stage, independent=True)
     sd = np.sqrt(np.diag(apart.space.covariance.dense()))
     visits, label = np.unique(stage.data.visit, return_inverse=True)
@@ -591,6 +796,11 @@ def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):
     first = np.r_[True, label[1:] != label[:-1]]
     for m, confirmed in ((1.05, True), (0.95, False), (-0.95, False)):
         gain = (pattern + m / np.sqrt(len(visits)))[label]
-        before, after = np.where(first, np.sqrt(6 + gain), 1.0) * sd, np.where(first, np.sqrt(6), 1.0) * sd
-        scored = confirmation.HeldOut(before=before, after=before, named=after, visit=stage.data.visit, chosen=())
+        before, after = (
+            np.where(first, np.sqrt(6 + gain), 1.0) * sd,
+            np.where(first, np.sqrt(6), 1.0) * sd,
+        )
+        scored = confirmation.HeldOut(
+            before=before, after=before, named=after, visit=stage.data.visit, chosen=()
+        )
         assert confirmation.improves(apart, scored) == confirmed

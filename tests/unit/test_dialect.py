@@ -1,4 +1,6 @@
-"""The sniffer: one dialect fits, or the file is refused; and what was sniffed is held to for the rest of the file."""
+"""The sniffer: one dialect fits, or the file is refused; and what was sniffed is held to for the
+rest of the file.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from nearlift.readers.dialect import HEAD, Given, NoRows, sniff
 
 
 def layout(content: str | bytes, given: Given | None = None) -> Any:
-    return sniff(content if isinstance(content, bytes) else content.encode(), "f.txt", given or Given())
+    return sniff(
+        content if isinstance(content, bytes) else content.encode(), "f.txt", given or Given()
+    )
 
 
 def read(tmp_path: Path, content: bytes, dialect: Any = None, names: Any = None) -> Any:
@@ -39,22 +43,37 @@ def read(tmp_path: Path, content: bytes, dialect: Any = None, names: Any = None)
         ("force\n1,5\n2,25\n", ("force",), "", ",", "decimal commas"),
         ("a,b,\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
         ("a,b\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
-        ("# a log\nrate: 1000\nt,F\n0,1\n", ("t", "F"), ",", ".", "2 lines above the columns' names left out"),
+        (
+            "# a log\nrate: 1000\nt,F\n0,1\n",
+            ("t", "F"),
+            ",",
+            ".",
+            "2 lines above the columns' names left out",
+        ),
         ("# t,F\n0,1\n", ("t", "F"), ",", ".", ""),
         ('"t, s",F\n0,1\n', ("t, s", "F"), ",", ".", ""),
         ("t,F\n0,OVER\n1,#NV\n2,3\n", ("t", "F"), ",", ".", ""),
     ],
 )
-def test_one_dialect_fits(content: str, names: tuple[str, ...], separator: str, decimal: str, spoken: str) -> None:
+def test_one_dialect_fits(
+    content: str, names: tuple[str, ...], separator: str, decimal: str, spoken: str
+) -> None:
     found = layout(content)
-    assert (found.names, found.cells.separator, found.cells.decimal, found.spoken()) == (names, separator, decimal, spoken)
+    assert (found.names, found.cells.separator, found.cells.decimal, found.spoken()) == (
+        names,
+        separator,
+        decimal,
+        spoken,
+    )
 
 
 @given(st.data())
 def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObject) -> None:
     separator = data.draw(st.sampled_from("\t;,| "))
     number = st.sampled_from(["1", "12", "1.5", "2,5", "1,234", "nan", "", "-3e2", "x"])
-    usual = data.draw(st.lists(number, min_size=1, max_size=3).map(lambda cells: separator.join(cells)))
+    usual = data.draw(
+        st.lists(number, min_size=1, max_size=3).map(lambda cells: separator.join(cells))
+    )
     header = separator.join("abc"[: usual.count(separator) + 1])
     lines = ["a log"] * data.draw(st.sampled_from([0, 2, 85, 120])) + [header] + [usual] * 150
     for at in data.draw(st.lists(st.integers(0, len(lines) - 1), max_size=4)):
@@ -75,10 +94,28 @@ def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObjec
 @pytest.mark.parametrize(
     ("content", "match"),
     [
-        ("1,5\n2,5\n", "line 1: has no columns' names above its rows of . cells?\n  name them: dialect = { columns"),
-        ("966\n965\n", 'has no columns\' names above its rows of 1 cell\n  name them: dialect = { columns = \\["force"\\] }'),
-        ("t,F\n0,5,1,5\n", "line 2: has 4 cells under 2 column names\n  a decimal comma makes two cells of one"),
-        ("t;F\n1,234;5,678\n", "line 2: '1,234' may be 1.234 or 1234\n  say which: dialect = { decimal = \",\" }"),
+        (
+            "1,5\n2,5\n",
+            (
+                "line 1: has no columns' names above its rows of . cells?\n  name them: dialect = {"
+                " columns"
+            ),
+        ),
+        (
+            "966\n965\n",
+            (
+                "has no columns' names above its rows of 1 cell\n  name them: dialect = { columns"
+                ' = \\["force"\\] }'
+            ),
+        ),
+        (
+            "t,F\n0,5,1,5\n",
+            "line 2: has 4 cells under 2 column names\n  a decimal comma makes two cells of one",
+        ),
+        (
+            "t;F\n1,234;5,678\n",
+            "line 2: '1,234' may be 1.234 or 1234\n  say which: dialect = { decimal = \",\" }",
+        ),
         ("a;b\n1;2\n3;x\n", "line 3: 'x' in column 'b' is not a number"),
         ("a,a\n1,2\n", "line 1: has more than one column 'a'"),
         ("t,F\n2,3\nt,F\n4,5\n", "line 3: repeats the header"),
@@ -103,12 +140,23 @@ def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
     assert layout(both, Given(decimal=",")).cells.decimal == ","
     # both separators cut each line in two, at different places
     mixed, named = "x;1,2\ny;3,4\n", Given(columns=("who", "force"))
-    with pytest.raises(InputRefused, match=r"can be read in two ways: separated by semicolons with decimal comma or commas with decimal point"):
+    with pytest.raises(
+        InputRefused,
+        match=(
+            r"can be read in two ways: separated by semicolons with decimal comma or commas with"
+            r" decimal point"
+        ),
+    ):
         layout(mixed, named)
-    assert layout(mixed, Given(columns=("who", "force"), separator="semicolon")).cells.decimal == ","
+    assert (
+        layout(mixed, Given(columns=("who", "force"), separator="semicolon")).cells.decimal == ","
+    )
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1", "cp1252"])
+@pytest.mark.parametrize(
+    "encoding",
+    ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1", "cp1252"],
+)
 def test_every_usual_encoding(tmp_path: Path, encoding: str) -> None:
     sign = "\u2013" if encoding == "cp1252" else "\u00b5"
     content = f"t ({sign}s);Kraft [mN]\r\n0,5;1,25\r\n1,5;-2,75\r\n".encode(encoding)
@@ -140,7 +188,9 @@ def test_a_header_alone_is_no_data_and_an_empty_file_empty(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("tail", [b"3,4", b"3,45\0\0\0\0\0", b"\0\0\0\0"])
 def test_a_last_line_without_an_end_is_left_out(tmp_path: Path, tail: bytes) -> None:
-    """Cut in the middle of a number, or with the NUL tail of a power cut: what is read is what was whole."""
+    """Cut in the middle of a number, or with the NUL tail of a power cut: what is read is what was
+    whole.
+    """
     found = read(tmp_path, b"t,F\n1,2\n2,3\n" + tail)
     assert found.codes == ("truncated",)
     assert found.channels[1].values.tolist() == [2, 3]
@@ -158,7 +208,9 @@ def test_blocks_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.Mo
     for encoding in ("utf-8", "utf-16"):
         content = ("t;F\r\n" + rows).encode(encoding)
         for block in (7, 101, 4096):
-            monkeypatch.setattr(text, "BLOCK", block if len(content) < 10 * HEAD and block > 100 else 997)
+            monkeypatch.setattr(
+                text, "BLOCK", block if len(content) < 10 * HEAD and block > 100 else 997
+            )
             found = read(tmp_path, content, names=("F",))
             np.testing.assert_array_equal(found.channels[0].values, force)
             assert found.codes == ()
@@ -166,13 +218,19 @@ def test_blocks_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_bad_line_far_below_is_named(tmp_path: Path) -> None:
     rows = b"".join(b"%d,%d\n" % (i, i) for i in range(20000))
-    with pytest.raises(InputRefused, match=r"f\.txt, line 20002: '7x' in column 'F' is not a number"):
+    with pytest.raises(
+        InputRefused, match=r"f\.txt, line 20002: '7x' in column 'F' is not a number"
+    ):
         read(tmp_path, b"t,F\n" + rows + b"1,7x\n2,3\n")
 
 
 def test_a_recipe_reads_what_has_no_header(tmp_path: Path) -> None:
     found = read(tmp_path, b"965\r\n966\r\n", {"columns": ["count"], "units": ["count"]})
-    assert (found.channels[0].name, found.channels[0].unit, found.channels[0].values.tolist()) == ("count", "count", [965, 966])
+    assert (found.channels[0].name, found.channels[0].unit, found.channels[0].values.tolist()) == (
+        "count",
+        "count",
+        [965, 966],
+    )
     ramp = b"START\r\n0.02, -0.33\r\n0.04, -0.00\r\nSTOP\r\n"
     found = read(tmp_path, ramp, {"columns": ["thrust", "current"], "ignore": ["START", "STOP"]})
     assert found.channels[0].values.tolist() == [0.02, 0.04]
@@ -180,7 +238,10 @@ def test_a_recipe_reads_what_has_no_header(tmp_path: Path) -> None:
 
 def test_labelled_cells(tmp_path: Path) -> None:
     found = read(tmp_path, b"T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n", {"labels": True})
-    assert [(c.name, c.values.tolist()) for c in found.channels] == [("T", [0.01, 0.02]), ("C", [0.65, 0.7])]
+    assert [(c.name, c.values.tolist()) for c in found.channels] == [
+        ("T", [0.01, 0.02]),
+        ("C", [0.65, 0.7]),
+    ]
     with pytest.raises(InputRefused, match="line 2: is labelled T, V, not T, C"):
         read(tmp_path, b"T: 0.01 \t C: 0.65\nT: 0.02 \t V: 0.7\n", {"labels": True})
 

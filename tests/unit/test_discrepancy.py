@@ -1,4 +1,6 @@
-"""What has no name is carried: the size of a random discrepancy, and the interval that it leaves."""
+"""What has no name is carried: the size of a random discrepancy, and the interval that it
+leaves.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from nearlift.diagnosis.search import Options
 from .simulated import campaign, sanchez_cuevas
 
 GROUND = catalogue.model("sanchez_cuevas")
-EFFECTS = tuple(e for e in catalogue.effects() if e.name in ("supply_sag", "session_gain", "gain_drift"))
+EFFECTS = tuple(
+    e for e in catalogue.effects() if e.name in ("supply_sag", "session_gain", "gain_drift")
+)
 
 
 def rippled(z):
@@ -29,7 +33,11 @@ def stage():
 
 @pytest.mark.parametrize("shape", ["distances", "curve"])
 def test_moments_give_the_variance_that_was_put_in(stage, shape):
-    family = indicators(stage.data.z_hat) if shape == "distances" else powers(np.log(np.minimum(stage.data.z_hat, 99.0)), 3)
+    family = (
+        indicators(stage.data.z_hat)
+        if shape == "distances"
+        else powers(np.log(np.minimum(stage.data.z_hat, 99.0)), 3)
+    )
     true = 0.01
     rng = np.random.default_rng(5)
     white = stage.space.project(family.T).T
@@ -38,8 +46,11 @@ def test_moments_give_the_variance_that_was_put_in(stage, shape):
     jacobian = jacobian / np.linalg.norm(jacobian, axis=0)
     variances = []
     for _ in range(400):
-        # residuals of a campaign that holds the discrepancy and unit noise, and nothing that the fit absorbs
-        residual = white @ (true * rng.standard_normal(family.shape[1])) + stage.space.project(root @ rng.standard_normal(stage.data.n))
+        # residuals of a campaign that holds the discrepancy and unit noise, and nothing that the
+        # fit absorbs
+        residual = white @ (true * rng.standard_normal(family.shape[1])) + stage.space.project(
+            root @ rng.standard_normal(stage.data.n)
+        )
         residual = residual - jacobian @ (jacobian.T @ residual)
         variances.append(discrepancy._variance(white - jacobian @ (jacobian.T @ white), residual))
     # unbiased before it is cut at zero; 400 draws of a sum of few squares
@@ -61,4 +72,6 @@ def test_what_is_adequate_carries_nothing():
     found = close_loop(campaign(5, visits=5), GROUND, effects=EFFECTS, confirm=False)
     assert found["verdict"] == "adequate"
     assert found["coefficients"]["carried"] == []
-    assert {k: found["coefficients"]["after"]["K_b"][k] for k in ("value", "lo90", "hi90")} == found["coefficients"]["before"]["K_b"]
+    assert {
+        k: found["coefficients"]["after"]["K_b"][k] for k in ("value", "lo90", "hi90")
+    } == found["coefficients"]["before"]["K_b"]

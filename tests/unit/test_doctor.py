@@ -58,7 +58,9 @@ def test_many_blas_threads_are_noted(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("entries", ["/plugins:", "lib:/plugins", "."])
-def test_an_entry_of_the_path_that_means_the_current_folder_is_noted(tmp_path, monkeypatch, entries):
+def test_an_entry_of_the_path_that_means_the_current_folder_is_noted(
+    tmp_path, monkeypatch, entries
+):
     monkeypatch.setenv("PYTHONPATH", "/plugins")
     (finding,) = (f for f in doctor.examine(tmp_path) if f.what == "PYTHONPATH")
     assert finding.state == "good"

@@ -37,7 +37,10 @@ def test_rivals_unseen_effects_and_what_was_not_logged_are_held_against_the_head
 
 def test_other_answers_stand_with_what_it_takes_to_believe_them(evidence):
     [card, *_] = verdict.facts(quoted.known(evidence, DIAGNOSED))["cards"]
-    told = {c["condition"]: (c["quoted"].name, c["quoted"].lo90.value, c["quoted"].hi90.value) for c in card["conditions"]}
+    told = {
+        c["condition"]: (c["quoted"].name, c["quoted"].lo90.value, c["quoted"].hi90.value)
+        for c in card["conditions"]
+    }
     assert told == {
         "supply_sag is all, exactly in its declared form": ("K_b", 1.9, 2.1),
         "the base model lacks nothing": ("K_b", 1.1, 1.3),
@@ -48,22 +51,38 @@ def test_other_answers_stand_with_what_it_takes_to_believe_them(evidence):
 
 def test_structure_without_a_name_is_said(evidence):
     told = said(evidence, lambda f: f.update(verdict="unexplained", effects=[]))
-    assert any(d.text.startswith("what the base model leaves along supply has no name") for d in told)
+    assert any(
+        d.text.startswith("what the base model leaves along supply has no name") for d in told
+    )
 
 
 def test_a_campaign_that_grows_is_said(evidence):
     told = said(evidence, lambda f: f.update(look={"text": "a look at 240 of 480 trials"}))
-    assert any(d.text == "the campaign is still growing: a look at 240 of 480 trials" and d.boundaries == ("ground",) for d in told)
+    assert any(
+        d.text == "the campaign is still growing: a look at 240 of 480 trials"
+        and d.boundaries == ("ground",)
+        for d in told
+    )
 
 
 def test_rejected_trials_are_counted_and_silent_where_there_are_none(evidence):
     trials = evidence.table(TRIALS)
-    assert any(d.text.startswith(f"1 of {len(trials['trial'])} trials were left out") for d in verdict.doubts(evidence))
+    assert any(
+        d.text.startswith(f"1 of {len(trials['trial'])} trials were left out")
+        for d in verdict.doubts(evidence)
+    )
     clean = {**trials, "quality": np.full(len(trials["trial"]), "", dtype=object)}
-    assert not any("rejected" in d.text for d in verdict.doubts(dataclasses.replace(evidence, tables={**evidence.tables, TRIALS.file: clean})))
+    assert not any(
+        "rejected" in d.text
+        for d in verdict.doubts(
+            dataclasses.replace(evidence, tables={**evidence.tables, TRIALS.file: clean})
+        )
+    )
 
 
 def test_a_manifest_without_shared_errors_is_a_doubt(evidence):
-    bare = dataclasses.replace(evidence, campaign=evidence.campaign.model_copy(update={"uncertainty": ()}))
+    bare = dataclasses.replace(
+        evidence, campaign=evidence.campaign.model_copy(update={"uncertainty": ()})
+    )
     assert any("declares no error that repeats share" in d.text for d in verdict.doubts(bare))
     assert not any("declares no error" in d.text for d in verdict.doubts(evidence))

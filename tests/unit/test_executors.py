@@ -99,7 +99,9 @@ def test_results_without_order_are_all_of_them(name, ahead):
 
 
 def test_results_without_order_come_while_others_wait():
-    """Whoever keeps each result loses little when the run is broken off; what has not begun is cancelled."""
+    """Whoever keeps each result loses little when the run is broken off; what has not begun is
+    cancelled.
+    """
     drawn = []
 
     def specs():
@@ -129,13 +131,24 @@ def test_serial_carries_exceptions_in_the_future_but_lets_an_interrupt_through()
 
 @pytest.mark.parametrize("text", ["gpu", "serial:2", "dask", "dask:", ""])
 def test_an_executor_that_is_not_one_is_refused_with_those_that_are(text):
-    with pytest.raises(UsageError, match=r"is not an executor\n  use serial, threads:N, processes:N or dask:ADDRESS"), open_executor(text):
+    with (
+        pytest.raises(
+            UsageError,
+            match=r"is not an executor\n  use serial, threads:N, processes:N or dask:ADDRESS",
+        ),
+        open_executor(text),
+    ):
         pass
 
 
 @pytest.mark.parametrize("text", ["threads:0", "threads:-1", "processes:two", "threads:1.5"])
 def test_a_number_of_workers_that_is_not_one_is_refused(text):
-    with pytest.raises(UsageError, match=rf"--executor: '{text}' names no number of workers\n  write threads:2"), open_executor(text):
+    with (
+        pytest.raises(
+            UsageError, match=rf"--executor: '{text}' names no number of workers\n  write threads:2"
+        ),
+        open_executor(text),
+    ):
         pass
 
 
@@ -168,7 +181,10 @@ def test_a_damaged_record_is_refused_alike_wherever_it_is_read(tmp_path):
     (copy / "records.parquet").write_bytes(bytes(content))
     told = []
     for name in EXECUTORS:
-        with open_executor(name) as pool, pytest.raises(Exception, match=r"records\.parquet") as refusal:
+        with (
+            open_executor(name) as pool,
+            pytest.raises(Exception, match=r"records\.parquet") as refusal,
+        ):
             ingest.run(small_run.job(copy, tmp_path / "out", executor=pool))
         told.append((type(refusal.value), str(refusal.value)))
     assert told[0] == told[1] == told[2]
@@ -212,11 +228,15 @@ def test_the_death_of_a_process_changes_no_result(deadly, tmp_path):
 
 
 def test_the_death_of_a_process_costs_its_own_task_alone(deadly, tmp_path):
-    """Others, in other processes or waiting, run once: a long calibration loses one campaign's time, not all that is in flight."""
+    """Others, in other processes or waiting, run once: a long calibration loses one campaign's
+    time, not all that is in flight.
+    """
     specs = [(x, str(tmp_path / "died")) for x in range(12)]
     with open_executor("processes:2") as pool:
         assert sorted(unordered(pool, deadly.square, specs)) == [x * x for x in range(12)]
-    assert sorted(map(int, (tmp_path / "died.calls").read_text().split())) == sorted([*range(12), 3])
+    assert sorted(map(int, (tmp_path / "died.calls").read_text().split())) == sorted(
+        [*range(12), 3]
+    )
 
 
 def test_processes_have_one_thread_of_linear_algebra(monkeypatch):
@@ -232,19 +252,28 @@ def test_processes_have_one_thread_of_linear_algebra(monkeypatch):
 def test_a_task_that_kills_every_process_is_refused(deadly):
     with (
         open_executor("processes:1") as pool,
-        pytest.raises(InputRefused, match="--executor: a worker process died 3 times over one task"),
+        pytest.raises(
+            InputRefused, match="--executor: a worker process died 3 times over one task"
+        ),
     ):
         list(ordered(pool, deadly.die, [0]))
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:port", "http://127.0.0.1:1", "silent"])
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:1", "127.0.0.1:port", "http://127.0.0.1:1", "silent"]
+)
 def test_a_scheduler_that_does_not_answer_is_told_as_such(address, monkeypatch):
     pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
     monkeypatch.setattr("nearlift.executors.ANSWER_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         # somebody listens, who is no scheduler
         address = address.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
-        with pytest.raises(UsageError, match=f"no dask scheduler answers at '{address}'.*\\n  start one"), open_executor(f"dask:{address}"):
+        with (
+            pytest.raises(
+                UsageError, match=f"no dask scheduler answers at '{address}'.*\\n  start one"
+            ),
+            open_executor(f"dask:{address}"),
+        ):
             pass
 
 

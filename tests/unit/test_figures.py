@@ -1,4 +1,6 @@
-"""Figures: told apart in colour and in grey, the same bytes each time, no trace in matplotlib's settings."""
+"""Figures: told apart in colour and in grey, the same bytes each time, no trace in matplotlib's
+settings.
+"""
 
 from __future__ import annotations
 
@@ -52,12 +54,22 @@ def test_theory_is_told_apart_without_colour(table):
 
 def test_panels_are_labelled_with_units_and_curves_named(table):
     figure = drawn(draw_fig2.draw, table)
-    assert [ax.get_title(loc="left") for ax in figure.axes] == ["a) ground", "b) ceiling", "c) sidewall"]
+    assert [ax.get_title(loc="left") for ax in figure.axes] == [
+        "a) ground",
+        "b) ceiling",
+        "c) sidewall",
+    ]
     assert figure.axes[0].get_ylabel() == r"$\Delta L$ (%)"
     assert all(ax.get_xlabel() == r"$\hat{z}$" for ax in figure.axes)
     named = [t.get_text() for t in figure.axes[0].get_legend().get_texts()]
     assert named == ["S-C (posterior), 90 %", "C-B (theory)", "S-C (PQuad)"]
-    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["throttle:", "25 %", "50 %", "75 %", "92 %"]
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == [
+        "throttle:",
+        "25 %",
+        "50 %",
+        "75 %",
+        "92 %",
+    ]
 
 
 def test_data_lie_inside_the_panel_with_their_bars(table):
@@ -85,8 +97,13 @@ def test_many_throttles_get_a_colour_bar(make_job):
     assert not figure.legends
 
 
-# figures of the loop, of flow, flight and proximity need more than a fit, and are tested beside their stages
-@pytest.mark.parametrize("spec", [s for s in FIGURES if set(s.needs) <= {TRIALS, LIFT, FIT, POSTERIOR}], ids=lambda s: s.name)
+# figures of the loop, of flow, flight and proximity need more than a fit, and are tested beside
+# their stages
+@pytest.mark.parametrize(
+    "spec",
+    [s for s in FIGURES if set(s.needs) <= {TRIALS, LIFT, FIT, POSTERIOR}],
+    ids=lambda s: s.name,
+)
 def test_the_same_table_gives_the_same_bytes(small_job, spec):
     rows = spec.summarise(gather(small_job))
     first, second = (render(spec.draw, rows, style.style("aiaa")) for _ in range(2))

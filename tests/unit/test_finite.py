@@ -1,4 +1,6 @@
-"""No row without a value reaches linear algebra, whose kernels differ in what they make of inf and nan."""
+"""No row without a value reaches linear algebra, whose kernels differ in what they make of inf and
+nan.
+"""
 
 import numpy as np
 import pytest

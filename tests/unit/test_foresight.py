@@ -1,4 +1,6 @@
-"""What a design could see, foretold: against trials drawn at random, against closed forms, and through the command line."""
+"""What a design could see, foretold: against trials drawn at random, against closed forms, and
+through the command line.
+"""
 
 import csv
 import dataclasses
@@ -51,7 +53,9 @@ def handle(name, which=0):
 def test_without_an_effect_the_chance_is_the_false_alarm_rate(foresight):
     nothing = np.zeros(foresight._space[0].shape[1])
     # 1000 draws at 5 %, and a threshold from 6000: 3 sd of their difference is 2.2 %
-    assert dataclasses.replace(foresight, quiet=1.0).seen(nothing).mean() == pytest.approx(0.05, abs=0.022)
+    assert dataclasses.replace(foresight, quiet=1.0).seen(nothing).mean() == pytest.approx(
+        0.05, abs=0.022
+    )
     # the floor comes out a little higher than the noise is
     assert 0.85 < foresight.quiet < 1.03
 
@@ -59,16 +63,25 @@ def test_without_an_effect_the_chance_is_the_false_alarm_rate(foresight):
 def test_a_limit_is_where_the_chance_is_eighty_per_cent(foresight):
     h = handle("supply_sag")
     limit = foresight.limit(h)
-    assert foresight.seen(foresight.visible(h, limit)).mean() == pytest.approx(LIMIT_POWER, abs=0.03)
+    assert foresight.seen(foresight.visible(h, limit)).mean() == pytest.approx(
+        LIMIT_POWER, abs=0.03
+    )
     # four times the trials of the same kind see half the size
     data = foresight.stage.data
     index = np.tile(np.arange(data.n), 4)
-    more = dataclasses.replace(data.take(index), visit=data.visit[index] + np.repeat(np.arange(4), data.n) * (data.visit.max() + 1))
-    assert planned(more, GROUND, (), NOISE, Options(), np.array([2.0]))[0].limit(h) / limit == pytest.approx(0.5, abs=0.13)
+    more = dataclasses.replace(
+        data.take(index),
+        visit=data.visit[index] + np.repeat(np.arange(4), data.n) * (data.visit.max() + 1),
+    )
+    assert planned(more, GROUND, (), NOISE, Options(), np.array([2.0]))[0].limit(
+        h
+    ) / limit == pytest.approx(0.5, abs=0.13)
 
 
 def test_the_foretold_chance_is_that_of_drawn_trials(foresight):
-    """24 campaigns at the limit, seen in 80 %: 11 or fewer by chance once in a thousand, all of them once in two hundred."""
+    """24 campaigns at the limit, seen in 80 %: 11 or fewer by chance once in a thousand, all of
+    them once in two hundred.
+    """
     h = handle("session_gain")
     limit = foresight.limit(h)
     stage = foresight.stage
@@ -79,9 +92,15 @@ def test_the_foretold_chance_is_that_of_drawn_trials(foresight):
         gain = limit * (draw - draw.mean()) / np.std(draw)
         d = stage.data
         jitter = rng.normal(0, NOISE.height_m, d.visit.max() + 1)[d.visit] * stage.slope
-        noise = NOISE.relative * rng.normal(size=d.n) + NOISE.force_N / d.lift_N * rng.normal(size=d.n) + jitter
+        noise = (
+            NOISE.relative * rng.normal(size=d.n)
+            + NOISE.force_N / d.lift_N * rng.normal(size=d.n)
+            + jitter
+        )
         log_lift = np.log(d.lift_N) + np.log1p(gain[d.session]) + noise
-        trial = dataclasses.replace(stage, log_lift=log_lift, data=dataclasses.replace(d, lift_N=np.exp(log_lift)))
+        trial = dataclasses.replace(
+            stage, log_lift=log_lift, data=dataclasses.replace(d, lift_N=np.exp(log_lift))
+        )
         seen += trial.nothing_added[0].present
     assert 12 <= seen <= 23
 
@@ -91,8 +110,12 @@ def test_the_first_visible_part_is_what_theta_and_levels_leave(foresight):
     stage = foresight.stage
     assert np.sqrt(np.mean(left**2)) < 0.4 * np.sqrt(np.mean(raw**2))
     absorbed = raw - left
-    columns = np.hstack([np.eye(4)[stage.data.level], stage.candidate().jacobian(stage.base_fit.vector)])
-    assert absorbed == pytest.approx(columns @ np.linalg.lstsq(columns, absorbed, rcond=None)[0], abs=1e-9)
+    columns = np.hstack(
+        [np.eye(4)[stage.data.level], stage.candidate().jacobian(stage.base_fit.vector)]
+    )
+    assert absorbed == pytest.approx(
+        columns @ np.linalg.lstsq(columns, absorbed, rcond=None)[0], abs=1e-9
+    )
     # per cent of lift per mm at z_hat = 1.14, as the declaration says
     assert raw[np.argmin(stage.data.z_hat)] == pytest.approx(-0.0043, rel=0.25)
 
@@ -101,7 +124,9 @@ def test_harm_is_the_shift_of_a_fit_to_trials_that_hold_the_effect(foresight):
     stage = foresight.stage
     shift = foresight.harm(handle("height_offset"), 5e-4)[0]
     held = stage.candidate(catalogue.effect("height_offset")).log_ratio(np.array([2.0, 5e-4]))
-    fitted = dataclasses.replace(stage, log_lift=np.log(stage.data.covariates["lift_inf_N"]) + held).base_fit
+    fitted = dataclasses.replace(
+        stage, log_lift=np.log(stage.data.covariates["lift_inf_N"]) + held
+    ).base_fit
     assert shift == pytest.approx(fitted.vector[0] - 2.0, abs=2e-3)
     assert shift < -0.03
 
@@ -141,14 +166,28 @@ def test_chances_are_ordered(foresight):
 
 def test_limits_are_read_off_a_curve():
     size = np.array([0.0, 1.0, 2.0])
-    curve = Power(size=size, seen=np.array([0.0, 0.6, 1.0]), within=np.array([0.0, 0.1, 0.2]), first=size * 0, alone=size * 0)
+    curve = Power(
+        size=size,
+        seen=np.array([0.0, 0.6, 1.0]),
+        within=np.array([0.0, 0.1, 0.2]),
+        first=size * 0,
+        alone=size * 0,
+    )
     assert curve.limit() == pytest.approx(1.5)
     assert curve.limit("within") is None
 
 
 def test_what_theta_absorbs_is_silent_and_has_no_limit():
-    data = campaign(3, boundary="ceiling", ratio=hsiao, stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0), visits=8)
-    foresight, library, _ = planned(data, catalogue.model("hsiao_chirarattananon"), (), NOISE, Options(), np.array([0.125]))
+    data = campaign(
+        3,
+        boundary="ceiling",
+        ratio=hsiao,
+        stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
+        visits=8,
+    )
+    foresight, library, _ = planned(
+        data, catalogue.model("hsiao_chirarattananon"), (), NOISE, Options(), np.array([0.125])
+    )
     row = outlook.weigh(foresight, handle("height_scale"))
     assert row["verdict"] == "silent"
     assert row["detection_limit"] is None
@@ -169,7 +208,14 @@ def test_groups_are_linked_pairs():
     def row(name, verdict="seen, not told apart", **rivals):
         return {"effect": name, "verdict": verdict, "rivals": rivals}
 
-    rows = [row("a", b=0.9), row("b", c=0.6), row("c"), row("d", e=0.4), row("f", "too small to see", a=0.9), row("g", h=0.7)]
+    rows = [
+        row("a", b=0.9),
+        row("b", c=0.6),
+        row("c"),
+        row("d", e=0.4),
+        row("f", "too small to see", a=0.9),
+        row("g", h=0.7),
+    ]
     assert outlook.groups(rows) == [["a", "b", "c"], ["g", "h"]]
 
 
@@ -192,21 +238,34 @@ def test_changes_part_what_they_promise(foresight):
 
 
 def test_a_gauge_parts_an_offset_from_what_else_acts_close_by(foresight):
-    pair = proposals.Pair(handle=handle("image_strength"), rival="height_offset", size=0.2, chance=1.0)
+    pair = proposals.Pair(
+        handle=handle("image_strength"), rival="height_offset", size=0.2, chance=1.0
+    )
     options = proposals.changes(foresight, [pair], {})["pairs"][0]["options"]
-    assert any(o["change"].startswith("touch the traverse off") and o["trials_to_part"] == 0 for o in options)
+    assert any(
+        o["change"].startswith("touch the traverse off") and o["trials_to_part"] == 0
+        for o in options
+    )
 
 
 def test_the_same_trials_from_both_sides_let_backlash_show(foresight):
     """Always from afar, backlash is an offset; from both sides it is itself."""
     data = foresight.stage.data
-    one_sided = dataclasses.replace(data, covariates={**data.covariates, "approach": np.where(np.arange(data.n) < 8, 1.0, -1.0)})
-    mixed = np.where(np.random.default_rng(1).random(data.visit.max() + 1) < 0.5, 1.0, -1.0)[data.visit]
+    one_sided = dataclasses.replace(
+        data, covariates={**data.covariates, "approach": np.where(np.arange(data.n) < 8, 1.0, -1.0)}
+    )
+    mixed = np.where(np.random.default_rng(1).random(data.visit.max() + 1) < 0.5, 1.0, -1.0)[
+        data.visit
+    ]
     both_sided = dataclasses.replace(data, covariates={**data.covariates, "approach": mixed})
     h = handle("approach_backlash")
     lengths = []
     for trials in (one_sided, both_sided):
-        lengths.append(np.linalg.norm(planned(trials, GROUND, (), NOISE, Options(), np.array([2.0]))[0].visible(h, 2e-4)))
+        lengths.append(
+            np.linalg.norm(
+                planned(trials, GROUND, (), NOISE, Options(), np.array([2.0]))[0].visible(h, 2e-4)
+            )
+        )
     assert lengths[1] > 1.8 * lengths[0]
 
 
@@ -218,7 +277,9 @@ def test_heating_is_seen_at_its_limit_with_the_stated_chance():
     rng = np.random.default_rng(1)
 
     def with_drift(mean):
-        return dataclasses.replace(data, covariates={**data.covariates, "drift_hat": mean + rng.normal(0, 0.02, data.n)})
+        return dataclasses.replace(
+            data, covariates={**data.covariates, "drift_hat": mean + rng.normal(0, 0.02, data.n)}
+        )
 
     told = power(with_drift(0.0), 0.05, 0.8)
     assert told["visits"] == 50
@@ -346,7 +407,9 @@ def test_design_says_what_it_assumes_and_finds(weighed):
     assert rows["supply_sag"]["verdict"] == "named"
     assert rows["height_scale"]["verdict"] == "too small to see"
     assert 0.02 < at["coefficients"]["K_b"]["u"] < 0.1
-    assert at["coefficients"]["K_b"]["u_with_undetected_effects"] > 3 * at["coefficients"]["K_b"]["u"]
+    assert (
+        at["coefficients"]["K_b"]["u_with_undetected_effects"] > 3 * at["coefficients"]["K_b"]["u"]
+    )
     assert {u["effect"] for u in at["untestable"]} >= {"tilt", "air_density"}
     assert any("supply falls from 4.05 to 3.75 V" in said for said in found["assumed"])
     for kind in ("json", "pdf", "png", "csv"):
@@ -378,8 +441,14 @@ def test_a_plan_without_a_plan_is_refused(plan, tmp_path):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (('lift = ["10.9 gf", "24.4 gf", "56.2 gf"]', 'lift = ["10.9 gf"]'), "lift lists 1 values for 3 throttles"),
-        (('throttles = ["25 percent", "50', 'throttles = ["50 percent", "50'), "a throttle stands twice"),
+        (
+            ('lift = ["10.9 gf", "24.4 gf", "56.2 gf"]', 'lift = ["10.9 gf"]'),
+            "lift lists 1 values for 3 throttles",
+        ),
+        (
+            ('throttles = ["25 percent", "50', 'throttles = ["50 percent", "50'),
+            "a throttle stands twice",
+        ),
         (("visits = 5", "visits = 0"), "design.visits"),
         (('"26 mm", ', '"26", '), "design.distances"),
         (("sessions = 3", "sesions = 3"), "did you mean 'sessions'?"),
@@ -396,7 +465,9 @@ def test_a_design_with_a_slip_is_refused(plan, tmp_path, change, text):
 def test_derived_covariates_do_not_depend_on_the_planned_lift():
     data = campaign(1, visits=3)
     levels = np.array([1.0, 2.0, 3.0, 4.0])
-    one, two = (derive(dataclasses.replace(data, lift_N=data.lift_N * f), levels) for f in (1.0, 3.0))
+    one, two = (
+        derive(dataclasses.replace(data, lift_N=data.lift_N * f), levels) for f in (1.0, 3.0)
+    )
     assert np.array_equal(one.covariates["previous_lift_N"], two.covariates["previous_lift_N"])
 
 
@@ -425,15 +496,28 @@ def test_explain_says_what_why_and_how_large(explained):
     assert (size["parameter"], size["unit"]) == ("offset_m", "m")
     assert size["signature"]["rms_left"] < size["signature"]["rms"]
     assert size["bias"]["K_b"]["shift"] != 0
-    assert {c["effect"] for c in size["confused_with"][:6]} & {"image_strength", "held_quantity", "near_wall_saturation"}
-    assert all(c["correlation"] == pytest.approx(c["energy_absorbed"] ** 0.5) for c in size["confused_with"])
+    assert {c["effect"] for c in size["confused_with"][:6]} & {
+        "image_strength",
+        "held_quantity",
+        "near_wall_saturation",
+    }
+    assert all(
+        c["correlation"] == pytest.approx(c["energy_absorbed"] ** 0.5)
+        for c in size["confused_with"]
+    )
     assert found["source"]["citation"]
     folder = out / "reports/small/explain"
     first = {p.name: p.read_bytes() for p in folder.iterdir()}
     words = nearlift("diagnose", raw, "--out", out, "--explain", "height_offset").stdout
     # the same bytes again
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == first
-    for part in ("Mechanism: the traverse's zero is not the rotor plane", "Source: ", "In small, ground", "Confused with", "Unnoticed at that size"):
+    for part in (
+        "Mechanism: the traverse's zero is not the rotor plane",
+        "Source: ",
+        "In small, ground",
+        "Confused with",
+        "Unnoticed at that size",
+    ):
         assert part in words
     with (out / "reports/small/explain/height_offset.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -456,7 +540,9 @@ def test_explain_stales_nothing_and_no_stage_adopts_its_files(explained):
     # gone again, nothing is missing
     for path in (out / "reports/small/explain").iterdir():
         path.unlink()
-    assert all("up to date" in line for line in nearlift("plan", raw, "--out", out).stdout.splitlines())
+    assert all(
+        "up to date" in line for line in nearlift("plan", raw, "--out", out).stdout.splitlines()
+    )
     assert set(before) >= {"reports/small/explain/gain_drift.png"}
 
 
@@ -474,7 +560,9 @@ def test_explain_names_what_to_log_and_what_does_not_exist(explained):
 
 
 def test_a_visit_holds_one_distance_always_and_that_is_no_finding(foresight):
-    """Sessions hold them all; only a campaign of a few long visits has no more sessions than visits."""
+    """Sessions hold them all; only a campaign of a few long visits has no more sessions than
+    visits.
+    """
     stage = foresight.stage
     assert unknowable(stage, stage.base_fit) == []
     data = stage.data

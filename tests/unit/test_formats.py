@@ -1,4 +1,6 @@
-"""Each outside format: what is written comes back, its traps are sprung, and what contradicts the manifest is refused."""
+"""Each outside format: what is written comes back, its traps are sprung, and what contradicts the
+manifest is refused.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +44,30 @@ def open_reader() -> Iterator[Any]:
         yield reading
 
 
-def contents(open_reader: Any, name: str, path: Path, dialect: Any = None, names: Any = None) -> Any:
+def contents(
+    open_reader: Any, name: str, path: Path, dialect: Any = None, names: Any = None
+) -> Any:
     return open_reader(name)(path, dialect or {}, names)
 
 
-def records(root: Path, reader: str, column: str, unit: str, files: str, rate: str = "1000 Hz", **changes: Any) -> list[Any]:
+def records(
+    root: Path,
+    reader: str,
+    column: str,
+    unit: str,
+    files: str,
+    rate: str = "1000 Hz",
+    **changes: Any,
+) -> list[Any]:
     """Records of trials a, b through the seam."""
     given_manifest = manifest(
-        load_cell={"sample_rate": rate}, records={"reader": reader, "files": files, "force": {"column": column, "unit": unit, "sign": 1}, **changes}
+        load_cell={"sample_rate": rate},
+        records={
+            "reader": reader,
+            "files": files,
+            "force": {"column": column, "unit": unit, "sign": 1},
+            **changes,
+        },
     )
     return list(readers.reader(reader).read(given_manifest, root, ["a", "b"]))
 
@@ -58,7 +76,9 @@ def records(root: Path, reader: str, column: str, unit: str, files: str, rate: s
 
 
 @pytest.mark.parametrize("name", [n for n in written.WRITERS if n != "csv"])
-def test_what_is_written_comes_back(open_reader: Any, tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
+def test_what_is_written_comes_back(
+    open_reader: Any, tmp_path_factory: pytest.TempPathFactory, name: str
+) -> None:
     write, column, _, suffix = written.WRITERS[name]
     folder = tmp_path_factory.mktemp(name)
 
@@ -68,7 +88,9 @@ def test_what_is_written_comes_back(open_reader: Any, tmp_path_factory: pytest.T
         path = written.put(folder, f"a.{suffix}", write(force))
         found = contents(open_reader, name, path, names=(column,))
         channel = pick(found.channels, column, "records.force.column", "a")
-        np.testing.assert_array_equal(channel.values, np.float32(force) if name == "crazyflie-usd" else force)
+        np.testing.assert_array_equal(
+            channel.values, np.float32(force) if name == "crazyflie-usd" else force
+        )
         assert set(found.codes) <= {"dead_speed"}
 
     turn()
@@ -91,12 +113,20 @@ def test_records_are_newtons_of_lift_through_the_seam(tmp_path: Path, name: str)
 
 
 @pytest.mark.parametrize("name", ["rcbenchmark", "flight-stand", "hdf5", "tdms", "lvm", "text"])
-def test_a_unit_in_the_file_that_the_manifest_contradicts_is_refused(tmp_path: Path, name: str) -> None:
+def test_a_unit_in_the_file_that_the_manifest_contradicts_is_refused(
+    tmp_path: Path, name: str
+) -> None:
     """Gram-force read as newton is a factor of 102."""
     write, column, unit, suffix = written.WRITERS[name]
     written.put(tmp_path, f"a.{suffix}", write([1.0, 2.0, 3.0]))
     other = "N" if unit != "N" else "gf"
-    with pytest.raises(InputRefused, match=rf"states .* in {unit}, the manifest says {other}: a factor of .*\n  records.force.unit = \"{unit}\""):
+    with pytest.raises(
+        InputRefused,
+        match=(
+            rf"states .* in {unit}, the manifest says {other}: a factor of .*\n  records.force.unit"
+            rf" = \"{unit}\""
+        ),
+    ):
         records(tmp_path, name, column, other, f"{{trial}}.{suffix}")
 
 
@@ -115,18 +145,36 @@ def test_one_file_may_hold_all_trials(tmp_path: Path) -> None:
 
 def test_a_rate_in_the_file_that_the_manifest_contradicts_is_refused(tmp_path: Path) -> None:
     written.put(tmp_path, "a.lvm", written.lvm([1.0, 2.0, 3.0], columns="No"))
-    with pytest.raises(InputRefused, match=r"'Force' has 1000 Hz, the manifest says 200 Hz\n.*ignore_rate"):
+    with pytest.raises(
+        InputRefused, match=r"'Force' has 1000 Hz, the manifest says 200 Hz\n.*ignore_rate"
+    ):
         records(tmp_path, "lvm", "Force", "N", "{trial}.lvm", rate="200 Hz")
-    (a,) = records(tmp_path, "lvm", "Force", "N", "{trial}.lvm", rate="200 Hz", dialect={"ignore_rate": True})
+    (a,) = records(
+        tmp_path, "lvm", "Force", "N", "{trial}.lvm", rate="200 Hz", dialect={"ignore_rate": True}
+    )
     assert len(a.force_N) == 3
 
 
 def test_a_clock_beside_the_force(tmp_path: Path) -> None:
     written.put(tmp_path, "a.bin", written.usd([1.0, 2.0, 3.0, 4.0]))
-    (a,) = records(tmp_path, "crazyflie-usd", "force", "gf", "{trial}.bin", time={"column": "cell.time", "unit": "s"})
+    (a,) = records(
+        tmp_path,
+        "crazyflie-usd",
+        "force",
+        "gf",
+        "{trial}.bin",
+        time={"column": "cell.time", "unit": "s"},
+    )
     np.testing.assert_allclose(a.time_s, [0, 0.001, 0.002, 0.003])
     with pytest.raises(InputRefused, match=r"has 4 samples of 'cell.force' and 1 of 'rare.time'"):
-        records(tmp_path, "crazyflie-usd", "force", "gf", "{trial}.bin", time={"column": "rare.time", "unit": "s"})
+        records(
+            tmp_path,
+            "crazyflie-usd",
+            "force",
+            "gf",
+            "{trial}.bin",
+            time={"column": "rare.time", "unit": "s"},
+        )
 
 
 @pytest.mark.parametrize(
@@ -156,14 +204,19 @@ def test_names_are_folded_before_they_are_compared() -> None:
     assert fold("ESC signal (\u00b5s)") == fold("ESC signal (\u03bcs)")
     assert split_unit("Thrust (gf)") == ("Thrust", "gf")
     assert split_unit("weight[g]") == ("weight", "g")
-    assert split_unit("Powertrain 1 - force Fz (thrust) (N)") == ("Powertrain 1 - force Fz (thrust)", "N")
+    assert split_unit("Powertrain 1 - force Fz (thrust) (N)") == (
+        "Powertrain 1 - force Fz (thrust)",
+        "N",
+    )
     assert split_unit("rpm1") == ("rpm1", "")
     assert unit_word("[\u00b5s]") == "us"
     assert unit_word("furlong") is None
 
 
 def test_a_column_that_is_not_there_or_twice_is_refused(open_reader: Any, tmp_path: Path) -> None:
-    found = contents(open_reader, "rcbenchmark", written.put(tmp_path, "a.csv", written.rcbenchmark([1.0, 2.0])))
+    found = contents(
+        open_reader, "rcbenchmark", written.put(tmp_path, "a.csv", written.rcbenchmark([1.0, 2.0]))
+    )
     assert pick(found.channels, "thrust", "k", "f").name == "Thrust (gf)"
     with pytest.raises(InputRefused, match=r"has no column 'Trust'\n  k = \"Thrust \(gf\)\""):
         pick(found.channels, "Trust", "k", "f")
@@ -176,7 +229,9 @@ def test_a_column_that_is_not_there_or_twice_is_refused(open_reader: Any, tmp_pa
 
 
 def test_rcbenchmark_traps(open_reader: Any, tmp_path: Path) -> None:
-    """Byte order mark, trailing comma, micro signs, a clock that runs backwards, a speed that reads zero while there is lift."""
+    """Byte order mark, trailing comma, micro signs, a clock that runs backwards, a speed that reads
+    zero while there is lift.
+    """
     rows = "0.424,1000,,0.1,0,5.0,4.0,0,0.1,,\n0.378,1000,,0.1,0,6.0,4.0,0,0.1,hello,\n4.318,1000,,0.1,0,7.0,4.0,0,0.1,,\n"
     path = written.put(tmp_path, "a.csv", (written.RC_HEADER + "\n" + rows).encode())
     found = contents(open_reader, "rcbenchmark", path)
@@ -205,7 +260,9 @@ def test_a_stand_with_a_column_twice_is_refused(open_reader: Any, tmp_path: Path
         contents(open_reader, "crazyflie", path)
 
 
-def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(open_reader: Any, tmp_path: Path) -> None:
+def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(
+    open_reader: Any, tmp_path: Path
+) -> None:
     text = "weight[g],pwm,vbat[V],rpm1,rpm2,rpm3,rpm4\n-1.0586,0,3.9,0,0,0,0\n30.5,20000,3.8,9000,0,9100,9050\n"
     found = contents(open_reader, "crazyflie", written.put(tmp_path, "a.csv", text.encode()))
     assert pick(found.channels, "weight", "k", "f").values.tolist() == [-1.0586, 30.5]
@@ -217,16 +274,31 @@ def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(open_reade
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_both_versions_of_the_log(open_reader: Any, tmp_path: Path, version: int) -> None:
-    found = contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", written.usd([1.0, 2.5, 4.0], version=version)))
-    assert [c.name for c in found.channels] == ["cell.time", "cell.force", "cell.vbat", "rare.time", "rare.mark"]
+    found = contents(
+        open_reader,
+        "crazyflie-usd",
+        written.put(tmp_path, "a.bin", written.usd([1.0, 2.5, 4.0], version=version)),
+    )
+    assert [c.name for c in found.channels] == [
+        "cell.time",
+        "cell.force",
+        "cell.vbat",
+        "rare.time",
+        "rare.mark",
+    ]
     assert found.channels[0].rate_Hz == pytest.approx(1000)
     assert found.channels[2].values.tolist() == [3900] * 3
 
 
-def test_a_wrong_check_sum_rejects_and_salvage_keeps_what_comes_before(open_reader: Any, tmp_path: Path) -> None:
+def test_a_wrong_check_sum_rejects_and_salvage_keeps_what_comes_before(
+    open_reader: Any, tmp_path: Path
+) -> None:
     whole = written.usd([float(i) for i in range(50)])
     cut = written.put(tmp_path, "a.bin", whole[: len(whole) // 2])
-    with pytest.raises(Malformed, match=r"its check sum is wrong: it is cut off or damaged; dialect = { salvage = true }"):
+    with pytest.raises(
+        Malformed,
+        match=r"its check sum is wrong: it is cut off or damaged; dialect = { salvage = true }",
+    ):
         contents(open_reader, "crazyflie-usd", cut)
     found = contents(open_reader, "crazyflie-usd", cut, {"salvage": True})
     force = pick(found.channels, "force", "k", "f").values
@@ -244,7 +316,9 @@ def test_a_wrong_check_sum_rejects_and_salvage_keeps_what_comes_before(open_read
         (written.usd([1.0]).replace(b"force(f)", b"force(z)"), "'force\\(z\\)', which is none"),
     ],
 )
-def test_a_damaged_head_of_a_log(open_reader: Any, tmp_path: Path, content: bytes, match: str) -> None:
+def test_a_damaged_head_of_a_log(
+    open_reader: Any, tmp_path: Path, content: bytes, match: str
+) -> None:
     with pytest.raises(Malformed, match=match):
         contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", content))
 
@@ -252,7 +326,9 @@ def test_a_damaged_head_of_a_log(open_reader: Any, tmp_path: Path, content: byte
 def test_a_log_of_a_later_version_is_refused_by_name(open_reader: Any, tmp_path: Path) -> None:
     content = bytearray(written.usd([1.0]))
     content[1] = 3
-    with pytest.raises(InputRefused, match="is a uSD log of version 3\n  this reads versions 1 and 2"):
+    with pytest.raises(
+        InputRefused, match="is a uSD log of version 3\n  this reads versions 1 and 2"
+    ):
         contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", bytes(content)))
 
 
@@ -270,7 +346,9 @@ def test_lvm_segments_are_joined_and_counted(open_reader: Any, tmp_path: Path) -
     assert found.codes == ("truncated",), "the last segment has fewer rows than its header promises"
 
 
-def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(open_reader: Any, tmp_path: Path) -> None:
+def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(
+    open_reader: Any, tmp_path: Path
+) -> None:
     content = written.lvm([1.5, 2.5, 3.5]).replace(b"Delta_X\t0,001\t0,001", b"Delta_X\t1,0\t1,0")
     found = contents(open_reader, "lvm", written.put(tmp_path, "a.lvm", content))
     assert found.notes == ("the header says 1 Hz, X_Value 1000 Hz: the column is believed",)
@@ -287,7 +365,9 @@ def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(open_reader: A
         ((b"Decimal_Separator\t,", b"Decimal_Separator\t;"), "states the decimal separator ';'"),
     ],
 )
-def test_a_damaged_lvm_is_refused_with_its_line(open_reader: Any, tmp_path: Path, change: tuple[bytes, bytes], match: str) -> None:
+def test_a_damaged_lvm_is_refused_with_its_line(
+    open_reader: Any, tmp_path: Path, change: tuple[bytes, bytes], match: str
+) -> None:
     path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5, 3.5]).replace(*change))
     with pytest.raises(InputRefused, match=match):
         contents(open_reader, "lvm", path)
@@ -295,7 +375,11 @@ def test_a_damaged_lvm_is_refused_with_its_line(open_reader: Any, tmp_path: Path
 
 def test_no_pickle_beside_an_lvm_is_opened(open_reader: Any, tmp_path: Path) -> None:
     path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5]))
-    trap = written.put(tmp_path, "a.lvm.pkl", b"cos\nsystem\n(S'touch " + str(tmp_path / "pwned").encode() + b"'\ntR.")
+    trap = written.put(
+        tmp_path,
+        "a.lvm.pkl",
+        b"cos\nsystem\n(S'touch " + str(tmp_path / "pwned").encode() + b"'\ntR.",
+    )
     contents(open_reader, "lvm", path)
     assert sorted(tmp_path.iterdir()) == [path, trap]
 
@@ -319,7 +403,9 @@ def test_matlab_of_every_age(open_reader: Any, tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "m.mat", {"data": np.arange(6.0).reshape(3, 2), "who": "me"})
     found = contents(open_reader, "mat", tmp_path / "m.mat", names=("data(:,2)",))
     assert [(c.name, c.values.tolist()) for c in found.channels] == [("data(:,2)", [1.0, 3.0, 5.0])]
-    table = pd.DataFrame({"force": force}, index=pd.Index(np.array([0, 1, 2], dtype="timedelta64[ms]"), name="Time"))
+    table = pd.DataFrame(
+        {"force": force}, index=pd.Index(np.array([0, 1, 2], dtype="timedelta64[ms]"), name="Time")
+    )
     for version in ("v7", "v7.3"):
         save_to_mat(str(tmp_path / "tt.mat"), {"tt": table}, version=version)
         found = contents(open_reader, "mat", tmp_path / "tt.mat")
@@ -338,7 +424,9 @@ def test_hdf5_follows_no_link_out_of_the_file(open_reader: Any, tmp_path: Path) 
         file["force"] = np.arange(3.0)
         file["out"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/secret")
         file.create_virtual_dataset("virtual", layout)
-        file.create_dataset("far", (3,), dtype="f8", external=[(str(tmp_path / "raw.bin"), 0, h5py.h5f.UNLIMITED)])
+        file.create_dataset(
+            "far", (3,), dtype="f8", external=[(str(tmp_path / "raw.bin"), 0, h5py.h5f.UNLIMITED)]
+        )
         file["circle"] = file["/"]
     found = contents(open_reader, "hdf5", tmp_path / "a.h5")
     assert [c.name for c in found.channels] == ["/force"]
@@ -346,7 +434,9 @@ def test_hdf5_follows_no_link_out_of_the_file(open_reader: Any, tmp_path: Path) 
     assert any("is a link to another file" in n for n in found.notes)
 
 
-def test_a_half_written_tdms_is_flagged_and_its_index_not_believed(open_reader: Any, tmp_path: Path) -> None:
+def test_a_half_written_tdms_is_flagged_and_its_index_not_believed(
+    open_reader: Any, tmp_path: Path
+) -> None:
     whole = written.tdms(list(range(500)))
     path = written.put(tmp_path, "a.tdms", whole[:-100])
     found = contents(open_reader, "tdms", path)
@@ -358,7 +448,9 @@ def test_a_half_written_tdms_is_flagged_and_its_index_not_believed(open_reader: 
     assert (found.codes, len(found.channels[0].values), found.channels[0].unit) == ((), 500, "N")
 
 
-def test_a_tdms_cut_within_the_head_of_a_segment_is_flagged(open_reader: Any, tmp_path: Path) -> None:
+def test_a_tdms_cut_within_the_head_of_a_segment_is_flagged(
+    open_reader: Any, tmp_path: Path
+) -> None:
     """nptdms passes over it in silence: only the segments' own lengths tell."""
     content = written.tdms(list(range(500)))
     last = content.rfind(b"TDSm")
@@ -385,20 +477,33 @@ def test_a_file_that_claims_too_much_memory_is_stopped(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "bomb.h5", "w") as file:
         # chunks never written read as zeros: the file stays small
         file.create_dataset("force", (1 << 29,), dtype="f8", chunks=(1 << 20,), compression="gzip")
-    with child.source(readers.reader("hdf5").format) as read, pytest.raises(Malformed, match=r"memory|allocate|crashed"):
+    with (
+        child.source(readers.reader("hdf5").format) as read,
+        pytest.raises(Malformed, match=r"memory|allocate|crashed"),
+    ):
         read(tmp_path / "bomb.h5", {}, None)
 
 
 def test_a_reader_that_takes_too_long_is_stopped(tmp_path: Path) -> None:
     path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
-    with child.source(readers.reader("hdf5").format, time_s=0.01) as read, pytest.raises(Malformed, match=r"its reader was stopped after 0\.01 s"):
+    with (
+        child.source(readers.reader("hdf5").format, time_s=0.01) as read,
+        pytest.raises(Malformed, match=r"its reader was stopped after 0\.01 s"),
+    ):
         read(path, {}, None)
 
 
 def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path: Path) -> None:
-    """Whether the files are then asked for in turn or not, and whether the child dies or not: a death costs one file at most."""
+    """Whether the files are then asked for in turn or not, and whether the child dies or not: a
+    death costs one file at most.
+    """
     asked = [
-        {"reader": "hdf5", "dialect": {}, "names": None, "path": str(written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3)))}
+        {
+            "reader": "hdf5",
+            "dialect": {},
+            "names": None,
+            "path": str(written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3))),
+        }
         for k in range(8)
     ]
 
@@ -410,12 +515,19 @@ def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path
         return float(values[0][0])
 
     with child.Child() as worker:
-        assert [number(worker, *k) for k in ((0, 1, 2), (1, 2, 3), (5, 6, 7), (6, 7))] == [0.0, 1.0, 5.0, 6.0]
+        assert [number(worker, *k) for k in ((0, 1, 2), (1, 2, 3), (5, 6, 7), (6, 7))] == [
+            0.0,
+            1.0,
+            5.0,
+            6.0,
+        ]
     with child.Child() as worker:
         assert number(worker, 0, 1, 2) == 0.0
         worker.begin().kill()
         rest = [number(worker, *range(k, min(k + 3, 8))) for k in range(1, 8)]
-    assert sorted({*range(1, 8)} - {*rest}) == [k + 1 for k, found in enumerate(rest) if found == -1.0]
+    assert sorted({*range(1, 8)} - {*rest}) == [
+        k + 1 for k, found in enumerate(rest) if found == -1.0
+    ]
     assert rest.count(-1.0) <= 1
 
 
@@ -448,13 +560,27 @@ with path.open() as held, child.Child(memory=1 << 30, time_s=20.0) as worker:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no process is copied")
-def test_a_copy_of_this_process_has_a_childs_limits_and_none_of_this_ones_files(tmp_path: Path) -> None:
+def test_a_copy_of_this_process_has_a_childs_limits_and_none_of_this_ones_files(
+    tmp_path: Path,
+) -> None:
     """Code stands in the current folder, which is on this one's path."""
     path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
     written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, "-c", COPY, str(path)], cwd=tmp_path, env=environment, check=True, stdout=subprocess.PIPE)
-    assert json.loads(done.stdout) == {"kind": "Copy", "session": True, "values": [1.0, 2.0, 3.0], "held": False, "pwned": False}
+    done = subprocess.run(
+        [sys.executable, "-c", COPY, str(path)],
+        cwd=tmp_path,
+        env=environment,
+        check=True,
+        stdout=subprocess.PIPE,
+    )
+    assert json.loads(done.stdout) == {
+        "kind": "Copy",
+        "session": True,
+        "values": [1.0, 2.0, 3.0],
+        "held": False,
+        "pwned": False,
+    }
 
 
 def test_a_process_with_threads_is_not_copied() -> None:
@@ -469,7 +595,9 @@ def test_a_process_with_threads_is_not_copied() -> None:
         thread.join()
 
 
-def test_a_child_imports_nothing_from_the_folder_of_the_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_child_imports_nothing_from_the_folder_of_the_data(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
     path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
     monkeypatch.chdir(tmp_path)
@@ -478,25 +606,40 @@ def test_a_child_imports_nothing_from_the_folder_of_the_data(tmp_path: Path, mon
     assert not (tmp_path / "pwned").exists()
 
 
-def test_half_written_trials_are_flagged_and_held_against_the_planned_length(tmp_path: Path) -> None:
+def test_half_written_trials_are_flagged_and_held_against_the_planned_length(
+    tmp_path: Path,
+) -> None:
     """Flag and sample count, through a whole ingest."""
     from .bench_campaign import HEAD, LIVE, RATE, force_mN, run_ingest
 
     rows = ["trial,boundary,distance,throttle"]
     for k in range(4):
         rows.append(f"t{k},ground,300,{(25, 50, 75, 92)[k]}")
-        written.put(tmp_path, f"raw/t{k}.tdms", written.tdms(force_mN(100.0 * (k + 1), seed=k).tolist()))
+        written.put(
+            tmp_path, f"raw/t{k}.tdms", written.tdms(force_mN(100.0 * (k + 1), seed=k).tolist())
+        )
     write_schedule(tmp_path / "raw", "\n".join(rows) + "\n")
     whole = (tmp_path / "raw/t1.tdms").read_bytes()
     (tmp_path / "raw/t1.tdms").write_bytes(whole[: int(0.97 * len(whole))])
-    (tmp_path / "raw/t2.tdms").write_bytes((tmp_path / "raw/t2.tdms").read_bytes()[: len(whole) // 2])
-    chosen = {"reader": "tdms", "files": "{trial}.tdms", "force": {"column": "daq/force", "unit": "mN", "sign": 1}, "dialect": {"ignore_rate": True}}
+    (tmp_path / "raw/t2.tdms").write_bytes(
+        (tmp_path / "raw/t2.tdms").read_bytes()[: len(whole) // 2]
+    )
+    chosen = {
+        "reader": "tdms",
+        "files": "{trial}.tdms",
+        "force": {"column": "daq/force", "unit": "mN", "sign": 1},
+        "dialect": {"ignore_rate": True},
+    }
     with pytest.raises(InputRefused, match="in N, the manifest says mN"):
         run_ingest(tmp_path / "raw", tmp_path, manifest(records=chosen))
     for k in range(4):
         path = tmp_path / f"raw/t{k}.tdms"
         path.write_bytes(path.read_bytes().replace(b"unit_string", b"unit_sXXXXX"))
-    outcome, job = run_ingest(tmp_path / "raw", tmp_path, manifest(records=chosen, load_cell={"record": f"{(HEAD + LIVE) / RATE} s"}))
+    outcome, job = run_ingest(
+        tmp_path / "raw",
+        tmp_path,
+        manifest(records=chosen, load_cell={"record": f"{(HEAD + LIVE) / RATE} s"}),
+    )
     from nearlift.products import TRIALS
 
     table = job.read(TRIALS)

@@ -45,7 +45,9 @@ def place(finished, tmp_path) -> Path:
 
 def stale(place: Path, **changes) -> dict[str, str]:
     """Name and reason of every stage that `plan` would run."""
-    return {stage.name: why for stage, why in graph.plan(job(place / "raw", place, **changes)) if why}
+    return {
+        stage.name: why for stage, why in graph.plan(job(place / "raw", place, **changes)) if why
+    }
 
 
 def edit(file: Path, old: str, new: str) -> None:
@@ -84,25 +86,48 @@ def test_a_changed_trial_runs_all_that_hangs_on_it(place):
 def test_a_changed_number_in_the_schedule_counts_as_raw(place):
     edit(place / "raw" / "trials.csv", ",25,", ",25.0,")
     assert stale(place)["ingest"] == "trials.csv has changed"
-    # the same numbers in other words: what ingest makes anew is what stood there, but for the schedule's digest in the report
+    # the same numbers in other words: what ingest makes anew is what stood there, but for the
+    # schedule's digest in the report
     assert ran(job(place / "raw", place)) == ["ingest", "report"]
 
 
 @pytest.mark.parametrize(
     ("old", "new", "first", "wanted"),
     [
-        ('[vehicle]', '[report]\nstyle = "ieee"\n\n[vehicle]', "report", ["report"]),
+        ("[vehicle]", '[report]\nstyle = "ieee"\n\n[vehicle]', "report", ["report"]),
         ("# SIMULATED.", "# Simulated.", "report", ["report"]),
         ('"0.1 mm"', '"0.3 mm"', "fit", ["fit", "diagnose", "ledger", "report"]),
-        ('[vehicle]', '[fit.ground]\nrivals = []\n\n[vehicle]', "fit", ["fit", "diagnose", "ledger", "report"]),
-        ('[vehicle]', '[diagnose]\nfalse_alarm_rate = 0.01\n\n[vehicle]', "diagnose", ["diagnose", "report"]),
-        ('[vehicle]', '[quality]\ndrift = 0.04\n\n[vehicle]', "ingest", ["ingest", "reduce", "report"]),
-        ('"65 mm"', '"66 mm"', "ingest", ["ingest", "reduce", "fit", "diagnose", "ledger", "report"]),
+        (
+            "[vehicle]",
+            "[fit.ground]\nrivals = []\n\n[vehicle]",
+            "fit",
+            ["fit", "diagnose", "ledger", "report"],
+        ),
+        (
+            "[vehicle]",
+            "[diagnose]\nfalse_alarm_rate = 0.01\n\n[vehicle]",
+            "diagnose",
+            ["diagnose", "report"],
+        ),
+        (
+            "[vehicle]",
+            "[quality]\ndrift = 0.04\n\n[vehicle]",
+            "ingest",
+            ["ingest", "reduce", "report"],
+        ),
+        (
+            '"65 mm"',
+            '"66 mm"',
+            "ingest",
+            ["ingest", "reduce", "fit", "diagnose", "ledger", "report"],
+        ),
     ],
     ids=["style", "comment", "budget", "rivals", "false alarms", "quality", "spacing"],
-)  # fmt: skip
+)
 def test_an_edited_manifest_runs_what_the_edit_concerns(place, old, new, first, wanted):
-    """Whatever it is, the report runs, since it prints the manifest's digest. Figures' style concerns nothing else."""
+    """Whatever it is, the report runs, since it prints the manifest's digest. Figures' style
+    concerns nothing else.
+    """
     edit(place / "raw" / "campaign.toml", old, new)
     assert next(iter(stale(place))) == first
     assert ran(job(place / "raw", place)) == wanted
@@ -111,7 +136,10 @@ def test_an_edited_manifest_runs_what_the_edit_concerns(place, old, new, first, 
 
 def test_an_overlay_concerns_the_report_only(place):
     (place / "raw" / "others.csv").write_text("z_hat,delta_L,u\n2,0.05,0.01\n")
-    overlay = '[[report.overlay]]\nfile = "others.csv"\nlabel = "others"\nboundary = "ground"\n\n[vehicle]'
+    overlay = (
+        '[[report.overlay]]\nfile = "others.csv"\nlabel = "others"\nboundary ='
+        ' "ground"\n\n[vehicle]'
+    )
     edit(place / "raw" / "campaign.toml", "[vehicle]", overlay)
     assert ran(job(place / "raw", place)) == ["report"]
     edit(place / "raw" / "others.csv", "0.05", "0.06")
@@ -126,7 +154,8 @@ PRODUCTS = {
     "diagnosis.json": "diagnose",
     "results.json": "diagnose",
 }
-#: Stages that have to follow: what `fit` quotes is overwritten by `diagnose`, which must then do so again.
+#: Stages that have to follow: what `fit` quotes is overwritten by `diagnose`, which must then do so
+#: again.
 FOLLOW = {"fit": ["diagnose"]}
 
 
@@ -158,7 +187,9 @@ def test_a_deleted_page_is_made_again(place, file):
 
 
 def test_a_fit_of_a_doctored_product_does_not_pass_for_one_of_the_real(place):
-    """`nearlift fit` on a trials.parquet that someone has edited, then `nearlift run`: the trials are restored, and the fit too."""
+    """`nearlift fit` on a trials.parquet that someone has edited, then `nearlift run`: the trials
+    are restored, and the fit too.
+    """
     path = place / "processed" / "small" / "trials.parquet"
     good = (place / "processed" / "small" / "fit.json").read_bytes()
     table = store.read_table(path, graph.TRIALS)
@@ -183,11 +214,15 @@ def test_another_seed_another_code_another_version_make_all_stale(place, monkeyp
 @pytest.mark.parametrize("content", [None, "{ not json", '{"schema": "nearlift.provenance/99"}'])
 def test_without_a_ledger_everything_runs_anew_and_comes_out_the_same(place, content):
     ledger = place / "processed" / "small" / "provenance.json"
-    before = {name: sha for name, (sha, _) in state(place).items() if not name.endswith("provenance.json")}
+    before = {
+        name: sha for name, (sha, _) in state(place).items() if not name.endswith("provenance.json")
+    }
     ledger.unlink() if content is None else ledger.write_text(content)
     assert stale(place) == dict.fromkeys(EVERY, "has not run yet")
     assert ran(job(place / "raw", place)) == EVERY
-    assert {name: sha for name, (sha, _) in state(place).items() if not name.endswith("provenance.json")} == before
+    assert {
+        name: sha for name, (sha, _) in state(place).items() if not name.endswith("provenance.json")
+    } == before
 
 
 def test_a_stage_that_breaks_off_is_not_committed_and_those_before_it_are(place, monkeypatch):
@@ -228,7 +263,9 @@ def test_the_ledger_says_what_made_the_products(place):
 
 
 def test_a_stage_that_is_not_one_is_refused_with_those_that_are():
-    with pytest.raises(UsageError, match="stage: 'fly' is not a stage\n  stages are ingest, reduce, fit"):
+    with pytest.raises(
+        UsageError, match="stage: 'fly' is not a stage\n  stages are ingest, reduce, fit"
+    ):
         graph.stage("fly")
 
 
@@ -237,13 +274,17 @@ def test_every_stage_reads_only_what_an_earlier_one_writes():
     for stage in graph.STAGES:
         assert {p.file for p in stage.reads} <= made
         # what fit quotes stands until it is diagnosed
-        assert made & {p.file for p in stage.writes} == ({"results.json"} if stage.name == "diagnose" else set())
+        assert made & {p.file for p in stage.writes} == (
+            {"results.json"} if stage.name == "diagnose" else set()
+        )
         made |= {p.file for p in stage.writes}
 
 
 def test_what_is_quoted_belongs_to_the_stage_that_wrote_it_last(place):
     record = json.loads((place / "processed" / "small" / "provenance.json").read_text())["stages"]
-    assert [name for name, own in record.items() if "processed/results.json" in own["outputs"]] == ["diagnose"]
+    assert [name for name, own in record.items() if "processed/results.json" in own["outputs"]] == [
+        "diagnose"
+    ]
     list(graph.run(job(place / "raw", place), [graph.stage("fit")], force=True))
     assert stale(place)["diagnose"] == "processed/results.json is as an earlier stage left it"
 

@@ -1,4 +1,6 @@
-"""The GUM budget: shares that add to the estimator's variance, and each line against brute force."""
+"""The GUM budget: shares that add to the estimator's variance, and each line against
+brute force.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,22 @@ from nearlift.results import Noise
 from .simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao
 
 MODEL = catalogue.model("sanchez_cuevas_free_exponent")
-SCATTER = Noise(relative=0.004, force_N=4e-4, height_m=1e-4, common=0.002, drift=(0.001, 0.0, 0.002))
+SCATTER = Noise(
+    relative=0.004, force_N=4e-4, height_m=1e-4, common=0.002, drift=(0.001, 0.0, 0.002)
+)
 
 
 def part(on, standard, scope, **more):
-    return Component(**{"name": f"{on} by {scope}", "on": on, "standard": standard, "distribution": "normal", "scope": scope} | more)
+    return Component(
+        **{
+            "name": f"{on} by {scope}",
+            "on": on,
+            "standard": standard,
+            "distribution": "normal",
+            "scope": scope,
+        }
+        | more
+    )
 
 
 PARTS = (
@@ -48,9 +61,13 @@ def test_the_shares_add_to_the_variance_of_the_estimator():
     assert total.u == pytest.approx([e.u for e in found.estimates.values()], rel=1e-8)
     for line in lines:
         # sensitivity times input is the contribution, signed where the input is one number
-        assert np.abs(line.sensitivity) * line.standard == pytest.approx(np.sqrt(np.diag(line.covariance)), rel=1e-9)
+        assert np.abs(line.sensitivity) * line.standard == pytest.approx(
+            np.sqrt(np.diag(line.covariance)), rel=1e-9
+        )
     gain = gum.gain(found.problem, found.theta)
-    assert gain @ found.problem.covariance.dense() @ gain.T == pytest.approx(found.covariance, rel=1e-8)
+    assert gain @ found.problem.covariance.dense() @ gain.T == pytest.approx(
+        found.covariance, rel=1e-8
+    )
 
 
 def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
@@ -64,16 +81,29 @@ def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
         return np.sqrt(np.diag(np.linalg.inv(white @ white.T)))
 
     for known in PARTS:
-        assert without[known.name] == pytest.approx(u(tuple(p for p in PARTS if p is not known), SCATTER), rel=1e-8), known.name
+        assert without[known.name] == pytest.approx(
+            u(tuple(p for p in PARTS if p is not known), SCATTER), rel=1e-8
+        ), known.name
     for size, name in gum.NAMES.items():
-        assert without[name] == pytest.approx(u(PARTS, dataclasses.replace(SCATTER, **{size: () if size == "drift" else 0.0})), rel=1e-8), name
+        assert without[name] == pytest.approx(
+            u(PARTS, dataclasses.replace(SCATTER, **{size: () if size == "drift" else 0.0})),
+            rel=1e-8,
+        ), name
 
 
 def test_a_small_part_of_the_variance_may_hold_most_of_the_uncertainty():
-    """A datum at a ceiling adds little to alpha, since the fit leans on the far trials; with it known, the near ones serve."""
+    """A datum at a ceiling adds little to alpha, since the fit leans on the far trials; with it
+    known, the near ones serve.
+    """
     datum = part("height", 5e-4, "boundary")
     model = catalogue.model("hsiao_chirarattananon")
-    data = campaign(3, visits=6, boundary="ceiling", ratio=hsiao, stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0))
+    data = campaign(
+        3,
+        visits=6,
+        boundary="ceiling",
+        ratio=hsiao,
+        stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
+    )
     found = fit(model, data, (datum,), SCATTER, plan=heights.Plan())
     [line] = [a for a in gum.of(found)[0] if a.component == datum.name]
     u = found.estimates["alpha"].u
@@ -83,7 +113,9 @@ def test_a_small_part_of_the_variance_may_hold_most_of_the_uncertainty():
 
 
 def errors(name, rng, data, model, theta, draws):
-    """Log lift with one kind of error alone, from what the kind means and not from the covariance, (draws, n)."""
+    """Log lift with one kind of error alone, from what the kind means and not from the covariance,
+    (draws, n).
+    """
     known = {n: GEOMETRY[n] for n in model.needs}
     values = dict(zip((p.name for p in model.parameters), theta, strict=True))
 
@@ -116,24 +148,40 @@ def errors(name, rng, data, model, theta, draws):
         "force by campaign": lambda: np.log1p(common * 5e-4 / np.exp(truth)),
         "force by trial": lambda: np.log1p(own * 1e-3 / np.exp(truth)),
         "gain by sample": lambda: own * 0.02 / np.sqrt(data.n_eff),
-        "linearity by campaign": lambda: np.log1p(common * 0.5 * (np.exp(truth) / 9.8) ** 2 / np.exp(truth)),
+        "linearity by campaign": lambda: np.log1p(
+            common * 0.5 * (np.exp(truth) / 9.8) ** 2 / np.exp(truth)
+        ),
     }[name]()
 
 
 def test_every_line_is_what_brute_force_makes_of_its_error_alone():
-    """2000 campaigns with one kind of error each, refitted: 26 standard deviations within 10 %, 6.3 standard errors; chance of an alarm 1e-8."""
+    """2000 campaigns with one kind of error each, refitted: 26 standard deviations within 10 %, 6.3
+    standard errors; chance of an alarm 1e-8.
+    """
     found = fitted()
     problem = found.problem
-    exact = problem.log_ratio(found.theta) + np.log(np.array([e.value for e in found.levels.values()]))[problem.data.level]
+    exact = (
+        problem.log_ratio(found.theta)
+        + np.log(np.array([e.value for e in found.levels.values()]))[problem.data.level]
+    )
     data = dataclasses.replace(problem.data, lift_N=np.exp(exact), u_lift_N=problem.data.u_lift_N)
     problem = assemble(MODEL, data, PARTS, SCATTER, found.theta, found.slope)
     rng = np.random.default_rng(11)
-    lines = {line.component: line for line in gum.lines(problem, gum.gain(problem, found.theta), PARTS, SCATTER, found.slope)}
+    lines = {
+        line.component: line
+        for line in gum.lines(problem, gum.gain(problem, found.theta), PARTS, SCATTER, found.slope)
+    }
     for name, line in lines.items():
         noisy = exact + errors(name, rng, data, MODEL, found.theta, 2000)
-        theta = refit(problem, found.theta, np.sqrt(np.diag(found.covariance)), log_lift=noisy).good()
-        assert theta.std(axis=0) == pytest.approx(np.sqrt(np.diag(line.covariance)), rel=0.1, abs=1e-6), name
-    assert lines["gain by throttle"].covariance == pytest.approx(np.zeros((2, 2)), abs=1e-12)  # L_inf takes it
+        theta = refit(
+            problem, found.theta, np.sqrt(np.diag(found.covariance)), log_lift=noisy
+        ).good()
+        assert theta.std(axis=0) == pytest.approx(
+            np.sqrt(np.diag(line.covariance)), rel=0.1, abs=1e-6
+        ), name
+    assert lines["gain by throttle"].covariance == pytest.approx(
+        np.zeros((2, 2)), abs=1e-12
+    )  # L_inf takes it
 
 
 def test_the_sensitivity_to_a_datum_is_what_moving_it_does():
@@ -142,12 +190,16 @@ def test_the_sensitivity_to_a_datum_is_what_moving_it_does():
     step_m = 1e-6
     problem = found.problem
     moved = problem.log_ratio(found.theta, step_m) - problem.log_ratio(found.theta)
-    assert line.sensitivity == pytest.approx(gum.gain(problem, found.theta) @ moved / step_m, rel=1e-3)
+    assert line.sensitivity == pytest.approx(
+        gum.gain(problem, found.theta) @ moved / step_m, rel=1e-3
+    )
     assert line.unit == "m"
 
 
 def test_welch_and_satterthwaite():
-    """Independent parts: the textbook's formula. One part estimated with the other: their covariance enters."""
+    """Independent parts: the textbook's formula. One part estimated with the other: their
+    covariance enters.
+    """
     lines = [
         dataclasses.replace(line, dof=np.array([5.0, 5.0]) if line.kind == "A" else line.dof)
         for line in gum.of(fitted(parts=(part("height", 1e-4, "boundary"),)))[0]
@@ -160,15 +212,28 @@ def test_welch_and_satterthwaite():
 
     assert pytest.approx(t.ppf(0.975, plain.dof) * plain.u) == plain.U95
     spread = np.array([[0.1, -0.06], [-0.06, 0.1]])
-    told = dataclasses.replace(SCATTER, sizes=("relative", "common"), log_covariance=tuple(map(tuple, spread)))
-    v = np.array([np.diag(next(a for a in lines if a.component == gum.NAMES[n]).covariance) for n in told.sizes])
-    rest = sum(2 * np.diag(a.covariance) ** 2 / a.dof for a in lines if a.component not in [gum.NAMES[n] for n in told.sizes])
+    told = dataclasses.replace(
+        SCATTER, sizes=("relative", "common"), log_covariance=tuple(map(tuple, spread))
+    )
+    v = np.array(
+        [
+            np.diag(next(a for a in lines if a.component == gum.NAMES[n]).covariance)
+            for n in told.sizes
+        ]
+    )
+    rest = sum(
+        2 * np.diag(a.covariance) ** 2 / a.dof
+        for a in lines
+        if a.component not in [gum.NAMES[n] for n in told.sizes]
+    )
     expected = 2 * (u**2).sum(axis=0) ** 2 / (4 * np.einsum("ip,ij,jp->p", v, spread, v) + rest)
     assert gum.total(lines, told, 2).dof == pytest.approx(expected)
 
 
 def test_a_scatter_that_repeats_tell_has_their_degrees_of_freedom():
-    """240 trials in 40 cells leave 200 degrees of freedom, however they are dealt among parts that trade places."""
+    """240 trials in 40 cells leave 200 degrees of freedom, however they are dealt among parts that
+    trade places.
+    """
     data = campaign(8, visits=6, relative=0.01, force=0.0, height=0.0)
     data = dataclasses.replace(data, u_lift_N=np.zeros(data.n))
     found = fit(catalogue.model("sanchez_cuevas"), data)
@@ -187,7 +252,12 @@ def test_numbers_without_scatter_get_the_least_scatter_assumed():
 def test_the_split_of_an_integrated_height_adds_up_too():
     stations = (0.1, 0.15, 0.2, 0.3, 0.5, 0.9, 2.0, 10.0)
     data = campaign(3, boundary="ceiling", ratio=hsiao, stations=stations, visits=6, datum=5e-4)
-    found = fit(catalogue.model("hsiao_chirarattananon"), data, (part("height", 5e-4, "boundary"), part("gain", 0.003, "session")), SCATTER)
+    found = fit(
+        catalogue.model("hsiao_chirarattananon"),
+        data,
+        (part("height", 5e-4, "boundary"), part("gain", 0.003, "session")),
+        SCATTER,
+    )
     assert found.marginal is not None
     lines, total = gum.of(found)
     assert "height by boundary" in {line.component for line in lines}
@@ -195,7 +265,9 @@ def test_the_split_of_an_integrated_height_adds_up_too():
 
 
 def test_a_low_rank_budget_is_its_dense_covariance_and_its_sampled_unknowns():
-    """The likelihood of one theta against another, shared unknowns integrated: in closed form, by a dense matrix, and by 400000 draws of them."""
+    """The likelihood of one theta against another, shared unknowns integrated: in closed form, by a
+    dense matrix, and by 400000 draws of them.
+    """
     data = campaign(2, visits=1, stations=STATIONS[::3])
     parts = (part("height", 3e-4, "boundary"), part("gain", 0.006, "session"))
     scatter = Noise(relative=0.01)
@@ -225,7 +297,11 @@ def test_a_low_rank_budget_is_its_dense_covariance_and_its_sampled_unknowns():
     def sampled(one):
         free = lambda x: x * white - ((x * white) @ q) @ q.T  # noqa: E731
         base, columns = free(one), free(shared.T)
-        chi2 = base @ base - 2 * draws @ (columns @ base) + np.einsum("di,ij,dj->d", draws, columns @ columns.T, draws)
+        chi2 = (
+            base @ base
+            - 2 * draws @ (columns @ base)
+            + np.einsum("di,ij,dj->d", draws, columns @ columns.T, draws)
+        )
         return np.log(np.mean(np.exp(-0.5 * (chi2 - base @ base)))) - 0.5 * base @ base
 
     # Monte Carlo error of each mean is below 0.5 %

@@ -1,4 +1,6 @@
-"""Trials and visits that move the headline by more than its uncertainty are named, with what it is without them."""
+"""Trials and visits that move the headline by more than its uncertainty are named, with what it is
+without them.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,18 @@ from nearlift.fitting.budget import Component
 from .simulated import campaign
 
 MODEL = catalogue.model("sanchez_cuevas")
-PARTS = (Component(name="datum", on="height", standard=1e-4, distribution="normal", scope="boundary"),)
+PARTS = (
+    Component(name="datum", on="height", standard=1e-4, distribution="normal", scope="boundary"),
+)
 DATA = campaign(3, visits=4)
 #: What lies far away decides L_inf, and through it K_b.
 FAR, NEXT = np.flatnonzero(DATA.z_hat == DATA.z_hat.max())[[0, 5]]
 
 
 def changed(factor, trials):
-    return replace(DATA, lift_N=np.where(np.isin(np.arange(DATA.n), trials), factor * DATA.lift_N, DATA.lift_N))
+    return replace(
+        DATA, lift_N=np.where(np.isin(np.arange(DATA.n), trials), factor * DATA.lift_N, DATA.lift_N)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +60,11 @@ def test_an_outlier_near_the_pole_is_named_and_the_fit_stands(factor):
     stations = np.array([20.0, 24, 30, 40, 55, 80, 130, 300]) / 23
     data = campaign(3, stations=stations, visits=5, relative=0.005, height=3e-5)
     near = np.flatnonzero(data.z_hat == stations[1])[2]
-    spoilt = least_squares.fit(MODEL, replace(data, lift_N=np.where(np.arange(data.n) == near, factor, 1.0) * data.lift_N), PARTS)
+    spoilt = least_squares.fit(
+        MODEL,
+        replace(data, lift_N=np.where(np.arange(data.n) == near, factor, 1.0) * data.lift_N),
+        PARTS,
+    )
     (suspect,) = influential.screen(spoilt, PARTS, {str(data.trial[near])}).suspects
     # pulled in where noise is estimated, it does not make stops scatter
     assert spoilt.noise.height_m < 3e-4
@@ -78,7 +88,9 @@ def test_two_that_hide_each_other_are_both_named():
 
 
 def test_a_pair_of_which_neither_moves_the_headline_alone_is_named_once_they_stand_far_off(clean):
-    """Two far trials 6 % too high; in a campaign without a glitch the same two are named by nobody."""
+    """Two far trials 6 % too high; in a campaign without a glitch the same two are named
+    by nobody.
+    """
     ids = {str(t) for t in DATA.trial[[FAR, NEXT]]}
     fitted = least_squares.fit(MODEL, changed(1.06, [FAR, NEXT]), PARTS)
     named = {s.id for s in influential.screen(fitted, PARTS, odd=ids).suspects}

@@ -19,13 +19,27 @@ from nearlift.stages import ingest
 from nearlift.stages.job import Job
 from nearlift.store import sha256
 
-from .bench_campaign import HEAD, LIVE, UNITS, force_mN, manifest, run_ingest, small_campaign, write_record, write_schedule
+from .bench_campaign import (
+    HEAD,
+    LIVE,
+    UNITS,
+    force_mN,
+    manifest,
+    run_ingest,
+    small_campaign,
+    write_record,
+    write_schedule,
+)
 
 GIVEN: dict[str, Any] = {"trials": {"units": {**UNITS, "supply": "V"}}}
 
 
 def snapshot(folder: Path) -> dict[str, tuple[int, int, str]]:
-    return {str(p): (p.stat().st_mtime_ns, p.stat().st_mode, sha256(p)) for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p): (p.stat().st_mtime_ns, p.stat().st_mode, sha256(p))
+        for p in sorted(folder.rglob("*"))
+        if p.is_file()
+    }
 
 
 @pytest.fixture
@@ -43,7 +57,11 @@ def test_trials_have_their_columns_and_numbers(root: Path, tmp_path: Path) -> No
     table = job.read(TRIALS)
     assert outcome.rejected == ()
     assert outcome.notes == ()
-    np.testing.assert_allclose(table["lift_N"], np.concatenate([[0.11, 0.275, 0.44, 0.55], [0.1, 0.25, 0.4, 0.5]]), atol=5e-4)
+    np.testing.assert_allclose(
+        table["lift_N"],
+        np.concatenate([[0.11, 0.275, 0.44, 0.55], [0.1, 0.25, 0.4, 0.5]]),
+        atol=5e-4,
+    )
     np.testing.assert_allclose(table["u_lift_N"], 1e-3 * np.sqrt(1 / HEAD + 1 / LIVE), rtol=0.5)
     assert set(table["n"]) == {LIVE}
     assert set(table["quality"]) == {""}
@@ -57,14 +75,29 @@ def test_trials_have_their_columns_and_numbers(root: Path, tmp_path: Path) -> No
 def test_the_executor_changes_nothing(root: Path, tmp_path: Path, text: str) -> None:
     _, job = run_ingest(root, tmp_path / "one", manifest(**GIVEN))
     with executors.open_executor(text) as executor:
-        other = Job(root=root, campaign=manifest(**GIVEN), processed=tmp_path / "two", reports=tmp_path, executor=executor)
+        other = Job(
+            root=root,
+            campaign=manifest(**GIVEN),
+            processed=tmp_path / "two",
+            reports=tmp_path,
+            executor=executor,
+        )
         ingest.run(other)
-    assert (job.processed / TRIALS.file).read_bytes() == (other.processed / TRIALS.file).read_bytes()
+    assert (job.processed / TRIALS.file).read_bytes() == (
+        other.processed / TRIALS.file
+    ).read_bytes()
 
 
 def test_digests_that_are_known_are_not_made_again(root: Path, tmp_path: Path) -> None:
     known = {"trials/t00.csv": "f" * 64}
-    job = Job(root=root, campaign=manifest(**GIVEN), processed=tmp_path, reports=tmp_path, executor=executors.SerialExecutor(), inputs=known)
+    job = Job(
+        root=root,
+        campaign=manifest(**GIVEN),
+        processed=tmp_path,
+        reports=tmp_path,
+        executor=executors.SerialExecutor(),
+        inputs=known,
+    )
     ingest.run(job)
     assert job.read(TRIALS)["source_sha256"][0] == "f" * 64
 
@@ -91,7 +124,10 @@ def damaged(root: Path, trial: str, kind: str) -> None:
     elif kind == "DUPLICATE":
         path.write_bytes((root / "trials" / "t00.csv").read_bytes())
     elif kind == "OUT_OF_RANGE":
-        path.write_text("force\n" + "".join("OVER\n" if i % 20 == 0 else f"{f:.4f}\n" for i, f in enumerate(force)))
+        path.write_text(
+            "force\n"
+            + "".join("OVER\n" if i % 20 == 0 else f"{f:.4f}\n" for i, f in enumerate(force))
+        )
     elif kind == "SATURATED":
         write_record(root, trial, np.minimum(force_mN(9500.0, noise=300.0, seed=98), 9807.0))
     elif kind == "STUCK":
@@ -103,10 +139,30 @@ def damaged(root: Path, trial: str, kind: str) -> None:
         write_record(root, trial, 1e3 * force)
 
 
-@pytest.mark.parametrize("kind", ["MISSING", "EMPTY", "NO_DATA", "SHORT", "DUPLICATE", "OUT_OF_RANGE", "SATURATED", "STUCK", "DRIFT", "IMPLAUSIBLE"])
-def test_a_bad_record_is_kept_with_its_reason_and_the_rest_goes_on(root: Path, tmp_path: Path, kind: str) -> None:
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "MISSING",
+        "EMPTY",
+        "NO_DATA",
+        "SHORT",
+        "DUPLICATE",
+        "OUT_OF_RANGE",
+        "SATURATED",
+        "STUCK",
+        "DRIFT",
+        "IMPLAUSIBLE",
+    ],
+)
+def test_a_bad_record_is_kept_with_its_reason_and_the_rest_goes_on(
+    root: Path, tmp_path: Path, kind: str
+) -> None:
     damaged(root, "t01", kind)
-    outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"range": None} if kind == "IMPLAUSIBLE" else {}))
+    outcome, job = run_ingest(
+        root,
+        tmp_path,
+        manifest(**GIVEN, load_cell={"range": None} if kind == "IMPLAUSIBLE" else {}),
+    )
     table = job.read(TRIALS)
     assert len(table["trial"]) == 8
     assert kind in table["quality"][1].split()
@@ -123,11 +179,17 @@ def test_a_far_lift_that_does_not_rise_is_flagged_and_kept(tmp_path: Path) -> No
     assert outcome.rejected == ()
     note, remarks = outcome.notes
     assert remarks == "1 accepted trial carries a remark: not_rising 1"
-    assert re.match(r"far from the ground the lift does not rise with throttle: 0\.(4|3999|4001) N at 75 %, 0\.3[78]\d* N at 92 %", note)
+    assert re.match(
+        r"far from the ground the lift does not rise with throttle: 0\.(4|3999|4001) N at 75 %,"
+        r" 0\.3[78]\d* N at 92 %",
+        note,
+    )
     assert list(job.read(TRIALS)["quality"]) == [""] * 7 + ["not_rising"]
 
 
-def refused(root: Path, tmp_path: Path, kind: type[NearliftError], match: str, **changes: Any) -> None:
+def refused(
+    root: Path, tmp_path: Path, kind: type[NearliftError], match: str, **changes: Any
+) -> None:
     before = snapshot(root)
     with pytest.raises(kind, match=match):
         run_ingest(root, tmp_path / "out", manifest(**{**GIVEN, **changes}))
@@ -135,7 +197,9 @@ def refused(root: Path, tmp_path: Path, kind: type[NearliftError], match: str, *
     assert snapshot(root) == before
 
 
-def test_grams_read_as_newtons_are_refused_and_nothing_is_written(root: Path, tmp_path: Path) -> None:
+def test_grams_read_as_newtons_are_refused_and_nothing_is_written(
+    root: Path, tmp_path: Path
+) -> None:
     for path in (root / "trials").iterdir():
         values = np.loadtxt(path, skiprows=1) / 9.80665
         path.write_text("force\n" + "".join(f"{v:.6f}\n" for v in values))
@@ -161,7 +225,9 @@ def test_nothing_but_rejected_trials_is_refused(root: Path, tmp_path: Path) -> N
     refused(root, tmp_path, InputRefused, r"all 8 trials are rejected \(NO_DATA 8\)")
 
 
-def test_a_record_that_is_refused_is_a_row_and_most_of_them_are_a_refusal(root: Path, tmp_path: Path) -> None:
+def test_a_record_that_is_refused_is_a_row_and_most_of_them_are_a_refusal(
+    root: Path, tmp_path: Path
+) -> None:
     """One is damaged; where more than half are, the manifest does not fit them."""
     for k in (0, 1):
         for j in range(4) if k else (3,):
@@ -177,9 +243,17 @@ def test_a_record_that_is_refused_is_a_row_and_most_of_them_are_a_refusal(root: 
 
 @pytest.mark.parametrize("text", ["serial", "processes:2"])
 def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path, text: str) -> None:
-    """A reader's fault costs its trial, not its neighbours; the machine's and the manifest's stop the run."""
+    """A reader's fault costs its trial, not its neighbours; the machine's and the manifest's stop
+    the run.
+    """
     given = manifest(**GIVEN)
-    task = ingest.Task(root=root, campaign=given, piece=csv_trial.CSV.plan(given, root, ["t00", "t01", "t02"]).pieces[0], tare_after_N={}, inputs={})
+    task = ingest.Task(
+        root=root,
+        campaign=given,
+        piece=csv_trial.CSV.plan(given, root, ["t00", "t01", "t02"]).pieces[0],
+        tare_after_N={},
+        inputs={},
+    )
     whole = ingest.reduce_piece(task)
     (root / "trials" / "t01.csv").write_bytes(b"force\n1\n\x1b[2J\n")
     with executors.open_executor(text) as executor:
@@ -202,9 +276,17 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
         (KeyboardInterrupt(), False),
     ],
 )
-def test_the_machines_faults_and_the_manifests_are_no_rows(root: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, row: bool) -> None:
+def test_the_machines_faults_and_the_manifests_are_no_rows(
+    root: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, row: bool
+) -> None:
     given = manifest(**GIVEN)
-    task = ingest.Task(root=root, campaign=given, piece=csv_trial.CSV.plan(given, root, ["t00", "t01"]).pieces[0], tare_after_N={}, inputs={})
+    task = ingest.Task(
+        root=root,
+        campaign=given,
+        piece=csv_trial.CSV.plan(given, root, ["t00", "t01"]).pieces[0],
+        tare_after_N={},
+        inputs={},
+    )
     calls: list[str] = []
 
     def reduced(*_: Any, where: str, **__: Any) -> Any:
@@ -232,7 +314,10 @@ def test_records_without_a_tare_are_noted(root: Path, tmp_path: Path) -> None:
 
 def test_short_tares_are_noted(root: Path, tmp_path: Path) -> None:
     outcome, _ = run_ingest(root, tmp_path, manifest(**GIVEN, load_cell={"tare": "0.04 s"}))
-    assert "the tares have 8 samples: too few to show damage of more than one of them (20 would)" in outcome.notes
+    assert (
+        "the tares have 8 samples: too few to show damage of more than one of them (20 would)"
+        in outcome.notes
+    )
 
 
 def test_raw_may_be_read_only(root: Path, tmp_path: Path) -> None:
@@ -246,14 +331,23 @@ def test_raw_may_be_read_only(root: Path, tmp_path: Path) -> None:
 
 
 def run_ingest_read_only(root: Path, out: Path) -> None:
-    job = Job(root=root, campaign=manifest(**GIVEN), processed=out, reports=out, executor=executors.SerialExecutor())
+    job = Job(
+        root=root,
+        campaign=manifest(**GIVEN),
+        processed=out,
+        reports=out,
+        executor=executors.SerialExecutor(),
+    )
     ingest.run(job)
     assert (out / TRIALS.file).is_file()
 
 
 # ---- means
 
-MEANS: dict[str, Any] = {"records": {"reader": "means", "files": None, "force": None}, "trials": {"units": {**UNITS, "lift": "gf", "lift_sd": "gf"}}}
+MEANS: dict[str, Any] = {
+    "records": {"reader": "means", "files": None, "force": None},
+    "trials": {"units": {**UNITS, "lift": "gf", "lift_sd": "gf"}},
+}
 
 
 def means(tmp_path: Path, text: str) -> tuple[Any, dict[str, Any]]:
@@ -265,7 +359,10 @@ def means(tmp_path: Path, text: str) -> tuple[Any, dict[str, Any]]:
 
 
 def test_means_take_their_lift_from_the_schedule(tmp_path: Path) -> None:
-    _, table = means(tmp_path, "trial,boundary,distance,throttle,lift,lift_sd,n\na,ground,43,25,10,0.4,16\nb,ground,43,50,24,,\n")
+    _, table = means(
+        tmp_path,
+        "trial,boundary,distance,throttle,lift,lift_sd,n\na,ground,43,25,10,0.4,16\nb,ground,43,50,24,,\n",
+    )
     np.testing.assert_allclose(table["lift_N"], [0.0980665, 0.2353596])
     np.testing.assert_allclose(table["u_lift_N"], [9.80665e-4, 0.0])
     assert list(table["n"]) == [16, 1]
@@ -273,7 +370,9 @@ def test_means_take_their_lift_from_the_schedule(tmp_path: Path) -> None:
 
 
 def test_means_without_spread_know_no_error(tmp_path: Path) -> None:
-    _, table = means(tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,10\nb,ground,43,50,24\n")
+    _, table = means(
+        tmp_path, "trial,boundary,distance,throttle,lift\na,ground,43,25,10\nb,ground,43,50,24\n"
+    )
     assert list(table["u_lift_N"]) == [0, 0]
     assert np.all(np.isnan(table["sd_N"]))
 
@@ -287,7 +386,9 @@ def test_means_need_a_lift(tmp_path: Path) -> None:
 
 
 def test_memory_does_not_grow_with_the_number_of_trials(root: Path, tmp_path: Path) -> None:
-    """At most so many pieces are in flight, whatever their number: counted, since resident memory is noise on this scale."""
+    """At most so many pieces are in flight, whatever their number: counted, since resident memory
+    is noise on this scale.
+    """
 
     class Counting(executors.SerialExecutor):
         open = 0
@@ -305,8 +406,12 @@ def test_memory_does_not_grow_with_the_number_of_trials(root: Path, tmp_path: Pa
     assert counting.most <= 8
 
 
-@pytest.mark.parametrize(("exclude", "why"), [(["t02"], ""), ({"t02": "cable touched"}, "cable touched"), ([2], None)])
-def test_a_trial_that_the_manifest_excludes_keeps_its_row_and_is_no_rejection(root: Path, tmp_path: Path, exclude: Any, why: str | None) -> None:
+@pytest.mark.parametrize(
+    ("exclude", "why"), [(["t02"], ""), ({"t02": "cable touched"}, "cable touched"), ([2], None)]
+)
+def test_a_trial_that_the_manifest_excludes_keeps_its_row_and_is_no_rejection(
+    root: Path, tmp_path: Path, exclude: Any, why: str | None
+) -> None:
     given = manifest(**GIVEN, quality={"exclude": exclude})
     if why is None:
         with pytest.raises(ManifestError, match="no trial of the schedule is called '2'"):
@@ -320,15 +425,25 @@ def test_a_trial_that_the_manifest_excludes_keeps_its_row_and_is_no_rejection(ro
     assert f"left out as [quality] exclude asks: t02{f' ({why})' if why else ''}" in outcome.notes
 
 
-def test_an_excluded_trial_with_a_fault_of_its_own_is_rejected_all_the_same(root: Path, tmp_path: Path) -> None:
+def test_an_excluded_trial_with_a_fault_of_its_own_is_rejected_all_the_same(
+    root: Path, tmp_path: Path
+) -> None:
     write_record(root, "t02", np.zeros(HEAD + 2))
     outcome, job = run_ingest(root, tmp_path, manifest(**GIVEN, quality={"exclude": ["t02"]}))
     assert job.read(TRIALS)["quality"][2].endswith("EXCLUDED")
     assert [trial for trial, _ in outcome.rejected] == ["t02"]
 
 
-def test_an_excluded_trial_that_is_not_in_the_schedule_is_refused_with_those_like_it(root: Path, tmp_path: Path) -> None:
-    with pytest.raises(ManifestError, match=r"quality.exclude: no trial of the schedule is called 't2'\n  did you mean 't12', 't02'\?") as refusal:
+def test_an_excluded_trial_that_is_not_in_the_schedule_is_refused_with_those_like_it(
+    root: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(
+        ManifestError,
+        match=(
+            r"quality.exclude: no trial of the schedule is called 't2'\n  did you mean 't12',"
+            r" 't02'\?"
+        ),
+    ) as refusal:
         run_ingest(root, tmp_path, manifest(**GIVEN, quality={"exclude": ["t2"]}))
     assert refusal.value.exit_code == 2
     assert not (tmp_path / "processed" / TRIALS.file).exists()
@@ -346,4 +461,9 @@ def test_a_trial_that_its_repeats_contradict_is_named_and_kept(tmp_path: Path) -
     quality = job.read(TRIALS)["quality"]
     assert [i for i, text in enumerate(quality) if "outlying" in text.split()] == [9]
     assert outcome.rejected == ()
-    assert any(re.match(r"t09 lifts \+\d.* % against its repeats and neighbours, \d+ times their scatter", note) for note in outcome.notes)
+    assert any(
+        re.match(
+            r"t09 lifts \+\d.* % against its repeats and neighbours, \d+ times their scatter", note
+        )
+        for note in outcome.notes
+    )

@@ -1,4 +1,6 @@
-"""An input of a model that is known with an uncertainty: its derivative against a refit, its part of the budget, what is refused."""
+"""An input of a model that is known with an uncertainty: its derivative against a refit, its part
+of the budget, what is refused.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ ALL = ("spacing_hat", "diagonal_hat", "layout_hat")
 
 
 def part(on, standard=0.01, scope="campaign", moves=ALL):
-    return Component(name=on, on=on, standard=standard, distribution="normal", scope=scope, moves=moves)
+    return Component(
+        name=on, on=on, standard=standard, distribution="normal", scope=scope, moves=moves
+    )
 
 
 def fitted(data, parts=()):
@@ -37,7 +41,12 @@ def fitted(data, parts=()):
 def with_radius(data, factor):
     """The same trials at the same distances of a rig whose rotor is so many times as large."""
     hats = {name: value / factor for name, value in data.geometry.items() if name in ALL}
-    return dataclasses.replace(data, z_hat=data.z_hat / factor, radius_m=data.radius_m * factor, geometry={**data.geometry, **hats})
+    return dataclasses.replace(
+        data,
+        z_hat=data.z_hat / factor,
+        radius_m=data.radius_m * factor,
+        geometry={**data.geometry, **hats},
+    )
 
 
 def with_spacing(data, factor, moves=ALL):
@@ -57,10 +66,13 @@ def test_a_geometry_moves_the_coefficient_as_a_refit_with_it_says(on, changed):
     before = fitted(data)
     [acting] = inputs.acting([part(on, 1.0)], MODEL, before.theta)
     # a model that is too high by a derivative asks for a coefficient that is lower by its gain
-    shift = gum.gain(before.problem, before.theta) @ acting.sensitivity(before.problem.data, before.slope)
+    shift = gum.gain(before.problem, before.theta) @ acting.sensitivity(
+        before.problem.data, before.slope
+    )
     step = 1e-4
     refit = (fitted(changed(data, step)).theta - fitted(changed(data, -step)).theta) / (2 * step)
-    # the gain is that of the fitted curve; what is left is the misfit's own curvature, of the noise's relative size
+    # the gain is that of the fitted curve; what is left is the misfit's own curvature, of the
+    # noise's relative size
     assert -shift == pytest.approx(refit, rel=0.02)
 
 
@@ -79,15 +91,24 @@ def test_an_input_widens_u_by_what_it_moves():
     shift = gum.gain(alone.problem, alone.theta) @ wide.parts[0].sensitivity(data, alone.slope)
     lines, _ = gum.of(wide)
     [line] = [a for a in lines if a.component == "rotor_radius"]
-    # known exactly, what is left is the fit without it; declared, the fit may lean away from it, but never below that
-    assert gum.u_without(wide)["rotor_radius"] == pytest.approx([alone.estimates["K_b"].u], rel=1e-3)
-    assert alone.estimates["K_b"].u < wide.estimates["K_b"].u <= np.hypot(alone.estimates["K_b"].u, abs(shift[0])) * 1.001
+    # known exactly, what is left is the fit without it; declared, the fit may lean away from it,
+    # but never below that
+    assert gum.u_without(wide)["rotor_radius"] == pytest.approx(
+        [alone.estimates["K_b"].u], rel=1e-3
+    )
+    assert (
+        alone.estimates["K_b"].u
+        < wide.estimates["K_b"].u
+        <= np.hypot(alone.estimates["K_b"].u, abs(shift[0])) * 1.001
+    )
     assert line.kind == "B"
     assert line.covariance[0, 0] > 0
 
 
 def test_intervals_cover_when_the_radius_is_wrong_and_declared():
-    """100 campaigns whose radius is off by 1 %, drawn: 90 % cover with the declaration, few without."""
+    """100 campaigns whose radius is off by 1 %, drawn: 90 % cover with the declaration, few
+    without.
+    """
     rng = np.random.default_rng(11)
     inside = {"declared": 0, "not declared": 0}
     for seed in range(100):
@@ -118,7 +139,16 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     assert set(listed) == {"rotor_radius", "rotor_spacing", "height"}
     one = fitted(data, (part("rotor_radius"),))
     assert {u.on for u in inputs.undeclared(one)} == {"rotor_spacing", "height"}
-    entry = {"undeclared": [{"on": "rotor_radius", "size": 0.01, "unit": "1", "shift": {"K_b": float(listed["rotor_radius"].shift[0])}}]}
+    entry = {
+        "undeclared": [
+            {
+                "on": "rotor_radius",
+                "size": 0.01,
+                "unit": "1",
+                "shift": {"K_b": float(listed["rotor_radius"].shift[0])},
+            }
+        ]
+    }
 
     def quoted(u):
         return SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
@@ -130,7 +160,12 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
 
 
 def parsed(**line):
-    declared = {"name": "blade", "on": "rotor_radius", "value": "0.23 mm", "scope": "campaign"} | line
+    declared = {
+        "name": "blade",
+        "on": "rotor_radius",
+        "value": "0.23 mm",
+        "scope": "campaign",
+    } | line
     return manifest.parse(raw_manifest(uncertainty=[declared]))
 
 
@@ -138,14 +173,24 @@ def test_a_length_and_a_part_of_it_are_the_same():
     for value in ("0.23 mm", "1 percent", "0.01 fraction"):
         assert budget.components(parsed(value=value))[0].standard == pytest.approx(0.01)
     assert budget.components(parsed(on="exponent", value="0.1 fraction"))[0].standard == 0.1
-    assert budget.components(parsed(on="rotor_spacing", value="0.65 mm"))[0].moves == ("spacing_hat", "diagonal_hat", "layout_hat")
+    assert budget.components(parsed(on="rotor_spacing", value="0.65 mm"))[0].moves == (
+        "spacing_hat",
+        "diagonal_hat",
+        "layout_hat",
+    )
 
 
 @pytest.mark.parametrize(
     ("line", "text"),
     [
         ({"value": "0.2 N"}, "is not a unit of length"),
-        ({"on": "air_density", "value": "0.01 kg/m^3"}, "is on the air_density, which is not given: give it, or state the uncertainty in percent"),
+        (
+            {"on": "air_density", "value": "0.01 kg/m^3"},
+            (
+                "is on the air_density, which is not given: give it, or state the uncertainty in"
+                " percent"
+            ),
+        ),
         ({"on": "blade"}, "rotor_radius"),
     ],
 )

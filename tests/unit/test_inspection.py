@@ -1,4 +1,6 @@
-"""`nearlift inspect`, `nearlift new --from` and `nearlift verify`: what they say, and that what they print can be used."""
+"""`nearlift inspect`, `nearlift new --from` and `nearlift verify`: what they say, and that what
+they print can be used.
+"""
 
 from __future__ import annotations
 
@@ -47,13 +49,23 @@ def test_every_format_is_recognised_and_its_block_names_the_reader_and_the_force
         (b"t,F\n s,N\n0.1,2\n0.2,3\n", "text"),
     ],
 )
-def test_plain_csv_gets_the_reader_of_plain_csv_and_all_other_text_that_of_text(tmp_path, content, reader):
+def test_plain_csv_gets_the_reader_of_plain_csv_and_all_other_text_that_of_text(
+    tmp_path, content, reader
+):
     assert inspect(written.put(tmp_path, "a.csv", content)).reader == reader
-    both = [written.put(tmp_path, "rig/a.csv", content), written.put(tmp_path, "rig/b.csv", b"t,F\n0.1,2\n0.2,3\n")]
+    both = [
+        written.put(tmp_path, "rig/a.csv", content),
+        written.put(tmp_path, "rig/b.csv", b"t,F\n0.1,2\n0.2,3\n"),
+    ]
     if b"t" in content:
         # one reader for all
         assert nearlift("new", tmp_path / "campaign", "--from", *both).exit_code == 0
-        assert tomllib.loads((tmp_path / "campaign" / "campaign.toml").read_text())["records"]["reader"] == reader
+        assert (
+            tomllib.loads((tmp_path / "campaign" / "campaign.toml").read_text())["records"][
+                "reader"
+            ]
+            == reader
+        )
 
 
 def test_a_table_of_parquet(tmp_path):
@@ -70,7 +82,11 @@ def test_numbers_without_names_are_shown_with_the_recipe_to_read_them(tmp_path):
     assert found["load_cell"]["sample_rate"] == "FILL IN Hz"
 
 
-RAMP = b"START\r\n" + b"".join(b"%d,%.2f,%d\r\n" % (20 * i, -0.1 * i, 7) for i in range(60)) + b"STOP\r\n"
+RAMP = (
+    b"START\r\n"
+    + b"".join(b"%d,%.2f,%d\r\n" % (20 * i, -0.1 * i, 7) for i in range(60))
+    + b"STOP\r\n"
+)
 
 
 def test_what_a_refusal_proposes_can_be_said_and_is_in_the_block(tmp_path):
@@ -89,7 +105,10 @@ def test_what_a_refusal_proposes_can_be_said_and_is_in_the_block(tmp_path):
     assert made.exit_code == 0, made.stderr
     manifest = tomllib.loads((tmp_path / "c" / "campaign.toml").read_text())
     assert manifest["records"]["dialect"] == found["records"]["dialect"]
-    for wrong, code, text in (("columns = [", 2, "is not as a manifest has it"), ("colums = 1", 2, "did you mean 'columns'?")):
+    for wrong, code, text in (
+        ("columns = [", 2, "is not as a manifest has it"),
+        ("colums = 1", 2, "did you mean 'columns'?"),
+    ):
         answer = nearlift("inspect", path, "--dialect", wrong)
         assert (answer.exit_code, text in answer.stderr) == (code, True)
 
@@ -103,7 +122,12 @@ def test_two_readings_are_parted_by_what_the_refusal_asks_for(tmp_path):
 
 
 def test_what_a_file_does_not_say_of_clock_rate_and_numbers_is_said(tmp_path):
-    path = written.put(tmp_path, "a.csv", b"t,force\n" + b"".join(b"%d,%s\n" % (i, b"OVER" if i % 10 == 3 else b"2.5") for i in range(60)))
+    path = written.put(
+        tmp_path,
+        "a.csv",
+        b"t,force\n"
+        + b"".join(b"%d,%s\n" % (i, b"OVER" if i % 10 == 3 else b"2.5") for i in range(60)),
+    )
     answer = nearlift("inspect", path).stdout
     assert "note: 6 of 60 samples of 'force' hold no number" in answer
     assert 'time   = { column = "t", unit = "FILL IN" }' in answer
@@ -161,12 +185,19 @@ def test_new_from_files_writes_what_they_say_and_marks_the_rest(tmp_path):
     assert "FILL IN" in made["rig"]["gravity"]
     rows = (tmp_path / "camp\u00e4gne" / "trials.csv").read_text().splitlines()
     assert rows[1:] == [f"run {i},FILL IN,FILL IN,FILL IN,,," for i in range(3)]
-    assert (tmp_path / "camp\u00e4gne" / "trials" / "run 2.lvm").read_bytes() == paths[2].read_bytes()
+    assert (tmp_path / "camp\u00e4gne" / "trials" / "run 2.lvm").read_bytes() == paths[
+        2
+    ].read_bytes()
     assert "still to fill in:" in answer.stdout
     # what is not filled in is refused by key
     blank = nearlift("run", tmp_path / "camp\u00e4gne", "--out", tmp_path)
     assert blank.exit_code == 2
-    for key in ("vehicle.name: 'FILL IN'", "rig.distance_datum: 'FILL IN'", "rig.gravity: 'FILL IN m/s^2'", "load_cell.tare: 'FILL IN s'"):
+    for key in (
+        "vehicle.name: 'FILL IN'",
+        "rig.distance_datum: 'FILL IN'",
+        "rig.gravity: 'FILL IN m/s^2'",
+        "load_cell.tare: 'FILL IN s'",
+    ):
         assert f"{key} is still to be filled in" in blank.stderr
     again = nearlift("new", tmp_path / "camp\u00e4gne", "--from", *paths)
     assert (again.exit_code, "is there already" in again.stderr) == (2, True)
@@ -177,7 +208,10 @@ def test_new_from_a_folder_takes_all_its_files(tmp_path):
         written.put(tmp_path, f"rig/{i}.lvm", written.lvm(FORCE))
     written.put(tmp_path, "rig/.hidden", b"no record")
     assert nearlift("new", tmp_path / "c", "--from", tmp_path / "rig").exit_code == 0
-    assert [row.partition(",")[0] for row in (tmp_path / "c" / "trials.csv").read_text().splitlines()[1:]] == ["0", "1", "2"]
+    assert [
+        row.partition(",")[0]
+        for row in (tmp_path / "c" / "trials.csv").read_text().splitlines()[1:]
+    ] == ["0", "1", "2"]
     (tmp_path / "none").mkdir()
     empty = nearlift("new", tmp_path / "d", "--from", tmp_path / "none")
     assert (empty.exit_code, "holds no files" in empty.stderr) == (2, True)
@@ -187,12 +221,20 @@ def test_new_from_a_folder_takes_all_its_files(tmp_path):
 def test_new_from_files_in_the_folder_leaves_them_where_they_are(tmp_path):
     paths = [written.put(tmp_path, f"c/data/{i}.csv", written.rcbenchmark(FORCE)) for i in range(2)]
     assert nearlift("new", tmp_path / "c", "--from", *paths).exit_code == 0
-    assert tomllib.loads((tmp_path / "c" / "campaign.toml").read_text(encoding="utf-8"))["records"]["files"] == "data/{trial}.csv"
+    assert (
+        tomllib.loads((tmp_path / "c" / "campaign.toml").read_text(encoding="utf-8"))["records"][
+            "files"
+        ]
+        == "data/{trial}.csv"
+    )
     assert not (tmp_path / "c" / "trials").exists()
 
 
 def test_new_refuses_a_mixture(tmp_path):
-    a, b = written.put(tmp_path, "a.lvm", written.lvm(FORCE)), written.put(tmp_path, "b.csv", written.rcbenchmark(FORCE))
+    a, b = (
+        written.put(tmp_path, "a.lvm", written.lvm(FORCE)),
+        written.put(tmp_path, "b.csv", written.rcbenchmark(FORCE)),
+    )
     answer = nearlift("new", tmp_path / "c", "--from", a, b)
     assert (answer.exit_code, "with other channels than a.lvm" in answer.stderr) == (4, True)
     assert not (tmp_path / "c").exists()
@@ -218,7 +260,15 @@ def test_verify_finds_what_is_not_what_it_was(tmp_path):
     assert nearlift("verify", raw, "--out", tmp_path).exit_code == 4
 
 
-@pytest.mark.parametrize("content", [{}, {"inputs": [], "stages": {}}, {"inputs": {"a": 1}, "stages": {}}, {"inputs": {}, "stages": {"fit": 3}}])
+@pytest.mark.parametrize(
+    "content",
+    [
+        {},
+        {"inputs": [], "stages": {}},
+        {"inputs": {"a": 1}, "stages": {}},
+        {"inputs": {}, "stages": {"fit": 3}},
+    ],
+)
 def test_verify_refuses_a_provenance_that_nearlift_does_not_write(tmp_path, content):
     raw = small_run.write_means(tmp_path / "raw", 24)
     (tmp_path / "processed" / "means").mkdir(parents=True)

@@ -1,4 +1,6 @@
-"""Looks at a campaign that grows: the boundary against printed tables, who is still to come, and what is claimed when."""
+"""Looks at a campaign that grows: the boundary against printed tables, who is still to come, and
+what is claimed when.
+"""
 
 import dataclasses
 from types import SimpleNamespace
@@ -18,7 +20,8 @@ from .simulated import campaign
 GROUND = catalogue.model("sanchez_cuevas")
 
 
-# Jennison and Turnbull, Group Sequential Methods (2000), table 2.3: constants of O'Brien and Fleming's test, two-sided, 5 % in all
+# Jennison and Turnbull, Group Sequential Methods (2000), table 2.3: constants of O'Brien and
+# Fleming's test, two-sided, 5 % in all
 @pytest.mark.parametrize(("looks", "constant"), [(2, 1.977), (5, 2.040), (20, 2.126)])
 def test_the_boundary_is_obrien_and_flemings(looks, constant):
     rng, paths = np.random.default_rng(looks), 40_000
@@ -38,12 +41,16 @@ def test_nominal_levels_are_those_printed():
 
 
 def test_looking_costs_two_tenths_of_a_per_cent_at_most():
-    """100 looks at noise, then the end at the full rate; by reflection the looks alone claim in at most twice their share."""
+    """100 looks at noise, then the end at the full rate; by reflection the looks alone claim in at
+    most twice their share.
+    """
     rng, paths, looks, rate = np.random.default_rng(0), 20_000, 100, 0.05
     fractions = np.arange(1, looks) / looks
     sums = np.cumsum(rng.standard_normal((paths, looks)) / np.sqrt(looks), axis=1)
     p = 2 * norm.sf(np.abs(sums[:, :-1]) / np.sqrt(fractions))
-    looked = np.any(p < [InterimLook(trials=k, scheduled=looks).level(rate) for k in range(1, looks)], axis=1)
+    looked = np.any(
+        p < [InterimLook(trials=k, scheduled=looks).level(rate) for k in range(1, looks)], axis=1
+    )
     last = 2 * norm.sf(np.abs(sums[:, -1])) < rate
     twice = 2 * INTERIM_SHARE * rate
     assert looked.mean() < twice + 4 * np.sqrt(twice / paths)
@@ -52,14 +59,26 @@ def test_looking_costs_two_tenths_of_a_per_cent_at_most():
 
 def test_a_campaign_hardly_begun_claims_nothing_and_one_nearly_done_needs_the_looks_own_share():
     assert InterimLook(trials=1, scheduled=10_000).level(0.05) == 0.0
-    assert InterimLook(trials=9_999, scheduled=10_000).level(0.05) == pytest.approx(INTERIM_SHARE * 0.05, rel=1e-3)
+    assert InterimLook(trials=9_999, scheduled=10_000).level(0.05) == pytest.approx(
+        INTERIM_SHARE * 0.05, rel=1e-3
+    )
 
 
 def schedule(marks, order="run", planned=None, boundary=None):
-    """Trials by a letter each: g good, m missing, p pending, x excluded without a record, b bad; and the campaign they are of."""
-    quality = [{"g": "", "m": "MISSING", "p": "PENDING", "x": "MISSING EXCLUDED", "b": "SATURATED"}[m] for m in marks]
-    table = {"quality": np.array(quality, dtype=object), "boundary": np.array(boundary or ["ground"] * len(marks), dtype=object)}
-    facts = SimpleNamespace(trials=SimpleNamespace(order=order), diagnose=SimpleNamespace(planned_trials=planned))
+    """Trials by a letter each: g good, m missing, p pending, x excluded without a record, b bad;
+    and the campaign they are of.
+    """
+    quality = [
+        {"g": "", "m": "MISSING", "p": "PENDING", "x": "MISSING EXCLUDED", "b": "SATURATED"}[m]
+        for m in marks
+    ]
+    table = {
+        "quality": np.array(quality, dtype=object),
+        "boundary": np.array(boundary or ["ground"] * len(marks), dtype=object),
+    }
+    facts = SimpleNamespace(
+        trials=SimpleNamespace(order=order), diagnose=SimpleNamespace(planned_trials=planned)
+    )
     return table, facts, "ground"
 
 
@@ -123,29 +142,50 @@ def test_the_same_trials_claim_by_how_many_are_still_to_come(sagging):
     assert (half.findings["verdict"], half.quoted.verdict) == ("effect", "effect")
     assert half.findings["effects"] == done.findings["effects"]
     assert half.findings["look"]["p_value_needed"] == level
-    assert half.findings["look"]["text"].startswith(f"a look at {data.n} of {2 * data.n} trials; claims need p < 7e-05")
+    assert half.findings["look"]["text"].startswith(
+        f"a look at {data.n} of {2 * data.n} trials; claims need p < 7e-05"
+    )
     early = looked_at(data, data.n, 1000 * data.n)
-    assert (early.findings["verdict"], early.findings["effects"], early.quoted.verdict) == ("adequate", [], "adequate")
+    assert (early.findings["verdict"], early.findings["effects"], early.quoted.verdict) == (
+        "adequate",
+        [],
+        "adequate",
+    )
     assert not any(line["significant"] for line in early.findings["structure"])
-    assert early.quoted.coefficients["K_b"].value == pytest.approx(early.findings["coefficients"]["before"]["K_b"]["value"])
+    assert early.quoted.coefficients["K_b"].value == pytest.approx(
+        early.findings["coefficients"]["before"]["K_b"]["value"]
+    )
 
 
 def test_few_visits_pay_too():
-    data = campaign(3, stations=(1.14, 1.5, 2.2, 4.0, 9.0, 11.5), visits=2, gain=lambda c: (c["supply_V"] / 3.8) ** 1.0)
-    verdicts = [looked_at(data, data.n, scheduled).findings["verdict"] for scheduled in (data.n, 1000 * data.n)]
+    data = campaign(
+        3,
+        stations=(1.14, 1.5, 2.2, 4.0, 9.0, 11.5),
+        visits=2,
+        gain=lambda c: (c["supply_V"] / 3.8) ** 1.0,
+    )
+    verdicts = [
+        looked_at(data, data.n, scheduled).findings["verdict"]
+        for scheduled in (data.n, 1000 * data.n)
+    ]
     assert verdicts[0] != "adequate" == verdicts[1]
 
 
 def test_a_growing_null_claims_nothing():
     """All looks together may claim in 1 % of campaigns."""
     data = campaign(900, visits=5)
-    assert {looked_at(data.take(np.arange(n)), n, data.n).findings["verdict"] for n in range(80, data.n, 40)} == {"adequate"}
+    assert {
+        looked_at(data.take(np.arange(n)), n, data.n).findings["verdict"]
+        for n in range(80, data.n, 40)
+    } == {"adequate"}
 
 
 def test_heating_within_the_record_pays_too():
     data = campaign(1, visits=8)
     drift = np.random.default_rng(2).normal(1e-3, 2e-3, data.visit.max() + 1)[data.visit]
     data = dataclasses.replace(data, covariates={**data.covariates, "drift_hat": drift})
-    done, early = (looked_at(data, data.n, n).findings["within_trial"] for n in (data.n, 1000 * data.n))
+    done, early = (
+        looked_at(data, data.n, n).findings["within_trial"] for n in (data.n, 1000 * data.n)
+    )
     assert (done["significant"], early["significant"]) == (True, False)
     assert done["p_value"] == early["p_value"]

@@ -1,4 +1,6 @@
-"""Compiled code is kept where nobody else can write, or nowhere; workers and readers end with the process that started them."""
+"""Compiled code is kept where nobody else can write, or nowhere; workers and readers end with the
+process that started them.
+"""
 
 from __future__ import annotations
 
@@ -97,7 +99,10 @@ def test_numba_keeps_code_there_and_nowhere_else(cache, tmp_path, monkeypatch):
     """The user's own functions go on being kept where the user says."""
     monkeypatch.setattr(compiler.config, "CACHE_DIR", str(tmp_path / "users"))
     assert compiler.compiled(twice)(2) == 4
-    assert {path.suffix for path in isolation.code_folder().rglob("test_isolation.twice*")} == {".nbi", ".nbc"}
+    assert {path.suffix for path in isolation.code_folder().rglob("test_isolation.twice*")} == {
+        ".nbi",
+        ".nbc",
+    }
     assert str(tmp_path / "users") == compiler.config.CACHE_DIR
     assert not (tmp_path / "users").exists()
 
@@ -141,13 +146,19 @@ def gone(pid: int) -> bool:
         return True
 
 
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="tells the living from the dead by /proc")
+@pytest.mark.skipif(
+    not Path("/proc/self/stat").exists(), reason="tells the living from the dead by /proc"
+)
 @pytest.mark.parametrize("program", [POOL, READER], ids=["workers", "reader"])
 def test_who_works_for_a_killed_process_ends(tmp_path, program):
     """Workers in the midst of a task, and a reader whose file never comes."""
     (tmp_path / "program.py").write_text(program)
     os.mkfifo(tmp_path / "never.mat")
-    parent = subprocess.Popen([sys.executable, tmp_path / "program.py", tmp_path / "never.mat"], stdout=subprocess.PIPE, text=True)
+    parent = subprocess.Popen(
+        [sys.executable, tmp_path / "program.py", tmp_path / "never.mat"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     pids = [int(word) for word in parent.stdout.readline().split()]
     assert pids
     assert not any(map(gone, pids))

@@ -1,4 +1,6 @@
-"""Fits of whole campaigns: against an independent optimiser, under symmetries, at the edges, and what is said about them."""
+"""Fits of whole campaigns: against an independent optimiser, under symmetries, at the edges, and
+what is said about them.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +29,28 @@ DATUM = Component(name="datum", on="height", standard=2e-4, distribution="normal
 
 
 def reference(data: Observations, found: Fit) -> tuple[np.ndarray, np.ndarray, float]:
-    """K_b and log L_inf fitted together by scipy with the dense covariance: theta, covariance, chi2."""
+    """K_b and log L_inf fitted together by scipy with the dense covariance: theta, covariance,
+    chi2.
+    """
     problem = assemble(MODEL, data, (DATUM,), SCATTER, found.theta)
     white = np.linalg.inv(np.linalg.cholesky(problem.covariance.dense()))
     indicator = (data.throttle[:, None] == data.levels).astype(float)
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        return white @ (np.log(data.lift_N) - indicator @ x[1:] - np.log(sanchez_cuevas(data.z_hat, x[0])))
+        return white @ (
+            np.log(data.lift_N) - indicator @ x[1:] - np.log(sanchez_cuevas(data.z_hat, x[0]))
+        )
 
     start = np.r_[1.0, np.log([L_INF[t] for t in data.levels])]
-    r = scipy.optimize.least_squares(residuals, start, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14, x_scale=[0.1, 1e-3, 1e-3, 1e-3, 1e-3])
+    r = scipy.optimize.least_squares(
+        residuals,
+        start,
+        method="lm",
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+        x_scale=[0.1, 1e-3, 1e-3, 1e-3, 1e-3],
+    )
     return r.x, np.linalg.inv(r.jac.T @ r.jac), 2 * r.cost
 
 
@@ -64,13 +78,18 @@ def test_all_forces_times_c_scale_L_inf_and_nothing_else(scale):
     assert two.chi2 == pytest.approx(one.chi2, rel=1e-3)
     assert two.rmse == pytest.approx(one.rmse, rel=1e-6)
     for throttle in THROTTLES:
-        assert two.levels[throttle].value == pytest.approx(scale * one.levels[throttle].value, rel=1e-6)
+        assert two.levels[throttle].value == pytest.approx(
+            scale * one.levels[throttle].value, rel=1e-6
+        )
         assert two.levels[throttle].u == pytest.approx(scale * one.levels[throttle].u, rel=1e-3)
 
 
 def test_order_of_trials_does_not_matter_where_nobody_knows_it():
     data = dataclasses.replace(campaign(3), ordered=False)
-    one, two = fit(MODEL, data, (DATUM,)), fit(MODEL, data.take(np.random.default_rng(1).permutation(data.n)), (DATUM,))
+    one, two = (
+        fit(MODEL, data, (DATUM,)),
+        fit(MODEL, data.take(np.random.default_rng(1).permutation(data.n)), (DATUM,)),
+    )
     assert two.estimates["K_b"].value == pytest.approx(one.estimates["K_b"].value, rel=1e-5)
     assert two.chi2 == pytest.approx(one.chi2, rel=1e-5)
     assert two.log_likelihood == pytest.approx(one.log_likelihood, abs=1e-3)
@@ -111,7 +130,9 @@ def test_r2_near_is_for_the_ground_only():
     ceiling = campaign(3, boundary="ceiling", ratio=hsiao, stations=(0.2, 0.5, 1.0, 2.0, 2.5, 8.0))
     assert fit(catalogue.model("hsiao_chirarattananon"), ceiling).r2_near is None
     assert fit(MODEL, campaign(3)).r2_near is not None
-    assert fit(MODEL, campaign(3, stations=(3.5, 5.0, 9.0))).r2_near is None  # none of its trials is near
+    assert (
+        fit(MODEL, campaign(3, stations=(3.5, 5.0, 9.0))).r2_near is None
+    )  # none of its trials is near
 
 
 def test_intervals_know_how_few_repeats_the_scatter_came_from():
@@ -126,7 +147,9 @@ def test_intervals_know_how_few_repeats_the_scatter_came_from():
     assert (given.hi90 - given.value) / given.u == pytest.approx(1.6448536, rel=1e-6)
 
 
-LAYOUT = {"layout_hat": GEOMETRY["spacing_hat"] / 2 * np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])}
+LAYOUT = {
+    "layout_hat": GEOMETRY["spacing_hat"] / 2 * np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
+}
 
 
 @pytest.mark.parametrize("name", ["cheeseman_bennett_fixed", "hayden", "images", "sidewall_none"])
@@ -135,7 +158,12 @@ def test_a_model_with_nothing_free_is_compared_all_the_same(name, visits):
     model = catalogue.model(name)
     data = campaign(3, visits=visits, boundary=model.boundary)
     found = fit(model, dataclasses.replace(data, geometry={**GEOMETRY, **LAYOUT}), (DATUM,))
-    assert (found.theta.shape, found.covariance.shape, found.estimates, found.degeneracies) == ((0,), (0, 0), {}, ())
+    assert (found.theta.shape, found.covariance.shape, found.estimates, found.degeneracies) == (
+        (0,),
+        (0, 0),
+        {},
+        (),
+    )
     assert found.dof == data.n - 4
     assert np.isfinite([found.chi2, found.rmse, found.aic, found.bic]).all()
     assert all(level.u > 0 for level in found.levels.values())
@@ -143,7 +171,12 @@ def test_a_model_with_nothing_free_is_compared_all_the_same(name, visits):
 
 def test_a_parameter_at_its_bound_says_so():
     """A ceiling that takes lift away: alpha would be negative, and stops at 0."""
-    data = campaign(3, boundary="ceiling", ratio=lambda z: 1 - 0.05 * np.exp(-z), stations=(0.2, 0.5, 1.0, 2.0, 8.0))
+    data = campaign(
+        3,
+        boundary="ceiling",
+        ratio=lambda z: 1 - 0.05 * np.exp(-z),
+        stations=(0.2, 0.5, 1.0, 2.0, 8.0),
+    )
     found = fit(catalogue.model("hsiao_chirarattananon"), data).estimates["alpha"]
     assert found.at_bound
     assert found.value == pytest.approx(0.0, abs=1e-5)
@@ -166,7 +199,9 @@ def pairs(found: Fit) -> dict[tuple[str, str], str]:
 
 
 def test_degeneracies_are_named():
-    """The three that the ground is known for: K_b with the exponent, with the height's datum, and k with both."""
+    """The three that the ground is known for: K_b with the exponent, with the height's datum, and k
+    with both.
+    """
     fixed, free = fit(MODEL, campaign(3)), fit(FREE, campaign(3))
     text = pairs(fixed)["K_b", "exponent n"]
     assert text.startswith("K_b and an unknown exponent n would trade places: r = −0.9")
@@ -179,12 +214,22 @@ def test_degeneracies_are_named():
     assert "with the height offset free, u(K_b) would grow from" in near["K_b", "height offset"]
     assert near["K_b", "height offset"].endswith("mm")
     slow = pairs(fit(catalogue.model("power_law"), campaign(3, stations=(1.5, 2.0, 3.0, 5.0))))
-    assert slow["p", "L_inf at 75%"].startswith("p and L_inf at 75% throttle trade places: r = +0.9")
+    assert slow["p", "L_inf at 75%"].startswith(
+        "p and L_inf at 75% throttle trade places: r = +0.9"
+    )
 
 
 def test_what_no_trial_determines_is_infinitely_uncertain_and_named():
     """Without the wall's loss its length means nothing; u = 0 would be a lie."""
-    data = campaign(3, boundary="sidewall", ratio=lambda z: 0 * z + 1, stations=(0.1, 0.3, 0.6, 1.2, 5.0), relative=0.0, force=0.0, height=0.0)
+    data = campaign(
+        3,
+        boundary="sidewall",
+        ratio=lambda z: 0 * z + 1,
+        stations=(0.1, 0.3, 0.6, 1.2, 5.0),
+        relative=0.0,
+        force=0.0,
+        height=0.0,
+    )
     found = fit(catalogue.model("sidewall_decay"), data, (), SCATTER)
     assert found.theta[0] == pytest.approx(0.0, abs=1e-9)
     assert found.estimates["lambda_"].u == np.inf
@@ -196,7 +241,9 @@ def test_parameter_covariance_parts_what_is_determined_from_what_is_not():
     rng = np.random.default_rng(2)
     a, b = rng.normal(size=(2, 50))
     covariance, determined = parameter_covariance(np.stack([a, 1e6 * b]))
-    assert covariance == pytest.approx(np.linalg.inv(np.array([[a @ a, 1e6 * a @ b], [1e6 * a @ b, 1e12 * b @ b]])), rel=1e-8)
+    assert covariance == pytest.approx(
+        np.linalg.inv(np.array([[a @ a, 1e6 * a @ b], [1e6 * a @ b, 1e12 * b @ b]])), rel=1e-8
+    )
     assert determined.tolist() == [True, True]
     # the second and the third are one unknown under two names
     covariance, determined = parameter_covariance(np.stack([a, b, -2 * b]))
@@ -211,7 +258,9 @@ def test_too_few_trials_are_refused_with_the_number_that_would_do():
         fit(MODEL, data.take(np.array([0, 1, 2, 3, 4, 5])))
     assert fit(MODEL, data.take(np.arange(8)), (), SCATTER).n == 8
     none = campaign(3, stations=(0.1, 0.2), ratio=lambda z: 1 + 0 * z)
-    with pytest.raises(NotConverged, match="0 usable trials for 1 unknowns\n  at least 3 are wanted"):
+    with pytest.raises(
+        NotConverged, match="0 usable trials for 1 unknowns\n  at least 3 are wanted"
+    ):
         fit(MODEL, none)
 
 
@@ -223,7 +272,16 @@ def steep(value: float) -> LiftModel:
         formula="1 / (1 - k / z)",
         evaluate=lambda z, /, *, k: 1 / (1 - k / np.asarray(z)),
         boundary="ground",
-        parameters=(Parameter(name="k", unit="1", value=value, bounds=(0.0, 5.0), prior=uniform(0.0, 5.0), meaning="place of the pole"),),
+        parameters=(
+            Parameter(
+                name="k",
+                unit="1",
+                value=value,
+                bounds=(0.0, 5.0),
+                prior=uniform(0.0, 5.0),
+                meaning="place of the pole",
+            ),
+        ),
         source=Source(citation="this test"),
         checks=(Check(x=2.0, expected=2.0, arguments={"k": 1.0}, quoted_by="by hand"),),
     )
@@ -239,26 +297,46 @@ def test_a_start_beyond_a_pole_is_left_for_one_where_the_model_has_a_value():
 @pytest.mark.parametrize(
     ("blind", "remedy"),
     [
-        (lambda z: z < 1.2, r"leave out the 16 trials nearest to the boundary \(z_hat up to 1.14\), or"),
+        (
+            lambda z: z < 1.2,
+            r"leave out the 16 trials nearest to the boundary \(z_hat up to 1.14\), or",
+        ),
         (lambda z: z > 10, "choose another model: the trials to blame are not those nearest"),
         (lambda z: z > 0, "choose another model: the trials to blame are not those nearest"),
     ],
 )
-def test_a_model_without_a_value_wherever_it_starts_is_refused_with_the_trials_to_blame(blind, remedy):
-    model = dataclasses.replace(steep(0.5), evaluate=lambda z, /, *, k: np.where(blind(np.asarray(z)) & (np.asarray(z) != 2.0), np.nan, 1 + k))
+def test_a_model_without_a_value_wherever_it_starts_is_refused_with_the_trials_to_blame(
+    blind, remedy
+):
+    model = dataclasses.replace(
+        steep(0.5),
+        evaluate=lambda z, /, *, k: np.where(
+            blind(np.asarray(z)) & (np.asarray(z) != 2.0), np.nan, 1 + k
+        ),
+    )
     data = campaign(3)
-    problem = Problem(model=model, data=data, covariance=noise.trial_covariance(data, SCATTER, np.zeros(data.n)))
-    text = r"fit of steep: the model has no value at its start, k = 0\.5, for some of the 160 trials, nor elsewhere\n  "
+    problem = Problem(
+        model=model, data=data, covariance=noise.trial_covariance(data, SCATTER, np.zeros(data.n))
+    )
+    text = (
+        r"fit of steep: the model has no value at its start, k = 0\.5, for some of the 160 trials,"
+        r" nor elsewhere\n  "
+    )
     with pytest.raises(NotConverged, match=text + remedy):
         minimise(problem)
 
 
 def test_the_optimiser_does_not_settle_beyond_a_pole():
-    """The fit wants k = 1.1; from 0 its first steps lead beyond 1.14, where the nearest trials have no ratio, and must be taken back."""
+    """The fit wants k = 1.1; from 0 its first steps lead beyond 1.14, where the nearest trials have
+    no ratio, and must be taken back.
+    """
     data = campaign(3, ratio=lambda z: 1 / (1 - 1.1 / z), height=0.0)
     problem = assemble(steep(0.0), data, (), SCATTER, np.array([1.1]))
     tried = []
-    model = dataclasses.replace(problem.model, evaluate=lambda z, /, *, k: tried.append(float(np.max(k))) or steep(0.0).evaluate(z, k=k))
+    model = dataclasses.replace(
+        problem.model,
+        evaluate=lambda z, /, *, k: tried.append(float(np.max(k))) or steep(0.0).evaluate(z, k=k),
+    )
     assert minimise(dataclasses.replace(problem, model=model)) == pytest.approx([1.1], abs=0.01)
     assert max(tried) > 1.14
 
@@ -273,8 +351,13 @@ def test_an_optimiser_that_gives_up_is_not_believed(monkeypatch):
     import lmfit
 
     real = lmfit.minimize
-    monkeypatch.setattr(lmfit, "minimize", lambda *args, **options: real(*args, **{**options, "max_nfev": 2}))
-    text = "fit of sanchez_cuevas_free_exponent: lmfit stopped: .*number of function evaluations.*\n  look at the residuals"
+    monkeypatch.setattr(
+        lmfit, "minimize", lambda *args, **options: real(*args, **{**options, "max_nfev": 2})
+    )
+    text = (
+        "fit of sanchez_cuevas_free_exponent: lmfit stopped: .*number of function evaluations.*\n "
+        " look at the residuals"
+    )
     with pytest.raises(NotConverged, match=text):
         fit(FREE, campaign(3), (), SCATTER)
 
@@ -291,7 +374,9 @@ def test_free_air_trials_inform_L_inf_and_so_the_coefficient():
 
 
 def test_chi2_tells_model_error_from_noise():
-    """About its degrees of freedom for the true model; far above for a wrong one, whose rmse alone would not say whose fault it is."""
+    """About its degrees of freedom for the true model; far above for a wrong one, whose rmse alone
+    would not say whose fault it is.
+    """
     data = campaign(3, visits=8)
     right, wrong = fit(MODEL, data), fit(catalogue.model("cheeseman_bennett"), data)
     assert scipy.stats.chi2.sf(right.chi2, right.dof) > 1e-3

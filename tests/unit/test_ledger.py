@@ -33,17 +33,30 @@ def test_every_trial_stands_in_it_and_the_counts_add_up(made):
     assert outcome.rejected == ()
     assert content["schema"] == "nearlift.quality/1"
     assert [t["trial"] for t in content["trials"]] == table["trial"].tolist()
-    assert content["counts"] == {"scheduled": 112, "recorded": 112, "accepted": 109, "remarked": 1, "fitted": 108}
+    assert content["counts"] == {
+        "scheduled": 112,
+        "recorded": 112,
+        "accepted": 109,
+        "remarked": 1,
+        "fitted": 108,
+    }
     assert content["codes"]["SATURATED"]["trials"] == 2
     assert content["samples"]["averaged"] == int(table["n"].sum())
 
 
 def test_a_trial_says_why_it_is_where_it_is(made):
     entries = {t["trial"]: t for t in made[2]["trials"]}
-    assert (entries["t0000"]["accepted"], entries["t0000"]["figures"]) == (True, ["fig2", "residuals"])
+    assert (entries["t0000"]["accepted"], entries["t0000"]["figures"]) == (
+        True,
+        ["fig2", "residuals"],
+    )
     assert (entries["t0003"]["accepted"], entries["t0003"]["figures"]) == (False, [])
     assert entries["t0003"]["why"].startswith("SATURATED (")
-    assert (entries["t0005"]["accepted"], entries["t0005"]["fitted"], entries["t0005"]["figures"]) == (True, False, ["fig2"])
+    assert (
+        entries["t0005"]["accepted"],
+        entries["t0005"]["fitted"],
+        entries["t0005"]["figures"],
+    ) == (True, False, ["fig2"])
     assert entries["t0005"]["why"].startswith("z_hat = 0.1 is outside")
     assert entries["t0004"]["lift_N"] is None
 
@@ -62,7 +75,9 @@ def test_what_an_exclusion_is_worth_is_a_fit_with_it_put_back(made, make_job):
     for entry in (back["all"], *back["trials"].values()):
         assert entry["change"] == pytest.approx(entry["value"] - back["accepted"]["value"])
         assert abs(entry["change_in_u"]) > 0
-    assert abs(back["trials"]["t0006"]["change"]) > abs(back["trials"]["t0003"]["change"]), "half too much lift pulls more than a tenth"
+    assert abs(back["trials"]["t0006"]["change"]) > abs(back["trials"]["t0003"]["change"]), (
+        "half too much lift pulls more than a tenth"
+    )
 
 
 def test_a_trial_below_the_model_cannot_be_put_back(make_job):
@@ -96,7 +111,9 @@ def test_the_page_shows_it_and_escapes_what_it_shows(make_job):
 
 
 def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(make_job):
-    """t0050 lifts half too much, and nobody has marked it: fit.json, ledger and page name it, with the coefficient without it."""
+    """t0050 lifts half too much, and nobody has marked it: fit.json, ledger and page name it, with
+    the coefficient without it.
+    """
 
     def spoil(table):
         table["lift_N"][50] *= 1.5
@@ -104,13 +121,21 @@ def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(mak
     job = make_job(boundaries=("ground",), repeats=4, edit=spoil, simulated=True)
     ledger.run(job)
     fitted = store.read_json(job.processed / FIT.file)
-    entry, parameter = fitted["influence"]["ground"], fitted["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]
+    entry, parameter = (
+        fitted["influence"]["ground"],
+        fitted["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"],
+    )
     (suspect,) = entry["suspects"]
     assert (suspect["id"], suspect["outlying"]) == ("t0050", True)
     # the scatter pulls it in, the fit does not: what it moves is the value
     assert abs(suspect["shift"]) > 2 * suspect["without"]["u"]
     assert suspect["shift"] == pytest.approx(suspect["without"]["value"] - parameter["value"])
-    assert store.read_json(job.processed / RESULTS.file)["boundaries"]["ground"]["coefficients"]["K_b"]["influence"]["trial"]["id"] == "t0050"
+    assert (
+        store.read_json(job.processed / RESULTS.file)["boundaries"]["ground"]["coefficients"][
+            "K_b"
+        ]["influence"]["trial"]["id"]
+        == "t0050"
+    )
     quality = store.read_json(job.processed / QUALITY.file)
     assert next(t for t in quality["trials"] if t["trial"] == "t0050")["fitted"]
     (left_out,) = quality["put_back"]["ground"]["left_out"]

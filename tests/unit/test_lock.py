@@ -33,7 +33,9 @@ def homes(place: Path) -> Homes:
 @pytest.fixture
 def holder(tmp_path):
     """Another process that holds the lock."""
-    process = subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path / "p")], stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path / "p")], stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout.readline() == "held\n"
     yield process
     process.kill()
@@ -44,7 +46,11 @@ def holder(tmp_path):
 def test_a_second_run_is_refused_and_told_whose_lock_it_is(tmp_path, holder):
     with (
         pytest.raises(
-            Busy, match=rf"another run works on these products: process {holder.pid} on .*, since 20\d\d-.*\n  wait until it is done"
+            Busy,
+            match=(
+                rf"another run works on these products: process {holder.pid} on .*, since"
+                r" 20\d\d-.*\n  wait until it is done"
+            ),
         ) as fault,
         locked(homes(tmp_path)),
     ):
@@ -72,7 +78,11 @@ def test_what_others_left_is_not_swept_away(tmp_path):
     elsewhere = tmp_path / "elsewhere"
     for folder in (elsewhere, homes.processed, homes.reports):
         folder.mkdir()
-    kept = [elsewhere / ".fit.json.1.tmp", homes.processed / ".cache.tmp", homes.reports / "fig2.pdf.1.tmp"]
+    kept = [
+        elsewhere / ".fit.json.1.tmp",
+        homes.processed / ".cache.tmp",
+        homes.reports / "fig2.pdf.1.tmp",
+    ]
     for path in kept:
         path.write_text("somebody's")
     (homes.processed / "link").symlink_to(elsewhere)
@@ -82,7 +92,9 @@ def test_what_others_left_is_not_swept_away(tmp_path):
 
 
 def test_what_a_finished_run_left_is_swept_and_a_living_runs_is_not(tmp_path, holder):
-    """A run killed after its last commit: nothing is stale, so nobody needs the lock, and yet nothing shall lie about."""
+    """A run killed after its last commit: nothing is stale, so nobody needs the lock, and yet
+    nothing shall lie about.
+    """
     lock.swept(homes(tmp_path))
     assert (tmp_path / "p" / lock.LOCK).exists()
     (tmp_path / "p" / ".staged").mkdir()
@@ -107,14 +119,21 @@ def test_a_lock_leaves_no_folder_behind_that_it_made(tmp_path):
 
 
 def test_a_full_disk_is_seen_before_the_start(tmp_path, monkeypatch):
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 7, 3_000_000))
+    monkeypatch.setattr(
+        shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 7, 3_000_000)
+    )
     room(tmp_path / "not" / "yet", 2_000_000)
-    with pytest.raises(NoRoom, match=r"needs about 5 MB, and the disk has 3 MB left\n  free 2 MB, or choose another --out"):
+    with pytest.raises(
+        NoRoom,
+        match=r"needs about 5 MB, and the disk has 3 MB left\n  free 2 MB, or choose another --out",
+    ):
         room(tmp_path / "not" / "yet", 5_000_000)
     assert not (tmp_path / "not").exists()
 
 
-@pytest.mark.parametrize(("count", "text"), [(12, "12 bytes"), (3400, "3.4 kB"), (2.5e6, "2.5 MB"), (7e9, "7 GB")])
+@pytest.mark.parametrize(
+    ("count", "text"), [(12, "12 bytes"), (3400, "3.4 kB"), (2.5e6, "2.5 MB"), (7e9, "7 GB")]
+)
 def test_sizes_in_words(count, text):
     assert size(int(count)) == text
 

@@ -26,20 +26,38 @@ SLOPE = 0.2
 
 
 def candidate(name, log_evidence, accepted=False, left_in="supply"):
-    return {"name": name, "gain": 100.0, "p_value": 0.5, "accepted": accepted, "log_evidence": log_evidence, "left_in": None if accepted else left_in}
+    return {
+        "name": name,
+        "gain": 100.0,
+        "p_value": 0.5,
+        "accepted": accepted,
+        "log_evidence": log_evidence,
+        "left_in": None if accepted else left_in,
+    }
 
 
 def error(before, after, floor=0.004):
     def block(v):
         return {"held_out_rmse": v, "lo90": 0.9 * v, "hi90": 1.1 * v}
 
-    return {"unit": "fraction of lift", "noise_floor": floor, "before": block(before), "after": block(after), "chosen_in_folds": ["supply_sag"] * 3}
+    return {
+        "unit": "fraction of lift",
+        "noise_floor": floor,
+        "before": block(before),
+        "after": block(after),
+        "chosen_in_folds": ["supply_sag"] * 3,
+    }
 
 
 def coefficient(name, value, after=None):
     before = {"value": value, "lo90": 0.95 * value, "hi90": 1.05 * value}
     moved = value if after is None else after
-    ends = {"lo90": 0.94 * moved, "hi90": 1.08 * moved, "conditional": [0.96 * moved, 1.04 * moved], "constrained": [0.5 * moved, 1.6 * moved]}
+    ends = {
+        "lo90": 0.94 * moved,
+        "hi90": 1.08 * moved,
+        "conditional": [0.96 * moved, 1.04 * moved],
+        "constrained": [0.5 * moved, 1.6 * moved],
+    }
     return {"before": {name: before}, "after": {name: {"value": moved, **ends}}}
 
 
@@ -57,7 +75,10 @@ FOUND = {
         ],
         "explanations": [["supply_sag"], ["warm_up"]],
         "p_value": 1 / 1501,
-        "structure": [{"covariate": "supply", "p_value": 1e-90, "significant": True}, {"covariate": "tilt", "p_value": 0.4, "significant": False}],
+        "structure": [
+            {"covariate": "supply", "p_value": 1e-90, "significant": True},
+            {"covariate": "tilt", "p_value": 0.4, "significant": False},
+        ],
         "rounds": [
             {
                 "decision": "accept supply_sag",
@@ -80,7 +101,9 @@ FOUND = {
         "effects": [],
         "p_value": 0.43,
         "structure": [{"covariate": "throttle", "p_value": 0.01, "significant": False}],
-        "rounds": [{"candidates": [], "decision": "adequate", "reason": "nothing exceeds the threshold"}],
+        "rounds": [
+            {"candidates": [], "decision": "adequate", "reason": "nothing exceeds the threshold"}
+        ],
         "error": error(0.0041, 0.0041),
         "coefficients": coefficient("alpha", 0.12),
     },
@@ -91,7 +114,13 @@ FOUND = {
         "partial": [{"name": "gain_drift", "share": 0.2}],
         "p_value": 1 / 1501,
         "structure": [{"covariate": "start", "p_value": 1e-30, "significant": True}],
-        "rounds": [{"candidates": [candidate("gain_drift", -60.0, left_in="start")], "decision": "no", "reason": "structure is left"}],
+        "rounds": [
+            {
+                "candidates": [candidate("gain_drift", -60.0, left_in="start")],
+                "decision": "no",
+                "reason": "structure is left",
+            }
+        ],
         "error": error(0.01, 0.01),
         "coefficients": coefficient("a", 0.05),
     },
@@ -100,7 +129,9 @@ FOUND["sidewall"]["coefficients"]["before"]["lambda_"] = {"value": 0.35, "lo90":
 
 
 def diagnosed(job, found):
-    """Give a job hand-made findings and residuals: along supply at the ground, none at the ceiling, a wave in run order at the wall."""
+    """Give a job hand-made findings and residuals: along supply at the ground, none at the ceiling,
+    a wave in run order at the wall.
+    """
     trials = job.read(TRIALS)
     rng = np.random.default_rng(1)
     parts = []
@@ -108,13 +139,30 @@ def diagnosed(job, found):
         mine = (trials["boundary"] == boundary) & ~rejected(trials["quality"])
         n = int(mine.sum())
         noise = 0.004 * rng.standard_normal(n)
-        shape = {"ground": SLOPE * (trials["supply_V"][mine] - 3.84), "sidewall": 0.01 * np.cos(2 * np.pi * 9 * np.arange(n) / n)}
+        shape = {
+            "ground": SLOPE * (trials["supply_V"][mine] - 3.84),
+            "sidewall": 0.01 * np.cos(2 * np.pi * 9 * np.arange(n) / n),
+        }
         before = noise + shape.get(boundary, 0.0)
         after = noise if found[boundary]["verdict"] == "effect" else before
-        parts.append((np.full(n, boundary, dtype=object), trials["trial"][mine], before, after, before, after))
+        parts.append(
+            (
+                np.full(n, boundary, dtype=object),
+                trials["trial"][mine],
+                before,
+                after,
+                before,
+                after,
+            )
+        )
     names = [c.name for c in LOOP_RESIDUALS.columns]
-    job.write(LOOP_RESIDUALS, {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)})
-    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": 0.05, "boundaries": found})
+    job.write(
+        LOOP_RESIDUALS,
+        {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)},
+    )
+    job.write_json(
+        DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": 0.05, "boundaries": found}
+    )
     quoted.write(job, found)
     return job
 
@@ -199,7 +247,10 @@ def test_bin_means_are_those_of_the_trials(table, job):
     before = dict(zip(residuals["trial"].tolist(), residuals["before"].tolist(), strict=True))
     cloud = pick(table, panel="ground", when="before", part="residual")
     cloud = {k: v[np.isin(cloud["kind"], ["trial", "beyond"])] for k, v in cloud.items()}
-    assert all(cloud["x"][i] == volts[t] and cloud["value"][i] == pytest.approx(100 * before[t]) for i, t in enumerate(cloud["label"].tolist()))
+    assert all(
+        cloud["x"][i] == volts[t] and cloud["value"][i] == pytest.approx(100 * before[t])
+        for i, t in enumerate(cloud["label"].tolist())
+    )
     bins = pick(table, panel="ground", when="before", kind="bin")
     assert bins["n_trials"].sum() == len(cloud["x"])
     assert np.sum(bins["n_trials"] * bins["value"]) == pytest.approx(cloud["value"].sum())
@@ -210,12 +261,16 @@ def test_before_and_after_have_the_same_axes_and_bins(table):
     axes = panels(drawn(table))
     assert axes["a"].get_ylim() == axes["b"].get_ylim()
     assert axes["a"].get_xlim() == pytest.approx(axes["b"].get_xlim())
-    before, after = (pick(table, panel="ground", kind="bin", when=w)["x"] for w in ("before", "after"))
+    before, after = (
+        pick(table, panel="ground", kind="bin", when=w)["x"] for w in ("before", "after")
+    )
     np.testing.assert_array_equal(before, after)
 
 
 def test_no_trial_is_lost_beyond_the_axis(make_job):
-    evidence = report.gather(diagnosed(make_job(boundaries=("ground",)), {"ground": FOUND["ground"]}))
+    evidence = report.gather(
+        diagnosed(make_job(boundaries=("ground",)), {"ground": FOUND["ground"]})
+    )
     wild = np.array(evidence.tables[LOOP_RESIDUALS.file]["before"])
     wild[5] = 3.0
     evidence.tables[LOOP_RESIDUALS.file]["before"] = wild
@@ -226,7 +281,11 @@ def test_no_trial_is_lost_beyond_the_axis(make_job):
     assert reach < 100
     assert "of which" in loop_text.caption(evidence, table)
     ax = panels(drawn(table))["a"]
-    ticks = [line for line in ax.lines if line.get_marker() == "|" and len(line.get_xdata()) == len(far["x"])]
+    ticks = [
+        line
+        for line in ax.lines
+        if line.get_marker() == "|" and len(line.get_xdata()) == len(far["x"])
+    ]
     assert np.all(np.abs(ticks[0].get_ydata()) < reach)
 
 
@@ -234,7 +293,11 @@ def test_adequate_shows_one_residual_and_no_candidates(table):
     own = pick(table, panel="ceiling")
     assert set(own["when"][own["part"] == "residual"].tolist()) == {"before"}
     assert not (own["part"] == "candidate").any()
-    assert set(own["kind"][own["part"] == "coefficient"].tolist()) == {"quoted", "doubt", "reference"}
+    assert set(own["kind"][own["part"] == "coefficient"].tolist()) == {
+        "quoted",
+        "doubt",
+        "reference",
+    }
     assert (own["kind"] == "rmse").sum() == 1
 
 
@@ -243,7 +306,13 @@ def test_throttle_is_shown_along_distance_a_series_each(table):
     assert set(bins["covariate"].tolist()) == {"z_hat"}
     assert list(dict.fromkeys(bins["series"].tolist())) == ["25 %", "50 %", "75 %", "92 %"]
     legend = panels(drawn(table))["f"].get_legend()
-    assert [t.get_text() for t in legend.get_texts()] == ["throttle:", "25 %", "50 %", "75 %", "92 %"]
+    assert [t.get_text() for t in legend.get_texts()] == [
+        "throttle:",
+        "25 %",
+        "50 %",
+        "75 %",
+        "92 %",
+    ]
 
 
 def test_unexplained_is_followed_by_a_curve_that_has_no_name(table):
@@ -253,13 +322,23 @@ def test_unexplained_is_followed_by_a_curve_that_has_no_name(table):
     bins = pick(table, panel="sidewall", kind="bin")
     # sixteen bins would average the wave away
     assert np.ptp(bins["value"]) > 1.2
-    assert set(table["when"][(table["panel"] == "sidewall") & (table["part"] == "residual")].tolist()) == {"before"}
+    assert set(
+        table["when"][(table["panel"] == "sidewall") & (table["part"] == "residual")].tolist()
+    ) == {"before"}
     assert not (pick(table, panel="ground")["kind"] == "curve").any()
 
 
 def test_candidates_stand_by_evidence_and_say_what_they_leave(table):
     own = pick(table, panel="ground", part="candidate")
-    assert list(zip(own["label"].tolist(), own["kind"].tolist(), own["value"].tolist(), own["note"].tolist(), strict=True)) == [
+    assert list(
+        zip(
+            own["label"].tolist(),
+            own["kind"].tolist(),
+            own["value"].tolist(),
+            own["note"].tolist(),
+            strict=True,
+        )
+    ) == [
         ("supply_sag", "named", 0.0, ""),
         ("warm_up", "rival", 5.0, ""),
         ("session_gain", "worse", 16.0, ""),
@@ -273,7 +352,12 @@ def test_two_effects_that_may_be_there_stand_beside_the_one_that_is_named(make_j
         own = found["ground"]
         own["effects"][0]["rivals"] = ["warm_up", "tilt"]
         own["explanations"] = [["supply_sag"], ["warm_up"], ["supply_sag", "tilt"]]
-        own["rounds"].append({**own["rounds"][0], "candidates": [candidate("supply_sag + tilt", -10.0, accepted=True)]})
+        own["rounds"].append(
+            {
+                **own["rounds"][0],
+                "candidates": [candidate("supply_sag + tilt", -10.0, accepted=True)],
+            }
+        )
 
     _, table = edited(make_job, pair)
     own = pick(table, panel="ground", part="candidate")
@@ -295,7 +379,13 @@ def test_accepted_candidates_are_filled_and_rejected_hollow(table):
     ax = panels(drawn(table))["c"]
     marks = [line for line in ax.lines if len(line.get_xdata()) == 1]
     assert [m.get_markerfacecolor() == "white" for m in marks] == [False, False, False, True, True]
-    assert [t.get_text() for t in ax.get_yticklabels()] == ["supply sag", "warm up", "session gain", "gain drift", "reynolds"]
+    assert [t.get_text() for t in ax.get_yticklabels()] == [
+        "supply sag",
+        "warm up",
+        "session gain",
+        "gain drift",
+        "reynolds",
+    ]
     low, high = ax.get_xlim()
     assert low <= 0 < 1776 < high
 
@@ -304,7 +394,10 @@ def test_a_single_effect_is_shown_beside_pairs(make_job):
     def pairs(found):
         own = found["ground"]
         listed = [candidate(f"supply_sag + e{i}", -10.0 - i, accepted=True) for i in range(9)]
-        own["rounds"] = [{**own["rounds"][0], "candidates": [candidate("gain_drift", -70.0)]}, {**own["rounds"][0], "candidates": listed}]
+        own["rounds"] = [
+            {**own["rounds"][0], "candidates": [candidate("gain_drift", -70.0)]},
+            {**own["rounds"][0], "candidates": listed},
+        ]
 
     _, table = edited(make_job, pairs)
     shown = pick(table, part="candidate")["label"].tolist()
@@ -314,8 +407,18 @@ def test_a_single_effect_is_shown_beside_pairs(make_job):
 
 def test_errors_stand_with_their_interval_and_the_floor(table):
     own = pick(table, panel="ground", part="error")
-    values = dict(zip(zip(own["kind"].tolist(), own["when"].tolist(), strict=True), own["value"].tolist(), strict=True))
-    assert values == {("floor", ""): pytest.approx(0.4), ("rmse", "before"): pytest.approx(2.0), ("rmse", "after"): pytest.approx(0.45)}
+    values = dict(
+        zip(
+            zip(own["kind"].tolist(), own["when"].tolist(), strict=True),
+            own["value"].tolist(),
+            strict=True,
+        )
+    )
+    assert values == {
+        ("floor", ""): pytest.approx(0.4),
+        ("rmse", "before"): pytest.approx(2.0),
+        ("rmse", "after"): pytest.approx(0.45),
+    }
     assert own["lo90"][own["when"] == "before"][0] == pytest.approx(1.8)
     ax = panels(drawn(table))["d"]
     assert {"2.00", "0.450", "0.400"} <= {t.get_text() for t in ax.texts}
@@ -324,7 +427,13 @@ def test_errors_stand_with_their_interval_and_the_floor(table):
 
 def test_coefficient_intervals_are_the_products(table):
     own = pick(table, panel="ground", part="coefficient")
-    spans = {n: (lo, hi) for k, n, lo, hi in zip(*(own[c].tolist() for c in ("kind", "note", "lo90", "hi90")), strict=True) if k != "reference"}
+    spans = {
+        n: (lo, hi)
+        for k, n, lo, hi in zip(
+            *(own[c].tolist() for c in ("kind", "note", "lo90", "hi90")), strict=True
+        )
+        if k != "reference"
+    }
     after = FOUND["ground"]["coefficients"]["after"]["K_b"]
     before = FOUND["ground"]["coefficients"]["before"]["K_b"]
     assert spans == {
@@ -361,8 +470,14 @@ def test_after_two_effects_the_covariate_of_the_other_is_shown_too(make_job):
         found["ground"]["effects"].append({"name": "gain_drift", "rivals": [], "parameters": {}})
 
     evidence, table = edited(make_job, second)
-    assert list(dict.fromkeys(table["covariate"][table["part"] == "residual"].tolist())) == ["supply_V", "run_order"]
-    assert [ax.get_title(loc="left")[3:] for ax in drawn(table).axes[:4]] == ["residual before", "residual after"] * 2
+    assert list(dict.fromkeys(table["covariate"][table["part"] == "residual"].tolist())) == [
+        "supply_V",
+        "run_order",
+    ]
+    assert [ax.get_title(loc="left")[3:] for ax in drawn(table).axes[:4]] == [
+        "residual before",
+        "residual after",
+    ] * 2
     assert "and against that of the other effect" in loop_text.caption(evidence, table)
     assert "(a–d)" in loop_text.caption(evidence, table)
 
@@ -370,7 +485,13 @@ def test_after_two_effects_the_covariate_of_the_other_is_shown_too(make_job):
 def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
     def least(found):
         own = found["ground"]
-        own["rounds"] = [{"candidates": [{"name": "supply_sag", "gain": 3.0, "p_value": 0.1}], "decision": "d", "reason": "r"}]
+        own["rounds"] = [
+            {
+                "candidates": [{"name": "supply_sag", "gain": 3.0, "p_value": 0.1}],
+                "decision": "d",
+                "reason": "r",
+            }
+        ]
         for key in ("error", "coefficients", "p_value"):
             del own[key]
 
@@ -391,8 +512,23 @@ def test_intervals_that_could_not_be_found_are_left_out(make_job):
     render(SPEC.draw, table, style.style("aiaa"))
 
 
-@pytest.mark.parametrize("word", ["distance", "throttle", "start", "supply", "session", "approach", "tilt", "order_in_visit", "previous_throttle",
-                                  "previous_distance", "previous_lift_N", "rig_$_colour"])  # fmt: skip
+@pytest.mark.parametrize(
+    "word",
+    [
+        "distance",
+        "throttle",
+        "start",
+        "supply",
+        "session",
+        "approach",
+        "tilt",
+        "order_in_visit",
+        "previous_throttle",
+        "previous_distance",
+        "previous_lift_N",
+        "rig_$_colour",
+    ],
+)
 def test_every_word_of_the_findings_can_be_drawn(make_job, word):
     def along(found):
         found["ground"]["structure"] = [{"covariate": word, "p_value": 1e-9, "significant": True}]
@@ -402,14 +538,18 @@ def test_every_word_of_the_findings_can_be_drawn(make_job, word):
     assert np.isin(cloud["kind"], ["trial", "beyond"]).sum() > 100
     figure = drawn(table)
     # what was not recorded is drawn in run order
-    expected = {"tilt": "run_order", "rig_$_colour": "run_order"}.get(word, against.AXES.get(word, against.Axis(column=word)).column)
+    expected = {"tilt": "run_order", "rig_$_colour": "run_order"}.get(
+        word, against.AXES.get(word, against.Axis(column=word)).column
+    )
     assert set(cloud["covariate"].tolist()) == {expected}
     assert figure.axes[0].get_xlabel()
 
 
 def test_bins_of_time_do_not_straddle_sessions():
     session = np.repeat([0, 1, 2], [50, 30, 100])
-    label = against.label("run_order", np.arange(180.0), np.random.default_rng(0).standard_normal(180), session)
+    label = against.label(
+        "run_order", np.arange(180.0), np.random.default_rng(0).standard_normal(180), session
+    )
     assert all(len(set(session[label == k].tolist())) == 1 for k in set(label.tolist()))
     assert sorted(set(label.tolist())) == list(range(label.max() + 1))
 
@@ -445,8 +585,14 @@ def test_caption_and_alternative_text_agree_with_the_picture(evidence, table):
     caption, alt = loop_text.caption(evidence, table), loop_text.alt(evidence, table)
     assert "Relative residuals (a, b, f, i)" in caption
     assert "Candidates (c, j)" in caption
-    assert "Ground: supply_sag (or warm_up); held-out error 2 % to 0.45 %, noise floor 0.4 %; if (1) supply_sag is all" in caption
-    assert "K_b, if every effect too small to be seen acts at its plausible size: 1.95, 90 % 0.975 to 3.12." in alt
+    assert (
+        "Ground: supply_sag (or warm_up); held-out error 2 % to 0.45 %, noise floor 0.4 %; if (1)"
+        " supply_sag is all" in caption
+    )
+    assert (
+        "K_b, if every effect too small to be seen acts at its plausible size: 1.95, 90 % 0.975 to"
+        " 3.12." in alt
+    )
     assert "Bin means before stray" in alt
 
 

@@ -1,4 +1,6 @@
-"""Several campaigns in one command: each as it would be alone, wherever it runs, and one refused does not stop the others."""
+"""Several campaigns in one command: each as it would be alone, wherever it runs, and one refused
+does not stop the others.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,11 @@ KEPT = {"trials.parquet", "lift.parquet", "fit.json", "diagnosis.json"}
 
 
 def products(out):
-    return {p.relative_to(out): p.read_bytes() for p in sorted((out / "processed").rglob("*")) if p.name in KEPT}
+    return {
+        p.relative_to(out): p.read_bytes()
+        for p in sorted((out / "processed").rglob("*"))
+        if p.name in KEPT
+    }
 
 
 def test_each_ends_as_it_would_alone(alone):
@@ -58,12 +64,20 @@ def test_whole_campaigns_in_processes_give_the_same_products(alone, folders, tmp
 
 def everything(out):
     """All but the wall times in provenance.json, and the stamps of the inputs."""
-    files = [p for p in sorted(out.rglob("*")) if p.is_file() and not p.name.startswith(("provenance", "inputs-cache", "."))]
+    files = [
+        p
+        for p in sorted(out.rglob("*"))
+        if p.is_file() and not p.name.startswith(("provenance", "inputs-cache", "."))
+    ]
     return {p.relative_to(out).as_posix(): p.read_bytes() for p in files}
 
 
-def test_a_cluster_gives_the_same_bytes(alone, folders, tmp_path, monkeypatch, cluster, plain_pictures):
-    """Scheduler and workers stand in other folders than the command; whole campaigns, then the records of one, go to them."""
+def test_a_cluster_gives_the_same_bytes(
+    alone, folders, tmp_path, monkeypatch, cluster, plain_pictures
+):
+    """Scheduler and workers stand in other folders than the command; whole campaigns, then the
+    records of one, go to them.
+    """
     address, _ = cluster
     (tmp_path / "desk").mkdir()
     monkeypatch.chdir(tmp_path / "desk")
@@ -71,7 +85,11 @@ def test_a_cluster_gives_the_same_bytes(alone, folders, tmp_path, monkeypatch, c
     told = small_run.nearlift("run", *given, "--executor", f"dask:{address}")
     assert told.exit_code == 0, told.output
     assert everything(Path()).keys() == everything(alone[0]).keys()
-    assert [name for name, content in everything(Path()).items() if content != everything(alone[0])[name]] == []
+    assert [
+        name
+        for name, content in everything(Path()).items()
+        if content != everything(alone[0])[name]
+    ] == []
     told = small_run.nearlift("ingest", given[0], "--out", "one", "--executor", f"dask:{address}")
     assert told.exit_code == 0, told.output
     trials = Path("processed", small_run.NAME, "trials.parquet")

@@ -1,4 +1,6 @@
-"""What a reduction to cells, a fit and a diagnosis hold at once grows with the trials, not with their square."""
+"""What a reduction to cells, a fit and a diagnosis hold at once grows with the trials, not with
+their square.
+"""
 
 import dataclasses
 import tracemalloc
@@ -16,7 +18,8 @@ from nearlift.stages import beside, expense
 from .simulated import campaign
 
 GROUND = catalogue.model("sanchez_cuevas")
-#: Trials are made four times as many; memory in proportion makes four of a peak, memory in their square sixteen.
+#: Trials are made four times as many; memory in proportion makes four of a peak, memory in their
+#: square sixteen.
 SEVERAL, LINEAR = 4, 5.0
 
 
@@ -24,7 +27,9 @@ def scattered(data, stops=None):
     """Every visit at a height of its own, or at one of so many."""
     rng = np.random.default_rng(5)
     moved = np.exp(0.05 * rng.normal(size=data.visit.max() + 1))
-    return dataclasses.replace(data, z_hat=data.z_hat * moved[data.visit % stops if stops else data.visit])
+    return dataclasses.replace(
+        data, z_hat=data.z_hat * moved[data.visit % stops if stops else data.visit]
+    )
 
 
 def fitted(data):
@@ -32,7 +37,10 @@ def fitted(data):
     profiles.of(found)
     predictive.leave_visit_out(found)
     gum.of(found)
-    collapse.examine(*beside.linearised(found), lambda g: gum.freedom(found.problem, g, found.parts, found.noise, found.slope))
+    collapse.examine(
+        *beside.linearised(found),
+        lambda g: gum.freedom(found.problem, g, found.parts, found.noise, found.slope),
+    )
 
 
 def reduced(data):
@@ -54,7 +62,9 @@ def peak(work, data):
 
 
 @pytest.mark.parametrize("work", [reduced, fitted, diagnosed])
-@pytest.mark.parametrize("place", [lambda data: data, scattered], ids=["stations", "scattered heights"])
+@pytest.mark.parametrize(
+    "place", [lambda data: data, scattered], ids=["stations", "scattered heights"]
+)
 def test_four_times_the_trials_take_no_more_than_five_times_the_memory(work, place):
     few, many = (place(campaign(2, visits=visits)) for visits in (15, 15 * SEVERAL))
     # what is imported, compiled or tabulated once belongs to neither
@@ -68,8 +78,12 @@ def in_sessions(sessions):
 
 
 def test_the_gains_of_all_sessions_are_differentiated_in_one_pass():
-    """The derivatives, (trials, sessions), are the largest thing made; and they are those of one session at a time."""
-    candidate = Candidate(base=GROUND, effects=(catalogue.effect("session_gain"),), data=in_sessions(60))
+    """The derivatives, (trials, sessions), are the largest thing made; and they are those of one
+    session at a time.
+    """
+    candidate = Candidate(
+        base=GROUND, effects=(catalogue.effect("session_gain"),), data=in_sessions(60)
+    )
     vector = np.r_[2.0, np.random.default_rng(7).normal(0, 0.01, 60)]
     jacobian = candidate.jacobian(vector)
     assert peak(lambda _: candidate.jacobian(vector), None) < 3 * jacobian.nbytes
@@ -84,7 +98,11 @@ def test_what_a_search_keeps_of_a_candidate_grows_with_the_trials_and_not_with_t
     singles = search.run(stage).singles
     assert {e.name for e in singles} == {"session_gain", "supply_sag"}
     for kept in (*singles, *(e.fitted for e in singles)):
-        arrays = [x for x in (getattr(kept, f.name) for f in dataclasses.fields(kept)) if isinstance(x, np.ndarray)]
+        arrays = [
+            x
+            for x in (getattr(kept, f.name) for f in dataclasses.fields(kept))
+            if isinstance(x, np.ndarray)
+        ]
         assert all(x.size <= stage.data.n for x in arrays)
 
 

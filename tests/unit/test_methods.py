@@ -1,4 +1,6 @@
-"""The methods paragraph: its numbers are the products', its cites are in the bibliography, and LaTeX and Markdown say the same."""
+"""The methods paragraph: its numbers are the products', its cites are in the bibliography, and
+LaTeX and Markdown say the same.
+"""
 
 from __future__ import annotations
 
@@ -49,8 +51,16 @@ def test_every_part_of_the_scatter_and_every_judge_is_the_products(evidence):
 
 
 def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
-    cited = {key for group in methods.CITED.findall(methods.markdown(evidence).decode()) for key in group.split("; @")}
-    tex = {key for group in re.findall(r"\\cite\{([^}]+)\}", methods.tex(evidence).decode()) for key in group.split(",")}
+    cited = {
+        key
+        for group in methods.CITED.findall(methods.markdown(evidence).decode())
+        for key in group.split("; @")
+    }
+    tex = {
+        key
+        for group in re.findall(r"\\cite\{([^}]+)\}", methods.tex(evidence).decode())
+        for key in group.split(",")
+    }
     bib = methods.references(evidence).decode()
     assert cited == tex == set(re.findall(r"^@\w+\{(\w+),$", bib, re.M))
     assert {"sanchezcuevas2017", "hsiao2019", "gum2008", "numpy"} <= cited
@@ -60,7 +70,10 @@ def test_every_cite_is_in_the_bibliography_and_nothing_else(evidence):
 def test_the_loop_is_told_with_its_error_and_what_it_moved(evidence):
     diagnosed = quoted.known(evidence, DIAGNOSED)
     text = methods.markdown(diagnosed).decode()
-    assert "accounted for by supply sag [@supply_sag], which the design cannot tell from session gain" in text
+    assert (
+        "accounted for by supply sag [@supply_sag], which the design cannot tell from session gain"
+        in text
+    )
     assert "Near the ground, $K_b$ = 2.00 ± 0.12 (k = 1; 90 %: 1.80 to 2.20). Holds" in text
     assert "1.22 % to 0.43 % of lift; noise floor 0.41 %" in text
     assert "@misc{supply_sag," in methods.references(diagnosed).decode()
@@ -68,7 +81,9 @@ def test_the_loop_is_told_with_its_error_and_what_it_moved(evidence):
 
 def test_names_from_files_do_nothing_in_latex_or_markdown(evidence):
     vehicle = evidence.campaign.vehicle.model_copy(update={"name": r"$x$ \input{y} [@z] 50 % `a`"})
-    hostile = dataclasses.replace(evidence, campaign=evidence.campaign.model_copy(update={"vehicle": vehicle}))
+    hostile = dataclasses.replace(
+        evidence, campaign=evidence.campaign.model_copy(update={"vehicle": vehicle})
+    )
     assert r"\input" not in methods.tex(hostile).decode()
     assert r"50 \%" in methods.tex(hostile).decode()
     assert "[@z]" not in methods.markdown(hostile).decode()

@@ -1,4 +1,6 @@
-"""Compiled loops as machine code: kept, damaged, unkept, and by numba's public road, they give the same answers."""
+"""Compiled loops as machine code: kept, damaged, unkept, and by numba's public road, they give the
+same answers.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def steady(monkeypatch: pytest.MonkeyPatch, folder: Path | None) -> Kernel:
     return Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
 
 
-def test_it_is_kept_and_found_again_and_damage_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_kept_and_found_again_and_damage_is_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     compiled = []
     real = Kernel.compiled
     monkeypatch.setattr(Kernel, "compiled", lambda self: compiled.append(1) or real(self))
@@ -52,7 +56,9 @@ def test_it_is_kept_and_found_again_and_damage_is_seen(tmp_path: Path, monkeypat
     assert native.checked(kept.read_bytes()) is not None
 
 
-def test_what_cannot_be_kept_is_compiled_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_kept_is_compiled_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for folder in (None, tmp_path / "missing"):
         assert steady(monkeypatch, folder)(native.address(CLOCK), len(CLOCK), 1000.0) == 1
 

@@ -1,4 +1,6 @@
-"""Trials whose rotors did not turn, records that begin with a stopped head, and weights that look like another unit."""
+"""Trials whose rotors did not turn, records that begin with a stopped head, and weights that look
+like another unit.
+"""
 
 import numpy as np
 
@@ -23,12 +25,17 @@ def test_a_lift_that_is_not_there_is_told_from_one_that_is():
 
 
 def test_a_trial_rejected_for_another_reason_is_left_to_it():
-    found = plausibility.without_lift(table([0.2, 0.21, np.nan, -1.0], ["", "", "NO_DATA", "SATURATED"]))
+    found = plausibility.without_lift(
+        table([0.2, 0.21, np.nan, -1.0], ["", "", "NO_DATA", "SATURATED"])
+    )
     assert not found.any()
 
 
 def test_ten_times_the_weight_gets_a_note_and_a_usual_one_none():
-    assert "which is unusual" in plausibility.odd_weight(table([4.2, 4.1]), 0.265, "mN", "records.force.unit")[0]
+    assert (
+        "which is unusual"
+        in plausibility.odd_weight(table([4.2, 4.1]), 0.265, "mN", "records.force.unit")[0]
+    )
     assert plausibility.odd_weight(table([0.41, 0.42]), 0.265, "mN", "records.force.unit") == []
 
 
@@ -40,5 +47,8 @@ def test_a_stopped_head_left_in_the_record_is_noticed():
 
 
 def test_a_campaign_of_unsettled_records_is_told_what_to_look_at():
-    assert "is `tare` too short" in plausibility.mostly_unsettled(table([0.2] * 4, ["unsettled"] * 3 + [""]))[0]
+    assert (
+        "is `tare` too short"
+        in plausibility.mostly_unsettled(table([0.2] * 4, ["unsettled"] * 3 + [""]))[0]
+    )
     assert plausibility.mostly_unsettled(table([0.2] * 4, ["unsettled"] + [""] * 3)) == []

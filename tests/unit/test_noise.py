@@ -1,4 +1,6 @@
-"""Noise: its likelihood against a dense calculation, its sizes against what trials were given, its order, its priors."""
+"""Noise: its likelihood against a dense calculation, its sizes against what trials were given, its
+order, its priors.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,26 @@ def quiet(data: Observations, u_lift_N: float = 0.0) -> Observations:
 
 
 def estimate(data: Observations, **how) -> Noise:
-    """Noise about the model's true curve, beside what any model of distance and throttle may lack."""
-    problem = Problem(model=MODEL, data=data, covariance=noise.trial_covariance(data, Noise(relative=0.01), np.zeros(data.n)))
+    """Noise about the model's true curve, beside what any model of distance and throttle
+    may lack.
+    """
+    problem = Problem(
+        model=MODEL,
+        data=data,
+        covariance=noise.trial_covariance(data, Noise(relative=0.01), np.zeros(data.n)),
+    )
     mean = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(THETA)])
     slope = how.pop("slope", problem.height_slope(THETA))
     lacking, source = noise.curves(data)
-    return noise.estimate(data, np.log(data.lift_N) - problem.log_ratio(THETA), mean, lacking, slope, source=source, **how)[0]
+    return noise.estimate(
+        data,
+        np.log(data.lift_N) - problem.log_ratio(THETA),
+        mean,
+        lacking,
+        slope,
+        source=source,
+        **how,
+    )[0]
 
 
 def drifting(data: Observations, seed: int, size: float, trials: float) -> Observations:
@@ -37,7 +53,9 @@ def drifting(data: Observations, seed: int, size: float, trials: float) -> Obser
     rng, drift = np.random.default_rng(seed), np.zeros(data.n)
     keep = np.exp(-1 / trials)
     for i in range(data.n):
-        drift[i] = keep * drift[i - 1] * (i > 0) + size * rng.normal() * (1.0 if i == 0 else np.sqrt(1 - keep**2))
+        drift[i] = keep * drift[i - 1] * (i > 0) + size * rng.normal() * (
+            1.0 if i == 0 else np.sqrt(1 - keep**2)
+        )
     return dataclasses.replace(data, lift_N=data.lift_N * np.exp(drift))
 
 
@@ -50,14 +68,25 @@ def shaken(data: Observations, seed: int, size: float) -> Observations:
 def dense(data, slope, sizes, unknown, free, y):
     """Minus twice the log posterior of the sizes as a textbook has it, all matrices n x n."""
     relative, force_N, height_m, common, *drift = sizes
-    scatter = Noise(relative=relative, force_N=force_N, height_m=height_m, common=common, drift=tuple(drift))
-    v = noise.trial_covariance(data, scatter, slope).dense() + unknown[:, free:] @ unknown[:, free:].T
+    scatter = Noise(
+        relative=relative, force_N=force_N, height_m=height_m, common=common, drift=tuple(drift)
+    )
+    v = (
+        noise.trial_covariance(data, scatter, slope).dense()
+        + unknown[:, free:] @ unknown[:, free:].T
+    )
     x = unknown[:, :free]
     inverse = np.linalg.inv(v)
     information = x.T @ inverse @ x
     p = inverse - inverse @ x @ np.linalg.solve(information, x.T @ inverse)
     value = np.linalg.slogdet(v)[1] + np.linalg.slogdet(information)[1] + y @ p @ y
-    scales = [(0.005, 1), (0.002 * np.median(data.lift_N), 1), (1e-4, 2), (2e-3, 0.25), *noise.DRIFT_PRIORS]
+    scales = [
+        (0.005, 1),
+        (0.002 * np.median(data.lift_N), 1),
+        (1e-4, 2),
+        (2e-3, 0.25),
+        *noise.DRIFT_PRIORS,
+    ]
     for s, (c, nu) in zip(sizes, scales, strict=False):
         value += (nu + 1) * np.log(1 + s**2 / (nu * c**2)) - 2 * np.log(s)
     return value
@@ -66,10 +95,21 @@ def dense(data, slope, sizes, unknown, free, y):
 def test_the_likelihood_and_its_slope_are_those_of_the_dense_calculation():
     data = campaign(1, visits=3)
     rng = np.random.default_rng(0)
-    unknown, y = np.hstack([rng.standard_normal((data.n, 5)), 0.01 * rng.standard_normal((data.n, 7))]), 0.01 * rng.standard_normal(data.n)
+    unknown, y = (
+        np.hstack([rng.standard_normal((data.n, 5)), 0.01 * rng.standard_normal((data.n, 7))]),
+        0.01 * rng.standard_normal(data.n),
+    )
     slope = height_slope(MODEL, data, VALUES)
     model = noise._Components.of(data, slope, unknown, 5, 0.0)
-    assert list(model.priors) == ["relative", "force_N", "height_m", "common", "drift0", "drift1", "drift2"]
+    assert list(model.priors) == [
+        "relative",
+        "force_N",
+        "height_m",
+        "common",
+        "drift0",
+        "drift1",
+        "drift2",
+    ]
     sizes = [0.004, 3e-4, 2e-4, 0.001, 0.002, 0.003, 0.001]
     unit = np.array([1, np.median(data.lift_N), 1, 1, 1, 1, 1])
     x = np.log(sizes / unit)
@@ -79,13 +119,17 @@ def test_the_likelihood_and_its_slope_are_those_of_the_dense_calculation():
         return dense(data, slope, np.exp(x) * unit, unknown, 5, y)
 
     other = x + rng.normal(0, 0.5, 7)
-    assert model.at(other, y[model.order]).deviance - found.deviance == pytest.approx(deviance(other) - deviance(x), rel=1e-8)
+    assert model.at(other, y[model.order]).deviance - found.deviance == pytest.approx(
+        deviance(other) - deviance(x), rel=1e-8
+    )
     differences = [(deviance(x + h) - deviance(x - h)) / 2e-4 for h in 1e-4 * np.eye(7)]
     np.testing.assert_allclose(found.gradient, differences, rtol=1e-5, atol=1e-5)
 
 
 def test_what_others_say_of_a_trial_is_what_leaving_it_out_says():
-    """The error of predicting a trial from all others, over its standard deviation, by which outliers are judged."""
+    """The error of predicting a trial from all others, over its standard deviation, by which
+    outliers are judged.
+    """
     data = campaign(1, visits=2)
     rng = np.random.default_rng(3)
     mean, y = np.eye(len(data.levels))[data.level], 0.01 * rng.standard_normal(data.n)
@@ -94,22 +138,36 @@ def test_what_others_say_of_a_trial_is_what_leaving_it_out_says():
     x = np.log([0.004, 3e-4, 2e-4, 0.001, 0.002, 0.003][: len(model.priors)])
     found = model.at(x, y[model.order])
     sizes = np.exp(x) * np.array([1, np.median(data.lift_N), 1, 1, 1, 1])[: len(x)]
-    scatter = Noise(relative=sizes[0], force_N=sizes[1], height_m=sizes[2], common=sizes[3], drift=tuple(sizes[4:]))
+    scatter = Noise(
+        relative=sizes[0],
+        force_N=sizes[1],
+        height_m=sizes[2],
+        common=sizes[3],
+        drift=tuple(sizes[4:]),
+    )
     v = noise.trial_covariance(data, scatter, slope).dense()
     for i in (0, 17, data.n - 1):
         rest = np.arange(data.n) != i
         inverse = np.linalg.inv(v[np.ix_(rest, rest)])
-        given = np.linalg.solve(mean[rest].T @ inverse @ mean[rest], mean[rest].T @ inverse @ y[rest])
+        given = np.linalg.solve(
+            mean[rest].T @ inverse @ mean[rest], mean[rest].T @ inverse @ y[rest]
+        )
         weight = v[i, rest] @ inverse
         error = y[i] - mean[i] @ given - weight @ (y[rest] - mean[rest] @ given)
         gap = mean[i] - weight @ mean[rest]
-        variance = v[i, i] - weight @ v[rest, i] + gap @ np.linalg.solve(mean[rest].T @ inverse @ mean[rest], gap)
+        variance = (
+            v[i, i]
+            - weight @ v[rest, i]
+            + gap @ np.linalg.solve(mean[rest].T @ inverse @ mean[rest], gap)
+        )
         assert found.weighed[i] / found.precision[i] == pytest.approx(error, rel=1e-8)
         assert 1 / found.precision[i] == pytest.approx(variance, rel=1e-8)
 
 
 def test_sizes_are_those_that_trials_were_given():
-    """Mean logarithms over campaigns, each within 3.5 standard errors, and a prior's share beside."""
+    """Mean logarithms over campaigns, each within 3.5 standard errors, and a prior's
+    share beside.
+    """
     stations = (1.05, 1.1, 1.2, 1.3, 1.5, 3.0, 6.0, 11.0)
     truth = {"relative": 0.004, "force_N": 1e-3, "height_m": 3e-3, "common": 0.004}
     found = []
@@ -123,13 +181,23 @@ def test_sizes_are_those_that_trials_were_given():
 
 @pytest.mark.parametrize("trials", [3.0, 30.0, 60.0])
 def test_a_drift_is_found_whatever_its_length(trials):
-    """Not only at the ladder's rungs. What forgets within three trials and what is each trial's own are hardly told apart; their sum is."""
+    """Not only at the ladder's rungs. What forgets within three trials and what is each trial's own
+    are hardly told apart; their sum is.
+    """
     squares, whole = [], []
     for seed in range(6):
-        told = estimate(drifting(quiet(campaign(seed, visits=20, relative=0.003, force=0.0, height=0.0)), seed, 0.006, trials))
+        told = estimate(
+            drifting(
+                quiet(campaign(seed, visits=20, relative=0.003, force=0.0, height=0.0)),
+                seed,
+                0.006,
+                trials,
+            )
+        )
         squares.append(np.sum(np.square(told.drift)) + told.common**2)
         whole.append(squares[-1] + told.relative**2)
-    # 400 trials are as many as 7 to 130 independent ones, six times over: their variance is known to 7 to 25 %
+    # 400 trials are as many as 7 to 130 independent ones, six times over: their variance is known
+    # to 7 to 25 %
     assert np.sqrt(np.mean(squares)) == pytest.approx(0.006, rel=0.3)
     assert np.sqrt(np.mean(whole)) == pytest.approx(np.hypot(0.003, 0.006), rel=0.2)
 
@@ -143,7 +211,9 @@ def test_what_is_absent_is_small_and_never_nothing():
 
 
 def test_few_visits_do_not_make_heights_scatter():
-    """160 trials: a height error of a tenth of a millimetre is not made out to be one of several."""
+    """160 trials: a height error of a tenth of a millimetre is not made out to be one of
+    several.
+    """
     ratios = []
     for seed in range(12):
         ratios.append(estimate(campaign(seed, visits=4, height=1e-4)).height_m / 1e-4)
@@ -154,7 +224,9 @@ def test_few_visits_do_not_make_heights_scatter():
 def test_structure_is_not_noise():
     """A bump in one cell and a wrong curve leave the scatter as it was."""
     data = quiet(campaign(4, visits=10))
-    bump = 0.05 * ((data.z_hat == STATIONS[2]) & (data.throttle == THROTTLES[1])) + 0.03 / data.z_hat
+    bump = (
+        0.05 * ((data.z_hat == STATIONS[2]) & (data.throttle == THROTTLES[1])) + 0.03 / data.z_hat
+    )
     bent = dataclasses.replace(data, lift_N=data.lift_N * np.exp(bump))
     assert estimate(bent).relative == pytest.approx(estimate(data).relative, rel=0.05)
 
@@ -201,11 +273,17 @@ def test_trials_that_share_no_visit_have_nothing_in_common():
 
 @pytest.mark.parametrize("factor", [0.3, 3.0])
 def test_priors_are_weak(factor, monkeypatch):
-    """Three times as wide or as narrow, they move u of a coefficient by less than a fifth where 40 visits tell."""
+    """Three times as wide or as narrow, they move u of a coefficient by less than a fifth where 40
+    visits tell.
+    """
     data = campaign(4, visits=4)
     usual = least_squares.fit(MODEL, data).estimates["K_b"].u
-    monkeypatch.setattr(noise, "PRIORS", {name: (factor * scale, nu) for name, (scale, nu) in noise.PRIORS.items()})
-    monkeypatch.setattr(noise, "DRIFT_PRIORS", tuple((factor * scale, nu) for scale, nu in noise.DRIFT_PRIORS))
+    monkeypatch.setattr(
+        noise, "PRIORS", {name: (factor * scale, nu) for name, (scale, nu) in noise.PRIORS.items()}
+    )
+    monkeypatch.setattr(
+        noise, "DRIFT_PRIORS", tuple((factor * scale, nu) for scale, nu in noise.DRIFT_PRIORS)
+    )
     assert least_squares.fit(MODEL, data).estimates["K_b"].u == pytest.approx(usual, rel=0.2)
 
 
@@ -229,18 +307,24 @@ def test_exact_numbers_still_have_a_covariance():
     data = quiet(campaign(4, relative=0.0, force=0.0, height=0.0))
     told = estimate(data)
     assert told.relative < 1e-4
-    assert np.isfinite(noise.trial_covariance(data, told, height_slope(MODEL, data, VALUES)).log_det)
+    assert np.isfinite(
+        noise.trial_covariance(data, told, height_slope(MODEL, data, VALUES)).log_det
+    )
 
 
 def test_the_covariance_is_the_sum_of_its_named_parts():
     data = campaign(4, visits=2)
     slope = height_slope(MODEL, data, VALUES)
-    scatter = Noise(relative=0.004, force_N=3e-4, height_m=2e-4, common=0.001, drift=(0.002, 0.0, 0.003))
+    scatter = Noise(
+        relative=0.004, force_N=3e-4, height_m=2e-4, common=0.001, drift=(0.002, 0.0, 0.003)
+    )
     shared = np.stack([0.001 * slope, np.full(data.n, 0.002)], axis=1)
     dense = noise.trial_covariance(data, scatter, slope, shared, 1e-6).dense()
     i, j = np.indices(dense.shape)
     same_visit = data.visit[i] == data.visit[j]
-    expected = np.diag((data.u_lift_N / data.lift_N) ** 2 + 0.004**2 + (3e-4 / data.lift_N) ** 2 + 1e-6)
+    expected = np.diag(
+        (data.u_lift_N / data.lift_N) ** 2 + 0.004**2 + (3e-4 / data.lift_N) ** 2 + 1e-6
+    )
     expected += same_visit * (2e-4**2 * np.outer(slope, slope) + 0.001**2)
     expected += 0.002**2 * np.exp(-np.abs(i - j) / 1.5) + 0.003**2 * np.exp(-np.abs(i - j) / 24)
     expected += 1e-6 * np.outer(slope, slope) + 0.002**2
@@ -250,6 +334,10 @@ def test_the_covariance_is_the_sum_of_its_named_parts():
 def test_cells_are_pairs_of_distance_and_throttle():
     data = campaign(4, visits=3)
     label = noise.cells(data)
-    pairs = {(z, t): label[(data.z_hat == z) & (data.throttle == t)] for z in data.z_hat for t in THROTTLES}
+    pairs = {
+        (z, t): label[(data.z_hat == z) & (data.throttle == t)]
+        for z in data.z_hat
+        for t in THROTTLES
+    }
     assert all(len(set(members.tolist())) == 1 and len(members) == 3 for members in pairs.values())
     assert len(set(label.tolist())) == len(pairs)

@@ -34,7 +34,9 @@ def evidence(out: Path) -> report.Evidence:
 
 
 def test_the_product_has_a_block_with_the_reason(out: Path):
-    block = json.loads((out / "processed/means" / DIAGNOSIS.file).read_text())["boundaries"]["ground"]
+    block = json.loads((out / "processed/means" / DIAGNOSIS.file).read_text())["boundaries"][
+        "ground"
+    ]
     assert block["verdict"] == NOT_DIAGNOSED
     assert block["reason"] == REASON
     assert block["effects"] == []

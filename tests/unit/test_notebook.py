@@ -1,4 +1,6 @@
-"""The example notebook runs from top to bottom in a kernel of its own; it is kept without outputs."""
+"""The example notebook runs from top to bottom in a kernel of its own; it is kept without
+outputs.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,20 @@ def executed(demo, tmp_path_factory) -> list[dict]:
     folder = tmp_path_factory.mktemp("notebook")
     shutil.copytree(demo, folder, dirs_exist_ok=True)
     command = [sys.executable, "-W", "ignore", "-c", EXECUTE, str(NOTEBOOK)]
-    done = subprocess.run(command, cwd=folder, env={**os.environ, "JUPYTER_PLATFORM_DIRS": "1"}, capture_output=True, text=True, timeout=900)
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        env={**os.environ, "JUPYTER_PLATFORM_DIRS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
     assert done.returncode == 0, done.stderr[-3000:]
-    return [cell for cell in json.loads((folder / "executed.ipynb").read_text())["cells"] if cell["cell_type"] == "code"]
+    return [
+        cell
+        for cell in json.loads((folder / "executed.ipynb").read_text())["cells"]
+        if cell["cell_type"] == "code"
+    ]
 
 
 def test_no_output_is_kept():
@@ -37,14 +50,26 @@ def test_no_output_is_kept():
 
 
 def test_every_answer_shows_itself(executed):
-    shown = ["".join(output["data"].get("text/html", "")) for cell in executed for output in cell["outputs"] if "data" in output]
+    shown = [
+        "".join(output["data"].get("text/html", ""))
+        for cell in executed
+        for output in cell["outputs"]
+        if "data" in output
+    ]
     pages = "\n".join(shown)
-    assert all(output["output_type"] == "execute_result" for cell in executed for output in cell["outputs"]), "something was printed or warned of"
+    assert all(
+        output["output_type"] == "execute_result" for cell in executed for output in cell["outputs"]
+    ), "something was printed or warned of"
     assert pages.count('src="data:image/png;base64,') == 3
     for words in ("up to date", "Sanchez-Cuevas", "supply_sag", "90 % interval"):
         assert words in pages
 
 
 def test_the_loop_found_what_is_in_the_demo(executed):
-    (answer,) = ["".join(o["data"]["text/plain"]) for c in executed for o in c["outputs"] if "within 90 %" in "".join(o["data"]["text/plain"])]
+    (answer,) = [
+        "".join(o["data"]["text/plain"])
+        for c in executed
+        for o in c["outputs"]
+        if "within 90 %" in "".join(o["data"]["text/plain"])
+    ]
     assert "'within 90 %': True" in answer

@@ -1,4 +1,6 @@
-"""Whatever prints a coefficient of a campaign prints the one that is quoted; another number stands only behind its condition."""
+"""Whatever prints a coefficient of a campaign prints the one that is quoted; another number stands
+only behind its condition.
+"""
 
 from __future__ import annotations
 
@@ -45,10 +47,20 @@ def quoted(job):
 
 
 def visible(page: str) -> str:
-    """Text of the page without its chart data, and without what is folded behind a condition or is another model's."""
+    """Text of the page without its chart data, and without what is folded behind a condition or is
+    another model's.
+    """
     page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
-    page = re.sub(r"<details><summary>(What it would be|The base fit’s coefficient at each exponent).*?</details>", " ", page, flags=re.S)
-    page = re.sub(r"<tr>(?:(?!</tr>).)*</tr>", " ", page, flags=re.S)  # of the tables of models, only the base's row is marked
+    page = re.sub(
+        r"<details><summary>(What it would be|The base fit’s coefficient at each"
+        r" exponent).*?</details>",
+        " ",
+        page,
+        flags=re.S,
+    )
+    page = re.sub(
+        r"<tr>(?:(?!</tr>).)*</tr>", " ", page, flags=re.S
+    )  # of the tables of models, only the base's row is marked
     page = re.sub(r'alt="([^"]*)"', r">\1<", page)
     return html.unescape(re.sub(r"<[^>]+>", "", page))
 
@@ -57,7 +69,9 @@ def test_the_page_says_one_number(job, quoted):
     c = quoted.coefficients["K_b"]
     text = visible((job.reports / "index.html").read_text())
     # conditions are said in captions as such
-    said = SAID.findall(re.sub(r"\bif \(1\).*?\.(?=\s|$)|if [^.;]*: [−\d.]+, 90 %[^.]*\.\d*", " ", text))
+    said = SAID.findall(
+        re.sub(r"\bif \(1\).*?\.(?=\s|$)|if [^.;]*: [−\d.]+, 90 %[^.]*\.\d*", " ", text)
+    )
     assert len(said) >= 3
     # the literature's value, K_b = 2, is drawn and named too
     assert set(said) - {"2"} == {plus_minus(c.value, c.u).partition(" ")[0]}
@@ -71,7 +85,9 @@ def test_every_document_says_one_number(job, quoted):
         assert set(SAID.findall(text)) == {value}, name
         assert f"{low} to {high}" in text or rf"\numrange{{{low}}}{{{high}}}" in text
     (row,) = csv.DictReader(io.StringIO((job.reports / "tables/coefficients.csv").read_text()))
-    assert [float(row[k]) for k in ("value", "lo90", "hi90")] == pytest.approx([c.value, c.lo90, c.hi90], rel=1e-8)
+    assert [float(row[k]) for k in ("value", "lo90", "hi90")] == pytest.approx(
+        [c.value, c.lo90, c.hi90], rel=1e-8
+    )
 
 
 def test_exports_say_one_number(job, quoted):
@@ -91,8 +107,13 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     content = job.read_json(FIT)["boundaries"]["ground"]
     models = {name: ModelFit.of(name, e) for name, e in content.items()}
     fit = BoundaryFit(boundary="ground", base=models["sanchez_cuevas"], models=models)
-    shown = display.fit(Fit(campaign="small", boundaries={"ground": fit}, quoted={"ground": quoted}, posterior=None))
-    assert f"<td>{plus_minus(c.value, c.u)}</td><td>{like(c.lo90, c.u)} to {like(c.hi90, c.u)}</td>" in shown
+    shown = display.fit(
+        Fit(campaign="small", boundaries={"ground": fit}, quoted={"ground": quoted}, posterior=None)
+    )
+    assert (
+        f"<td>{plus_minus(c.value, c.u)}</td><td>{like(c.lo90, c.u)} to {like(c.hi90, c.u)}</td>"
+        in shown
+    )
     assert len(re.findall(r"± ", shown)) == 1
 
 

@@ -17,17 +17,29 @@ THROTTLES = np.array([0.25, 0.5, 0.75, 0.92])
 def bench(seed, stations=11, visits=4, throttles=THROTTLES, noise="normal", size=0.005):
     """Log lift of a traverse, whose visits have 1 % in common."""
     rng = np.random.default_rng(seed)
-    z = np.repeat(rng.permutation(np.repeat(np.linspace(1.1, 12.0, stations), visits)), len(throttles))
+    z = np.repeat(
+        rng.permutation(np.repeat(np.linspace(1.1, 12.0, stations), visits)), len(throttles)
+    )
     throttle = np.tile(throttles, stations * visits)
     visit = np.repeat(np.arange(stations * visits), len(throttles))
     n = len(z)
     drawn = {"normal": rng.standard_normal, "t6": lambda n: rng.standard_t(6, n)}[noise](n)
-    return 1.4 * np.log(throttle) + 0.3 / z + 0.01 * rng.standard_normal(visit.max() + 1)[visit] + size * drawn, z, throttle, visit
+    return (
+        1.4 * np.log(throttle)
+        + 0.3 / z
+        + 0.01 * rng.standard_normal(visit.max() + 1)[visit]
+        + size * drawn,
+        z,
+        throttle,
+        visit,
+    )
 
 
 @pytest.mark.parametrize("noise", ["normal", "t6"])
 def test_noise_is_no_outlier(noise):
-    """200 campaigns of 176 trials: two alarms are expected at most; six or more have a chance of 2 %."""
+    """200 campaigns of 176 trials: two alarms are expected at most; six or more have a chance of 2
+    %.
+    """
     assert sum(screen(*bench(seed, noise=noise)).outlying.any() for seed in range(200)) < 6
 
 
@@ -58,13 +70,18 @@ def test_two_trials_that_changed_their_distances_are_both_named_though_each_now_
 
 @pytest.mark.parametrize("repeats", [1, 2, 4])
 def test_few_repeats_and_three_throttles_do_not_pass_the_blame_on(repeats):
-    """With two visit mates a median is their mean: an outlier among them moves its innocent neighbours' as far as half of it."""
+    """With two visit mates a median is their mean: an outlier among them moves its innocent
+    neighbours' as far as half of it.
+    """
     log_lift, *places = bench(5, stations=16, visits=repeats, throttles=THROTTLES[:3])
     log_lift[20] += 1.0
     assert np.flatnonzero(screen(log_lift, *places).outlying).tolist() == [20]
 
 
-@pytest.mark.parametrize("effect", ["supply sag", "session gain", "near wall", "throttle by distance", "height of visits"])
+@pytest.mark.parametrize(
+    "effect",
+    ["supply sag", "session gain", "near wall", "throttle by distance", "height of visits"],
+)
 def test_what_an_undeclared_effect_does_is_no_outlier(effect):
     flagged = 0
     for seed in range(20):
@@ -97,7 +114,11 @@ def test_one_throttle_without_repeats_waits_for_a_curve():
 
 def test_what_cannot_be_screened_says_why():
     few = screen(*bench(5, stations=2, visits=2))
-    assert few.why_not == f"16 trials have repeats or neighbours to compare with; at least {LEAST_TRIALS} are wanted"
+    assert (
+        few.why_not
+        == f"16 trials have repeats or neighbours to compare with; at least {LEAST_TRIALS} are"
+        " wanted"
+    )
     exact = screen(*bench(5, size=0.0))
     assert exact.why_not == "most trials repeat exactly, so nothing shows how far noise reaches"
     none = screen(*(np.zeros(0) for _ in range(3)), np.zeros(0, dtype=np.int64))

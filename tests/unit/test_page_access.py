@@ -1,4 +1,6 @@
-"""Who cannot see, point, or run scripts reads the same page; and what draws its charts is what it says it is."""
+"""Who cannot see, point, or run scripts reads the same page; and what draws its charts is what it
+says it is.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from nearlift.pages.charts.gallery import charts
 from nearlift.pages.render import Picture, page
 from nearlift.stages import report
 
-STYLE = resources.files("nearlift.pages").joinpath("templates", "page.css").read_text(encoding="utf-8")
+STYLE = (
+    resources.files("nearlift.pages").joinpath("templates", "page.css").read_text(encoding="utf-8")
+)
 VOID = {"meta", "link", "img", "br", "input", "path"}
 
 
@@ -115,7 +119,9 @@ def test_contrast_is_that_of_wcag_aa(scheme):
 
 def test_the_library_is_what_the_pinned_package_bundles():
     bundler = pytest.importorskip("vl_convert", reason="vl-convert is not installed")
-    held = resources.files("nearlift.pages").joinpath("vendor", "vega.js").read_text(encoding="utf-8")
+    held = (
+        resources.files("nearlift.pages").joinpath("vendor", "vega.js").read_text(encoding="utf-8")
+    )
     assert bundler.javascript_bundle() == held
     assert "<!--" not in held
     assert "<script" not in held

@@ -1,4 +1,6 @@
-"""Nothing in the current folder or in the campaign's is run or changed, whatever lies there, with any executor."""
+"""Nothing in the current folder or in the campaign's is run or changed, whatever lies there, with
+any executor.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from nearlift.synthetic.records import Bench
 from . import small_run
 from .small_run import state
 
-#: Runs each command in turn, as the console script would. The demo's campaign is a small one, and one figure is drawn.
+#: Runs each command in turn, as the console script would. The demo's campaign is a small one, and
+#: one figure is drawn.
 DRIVER = """
 import json, shutil, sys
 from nearlift.cli import main
@@ -60,7 +63,8 @@ set_points = { ground = [0.8, 1.2] }
 """
 
 
-#: A module that says that it was run, and then is the one whose name it bears, so that nobody notices.
+#: A module that says that it was run, and then is the one whose name it bears, so that nobody
+#: notices.
 PLANTED = """
 with open({mark!r}, "a") as file:
     file.write(__name__ + "\\n")
@@ -74,9 +78,18 @@ sys.path[:] = path
 
 
 def planted(folder: Path, mark: Path) -> None:
-    """Fill a folder with what Python and the libraries used would read in the current one; whatever is run says so in `mark`."""
+    """Fill a folder with what Python and the libraries used would read in the current one; whatever
+    is run says so in `mark`.
+    """
     code = PLANTED.format(mark=str(mark), folder=str(folder))
-    names = {*sys.stdlib_module_names, *metadata.packages_distributions(), "sitecustomize", "usercustomize", "conftest", "planted"}
+    names = {
+        *sys.stdlib_module_names,
+        *metadata.packages_distributions(),
+        "sitecustomize",
+        "usercustomize",
+        "conftest",
+        "planted",
+    }
     for name in names:
         if "/" not in name:
             (folder / f"{name}.py").write_text(code)
@@ -84,11 +97,21 @@ def planted(folder: Path, mark: Path) -> None:
     entry = folder / "planted-1.dist-info"
     entry.mkdir()
     (entry / "METADATA").write_text("Metadata-Version: 2.1\nName: planted\nVersion: 1\n")
-    (entry / "entry_points.txt").write_text("".join(f"[nearlift.{kind}]\nplanted = planted:it\n" for kind in ("models", "effects", "readers")))
-    # numba would keep its code here, and load what it finds; what matplotlib cannot understand it says
+    (entry / "entry_points.txt").write_text(
+        "".join(
+            f"[nearlift.{kind}]\nplanted = planted:it\n"
+            for kind in ("models", "effects", "readers")
+        )
+    )
+    # numba would keep its code here, and load what it finds; what matplotlib cannot understand it
+    # says
     (folder / ".numba_config.yaml").write_text(f"cache_dir: {folder}\n")
     (folder / "matplotlibrc").write_text("planted : yes\naxes.prop_cycle : planted()\n")
-    for name, text in {".env": "PYTHONPATH=.\n", "pyvenv.cfg": "home = .\n", "setup.cfg": "[nearlift]\n"}.items():
+    for name, text in {
+        ".env": "PYTHONPATH=.\n",
+        "pyvenv.cfg": "home = .\n",
+        "setup.cfg": "[nearlift]\n",
+    }.items():
         (folder / name).write_text(text)
 
 
@@ -96,7 +119,21 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
     """A form of each that ends soon; in an order in which each finds what it reads."""
     given: dict[str, list[object]] = {
         "new": [out / "new"],
-        **{name: [raw] for name in ("ingest", "reduce", "fit", "diagnose", "flow", "joint", "simulate", "detect", "ledger", "report")},
+        **{
+            name: [raw]
+            for name in (
+                "ingest",
+                "reduce",
+                "fit",
+                "diagnose",
+                "flow",
+                "joint",
+                "simulate",
+                "detect",
+                "ledger",
+                "report",
+            )
+        },
         "run": [raw],
         "demo": [],
         "design": [raw],
@@ -119,7 +156,11 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
 def test_no_command_runs_or_changes_what_is_planted(tmp_path, monkeypatch, executor):
     raw = small_run.write(tmp_path / "raw", visits=2)
     monkeypatch.setattr(demo_flow, "FIELDS", 2)
-    two = {name: wake for name, wake in demo_flow.wakes(Bench()).items() if name in ("control", "ground-3.4")}
+    two = {
+        name: wake
+        for name, wake in demo_flow.wakes(Bench()).items()
+        if name in ("control", "ground-3.4")
+    }
     monkeypatch.setattr(demo_flow, "wakes", lambda _: two)
     text = demo_flow.write_piv(raw, Bench(), seed=3).replace(', "ceiling-2"', "")
     (raw / "campaign.toml").write_text((raw / "campaign.toml").read_text() + text + QUICK)
@@ -139,10 +180,21 @@ def test_no_command_runs_or_changes_what_is_planted(tmp_path, monkeypatch, execu
         words += ["--executor", executor] if "--executor" in options else []
     asked = json.dumps([str(raw), commands])
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run([sys.executable, driver, asked], cwd=here, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, driver, asked],
+        cwd=here,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (sorted(set(mark.read_text().split())) if mark.exists() else []) == []
-    assert [name for name, content in {**state(here), **state(raw)}.items() if content not in before] == []
+    assert [
+        name for name, content in {**state(here), **state(raw)}.items() if content not in before
+    ] == []
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     assert "planted" not in done.stderr
-    assert {name: code for name, code in json.loads(done.stdout.splitlines()[-1]).items() if code} == {}
+    assert {
+        name: code for name, code in json.loads(done.stdout.splitlines()[-1]).items() if code
+    } == {}

@@ -18,9 +18,16 @@ FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}
 
 def table(factor: float = 1.0, **changes: Any) -> dict[str, Any]:
     """Two stations at each throttle, the near one with more lift."""
-    rows = [("ground", z, t, factor * lift * gain, "") for t, lift in FAR.items() for z, gain in ((2.0, 1.1), (20.0, 1.0))]
+    rows = [
+        ("ground", z, t, factor * lift * gain, "")
+        for t, lift in FAR.items()
+        for z, gain in ((2.0, 1.1), (20.0, 1.0))
+    ]
     names = ("boundary", "z_hat", "throttle", "lift_N", "quality")
-    columns = {n: np.array(v, dtype=object if isinstance(v[0], str) else float) for n, v in zip(names, zip(*rows, strict=True), strict=True)}
+    columns = {
+        n: np.array(v, dtype=object if isinstance(v[0], str) else float)
+        for n, v in zip(names, zip(*rows, strict=True), strict=True)
+    }
     return {**columns, **changes}
 
 
@@ -40,17 +47,30 @@ def test_rejected_trials_do_not_judge() -> None:
 @pytest.mark.parametrize(
     ("factor", "unit", "match"),
     [
-        (1 / 9.80665e-3, "N", r'212 times the weight of 0\.2646 N\n  is the unit "gf" \(2\.1 times the weight\)'),
+        (
+            1 / 9.80665e-3,
+            "N",
+            r'212 times the weight of 0\.2646 N\n  is the unit "gf" \(2\.1 times the weight\)',
+        ),
         (1e3, "N", r'2.08e\+03 times the weight.*\n  is the unit "mN" \(2\.1 times the weight\)'),
         (9.80665e-3 / 9.80665, "kgf", r'is the unit .*"lbf".*rather than "kgf"|no usual unit'),
         (1e-3, "mN", r'0.00208 times the weight.*\n  is the unit "N"'),
         (1e3, "count", "check the calibration's gain .off by about 2.1e.03"),
         (1e9, "N", "no usual unit makes sense of it"),
         (9.80665, "gf", r'20\.4 times the weight.*\n  is the unit "mN" \(2\.1 times the weight\)'),
-        (1 / 9.80665, "mN", r'at 92 % throttle .* 0\.212 times the weight.*\n  is the unit "gf" \(2\.1 times the weight\)'),
+        (
+            1 / 9.80665,
+            "mN",
+            (
+                r'at 92 % throttle .* 0\.212 times the weight.*\n  is the unit "gf" \(2\.1 times'
+                r" the weight\)"
+            ),
+        ),
     ],
 )
-def test_a_force_that_cannot_be_this_vehicles_is_refused(factor: float, unit: str, match: str) -> None:
+def test_a_force_that_cannot_be_this_vehicles_is_refused(
+    factor: float, unit: str, match: str
+) -> None:
     with pytest.raises(InputRefused, match=match):
         plausibility.against_weight(table(factor), WEIGHT, unit, "records.force.unit")
 
@@ -76,15 +96,23 @@ def test_an_uncertainty_as_large_as_what_it_is_of_is_noted(on: str, value: str, 
 @pytest.mark.parametrize(
     ("cell", "told"),
     [
-        ({"range": "100 gf", "accuracy": "20 gf"}, "load_cell.accuracy = 196 mN is 20% of `range`, 981 mN, where cells have 0.02 to 1 %"),
+        (
+            {"range": "100 gf", "accuracy": "20 gf"},
+            "load_cell.accuracy = 196 mN is 20% of `range`, 981 mN, where cells have 0.02 to 1 %",
+        ),
         ({"range": "100 gf", "accuracy": "4.9 gf"}, ""),
         (
             {"range": None, "accuracy": "1.5 gf"},
-            "load_cell.accuracy = 14.7 mN is that of the straight line at full range, and counts for nothing without `range`",
+            (
+                "load_cell.accuracy = 14.7 mN is that of the straight line at full range, and"
+                " counts for nothing without `range`"
+            ),
         ),
     ],
 )
-def test_a_load_cell_worse_than_any_is_noted_and_one_without_a_range(cell: dict[str, Any], told: str) -> None:
+def test_a_load_cell_worse_than_any_is_noted_and_one_without_a_range(
+    cell: dict[str, Any], told: str
+) -> None:
     notes = plausibility.overstated(table(), manifest(load_cell=cell))
     assert told in "".join(notes)
     assert bool(told) == bool(notes)
@@ -102,21 +130,33 @@ def test_slow_rotors_may_lift_little() -> None:
 
 
 def test_a_wrong_sign_is_refused() -> None:
-    with pytest.raises(InputRefused, match=r"far from the ground at 92 % throttle the lift is negative.*\n.*change the sign"):
+    with pytest.raises(
+        InputRefused,
+        match=r"far from the ground at 92 % throttle the lift is negative.*\n.*change the sign",
+    ):
         plausibility.against_weight(table(-1.0), WEIGHT, "N", "k")
 
 
 def test_free_air_judges_too() -> None:
     with pytest.raises(InputRefused, match="in free air"):
-        plausibility.against_weight(table(1e3, boundary=np.array(["none"] * 8, dtype=object)), WEIGHT, "N", "k")
+        plausibility.against_weight(
+            table(1e3, boundary=np.array(["none"] * 8, dtype=object)), WEIGHT, "N", "k"
+        )
 
 
 def test_nothing_good_is_no_judge() -> None:
-    plausibility.against_weight(table(quality=np.array(["STUCK"] * 8, dtype=object)), WEIGHT, "N", "k")
+    plausibility.against_weight(
+        table(quality=np.array(["STUCK"] * 8, dtype=object)), WEIGHT, "N", "k"
+    )
 
 
 def test_single_trials_beyond_reason() -> None:
-    assert plausibility.implausible(np.array([0.3, 30.0, np.nan, -30.0]), WEIGHT).tolist() == [False, True, False, True]
+    assert plausibility.implausible(np.array([0.3, 30.0, np.nan, -30.0]), WEIGHT).tolist() == [
+        False,
+        True,
+        False,
+        True,
+    ]
 
 
 def test_lift_that_does_not_rise_is_named() -> None:
@@ -137,7 +177,9 @@ def test_lift_that_does_not_rise_is_named() -> None:
         (0, ["EMPTY"], ["EMPTY"]),
     ],
 )
-def test_lengths_are_judged_by_the_median(samples: int, before: list[str], after: list[str]) -> None:
+def test_lengths_are_judged_by_the_median(
+    samples: int, before: list[str], after: list[str]
+) -> None:
     codes: list[list[str]] = [[], [], [], list(before)]
     plausibility.lengths(np.array([1000, 1000, 1000, samples]), codes, 0.05)
     assert codes == [[], [], [], after]
@@ -149,9 +191,16 @@ def test_no_records_no_lengths() -> None:
 
 def repeated(far: dict[float, float], repeats: int, noise: float) -> dict[str, Any]:
     rng = np.random.default_rng(5)
-    rows = [("ground", 2.0, t, lift * (1 + noise * rng.standard_normal()), "") for t, lift in far.items() for _ in range(repeats)]
+    rows = [
+        ("ground", 2.0, t, lift * (1 + noise * rng.standard_normal()), "")
+        for t, lift in far.items()
+        for _ in range(repeats)
+    ]
     names = ("boundary", "z_hat", "throttle", "lift_N", "quality")
-    return {n: np.array(v, dtype=object if isinstance(v[0], str) else float) for n, v in zip(names, zip(*rows, strict=True), strict=True)}
+    return {
+        n: np.array(v, dtype=object if isinstance(v[0], str) else float)
+        for n, v in zip(names, zip(*rows, strict=True), strict=True)
+    }
 
 
 def test_a_lift_of_another_throttle_is_marked_where_repeats_show_it() -> None:
@@ -163,7 +212,8 @@ def test_a_lift_of_another_throttle_is_marked_where_repeats_show_it() -> None:
     sagged = repeated({0.50: 0.239, 0.52: 0.249}, 8, 0.001)
     sagged["lift_N"][9] = 0.2425
     assert not plausibility.other_throttle(sagged).any()
-    # one trial each says nothing, nor does a label where two throttles lift alike within the scatter
+    # one trial each says nothing, nor does a label where two throttles lift alike within the
+    # scatter
     assert not plausibility.other_throttle(repeated(FAR, 1, 0.01)).any()
     assert not plausibility.other_throttle(repeated({0.50: 0.239, 0.51: 0.241}, 20, 0.01)).any()
 

@@ -1,4 +1,6 @@
-"""Many campaigns together: the interval of the population's mean covers, shared errors do not average down, a spread is told from none."""
+"""Many campaigns together: the interval of the population's mean covers, shared errors do not
+average down, a spread is told from none.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +11,27 @@ from nearlift.errors import InputRefused
 from nearlift.fitting.population import population
 
 
-def drawn(rng: np.random.Generator, n: int, spread: float, shared: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def drawn(
+    rng: np.random.Generator, n: int, spread: float, shared: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     u = rng.uniform(0.02, 0.2, n)
     covariance = np.diag(u**2) + shared**2
-    value = 2.0 + spread * rng.standard_normal(n) + u * rng.standard_normal(n) + shared * rng.standard_normal()
+    value = (
+        2.0
+        + spread * rng.standard_normal(n)
+        + u * rng.standard_normal(n)
+        + shared * rng.standard_normal()
+    )
     return value, covariance
 
 
-@pytest.mark.parametrize(("n", "spread", "shared"), [(4, 0.0, 0.0), (6, 0.15, 0.0), (12, 0.3, 0.1), (5, 0.05, 0.2)])
+@pytest.mark.parametrize(
+    ("n", "spread", "shared"), [(4, 0.0, 0.0), (6, 0.15, 0.0), (12, 0.3, 0.1), (5, 0.05, 0.2)]
+)
 def test_the_interval_of_the_mean_covers(n, spread, shared):
-    """Of 300, 90 % should cover; fewer than 84 % happen by chance once in 800. Few campaigns may only err on the wide side."""
+    """Of 300, 90 % should cover; fewer than 84 % happen by chance once in 800. Few campaigns may
+    only err on the wide side.
+    """
     rng = np.random.default_rng(n)
     hits = 0
     for _ in range(300):
@@ -77,7 +90,10 @@ def test_the_unit_of_the_values_does_not_matter():
 
 
 def test_two_campaigns_are_too_few():
-    with pytest.raises(InputRefused, match="compare: 2 campaigns cannot tell how much campaigns differ\n  give at least 3"):
+    with pytest.raises(
+        InputRefused,
+        match="compare: 2 campaigns cannot tell how much campaigns differ\n  give at least 3",
+    ):
         population(np.array([1.0, 2.0]), np.eye(2))
 
 

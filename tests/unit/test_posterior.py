@@ -1,4 +1,6 @@
-"""The posterior against closed forms, brute force and arviz; chances of crying wolf are given where there are any."""
+"""The posterior against closed forms, brute force and arviz; chances of crying wolf are given where
+there are any.
+"""
 
 import dataclasses
 import warnings
@@ -37,13 +39,17 @@ BELIEVED, FLAT = normal(0.0, 1.0), uniform(-10, 10)
 
 
 def line(prior=BELIEVED, bounds=(-10.0, 10.0)):
-    """log ratio = a / z_hat^2: linear in its one parameter, so least squares and posterior have closed forms."""
+    """log ratio = a / z_hat^2: linear in its one parameter, so least squares and posterior have
+    closed forms.
+    """
     return LiftModel(
         name="line",
         title="line",
         formula="a",
         evaluate=lambda z_hat, /, *, a: np.exp(a / np.square(z_hat)),
-        parameters=(Parameter(name="a", unit="1", value=0.1, bounds=bounds, prior=prior, meaning="slope"),),
+        parameters=(
+            Parameter(name="a", unit="1", value=0.1, bounds=bounds, prior=prior, meaning="slope"),
+        ),
         source=Source(citation="none"),
         checks=(Check(x=1.0, expected=np.exp(0.1)),),
         boundary="ground",
@@ -56,14 +62,18 @@ def density(model="sanchez_cuevas", seed=1, dof=np.inf, **more):
     return Density(problem=found.problem, centre=found.theta, dof=dof), found
 
 
-@pytest.mark.parametrize("name", ["sanchez_cuevas", "sanchez_cuevas_free_exponent", "cheeseman_bennett_fixed"])
+@pytest.mark.parametrize(
+    "name", ["sanchez_cuevas", "sanchez_cuevas_free_exponent", "cheeseman_bennett_fixed"]
+)
 def test_stations_give_the_very_same_chi2(name):
     target, found = density(name)
     theta = found.theta + 0.3 * np.random.default_rng(1).standard_normal((7, len(found.theta)))
     stations = Stations.of(target.problem)
     assert len(stations.at.data.z_hat) == len(simulated.STATIONS)
     np.testing.assert_allclose(stations.chi2(theta), target.problem.chi2(theta), rtol=1e-9)
-    np.testing.assert_allclose(stations.log_levels(theta), [target.problem.log_levels(t)[0] for t in theta], rtol=1e-10)
+    np.testing.assert_allclose(
+        stations.log_levels(theta), [target.problem.log_levels(t)[0] for t in theta], rtol=1e-10
+    )
     many = dataclasses.replace(stations, triangle=None, level_rows=None)
     np.testing.assert_allclose(many.chi2(theta), stations.chi2(theta), rtol=1e-9)
     np.testing.assert_allclose(many.log_levels(theta), stations.log_levels(theta), rtol=1e-10)
@@ -71,16 +81,23 @@ def test_stations_give_the_very_same_chi2(name):
 
 def test_trials_that_all_stand_elsewhere_are_their_own_stations():
     data = simulated.campaign(1)
-    problem = dataclasses.replace(density()[0].problem, data=dataclasses.replace(data, z_hat=data.z_hat * np.linspace(1, 1.01, data.n)[::-1]))
+    problem = dataclasses.replace(
+        density()[0].problem,
+        data=dataclasses.replace(data, z_hat=data.z_hat * np.linspace(1, 1.01, data.n)[::-1]),
+    )
     theta = np.array([[1.5], [2.0], [1e9]])
     stations = Stations.of(problem)
     assert stations.triangle is None
     np.testing.assert_allclose(stations.chi2(theta), problem.chi2(theta), rtol=1e-9)
-    np.testing.assert_allclose(stations.log_levels(theta), [problem.log_levels(t)[0] for t in theta], rtol=1e-10)
+    np.testing.assert_allclose(
+        stations.log_levels(theta), [problem.log_levels(t)[0] for t in theta], rtol=1e-10
+    )
 
 
 def test_the_likelihood_integrates_l_inf_out():
-    """By brute force: the n-dimensional normal density integrated over the level of the only throttle, flat in its logarithm."""
+    """By brute force: the n-dimensional normal density integrated over the level of the only
+    throttle, flat in its logarithm.
+    """
     data = simulated.campaign(3, stations=(1.2, 2.0, 6.0), visits=2)
     data = data.take(data.throttle == 0.25)
     found = fit(line(), data, scatter=NOISE)
@@ -96,7 +113,9 @@ def test_the_likelihood_integrates_l_inf_out():
 
 @pytest.mark.parametrize("dof", [np.inf, 9.0])
 def test_a_linear_model_has_the_intervals_of_least_squares(dof):
-    """With a flat prior, t at the noise's degrees of freedom, exactly: the tolerance is 5 standard errors of a quantile from 4400 draws."""
+    """With a flat prior, t at the noise's degrees of freedom, exactly: the tolerance is 5 standard
+    errors of a quantile from 4400 draws.
+    """
     target, found = density(line(FLAT), dof=dof)
     drawn = posterior.sample(target, posterior.Settings(), 1).flat()[:, 0]
     u = np.sqrt(found.covariance[0, 0])
@@ -119,10 +138,16 @@ def test_the_evidence_is_the_integral(dof):
     # what few degrees of freedom do to the shape, they do not do to the integral over a flat prior
     flat = Density(problem=target.problem, centre=found.theta, dof=dof)
     likelihood = flat.log_likelihood(a)
-    normal_integral = float(found.problem.log_likelihood(found.theta)) + np.log(u * np.sqrt(2 * np.pi))
+    normal_integral = float(found.problem.log_likelihood(found.theta)) + np.log(
+        u * np.sqrt(2 * np.pi)
+    )
     levels, log_det = found.problem.levels_log_det
-    integral = np.log(np.exp(likelihood - likelihood.max()).sum() * (a[1, 0] - a[0, 0])) + likelihood.max()
-    assert integral == pytest.approx(normal_integral + 0.5 * levels * np.log(2 * np.pi) - 0.5 * log_det, abs=2e-3)
+    integral = (
+        np.log(np.exp(likelihood - likelihood.max()).sum() * (a[1, 0] - a[0, 0])) + likelihood.max()
+    )
+    assert integral == pytest.approx(
+        normal_integral + 0.5 * levels * np.log(2 * np.pi) - 0.5 * log_det, abs=2e-3
+    )
 
 
 def test_levels_given_the_parameters_are_those_of_least_squares():
@@ -135,7 +160,9 @@ def test_levels_given_the_parameters_are_those_of_least_squares():
 
 
 def test_priors_are_cut_off_at_the_bounds_and_integrate_to_one():
-    parameter = Parameter(name="a", unit="1", value=0.0, bounds=(-0.5, 3.0), prior=normal(0.0, 1.0), meaning="m")
+    parameter = Parameter(
+        name="a", unit="1", value=0.0, bounds=(-0.5, 3.0), prior=normal(0.0, 1.0), meaning="m"
+    )
     belief = Belief(parameter=parameter)
     x = np.linspace(-0.5, 3.0, 20_001)
     assert np.trapezoid(np.exp(belief.log_density(x)), x) == pytest.approx(1.0, abs=1e-6)
@@ -143,7 +170,9 @@ def test_priors_are_cut_off_at_the_bounds_and_integrate_to_one():
     drawn = Beliefs(each=(belief,)).draw(np.random.default_rng(1), 20_000)[:, 0]
     assert -0.5 <= drawn.min() <= drawn.max() <= 3.0
     assert stats.kstest(drawn, stats.truncnorm(-0.5, 3.0).cdf).pvalue > 1e-6
-    assert belief.width90 == pytest.approx(np.diff(stats.truncnorm(-0.5, 3.0).ppf([0.05, 0.95]))[0], rel=1e-9)
+    assert belief.width90 == pytest.approx(
+        np.diff(stats.truncnorm(-0.5, 3.0).ppf([0.05, 0.95]))[0], rel=1e-9
+    )
 
 
 def test_emcee_and_importance_sampling_agree_and_both_deliver_what_was_asked():
@@ -178,12 +207,20 @@ def test_a_killed_chain_goes_on_bit_for_bit():
 
 def test_too_few_steps_are_refused_with_the_number_that_is_enough():
     target, _ = density("sanchez_cuevas")
-    with pytest.raises(NotConverged, match=r"(?s)200 steps of 50 walkers, tau = \d.*run at least \d+: `steps = \d+` in \[fit\]") as refusal:
+    with pytest.raises(
+        NotConverged,
+        match=r"(?s)200 steps of 50 walkers, tau = \d.*run at least \d+: `steps = \d+` in \[fit\]",
+    ) as refusal:
         posterior.sample(target, posterior.Settings(sampler="emcee", ess=2000, steps=200), 1)
     enough = int(refusal.value.remedy.split()[3].rstrip(":"))
     assert 200 < enough < 5000
     assert refusal.value.exit_code == 5
-    assert posterior.sample(target, posterior.Settings(sampler="emcee", ess=2000, steps=2 * enough), 1).ess.min() >= 2000
+    assert (
+        posterior.sample(
+            target, posterior.Settings(sampler="emcee", ess=2000, steps=2 * enough), 1
+        ).ess.min()
+        >= 2000
+    )
 
 
 class Lopsided(Density):
@@ -199,7 +236,11 @@ def test_a_disagreement_is_an_error_that_says_so():
     wrong = Lopsided(problem=target.problem, centre=found.theta)
     kept = []
     with pytest.raises(
-        NotConverged, match=r"(?s)emcee and the importance sampling disagree: \d+ % of K_b lie below .* errors apart.*another seed"
+        NotConverged,
+        match=(
+            r"(?s)emcee and the importance sampling disagree: \d+ % of K_b lie below .* errors"
+            r" apart.*another seed"
+        ),
     ) as refusal:
         posterior.sample(wrong, posterior.Settings(sampler="emcee", ess=1000), 1, keep=kept.append)
     # made twice as long before it gave up, and what it says next is not the setting that failed
@@ -234,9 +275,15 @@ def test_a_disagreement_is_asked_again_of_a_chain_twice_as_long(monkeypatch):
 
 @pytest.mark.parametrize("p", [1, 2, 3])
 def test_the_snooker_move_leaves_a_normal_as_it_is(p):
-    """emcee 3.1.6's own leaves a variance of 1.08 where p = 1. Errors from runs of another seed: 0.004 in the variance."""
+    """emcee 3.1.6's own leaves a variance of 1.08 where p = 1. Errors from runs of another seed:
+    0.004 in the variance.
+    """
     sampler = emcee.EnsembleSampler(
-        100, p, lambda x: -0.5 * np.sum(x**2, axis=1), moves=[(SnookerMove(), 0.5), (emcee.moves.DEMove(), 0.5)], vectorize=True
+        100,
+        p,
+        lambda x: -0.5 * np.sum(x**2, axis=1),
+        moves=[(SnookerMove(), 0.5), (emcee.moves.DEMove(), 0.5)],
+        vectorize=True,
     )
     sampler._random.seed(3)
     sampler.run_mcmc(np.random.default_rng(3).standard_normal((100, p)), 1500)
@@ -254,7 +301,9 @@ def test_emcee_agrees_about_a_shape_with_a_long_tail():
 
 
 def test_a_tail_is_worth_less_than_the_bulk_where_the_spread_is_slow():
-    """Chains whose spread wanders: their centre is known well, the ends of their interval are not."""
+    """Chains whose spread wanders: their centre is known well, the ends of their interval
+    are not.
+    """
     rng = np.random.default_rng(5)
     slow = rng.standard_normal((20, 2000))
     for i in range(1, 2000):
@@ -268,7 +317,10 @@ def test_judges_that_cannot_judge_do_not():
     check = agreement.Check(by="grid", apart=50.0, where="somewhere", unfit="too coarse")
     assert not check.failed
     agreement.insist("m", "emcee", [check], "")
-    with pytest.raises(NotConverged, match=r"(?s)importance and the grid disagree: somewhere, 50\.0 Monte Carlo.*do this"):
+    with pytest.raises(
+        NotConverged,
+        match=r"(?s)importance and the grid disagree: somewhere, 50\.0 Monte Carlo.*do this",
+    ):
         agreement.insist("m", "importance", [dataclasses.replace(check, unfit="")], "do this")
 
 
@@ -290,11 +342,18 @@ def test_the_posterior_is_the_prior_where_the_data_are_blind():
     assert abs(np.mean(found.flat()[:, 0] < belief.quantile(0.5)) - 0.5) < 5 * 0.5 / np.sqrt(4400)
     said = learnt(belief, found.flat()[:, 0])
     assert said.ratio == pytest.approx(1.0, abs=0.1)
-    assert "the data say nothing about K_b: its interval is the prior's (normal, mean 2, sd 4), not a result" in said.words
+    assert (
+        "the data say nothing about K_b: its interval is the prior's (normal, mean 2, sd 4), not a"
+        " result" in said.words
+    )
 
 
 def test_a_posterior_at_a_bound_is_said_to_be():
-    target, _ = density("hsiao_chirarattananon", ratio=lambda z: 0.5 + 0.5 * np.sqrt(np.maximum(1 - 0.03 / z**2, 0)), stations=(0.3, 0.5, 1.0, 4.0))
+    target, _ = density(
+        "hsiao_chirarattananon",
+        ratio=lambda z: 0.5 + 0.5 * np.sqrt(np.maximum(1 - 0.03 / z**2, 0)),
+        stations=(0.3, 0.5, 1.0, 4.0),
+    )
     found = posterior.sample(target, posterior.Settings(), 1)
     assert found.flat().min() >= 0
     said = learnt(target.beliefs.each[0], found.flat()[:, 0])
@@ -308,12 +367,17 @@ def test_a_posterior_unlike_least_squares_says_why():
 
     def said(factor, prior, bounds=(-100.0, 100.0), about=0.0):
         (parameter,) = line(prior, bounds).parameters
-        return beside_fit(Belief(parameter=parameter), draws, about - factor * half, about + factor * half)
+        return beside_fit(
+            Belief(parameter=parameter), draws, about - factor * half, about + factor * half
+        )
 
     assert said(1.0, uniform(-100, 100)) == (pytest.approx(1.0, abs=0.03), "")
     ratio, why = said(2.0, normal(0.0, 1.2))
     assert ratio == pytest.approx(0.5, abs=0.02)
-    assert "the 90 % interval of a is 0.5 times as wide as that of least squares, probably because the prior narrows it" in why
+    assert (
+        "the 90 % interval of a is 0.5 times as wide as that of least squares, probably because the"
+        " prior narrows it" in why
+    )
     assert "the bound -2 cuts it off" in said(2.0, uniform(-100, 100), (-2.0, 100.0))[1]
     assert "the curve is not straight" in said(2.0, uniform(-100, 100))[1]
     assert "the curve is not straight" in said(0.5, normal(0.0, 1.2))[1]
@@ -338,9 +402,17 @@ def test_the_same_seed_gives_the_same_draws_and_another_does_not():
 
 
 def test_a_curved_two_parameter_shape_is_learnt():
-    """a and lambda of a wall whose effect is seen in part: a bent shape. The grid, which has no randomness, is the judge."""
+    """a and lambda of a wall whose effect is seen in part: a bent shape. The grid, which has no
+    randomness, is the judge.
+    """
     stations = (0.1, 0.2, 0.35, 0.6, 1.2, 3.0, 8.0)
-    target, _ = density("sidewall_decay", seed=8, ratio=lambda z: 1 - 0.015 * np.exp(-z / 0.33), stations=stations, visits=2)
+    target, _ = density(
+        "sidewall_decay",
+        seed=8,
+        ratio=lambda z: 1 - 0.015 * np.exp(-z / 0.33),
+        stations=stations,
+        visits=2,
+    )
     found = posterior.sample(target, posterior.Settings(), 1)
     assert found.sampler == "importance"
     assert found.pareto_k < pareto.LIMIT
@@ -350,7 +422,9 @@ def test_a_curved_two_parameter_shape_is_learnt():
     for i in range(2):
         for p in (0.05, 0.5, 0.95):
             share = lattice.below(i, float(weighted.quantile(i, p)))
-            assert abs(share - p) < 5 * np.sqrt(p * (1 - p) / weighted.ess) + max(lattice.error, 0.005)
+            assert abs(share - p) < 5 * np.sqrt(p * (1 - p) / weighted.ess) + max(
+                lattice.error, 0.005
+            )
 
 
 @pytest.mark.parametrize("tail", [0.2, 0.5, 0.9])
@@ -377,8 +451,15 @@ def test_effective_size_and_r_hat_are_those_of_arviz():
     walk = rng.standard_normal((6, 700))
     for i in range(1, 700):
         walk[:, i] += 0.8 * walk[:, i - 1]
-    for chains in (walk, rng.standard_normal((4, 501)), np.exp(walk), walk + 3 * np.arange(6)[:, None]):
-        assert convergence.ess(chains) == pytest.approx(float(arviz.ess(chains, method="bulk")), rel=0.01)
+    for chains in (
+        walk,
+        rng.standard_normal((4, 501)),
+        np.exp(walk),
+        walk + 3 * np.arange(6)[:, None],
+    ):
+        assert convergence.ess(chains) == pytest.approx(
+            float(arviz.ess(chains, method="bulk")), rel=0.01
+        )
         assert convergence.r_hat(chains) == pytest.approx(float(arviz.rhat(chains)), rel=1e-9)
     assert convergence.r_hat(np.ones((4, 100))) == 1.0
     assert convergence.ess(np.ones((4, 100))) == 400
@@ -405,4 +486,6 @@ def test_walkers_find_nowhere_to_start():
             return np.full(len(theta), -np.inf)
 
     with pytest.raises(NotConverged, match="no place near the fit has a finite density"):
-        ensemble.begin(Nowhere(problem=target.problem, centre=found.theta), np.random.default_rng(1), 32)
+        ensemble.begin(
+            Nowhere(problem=target.problem, centre=found.theta), np.random.default_rng(1), 32
+        )

@@ -28,11 +28,39 @@ def evidence(K_b, levels=0.5):
         "log_prob": np.zeros(2 * N),
     }
     low, median, high = np.quantile(K_b, [0.05, 0.5, 0.95])
-    entry = {"value": K_b.mean(), "u": K_b.std(), "median": median, "lo90": low, "hi90": high, "unit": "1", "ess": 4000.0, "r_hat": 1.0, "tau": 1.0}
-    entry |= {"prior": {"text": "normal, mean 2, sd 4", "lo90": -4.5, "hi90": 8.5}, "width_ratio": (high - low) / 13, "words": ""}
-    said = {"sampler": "importance", "chains": 4, "draws": N // 4, "pareto_k": 0.1, "checks": [], "parameters": {"K_b": entry}}
-    fitted = {"title": "Sanchez-Cuevas", "parameters": {"K_b": {k: entry[k] for k in ("value", "u", "lo90", "hi90")}}, "posterior": said}
-    content = {"base": {"ground": "sanchez_cuevas"}, "boundaries": {"ground": {"sanchez_cuevas": fitted}}}
+    entry = {
+        "value": K_b.mean(),
+        "u": K_b.std(),
+        "median": median,
+        "lo90": low,
+        "hi90": high,
+        "unit": "1",
+        "ess": 4000.0,
+        "r_hat": 1.0,
+        "tau": 1.0,
+    }
+    entry |= {
+        "prior": {"text": "normal, mean 2, sd 4", "lo90": -4.5, "hi90": 8.5},
+        "width_ratio": (high - low) / 13,
+        "words": "",
+    }
+    said = {
+        "sampler": "importance",
+        "chains": 4,
+        "draws": N // 4,
+        "pareto_k": 0.1,
+        "checks": [],
+        "parameters": {"K_b": entry},
+    }
+    fitted = {
+        "title": "Sanchez-Cuevas",
+        "parameters": {"K_b": {k: entry[k] for k in ("value", "u", "lo90", "hi90")}},
+        "posterior": said,
+    }
+    content = {
+        "base": {"ground": "sanchez_cuevas"},
+        "boundaries": {"ground": {"sanchez_cuevas": fitted}},
+    }
     return Evidence(campaign=None, tables={POSTERIOR.file: table}, documents={FIT.file: content})
 
 
@@ -48,7 +76,12 @@ def test_regions_hold_the_shares_that_they_say():
     inside = np.zeros(N, dtype=bool)
     y = 1000 * found.tables[POSTERIOR.file]["value"][N:]
     for i in np.flatnonzero(region["value"] <= 0.9):
-        inside |= (x >= region["x_low"][i]) & (x < region["x_high"][i]) & (y >= region["y_low"][i]) & (y < region["y_high"][i])
+        inside |= (
+            (x >= region["x_low"][i])
+            & (x < region["x_high"][i])
+            & (y >= region["y_low"][i])
+            & (y < region["y_high"][i])
+        )
     # smoothing widens a region by less than a cell
     assert 0.87 < inside.mean() < 0.95
     assert "strongest correlation" in corner.caption(found, table)
@@ -59,7 +92,9 @@ def test_regions_hold_the_shares_that_they_say():
 def test_the_corner_plot_survives_a_parameter_without_spread(x):
     found = evidence(x)
     table = corner.summarise(found)
-    histogram = {k: v[(table["kind"] == "histogram") & (table["x_name"] == "K_b")] for k, v in table.items()}
+    histogram = {
+        k: v[(table["kind"] == "histogram") & (table["x_name"] == "K_b")] for k, v in table.items()
+    }
     assert histogram["value"].max() == 1.0
     assert np.all(np.isfinite(table["value"]))
     files = render(draw_corner.draw, table, style("aiaa"))
@@ -71,9 +106,14 @@ def test_prior_against_posterior_is_in_units_of_the_prior():
     found = evidence(spread(sd=2.5))
     table = prior_posterior.summarise(found)
     assert table["low"][0] == pytest.approx((table["lo90"][0] + 4.5) / 13)
-    assert "1 of 1 parameters keep more than 30 % of their prior's width: K_b of Sanchez-Cuevas (6" in prior_posterior.caption(found, table)
+    assert (
+        "1 of 1 parameters keep more than 30 % of their prior's width: K_b of Sanchez-Cuevas (6"
+        in prior_posterior.caption(found, table)
+    )
     known = evidence(spread(sd=0.01))
-    assert "All 1 parameters are known to better than 30 %" in prior_posterior.caption(known, prior_posterior.summarise(known))
+    assert "All 1 parameters are known to better than 30 %" in prior_posterior.caption(
+        known, prior_posterior.summarise(known)
+    )
     assert render(draw_prior_posterior.draw, table, style("aiaa"))["pdf"].startswith(b"%PDF")
     assert "times as wide as the prior" in prior_posterior.alt(found, table)
 
@@ -94,7 +134,15 @@ def test_a_band_holds_the_share_of_curves_that_it_says():
 
 
 def test_how_it_was_sampled_is_said_in_words():
-    done = {"chains": 100, "draws": 200, "steps": 600, "acceptance": 0.42, "tau": 8.3, "ess": 5012.3, "sampler": "emcee"}
+    done = {
+        "chains": 100,
+        "draws": 200,
+        "steps": 600,
+        "acceptance": 0.42,
+        "tau": 8.3,
+        "ess": 5012.3,
+        "sampler": "emcee",
+    }
     done["checks"] = [
         {"by": "importance sampling", "apart": 1.23, "where": "", "unfit": ""},
         {"by": "grid", "apart": 9.0, "where": "", "unfit": "too coarse for this shape"},
@@ -104,5 +152,7 @@ def test_how_it_was_sampled_is_said_in_words():
     assert "42 % accepted, τ = 8.3); 20000 draws are kept, worth 5012 independent ones" in told
     assert "the importance sampling agrees, within 1.2 Monte Carlo standard errors" in told
     assert "the grid could not judge (too coarse for this shape)" in told
-    assert page.how({"sampler": "none"}) == "it has no free parameter, and nothing had to be sampled"
+    assert (
+        page.how({"sampler": "none"}) == "it has no free parameter, and nothing had to be sampled"
+    )
     assert page.how({}) == "it has no posterior"

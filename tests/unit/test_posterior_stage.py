@@ -56,8 +56,11 @@ def test_the_table_holds_every_model_and_fit_json_says_how(done):
         for parameter, summary in said["parameters"].items():
             draws = table["value"][(table["model"] == name) & (table["parameter"] == parameter)]
             assert len(draws) == said["chains"] * said["draws"] >= 4000
-            # the grid's where there is one coefficient: within five standard errors of the mean of the draws
-            assert summary["value"] == pytest.approx(draws.mean(), rel=1e-9, abs=5 * summary["u"] / np.sqrt(summary["ess"]))
+            # the grid's where there is one coefficient: within five standard errors of the mean of
+            # the draws
+            assert summary["value"] == pytest.approx(
+                draws.mean(), rel=1e-9, abs=5 * summary["u"] / np.sqrt(summary["ess"])
+            )
             assert summary["lo90"] < summary["median"] < summary["hi90"]
             assert summary["ess"] >= 4000
             assert summary["prior"]["text"]
@@ -66,7 +69,9 @@ def test_the_table_holds_every_model_and_fit_json_says_how(done):
     assert not any(p.startswith("L_inf") for p in table["parameter"][~base])
     levels = fits["boundaries"]["ground"]["sanchez_cuevas"]
     for throttle, level in levels["posterior"]["L_inf_N"].items():
-        assert level["value"] == pytest.approx(levels["L_inf_N"][throttle]["value"], abs=3 * level["u"])
+        assert level["value"] == pytest.approx(
+            levels["L_inf_N"][throttle]["value"], abs=3 * level["u"]
+        )
     assert not (products(out) / "unfinished").exists()
 
 
@@ -80,7 +85,16 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(done, tmp_path):
         (work / "processed" / small_run.NAME).mkdir(parents=True)
         trials = products(out) / TRIALS.file
         (products(work) / TRIALS.file).write_bytes(trials.read_bytes())
-        command = [sys.executable, "-c", "from nearlift.cli import main; main()", "fit", str(asked), "--out", str(work), "-q"]
+        command = [
+            sys.executable,
+            "-c",
+            "from nearlift.cli import main; main()",
+            "fit",
+            str(asked),
+            "--out",
+            str(work),
+            "-q",
+        ]
         if kind == "killed":
             process = subprocess.Popen(command, env={**os.environ})
             folder = products(work) / "unfinished" / "fit"
@@ -96,7 +110,10 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(done, tmp_path):
             (folder / "ground-sanchez_cuevas-00099.npz").write_bytes(b"half a blo")
         assert subprocess.run(command, check=False).returncode == 0
         assert not (products(work) / "unfinished").exists()
-        results[kind] = ((products(work) / POSTERIOR.file).read_bytes(), (products(work) / FIT.file).read_bytes())
+        results[kind] = (
+            (products(work) / POSTERIOR.file).read_bytes(),
+            (products(work) / FIT.file).read_bytes(),
+        )
     assert results["killed"] == results["whole"]
     said = json.loads(results["whole"][1])["boundaries"]["ground"]["sanchez_cuevas"]["posterior"]
     assert said["sampler"] == "emcee"
@@ -133,22 +150,40 @@ def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
     asked = ask(raw, tmp_path, "ground = { rivals = [] }")
     again = tmp_path / "out"
     shutil.copytree(out, again)
-    assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "emcee", "--ess", "300").exit_code == 0
-    said = json.loads((products(again) / FIT.file).read_text())["boundaries"]["ground"]["sanchez_cuevas"]["posterior"]
+    assert (
+        small_run.nearlift(
+            "fit", asked, "--out", again, "--sampler", "emcee", "--ess", "300"
+        ).exit_code
+        == 0
+    )
+    said = json.loads((products(again) / FIT.file).read_text())["boundaries"]["ground"][
+        "sanchez_cuevas"
+    ]["posterior"]
     assert said["sampler"] == "emcee"
     assert said["ess"] >= 300
     assert said["parameters"]["K_b"]["ess_tail"] >= 150
     recorded = json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
     assert recorded["overrides"] == {"sampler": "emcee", "ess": 300}
-    assert "was last run with --sampler emcee --ess 300" in small_run.nearlift("plan", asked, "--out", again).stdout
+    assert (
+        "was last run with --sampler emcee --ess 300"
+        in small_run.nearlift("plan", asked, "--out", again).stdout
+    )
     assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "gibbs").exit_code == 2
     assert small_run.nearlift("fit", asked, "--out", again).exit_code == 0
-    assert "overrides" not in json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
+    assert (
+        "overrides"
+        not in json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
+    )
 
 
 def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
     raw, out = done
-    asked = ask(raw, tmp_path, 'sampler = "emcee"\nsteps = 400\nground = { base = "sanchez_cuevas_free_exponent", rivals = [] }')
+    asked = ask(
+        raw,
+        tmp_path,
+        'sampler = "emcee"\nsteps = 400\nground = { base = "sanchez_cuevas_free_exponent", rivals ='
+        " [] }",
+    )
     found = small_run.nearlift("fit", asked, "--out", out)
     assert found.exit_code == 5
     assert "run at least" in found.stderr
@@ -157,7 +192,14 @@ def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
     assert raw_again.exit_code == 0
 
 
-@pytest.mark.parametrize(("text", "told"), [('sampler = "gibbs"', "fit.sampler"), ("ess = 5", "fit.ess"), ("walkers = 8", "did you mean|known here")])
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('sampler = "gibbs"', "fit.sampler"),
+        ("ess = 5", "fit.ess"),
+        ("walkers = 8", "did you mean|known here"),
+    ],
+)
 def test_what_cannot_be_asked_for_is_refused(done, tmp_path, text, told):
     raw, _ = done
     from nearlift import campaign
@@ -222,9 +264,14 @@ def test_one_coefficient_is_quoted_from_the_grid_and_the_draws_agree_within_thei
         if len(entry["parameters"]) != 1:
             continue
         ((name, told),) = entry["posterior"]["parameters"].items()
-        mine = (draws["boundary"] == "ground") & (draws["model"] == model) & (draws["parameter"] == name)
+        mine = (
+            (draws["boundary"] == "ground")
+            & (draws["model"] == model)
+            & (draws["parameter"] == name)
+        )
         sampled = np.quantile(draws["value"][mine], [0.05, 0.5, 0.95])
-        # four standard errors of a quantile in the tail of a normal, sqrt(0.05 0.95 / n) / 0.103 u, at the effective number of draws
+        # four standard errors of a quantile in the tail of a normal, sqrt(0.05 0.95 / n) / 0.103 u,
+        # at the effective number of draws
         within = 4 * np.sqrt(0.05 * 0.95 / told["ess_tail"]) / 0.103 * told["u"]
         assert [told["lo90"], told["median"], told["hi90"]] == pytest.approx(sampled, abs=within)
         assert not np.array_equal([told["lo90"], told["hi90"]], sampled[[0, 2]])

@@ -1,4 +1,6 @@
-"""Leave-one-visit-out scores: the closed form against dense algebra and against refits, and that it tells models apart."""
+"""Leave-one-visit-out scores: the closed form against dense algebra and against refits, and that it
+tells models apart.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +28,21 @@ CASES = {
     "no budget": ("sanchez_cuevas", {}, ()),
     "exact height": (
         "hsiao_chirarattananon",
-        {"boundary": "ceiling", "ratio": hsiao, "stations": (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 10.0), "datum": 2e-4},
+        {
+            "boundary": "ceiling",
+            "ratio": hsiao,
+            "stations": (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 10.0),
+            "datum": 2e-4,
+        },
         PARTS,
     ),
 }
 
 
 def brute(found, left_out):
-    """The predictive density of the visit's trials given all others, by dense matrices; coefficients and levels free (flat)."""
+    """The predictive density of the visit's trials given all others, by dense matrices;
+    coefficients and levels free (flat).
+    """
     problem, offset, slope = gum.linearised(found)
     data, covariance = problem.data, problem.covariance.dense()
     x = np.eye(len(data.levels))[data.level]
@@ -77,14 +86,21 @@ def test_the_closed_form_is_a_refit_without_the_visit():
         again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], heights.Plan())
         level = np.array([again.levels[float(t)].value for t in data.throttle[~rest]])
         error = np.log(data.lift_N) - found.problem.log_ratio(again.theta)
-        assert held.squares[v] == pytest.approx(((error[~rest] - np.log(level)) ** 2).sum(), rel=5e-3)
+        assert held.squares[v] == pytest.approx(
+            ((error[~rest] - np.log(level)) ** 2).sum(), rel=5e-3
+        )
 
 
 def test_a_wrong_model_foretells_worse_and_a_needless_parameter_gains_nothing():
     data = campaign(3, visits=8)
     fits = {
         n: fit(catalogue.model(n), data, PARTS, SCATTER)
-        for n in ("sanchez_cuevas", "sanchez_cuevas_free_exponent", "cheeseman_bennett", "cheeseman_bennett_fixed")
+        for n in (
+            "sanchez_cuevas",
+            "sanchez_cuevas_free_exponent",
+            "cheeseman_bennett",
+            "cheeseman_bennett_fixed",
+        )
     }
     held = {n: predictive.leave_visit_out(f) for n, f in fits.items()}
     scores = {n: predictive.score(h, held["sanchez_cuevas"]) for n, h in held.items()}
@@ -102,21 +118,32 @@ def test_a_wrong_model_foretells_worse_and_a_needless_parameter_gains_nothing():
 def test_the_standard_error_is_the_scatter_between_visits():
     rng = np.random.default_rng(1)
     visit, n = np.arange(50), np.full(50, 4)
-    a, b = (predictive.HeldOut(visit=visit, log_density=rng.normal(size=50), squares=rng.chisquare(4, 50), n=n) for _ in range(2))
+    a, b = (
+        predictive.HeldOut(
+            visit=visit, log_density=rng.normal(size=50), squares=rng.chisquare(4, 50), n=n
+        )
+        for _ in range(2)
+    )
     found = predictive.score(a, b)
     excess = a.log_density - b.log_density
     assert found.d_elpd == pytest.approx(excess.sum())
     assert found.u_d_elpd == pytest.approx(np.sqrt(50 * excess.var(ddof=1)))
     assert found.rmse == pytest.approx(np.sqrt(a.squares.sum() / 200))
     assert found.d_rmse == pytest.approx(found.rmse - np.sqrt(b.squares.sum() / 200))
-    # to first order an rmse is a mean, and its standard error the scatter over the root of the number
+    # to first order an rmse is a mean, and its standard error the scatter over the root of the
+    # number
     first = (a.squares / (2 * found.rmse) - b.squares / (2 * (found.rmse - found.d_rmse))) / 4
     assert found.u_d_rmse == pytest.approx(first.std(ddof=1) / np.sqrt(50), rel=0.05)
 
 
 def test_only_visits_that_both_predict_are_compared():
     def held(visits, n=4):
-        return predictive.HeldOut(visit=np.array(visits), log_density=np.ones(len(visits)), squares=np.ones(len(visits)), n=np.full(len(visits), n))
+        return predictive.HeldOut(
+            visit=np.array(visits),
+            log_density=np.ones(len(visits)),
+            squares=np.ones(len(visits)),
+            n=np.full(len(visits), n),
+        )
 
     assert predictive.score(held([1, 2, 3, 5]), held([0, 2, 3, 5])).visits == 3
     assert predictive.score(held([1, 2], n=3), held([1, 2])).visits == 0

@@ -1,4 +1,6 @@
-"""The likelihood: L_inf eliminated in closed form is L_inf fitted, and what cannot matter does not."""
+"""The likelihood: L_inf eliminated in closed form is L_inf fitted, and what cannot matter
+does not.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +24,25 @@ from .simulated import L_INF, RADIUS, THROTTLES, campaign, sanchez_cuevas
 
 MODEL = catalogue.model("sanchez_cuevas")
 FREE = catalogue.model("sanchez_cuevas_free_exponent")
-#: Every layer of the covariance at once: own variance, a visit's height, what else its trials share, shared unknowns.
+#: Every layer of the covariance at once: own variance, a visit's height, what else its trials
+#: share, shared unknowns.
 SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, common=0.002)
 BUDGET = (
-    budget.Component(name="datum", on="height", standard=2e-4, distribution="normal", scope="boundary"),
-    budget.Component(name="zero", on="force", standard=5e-4, distribution="normal", scope="session"),
+    budget.Component(
+        name="datum", on="height", standard=2e-4, distribution="normal", scope="boundary"
+    ),
+    budget.Component(
+        name="zero", on="force", standard=5e-4, distribution="normal", scope="session"
+    ),
 )
 
 
-def problem(model: LiftModel = MODEL, data: Observations | None = None, theta: tuple[float, ...] = (2.0,)) -> Problem:
-    return assemble(model, campaign(3, visits=3) if data is None else data, BUDGET, SCATTER, np.array(theta))
+def problem(
+    model: LiftModel = MODEL, data: Observations | None = None, theta: tuple[float, ...] = (2.0,)
+) -> Problem:
+    return assemble(
+        model, campaign(3, visits=3) if data is None else data, BUDGET, SCATTER, np.array(theta)
+    )
 
 
 def with_free_air(data: Observations, station: float) -> Observations:
@@ -40,7 +51,9 @@ def with_free_air(data: Observations, station: float) -> Observations:
 
 
 def explicit(p: Problem, theta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Chi2, log L_inf and its covariance by textbook generalised least squares with L_inf as ordinary unknowns."""
+    """Chi2, log L_inf and its covariance by textbook generalised least squares with L_inf as
+    ordinary unknowns.
+    """
     inverse = np.linalg.inv(p.covariance.dense())
     indicator = (p.data.throttle[:, None] == p.data.levels).astype(float)
     y = np.log(p.data.lift_N) - p.log_ratio(theta)
@@ -76,10 +89,20 @@ def test_a_gain_common_to_all_lifts_leaves_chi2_and_scales_L_inf(scale):
     theta = np.array([1.7])
     # no part of the covariance here is in newtons
     scatter = dataclasses.replace(SCATTER, force_N=0.0)
-    one = assemble(MODEL, dataclasses.replace(data, u_lift_N=0 * data.lift_N), BUDGET[:1], scatter, theta)
-    other = assemble(MODEL, dataclasses.replace(data, u_lift_N=0 * data.lift_N, lift_N=scale * data.lift_N), BUDGET[:1], scatter, theta)
+    one = assemble(
+        MODEL, dataclasses.replace(data, u_lift_N=0 * data.lift_N), BUDGET[:1], scatter, theta
+    )
+    other = assemble(
+        MODEL,
+        dataclasses.replace(data, u_lift_N=0 * data.lift_N, lift_N=scale * data.lift_N),
+        BUDGET[:1],
+        scatter,
+        theta,
+    )
     assert other.chi2(theta) == pytest.approx(one.chi2(theta), rel=1e-8)
-    assert other.log_levels(theta)[0] - one.log_levels(theta)[0] == pytest.approx(np.full(4, np.log(scale)), abs=1e-9)
+    assert other.log_levels(theta)[0] - one.log_levels(theta)[0] == pytest.approx(
+        np.full(4, np.log(scale)), abs=1e-9
+    )
 
 
 @settings(max_examples=15)
@@ -103,7 +126,9 @@ def test_many_parameter_vectors_at_once_give_what_each_gives_alone():
 
 
 def test_jacobian_is_the_derivative_worked_out_by_hand():
-    """d log ratio / d K_b = ratio times the body term's coefficient, from the formula and not from the library."""
+    """d log ratio / d K_b = ratio times the body term's coefficient, from the formula and not from
+    the library.
+    """
     data = campaign(3, visits=2)
     z, b = data.z_hat, data.geometry["diagonal_hat"]
     by_hand = 2 * z / (b**2 + 4 * z**2) ** 1.5 * sanchez_cuevas(z, 1.4)
@@ -112,13 +137,19 @@ def test_jacobian_is_the_derivative_worked_out_by_hand():
 
 @pytest.mark.parametrize("end", [0, 1])
 def test_jacobian_at_a_bound_does_not_look_beyond_it(end):
-    """Cheeseman-Bennett's k at either end of its range: one-sided, still within first order of the derivative by hand."""
+    """Cheeseman-Bennett's k at either end of its range: one-sided, still within first order of the
+    derivative by hand.
+    """
     model = catalogue.model("cheeseman_bennett")
     k = model.parameter("k").bounds[end]
-    data = campaign(3, visits=2, stations=(1.3, 2.0, 4.0, 9.0), ratio=lambda z: 1 / (1 - 1 / (16 * z**2)))
+    data = campaign(
+        3, visits=2, stations=(1.3, 2.0, 4.0, 9.0), ratio=lambda z: 1 / (1 - 1 / (16 * z**2))
+    )
     z = data.z_hat
     by_hand = 1 / (16 * z**2) / (1 - k / (16 * z**2))
-    assert problem(model, data, (k,)).jacobian(np.array([k])) == pytest.approx(by_hand[:, None], rel=2e-2)
+    assert problem(model, data, (k,)).jacobian(np.array([k])) == pytest.approx(
+        by_hand[:, None], rel=2e-2
+    )
 
 
 def test_height_slope_is_per_metre_and_nothing_in_free_air():
@@ -129,21 +160,31 @@ def test_height_slope_is_per_metre_and_nothing_in_free_air():
     slope = problem(data=data).height_slope(np.array([2.0]))
     near = data.z_hat[~far]
     step_m = 1e-6
-    by_hand = (np.log(sanchez_cuevas(near + step_m / RADIUS)) - np.log(sanchez_cuevas(near - step_m / RADIUS))) / (2 * step_m)
+    by_hand = (
+        np.log(sanchez_cuevas(near + step_m / RADIUS))
+        - np.log(sanchez_cuevas(near - step_m / RADIUS))
+    ) / (2 * step_m)
     assert slope[~far] == pytest.approx(by_hand, rel=1e-5)
     assert (slope[far] == 0).all()
 
 
 def test_level_sensitivity_is_how_L_inf_moves_with_a_parameter():
     p, theta, step = problem(FREE, theta=(2.0, 1.0)), np.array([1.9, 1.05]), 1e-5
-    moved = [(p.log_levels(theta + d)[0] - p.log_levels(theta - d)[0]) / (2 * step) for d in step * np.eye(2)]
+    moved = [
+        (p.log_levels(theta + d)[0] - p.log_levels(theta - d)[0]) / (2 * step)
+        for d in step * np.eye(2)
+    ]
     assert p.level_sensitivity(p.jacobian(theta)) == pytest.approx(np.array(moved).T, rel=1e-5)
 
 
 def test_free_air_trials_tell_L_inf():
-    """With stations near the ground only, L_inf leans on the model; trials in free air take that away."""
+    """With stations near the ground only, L_inf leans on the model; trials in free air take that
+    away.
+    """
     near = campaign(5, stations=(1.14, 1.3, 1.5, 1.8), visits=4, height=0.0)
-    data = with_free_air(campaign(5, stations=(1.14, 1.3, 1.5, 1.8, 1e4), visits=4, height=0.0), 1e4)
+    data = with_free_air(
+        campaign(5, stations=(1.14, 1.3, 1.5, 1.8, 1e4), visits=4, height=0.0), 1e4
+    )
     theta = np.array([2.0])
     spread = {}
     for name, trials in (("near", near), ("free air", data)):
@@ -175,7 +216,13 @@ def test_needs_come_from_geometry_the_schedule_or_a_covariate_and_are_asked_for(
     assert need(data, "spacing_hat", "m") == 65 / 23
     assert need(data, "throttle", "m") is data.throttle
     assert need(data, "supply_V", "m") is data.covariates["supply_V"]
-    with pytest.raises(InputRefused, match=r"model m: needs humidity, which this campaign does not know\n  add it to \[vehicle\] or to the schedule"):
+    with pytest.raises(
+        InputRefused,
+        match=(
+            r"model m: needs humidity, which this campaign does not know\n  add it to \[vehicle\]"
+            r" or to the schedule"
+        ),
+    ):
         need(data, "humidity", "m")
 
 
@@ -187,14 +234,25 @@ def bounded(low: float, high: float) -> LiftModel:
         evaluate=lambda z, /, *, a: 1 + a / np.asarray(z),
         boundary="ground",
         valid_z_hat=(low, high),
-        parameters=(Parameter(name="a", unit="1", value=0.1, bounds=(0.0, 1.0), prior=uniform(0.0, 1.0), meaning="gain"),),
+        parameters=(
+            Parameter(
+                name="a",
+                unit="1",
+                value=0.1,
+                bounds=(0.0, 1.0),
+                prior=uniform(0.0, 1.0),
+                meaning="gain",
+            ),
+        ),
         source=Source(citation="this test"),
         checks=(Check(x=1.0, expected=1.1, quoted_by="by hand"),),
     )
 
 
 def test_usable_leaves_out_the_pole_itself_keeps_the_upper_end_and_free_air():
-    data = with_free_air(campaign(3, visits=1, stations=(0.5, 0.6, 2.0, 2.1, 9.0), ratio=lambda z: 1 + 0.1 / z), 9.0)
+    data = with_free_air(
+        campaign(3, visits=1, stations=(0.5, 0.6, 2.0, 2.1, 9.0), ratio=lambda z: 1 + 0.1 / z), 9.0
+    )
     keep = usable(bounded(0.5, 2.0), data)
     assert set(data.z_hat[keep]) == {0.6, 2.0, np.inf}
 
@@ -203,7 +261,13 @@ def test_covariance_enters_only_through_its_whitening():
     """A covariance four times as large leaves the best L_inf and divides chi2 by four."""
     p, theta = problem(), np.array([1.5])
     c = p.covariance
-    wide = Covariance(variance=4 * c.variance, visit=c.visit, per_visit=2 * c.per_visit, shared=2 * c.shared, common=2 * c.common)
+    wide = Covariance(
+        variance=4 * c.variance,
+        visit=c.visit,
+        per_visit=2 * c.per_visit,
+        shared=2 * c.shared,
+        common=2 * c.common,
+    )
     other = Problem(model=p.model, data=p.data, covariance=wide)
     assert other.chi2(theta) == pytest.approx(p.chi2(theta) / 4)
     assert other.log_levels(theta)[0] == pytest.approx(p.log_levels(theta)[0])

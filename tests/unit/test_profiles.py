@@ -1,4 +1,6 @@
-"""Profile likelihoods: parabolas where the model is linear, lmfit's own profiles where it is not, open ends at bounds."""
+"""Profile likelihoods: parabolas where the model is linear, lmfit's own profiles where it is not,
+open ends at bounds.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def test_a_well_measured_coefficient_has_a_parabola():
     e = found.estimates["K_b"]
     assert k.rise.min() == 0
     assert k.rise == pytest.approx(k.quadratic, rel=0.05, abs=0.02)
-    assert (k.intervals[90].low, k.intervals[90].high) == pytest.approx((e.lo90, e.hi90), abs=0.02 * e.u)
+    assert (k.intervals[90].low, k.intervals[90].high) == pytest.approx(
+        (e.lo90, e.hi90), abs=0.02 * e.u
+    )
     for level, z in ((68, 0.9945), (90, 1.6449), (95, 1.96)):
         width = k.intervals[level].high - k.intervals[level].low
         assert width == pytest.approx(2 * z * e.u, rel=0.02)
@@ -46,17 +50,28 @@ def test_two_coefficients_against_lmfit():
     parameters = lmfit.Parameters()
     for name, value, q in zip(found.names, found.theta, problem.model.parameters, strict=True):
         parameters.add(name, value=value, min=q.bounds[0], max=q.bounds[1])
-    minimiser = lmfit.Minimizer(lambda v: problem.residuals(np.array([v[n].value for n in found.names])), parameters, scale_covar=False)
+    minimiser = lmfit.Minimizer(
+        lambda v: problem.residuals(np.array([v[n].value for n in found.names])),
+        parameters,
+        scale_covar=False,
+    )
     result = minimiser.minimize()
 
     def rise(out, best):
         # its own measure is an F test with chi2 as the noise; ours knows the noise
         return float(np.sqrt(max(out.chisqr - best.chisqr, 0.0)))
 
-    ends = lmfit.conf_interval(minimiser, result, sigmas=[1.9599639845], prob_func=lambda best, out: _chance(rise(out, best)))
+    ends = lmfit.conf_interval(
+        minimiser,
+        result,
+        sigmas=[1.9599639845],
+        prob_func=lambda best, out: _chance(rise(out, best)),
+    )
     for name, rows in ends.items():
         low, high = rows[0][1], rows[-1][1]
-        assert (own[name].intervals[95].low, own[name].intervals[95].high) == pytest.approx((low, high), abs=0.01 * found.estimates[name].u)
+        assert (own[name].intervals[95].low, own[name].intervals[95].high) == pytest.approx(
+            (low, high), abs=0.01 * found.estimates[name].u
+        )
     assert abs(own["p"].skew - 1) > 0.03  # or a parabola would have done
 
 
@@ -67,9 +82,20 @@ def _chance(z):
 
 
 def test_an_end_beyond_a_bound_is_open():
-    """Lift that falls towards the ceiling wants alpha below zero: the profile starts at the bound and has no lower end."""
-    data = campaign(4, boundary="ceiling", ratio=lambda z: hsiao(z, 0.0), stations=(0.3, 0.6, 1.0, 5.0), visits=2)
-    _, own = profile("hsiao_chirarattananon", dataclasses.replace(data, lift_N=data.lift_N * np.where(data.z_hat < 0.5, 0.999, 1.0)))
+    """Lift that falls towards the ceiling wants alpha below zero: the profile starts at the bound
+    and has no lower end.
+    """
+    data = campaign(
+        4,
+        boundary="ceiling",
+        ratio=lambda z: hsiao(z, 0.0),
+        stations=(0.3, 0.6, 1.0, 5.0),
+        visits=2,
+    )
+    _, own = profile(
+        "hsiao_chirarattananon",
+        dataclasses.replace(data, lift_N=data.lift_N * np.where(data.z_hat < 0.5, 0.999, 1.0)),
+    )
     alpha = own["alpha"]
     assert alpha.value[0] == pytest.approx(0, abs=1e-8)
     assert alpha.intervals[95].open == ("low",)
@@ -78,7 +104,9 @@ def test_an_end_beyond_a_bound_is_open():
 
 
 def test_a_profile_that_rises_slowly_is_followed_outwards():
-    """Three stations and 3 % of noise: an amplitude thirteen times its value is within 95 %, the lower end is as sharp as ever."""
+    """Three stations and 3 % of noise: an amplitude thirteen times its value is within 95 %, the
+    lower end is as sharp as ever.
+    """
     data = campaign(4, visits=1, stations=(1.5, 2.5, 11.0))
     found, own = profile("power_law", data, scatter=Noise(relative=0.03))
     a, u = own["a"], found.estimates["a"].u
@@ -87,8 +115,12 @@ def test_a_profile_that_rises_slowly_is_followed_outwards():
     assert a.skew > 5
     low = np.linspace(found.theta[0] - 3 * u, found.theta[0], 301)
     p = np.linspace(*found.model.parameters[1].bounds, 2001)
-    chi2 = np.array([found.problem.chi2(np.stack([np.full_like(p, x), p], axis=1)).min() for x in low])
-    assert a.intervals[95].low == pytest.approx(np.interp(-3.8415, -(chi2 - chi2.min()), low), abs=0.02 * u)
+    chi2 = np.array(
+        [found.problem.chi2(np.stack([np.full_like(p, x), p], axis=1)).min() for x in low]
+    )
+    assert a.intervals[95].low == pytest.approx(
+        np.interp(-3.8415, -(chi2 - chi2.min()), low), abs=0.02 * u
+    )
     assert own["p"].intervals[95].open == ("low",)  # no exponent is too small
 
 
@@ -99,19 +131,34 @@ def test_student_widens_every_level():
     from scipy.stats import norm, t
 
     for level in profiles.LEVELS:
-        widths = [p["K_b"].intervals[level].high - p["K_b"].intervals[level].low for p in (known, guessed)]
-        assert widths[1] / widths[0] == pytest.approx(t.ppf(0.5 + level / 200, 6) / norm.ppf(0.5 + level / 200), rel=0.05)
+        widths = [
+            p["K_b"].intervals[level].high - p["K_b"].intervals[level].low for p in (known, guessed)
+        ]
+        assert widths[1] / widths[0] == pytest.approx(
+            t.ppf(0.5 + level / 200, 6) / norm.ppf(0.5 + level / 200), rel=0.05
+        )
 
 
 @pytest.mark.parametrize("distribution", ["normal", "uniform"])
 def test_an_unknown_height_is_profiled_under_its_distribution(distribution):
-    data = campaign(2, boundary="ceiling", ratio=hsiao, stations=(0.1, 0.2, 0.4, 1.0, 10.0), datum=3e-4)
-    part = Component(name="datum", on="height", standard=3e-4, distribution=distribution, scope="boundary")
+    data = campaign(
+        2, boundary="ceiling", ratio=hsiao, stations=(0.1, 0.2, 0.4, 1.0, 10.0), datum=3e-4
+    )
+    part = Component(
+        name="datum", on="height", standard=3e-4, distribution=distribution, scope="boundary"
+    )
     found, own = profile("hsiao_chirarattananon", data, (part,), plan=heights.Plan(shared=(part,)))
     alpha = own["alpha"]
-    offset = np.linspace(-1, 1, 4001) * 3e-4 * (5 if distribution == "normal" else 3**0.5 * (1 - 1e-9))
+    offset = (
+        np.linspace(-1, 1, 4001) * 3e-4 * (5 if distribution == "normal" else 3**0.5 * (1 - 1e-9))
+    )
     penalty = (offset / 3e-4) ** 2 if distribution == "normal" else 0.0
-    brute = np.array([(found.problem.chi2(np.full((len(offset), 1), a), offset[:, None]) + penalty).min() for a in alpha.value])
+    brute = np.array(
+        [
+            (found.problem.chi2(np.full((len(offset), 1), a), offset[:, None]) + penalty).min()
+            for a in alpha.value
+        ]
+    )
     assert alpha.rise == pytest.approx(brute - brute.min(), abs=0.01)
 
 

@@ -48,7 +48,9 @@ def test_thrust_along_the_axes_is_force_over_both_cosines(table, tmp_path):
     loaded = manifests.load(folder)
     assert loaded.name == "along-axes"
     lift = read_schedule(loaded, folder).means["lift_N"]
-    assert lift == pytest.approx([24.2, 20.0 / np.cos(np.pi / 6), 20.45 / np.cos(np.pi / 9) / np.cos(np.pi / 18)], rel=1e-5)
+    assert lift == pytest.approx(
+        [24.2, 20.0 / np.cos(np.pi / 6), 20.45 / np.cos(np.pi / 9) / np.cos(np.pi / 18)], rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -56,7 +58,10 @@ def test_thrust_along_the_axes_is_force_over_both_cosines(table, tmp_path):
     [
         (HEADER.replace("Fz_std_N", "sd") + ROWS, "lacks the columns Fz_std_N"),
         (HEADER + ROWS.replace("24.2", "24.2N"), "line 2"),
-        (HEADER + ROWS.replace("back_to_back", "sideways"), "line 4: 'sideways' is no known configuration"),
+        (
+            HEADER + ROWS.replace("back_to_back", "sideways"),
+            "line 4: 'sideways' is no known configuration",
+        ),
     ],
 )
 def test_a_damaged_table_is_refused(table, tmp_path, text, message):
@@ -80,26 +85,48 @@ def test_nothing_is_overwritten_and_a_missing_table_is_named(table, tmp_path):
 def test_where_the_order_is_unknown_nothing_varies_along_it():
     data = dataclasses.replace(campaign(3, visits=5), ordered=False)
     known = derive(data, np.ones(4)).covariates
-    for name in ("run_order", "elapsed_hat", "previous_lift_N", "previous_throttle", "previous_z_hat", "order_in_visit"):
+    for name in (
+        "run_order",
+        "elapsed_hat",
+        "previous_lift_N",
+        "previous_throttle",
+        "previous_z_hat",
+        "order_in_visit",
+    ):
         assert np.ptp(known[name]) == 0, name
     assert "start_s" not in known
-    assert {f.covariate for f in families(derive(data, np.ones(4)))}.isdisjoint({"start", "order_in_visit", "previous_throttle", "previous_distance"})
+    assert {f.covariate for f in families(derive(data, np.ones(4)))}.isdisjoint(
+        {"start", "order_in_visit", "previous_throttle", "previous_distance"}
+    )
 
 
 def test_a_drift_is_seen_in_run_order_and_untestable_without_one():
     base = catalogue.model("sanchez_cuevas")
     data = campaign(5, visits=8)
     data = dataclasses.replace(data, lift_N=data.lift_N * (1 + 0.02 * np.linspace(-1, 1, data.n)))
-    assert close_loop(data, base, confirm=False)["structure"][0]["covariate"] in ("start", "session")
+    assert close_loop(data, base, confirm=False)["structure"][0]["covariate"] in (
+        "start",
+        "session",
+    )
     bare = {k: v for k, v in data.covariates.items() if k == "approach"}
-    found = close_loop(dataclasses.replace(data, ordered=False, covariates=bare), base, confirm=False)
+    found = close_loop(
+        dataclasses.replace(data, ordered=False, covariates=bare), base, confirm=False
+    )
     assert "start" not in {s["covariate"] for s in found["structure"]}
     assert {"gain_drift", "cell_creep", "warm_up"} <= {u["effect"] for u in found["untestable"]}
 
 
 def test_at_a_single_throttle_what_l_inf_absorbs_is_no_family():
-    """Its rounding errors would be: at one throttle the zero of the cell, in first order, is L_inf."""
-    data = campaign(6, boundary="ceiling", ratio=hsiao, stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0), visits=12)
+    """Its rounding errors would be: at one throttle the zero of the cell, in first order,
+    is L_inf.
+    """
+    data = campaign(
+        6,
+        boundary="ceiling",
+        ratio=hsiao,
+        stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
+        visits=12,
+    )
     one = data.take(data.throttle == 0.5)
     stage = set_up(one, catalogue.model("hsiao_chirarattananon"), (), Options())[0]
     assert "zero" not in {f.name for f in families(stage.data)}

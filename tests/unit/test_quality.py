@@ -17,14 +17,18 @@ def test_names_are_unique_and_capitals_reject() -> None:
         assert code(c.name) is c
 
 
-@pytest.mark.parametrize(("name", "rejects"), [("Mixed", True), ("Mixed", False), ("low", True), ("HIGH", False)])
+@pytest.mark.parametrize(
+    ("name", "rejects"), [("Mixed", True), ("Mixed", False), ("low", True), ("HIGH", False)]
+)
 def test_a_code_against_the_convention_is_refused(name: str, rejects: bool) -> None:
     with pytest.raises(DeclarationError, match="CAPITALS reject"):
         Code(name=name, rejects=rejects, meaning="x")
 
 
 def test_mask_of_rejected_trials() -> None:
-    quality = np.array(["", "drift", "SATURATED", "truncated SHORT", "NO_DATA", "out_of_range"], dtype=object)
+    quality = np.array(
+        ["", "drift", "SATURATED", "truncated SHORT", "NO_DATA", "out_of_range"], dtype=object
+    )
     assert rejected(quality).tolist() == [False, False, True, True, True, False]
     assert rejected(np.array([], dtype=object)).tolist() == []
 
@@ -42,6 +46,12 @@ def test_the_reason_names_only_what_rejects() -> None:
 
 
 def test_the_manifests_reason_stands_behind_its_exclusion_and_a_fault_stays_a_fault() -> None:
-    assert reason("STUCK EXCLUDED", "cable touched").endswith("EXCLUDED (excluded by the manifest): cable touched")
+    assert reason("STUCK EXCLUDED", "cable touched").endswith(
+        "EXCLUDED (excluded by the manifest): cable touched"
+    )
     assert reason("EXCLUDED") == "EXCLUDED (excluded by the manifest)"
-    assert faulty(np.array(["EXCLUDED", "STUCK EXCLUDED", "drift"], dtype=object)).tolist() == [False, True, False]
+    assert faulty(np.array(["EXCLUDED", "STUCK EXCLUDED", "drift"], dtype=object)).tolist() == [
+        False,
+        True,
+        False,
+    ]

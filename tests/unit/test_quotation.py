@@ -1,4 +1,6 @@
-"""results.json obeys its contract for every verdict, follows the rule of quotation, and comes back as it was saved."""
+"""results.json obeys its contract for every verdict, follows the rule of quotation, and comes back
+as it was saved.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,22 @@ from nearlift.stages import diagnose
 from . import verdicts
 from .simulated import campaign
 
-KEYS = {"value", "u", "dof", "unit", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "holds", "budget", "influence", "doubts"}
+KEYS = {
+    "value",
+    "u",
+    "dof",
+    "unit",
+    "lo68",
+    "hi68",
+    "lo90",
+    "hi90",
+    "lo95",
+    "hi95",
+    "holds",
+    "budget",
+    "influence",
+    "doubts",
+}
 BOUNDARY = {"verdict", "reason", "base_model", "effects", "rivals", "coefficients", "error"}
 
 
@@ -51,7 +68,15 @@ def test_the_file_has_the_keys_of_the_contract(job):
             assert own["error"].keys() == {"unit", "before", "after", "noise_floor"}
         for c in own["coefficients"].values():
             assert c.keys() >= KEYS
-            assert c["lo95"] <= c["lo90"] <= c["lo68"] <= c["value"] <= c["hi68"] <= c["hi90"] <= c["hi95"]
+            assert (
+                c["lo95"]
+                <= c["lo90"]
+                <= c["lo68"]
+                <= c["value"]
+                <= c["hi68"]
+                <= c["hi90"]
+                <= c["hi95"]
+            )
             assert all(line.keys() >= {"source", "type", "u", "u_without"} for line in c["budget"])
             assert c["influence"].keys() == {"trial", "visit"}
             assert c["influence"]["visit"].keys() == {"id", "shift"}
@@ -62,7 +87,9 @@ def test_the_file_has_the_keys_of_the_contract(job):
 def test_what_is_loaded_is_what_was_saved(job):
     _, made, _ = job
     content = made.read_json(RESULTS)
-    again = json.loads(json.dumps(Results.model_validate(content).content()).replace("Infinity", "null"))
+    again = json.loads(
+        json.dumps(Results.model_validate(content).content()).replace("Infinity", "null")
+    )
     assert again == content
 
 
@@ -76,9 +103,13 @@ def test_the_interval_is_that_of_the_rule(job, quoted):
         assert c.u == pytest.approx(e["u"], rel=1e-9)
         return
     loop = made.read_json(DIAGNOSIS)["boundaries"]["ground"]["coefficients"]
-    assert own == pytest.approx([loop["after"]["K_b"][k] for k in ("value", "lo90", "hi90")], rel=1e-9)
+    assert own == pytest.approx(
+        [loop["after"]["K_b"][k] for k in ("value", "lo90", "hi90")], rel=1e-9
+    )
     if verdict == "adequate":
-        assert own == pytest.approx([loop["before"]["K_b"][k] for k in ("value", "lo90", "hi90")], rel=1e-9)
+        assert own == pytest.approx(
+            [loop["before"]["K_b"][k] for k in ("value", "lo90", "hi90")], rel=1e-9
+        )
     assert (verdict == "unexplained") == bool(loop["carried"])
 
 
@@ -87,7 +118,12 @@ def test_fit_alone_quotes_the_base_fit_and_says_that_nobody_looked(job):
     own = Results.model_validate(before).boundaries["ground"]
     assert own.verdict == "not_diagnosed"
     assert "nearlift diagnose" in own.reason
-    assert own.coefficients["K_b"].value == made.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]["value"]
+    assert (
+        own.coefficients["K_b"].value
+        == made.read_json(FIT)["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"][
+            "value"
+        ]
+    )
 
 
 def test_the_lines_of_the_budget_make_up_u_and_no_knowledge_widens_it(quoted):
@@ -122,7 +158,9 @@ def test_doubts_say_what_each_verdict_leaves_open(job, quoted):
 def test_how_estimates_go_together_is_on_record_for_all_who_draw_from_them(job, quoted):
     verdict, _, _ = job
     found = np.array(quoted.correlation.values)
-    assert quoted.correlation.parameters == (("K_b", "sag_exponent") if verdict == "effect" else ("K_b",))
+    assert quoted.correlation.parameters == (
+        ("K_b", "sag_exponent") if verdict == "effect" else ("K_b",)
+    )
     assert (np.diag(found) == 1.0).all()
     assert (found == found.T).all()
     assert verdict != "effect" or 1e-4 < abs(found[0, 1]) < 1.0
@@ -132,10 +170,14 @@ def test_influence_is_what_the_fit_does_without_the_visit():
     """The closed form, scatter held fixed, against a refit at the same scatter."""
     data, model = campaign(7, visits=5), catalogue.model("sanchez_cuevas")
     found = fit(model, data)
-    quoted = Estimator.of(found).quoted(0, [(float(found.theta[0]), float(found.estimates["K_b"].u))], "", [])
+    quoted = Estimator.of(found).quoted(
+        0, [(float(found.theta[0]), float(found.estimates["K_b"].u))], "", []
+    )
     shift = quoted.influence.visit
     again = fit(model, data.take(data.visit != int(shift.id)), (), found.noise)
-    assert again.theta[0] - found.theta[0] == pytest.approx(shift.shift, rel=0.05, abs=0.02 * quoted.u)
+    assert again.theta[0] - found.theta[0] == pytest.approx(
+        shift.shift, rel=0.05, abs=0.02 * quoted.u
+    )
     assert abs(shift.shift) > 0.1 * quoted.u
 
 

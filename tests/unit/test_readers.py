@@ -22,14 +22,24 @@ from nearlift.stages.inspection import inspect
 
 from .bench_campaign import manifest
 
-PARQUET: dict[str, Any] = {"records": {"reader": "parquet", "files": "records.parquet", "force": {"column": "force", "unit": "mN", "sign": 1}}}
+PARQUET: dict[str, Any] = {
+    "records": {
+        "reader": "parquet",
+        "files": "records.parquet",
+        "force": {"column": "force", "unit": "mN", "sign": 1},
+    }
+}
 
 
-def parse(text: str | bytes, *, compiled: bool = True, time: str | None = None) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
+def parse(
+    text: str | bytes, *, compiled: bool = True, time: str | None = None
+) -> tuple[np.ndarray, np.ndarray | None, tuple[str, ...]]:
     with pytest.MonkeyPatch.context() as patched:
         if not compiled:
             patched.setattr(scanner, "scan", lambda *_: None)
-        return csv_trial.parse(text if isinstance(text, bytes) else text.encode(), "t.csv", "force", time)
+        return csv_trial.parse(
+            text if isinstance(text, bytes) else text.encode(), "t.csv", "force", time
+        )
 
 
 # ---- CSV
@@ -37,7 +47,9 @@ def parse(text: str | bytes, *, compiled: bool = True, time: str | None = None) 
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_columns_are_found_by_name(compiled: bool) -> None:
-    force, time, codes = parse("note,t,force\nx,0.000,1.5\ny,0.001,-2.25e1\n", compiled=compiled, time="t")
+    force, time, codes = parse(
+        "note,t,force\nx,0.000,1.5\ny,0.001,-2.25e1\n", compiled=compiled, time="t"
+    )
     np.testing.assert_array_equal(force, [1.5, -22.5])
     assert time is not None
     np.testing.assert_array_equal(time, [0.0, 0.001])
@@ -87,7 +99,9 @@ def test_all_roads_give_the_bits_of_float(texts: list[str]) -> None:
 
 
 def test_the_scanner_takes_what_loggers_write() -> None:
-    content = b"t,force\n" + b"".join(b"%.3f,%.4f\n" % (i / 1000, 123.4567 * np.sin(i)) for i in range(1000))
+    content = b"t,force\n" + b"".join(
+        b"%.3f,%.4f\n" % (i / 1000, 123.4567 * np.sin(i)) for i in range(1000)
+    )
     assert scanner.scan(content, 8, 2, [1, 0]) is not None
 
 
@@ -164,8 +178,15 @@ def test_other_encodings_are_refused(text: bytes, match: str) -> None:
 
 def test_sign_calibration_and_clock(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("ms,counts\n0,130\n5,140\n")
-    force = {"column": "counts", "unit": "count", "sign": -1, "calibration": {"gain": "2 mN/count", "offset": "120 count"}}
-    given = manifest(records={"files": "{trial}.csv", "force": force, "time": {"column": "ms", "unit": "ms"}})
+    force = {
+        "column": "counts",
+        "unit": "count",
+        "sign": -1,
+        "calibration": {"gain": "2 mN/count", "offset": "120 count"},
+    }
+    given = manifest(
+        records={"files": "{trial}.csv", "force": force, "time": {"column": "ms", "unit": "ms"}}
+    )
     (record,) = reader("csv").read(given, tmp_path, ["a"])
     np.testing.assert_allclose(record.force_N, [-0.02, -0.04])
     np.testing.assert_allclose(record.time_s, [0, 0.005])
@@ -177,24 +198,35 @@ def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
         (tmp_path / f"{trial}.csv").write_text("force\n1\n")
     given = manifest(records={"files": "{trial}.csv"})
     assert [r.trial for r in reader("csv").read(given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
-    assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == ["a.csv", "c.csv"]
+    assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == [
+        "a.csv",
+        "c.csv",
+    ]
 
 
 @settings(max_examples=150)
 @given(
-    st.lists(st.one_of(st.integers(-(10**9), 10**9), st.integers(-3000, 3000)), min_size=20, max_size=30),
+    st.lists(
+        st.one_of(st.integers(-(10**9), 10**9), st.integers(-3000, 3000)), min_size=20, max_size=30
+    ),
     st.integers(0, 15),
     st.sampled_from(["{}\n", "{}\r\n", "7,{}\n", "{},x\n"]),
     st.integers(0, 10**6),
     st.sampled_from('x ;+e/:".,-\n0\0'),
 )
-def test_numbers_laid_out_like_the_one_above_are_those_of_the_strict_reader(numbers: list[int], down: int, row: str, place: int, damage: str) -> None:
-    """Columns as loggers print them, to eight characters, to sixteen and beyond, with other layouts between; then the same with one byte spoilt."""
+def test_numbers_laid_out_like_the_one_above_are_those_of_the_strict_reader(
+    numbers: list[int], down: int, row: str, place: int, damage: str
+) -> None:
+    """Columns as loggers print them, to eight characters, to sixteen and beyond, with other layouts
+    between; then the same with one byte spoilt.
+    """
     texts = [f"{n / 997:.{down}f}" if n % 7 else f"{n // 7}." for n in numbers]
     header = "force" if row[:3] in ("{}\n", "{}\r") else "t,force" if row[0] == "7" else "force,t"
     content = f"{header}\n{''.join(map(row.format, texts))}".encode()
     found = parse(content)[0]
-    np.testing.assert_array_equal(found.view(np.int64), np.array([float(t) for t in texts]).view(np.int64))
+    np.testing.assert_array_equal(
+        found.view(np.int64), np.array([float(t) for t in texts]).view(np.int64)
+    )
     place = len(header) + 1 + place % (len(content) - len(header) - 2)
     spoilt = content[:place] + damage.encode() + content[place + 1 :]
     assert told(spoilt, compiled=True) == told(spoilt, compiled=False)
@@ -211,7 +243,9 @@ def told(content: bytes, *, compiled: bool) -> tuple[bytes, tuple[str, ...]] | s
 
 def test_a_record_keeps_its_samples_when_the_next_is_read(tmp_path: Path) -> None:
     for trial, shift in (("a", 0.0), ("b", 1.0)):
-        (tmp_path / f"{trial}.csv").write_text("t,force\n" + "".join(f"{i / 1000:.3f},{shift + i:.4f}\n" for i in range(50)))
+        (tmp_path / f"{trial}.csv").write_text(
+            "t,force\n" + "".join(f"{i / 1000:.3f},{shift + i:.4f}\n" for i in range(50))
+        )
     given = manifest(records={"files": "{trial}.csv", "time": {"column": "t", "unit": "s"}})
     first, second = reader("csv").read(given, tmp_path, ["a", "b"])
     np.testing.assert_allclose(second.force_N - first.force_N, 1e-3)
@@ -248,17 +282,34 @@ def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
 def test_a_link_within_the_folder_is_followed(tmp_path: Path) -> None:
     (tmp_path / "real.csv").write_text("force\n1\n")
     (tmp_path / "a.csv").symlink_to(tmp_path / "real.csv")
-    assert len(reader("csv").files(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])) == 1
+    assert (
+        len(reader("csv").files(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])) == 1
+    )
 
 
-@pytest.mark.parametrize("pattern", ["trials/{trial}.csv", "{trial}.csv", "{trial}/force.csv", "{trial}/{trial}.csv", "[{trial}].csv"])
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "trials/{trial}.csv",
+        "{trial}.csv",
+        "{trial}/force.csv",
+        "{trial}/{trial}.csv",
+        "[{trial}].csv",
+    ],
+)
 @pytest.mark.parametrize("name", ["csv", "text"])
 def test_a_record_without_a_row_is_told(tmp_path: Path, pattern: str, name: str) -> None:
     for trial in ("a", "b", "c-1", "d"):
         path = tmp_path / pattern.replace("{trial}", trial)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("t,force\n0,1\n1,2\n")
-    chosen = manifest(records={"reader": name, "files": pattern, "force": {"column": "force", "unit": "mN", "sign": 1}})
+    chosen = manifest(
+        records={
+            "reader": name,
+            "files": pattern,
+            "force": {"column": "force", "unit": "mN", "sign": 1},
+        }
+    )
     (note,) = reader(name).plan(chosen, tmp_path, ["b", "d", "elsewhere"]).notes
     assert note.startswith(f"{pattern.replace('{trial}', 'a')} and 1 more are no trial's record")
     assert reader(name).plan(chosen, tmp_path, ["a", "b", "c-1", "d"]).notes == ()
@@ -295,7 +346,11 @@ def test_records_do_not_depend_on_the_files_layout(
     monkeypatch.setattr(parquet, "BATCH", batch)
     lengths = {"0": 4, "1": 9, "2": 1, "3": 12}
     names = [t for t, n in lengths.items() for _ in range(n)]
-    trial = {"text": pa.array(names), "dictionary": pa.array(names).dictionary_encode(), "integer": pa.array([int(t) for t in names])}[kind]
+    trial = {
+        "text": pa.array(names),
+        "dictionary": pa.array(names).dictionary_encode(),
+        "integer": pa.array([int(t) for t in names]),
+    }[kind]
     force = np.arange(26.0)
     write_table(tmp_path, {"trial": trial, "force": pa.array(force)}, row_group_size)
     got = records(tmp_path, ["3", "0", "2"])
@@ -311,12 +366,20 @@ def test_pieces_are_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     given = manifest(**PARQUET)
     plan = reader("parquet").plan(given, tmp_path, [f"t{i}" for i in range(6)])
     assert len(plan.pieces) > 2
-    backwards = [r for piece in reversed(plan.pieces) for r in reader("parquet").read_piece(given, tmp_path, piece)]
-    assert {r.trial: r.force_N[0] for r in backwards} == {f"t{i}": pytest.approx(5e-3 * i) for i in range(6)}
+    backwards = [
+        r
+        for piece in reversed(plan.pieces)
+        for r in reader("parquet").read_piece(given, tmp_path, piece)
+    ]
+    assert {r.trial: r.force_N[0] for r in backwards} == {
+        f"t{i}": pytest.approx(5e-3 * i) for i in range(6)
+    }
 
 
 def test_a_missing_sample_is_nan_and_a_clock_is_read(tmp_path: Path) -> None:
-    write_table(tmp_path, {"trial": ["a"] * 3, "force": pa.array([1, None, 3]), "t": [0.0, 5.0, 10.0]})
+    write_table(
+        tmp_path, {"trial": ["a"] * 3, "force": pa.array([1, None, 3]), "t": [0.0, 5.0, 10.0]}
+    )
     given = {"records": {**PARQUET["records"], "time": {"column": "t", "unit": "ms"}}}
     (record,) = records(tmp_path, ["a"], **given)
     np.testing.assert_allclose(record.force_N, [1e-3, np.nan, 3e-3])
@@ -332,7 +395,10 @@ def test_trials_that_the_schedule_does_not_list_are_noted(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("columns", "match"),
     [
-        ({"trial": ["a", "b", "a"], "force": [1, 2, 3]}, r"trial 'a' stands in two places, at rows 1 and 3"),
+        (
+            {"trial": ["a", "b", "a"], "force": [1, 2, 3]},
+            r"trial 'a' stands in two places, at rows 1 and 3",
+        ),
         ({"trial": ["a", None], "force": [1, 2]}, "row 2 has no trial"),
         ({"tril": ["a"], "force": [1]}, "no column 'trial'"),
         ({"trial": ["a"], "forze": [1]}, r"no column 'force'\n  records.force.column = 'forze'\?"),
@@ -357,7 +423,9 @@ def test_damage_is_refused(tmp_path: Path) -> None:
 
 def test_a_column_whose_name_is_no_text_is_refused_by_its_place(tmp_path: Path) -> None:
     path = tmp_path / "records.parquet"
-    pq.write_table(pa.table({"trial": ["a"], "force": [1.0], "extra??": [1.0]}), path, store_schema=False)
+    pq.write_table(
+        pa.table({"trial": ["a"], "force": [1.0], "extra??": [1.0]}), path, store_schema=False
+    )
     path.write_bytes(path.read_bytes().replace(b"extra??", b"extra\xff\xfe"))
     with pytest.raises(InputRefused, match="column 3: has a name that is no UTF-8 text"):
         records(tmp_path, ["a"])
@@ -374,18 +442,32 @@ def small_child() -> Iterator[child.Child]:
         child.dismiss()
 
 
-def test_a_table_of_few_bytes_does_not_fill_the_memory(tmp_path: Path, small_child: child.Child) -> None:
-    million = pa.table({"trial": pa.array(["a"] * 1_000_000).dictionary_encode(), "force": pa.array(np.zeros(1_000_000, dtype=np.int8))})
+def test_a_table_of_few_bytes_does_not_fill_the_memory(
+    tmp_path: Path, small_child: child.Child
+) -> None:
+    million = pa.table(
+        {
+            "trial": pa.array(["a"] * 1_000_000).dictionary_encode(),
+            "force": pa.array(np.zeros(1_000_000, dtype=np.int8)),
+        }
+    )
     with pq.ParquetWriter(tmp_path / "records.parquet", million.schema) as file:
         for _ in range(60):
             file.write_table(million)
     assert (tmp_path / "records.parquet").stat().st_size < 400_000
-    with child.source(parquet.FORMAT, memory=600 << 20) as read, pytest.raises(Malformed, match="memory"):
+    with (
+        child.source(parquet.FORMAT, memory=600 << 20) as read,
+        pytest.raises(Malformed, match="memory"),
+    ):
         read(tmp_path / "records.parquet", {}, None)
 
 
 def test_a_name_of_many_bytes_is_refused(tmp_path: Path, small_child: child.Child) -> None:
-    pq.write_table(pa.table({"trial": ["a" * (150 << 20)], "force": [1]}), tmp_path / "records.parquet", compression="zstd")
+    pq.write_table(
+        pa.table({"trial": ["a" * (150 << 20)], "force": [1]}),
+        tmp_path / "records.parquet",
+        compression="zstd",
+    )
     assert (tmp_path / "records.parquet").stat().st_size < 1_000_000
     with pytest.raises(InputRefused, match="memory"):
         records(tmp_path, ["a"])

@@ -25,14 +25,18 @@ def record(
     tone_Hz: float = 61.0,
     memory: float = 0.0,
 ) -> np.ndarray:
-    """White or first-order noise of the given sd, a tone of random phase while the rotors run, a zero of 7 mN."""
+    """White or first-order noise of the given sd, a tone of random phase while the rotors run, a
+    zero of 7 mN.
+    """
     white = noise * rng.standard_normal(tare + live)
     if memory:
         from scipy.signal import lfilter
 
         white = lfilter([np.sqrt(1 - memory**2)], [1, -memory], white)
     force = 7e-3 + white
-    force[tare:] += lift + tone * np.sin(2 * np.pi * (rng.random() + tone_Hz / RATE * np.arange(live)))
+    force[tare:] += lift + tone * np.sin(
+        2 * np.pi * (rng.random() + tone_Hz / RATE * np.arange(live))
+    )
     return force
 
 
@@ -41,7 +45,9 @@ def reduced(force: np.ndarray, **given: Any) -> Reduced:
 
 
 def test_tare_settle_and_mean_are_exact() -> None:
-    force = np.concatenate([np.tile([1.0, 3.0], 1000), np.full(500, 50.0), np.tile([7.0, 9.0], 2000)])
+    force = np.concatenate(
+        [np.tile([1.0, 3.0], 1000), np.full(500, 50.0), np.tile([7.0, 9.0], 2000)]
+    )
     got = reduced(force, settle_s=0.5)
     assert got.lift_N == 6.0
     assert got.n == 4000
@@ -67,9 +73,10 @@ CASES: list[tuple[str, dict[str, Any], float]] = [
 def test_standard_error_is_the_scatter_of_the_mean(given: dict[str, Any], ratio: float) -> None:
     """Root mean square u against the scatter of 600 lifts, and coverage of u's 95 % interval.
 
-    The scatter is known to 2.9 % and the mean square u to 0.7 %, so that 4 standard errors are 0.12; coverage is a binomial of
-    600 about 0.93 (a t of some 15 degrees of freedom at 1.96; 0.89 where u is 13 % low) with a standard error of 0.011. The
-    chance of crying wolf is below 0.1 % for each case.
+    The scatter is known to 2.9 % and the mean square u to 0.7 %, so that 4 standard errors are
+    0.12; coverage is a binomial of 600 about 0.93 (a t of some 15 degrees of freedom at 1.96; 0.89
+    where u is 13 % low) with a standard error of 0.011. The chance of crying wolf is below 0.1 %
+    for each case.
     """
     rng = np.random.default_rng(1)
     tare_s = given.get("tare", 2000) / RATE
@@ -82,11 +89,13 @@ def test_standard_error_is_the_scatter_of_the_mean(given: dict[str, Any], ratio:
 
 @pytest.mark.parametrize("memory", [0.98, 0.99, 0.997, 0.999])
 def test_the_standard_error_of_slow_noise_is_honest(memory: float) -> None:
-    """Noise of 50 ms to 1 s in tares of 2 s and records of 10 s: from 40 correlation times in the tare to two.
+    """Noise of 50 ms to 1 s in tares of 2 s and records of 10 s: from 40 correlation times in the
+    tare to two.
 
-    Where u is known, a normal has 0.95 of the errors within 1.96 u and 0.68 within u; where it stands on a few
-    correlation times, a t of two degrees of freedom 0.82 and 0.58. Two standard errors of a binomial of 300
-    are added below; above, u may be too large by a factor of two (0.95 within u), not more.
+    Where u is known, a normal has 0.95 of the errors within 1.96 u and 0.68 within u; where it
+    stands on a few correlation times, a t of two degrees of freedom 0.82 and 0.58. Two standard
+    errors of a binomial of 300 are added below; above, u may be too large by a factor of two (0.95
+    within u), not more.
     """
     rng = np.random.default_rng(8)
     got = [reduced(record(rng, memory=memory, tone=1e-2 * (memory < 0.99))) for _ in range(300)]
@@ -96,10 +105,13 @@ def test_the_standard_error_of_slow_noise_is_honest(memory: float) -> None:
 
 
 def test_noise_as_slow_as_the_record_is_told() -> None:
-    """Noise that remembers for five records: most trials say so; none with a tone, a line, a straight drift."""
+    """Noise that remembers for five records: most trials say so; none with a tone, a line, a
+    straight drift.
+    """
     rng = np.random.default_rng(9)
     slow = [reduced(record(rng, memory=0.99998)).codes for _ in range(60)]
-    # a bench with such noise must not pass for a good one: half at least, five standard errors of a binomial below the 85 % measured
+    # a bench with such noise must not pass for a good one: half at least, five standard errors of a
+    # binomial below the 85 % measured
     assert sum(bool({"slow", "drift", "DRIFT"} & set(codes)) for codes in slow) > 30
     drift = np.concatenate([np.zeros(2000), np.linspace(-1e-3, 1e-3, 10000)])
     for noise in ({}, {"tone": 2e-2}, {"tone": 6e-3, "tone_Hz": 50.0}):
@@ -107,7 +119,8 @@ def test_noise_as_slow_as_the_record_is_told() -> None:
 
 
 def test_records_of_white_noise_keep_their_standard_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    """White noise reaches odds of a hundred in at most one stretch of a hundred, so in 8 of 400 records.
+    """White noise reaches odds of a hundred in at most one stretch of a hundred, so in 8 of 400
+    records.
 
     24 are more than five standard errors beyond.
     """
@@ -115,27 +128,36 @@ def test_records_of_white_noise_keep_their_standard_error(monkeypatch: pytest.Mo
     records = [record(rng, tone=1e-2) for _ in range(400)]
     with_slow = [reduced(force).u_lift_N for force in records]
     monkeypatch.setattr(slow_noise, "suspected", lambda means: False)
-    assert sum(u != reduced(force).u_lift_N for u, force in zip(with_slow, records, strict=True)) <= 24
+    assert (
+        sum(u != reduced(force).u_lift_N for u, force in zip(with_slow, records, strict=True)) <= 24
+    )
 
 
 def test_the_variance_of_the_mean_is_that_of_the_noise() -> None:
-    """Covariances of Hann batches, and the mean's variance, against sums over the samples of a first-order process."""
+    """Covariances of Hann batches, and the mean's variance, against sums over the samples of a
+    first-order process.
+    """
     half, m, memory = 40, 12, 0.98
     window = np.sin(np.pi * (np.arange(2 * half) + 0.5) / (2 * half)) ** 2
-    windows = np.array([np.pad(window / window.sum(), (k * half, (m - 1 - k) * half)) for k in range(m)])
+    windows = np.array(
+        [np.pad(window / window.sum(), (k * half, (m - 1 - k) * half)) for k in range(m)]
+    )
     times = np.arange((m + 1) * half)
     noise = memory ** np.abs(times[:, None] - times)
     means = windows @ noise @ windows.T
     row, of_mean = slow_noise._exponential(m, -1 / np.log(memory) / half)
-    # the integral over a window of 80 samples is 32 points: of second order, as the sum over samples is
+    # the integral over a window of 80 samples is 32 points: of second order, as the sum over
+    # samples is
     np.testing.assert_allclose(row, means[0] / means[0, 0], rtol=2e-3)
     assert of_mean == pytest.approx(noise.mean() / means[0, 0], rel=2e-3)
 
 
 def test_a_windowed_estimator_would_be_fooled() -> None:
-    """What is avoided: summing autocorrelations up to a window of five times themselves stops within the tone's first half wave.
+    """What is avoided: summing autocorrelations up to a window of five times themselves stops
+    within the tone's first half wave.
 
-    The noise has 39 times the variance of the mean that its samples' variance suggests; hidden under a tone, the window finds next to none.
+    The noise has 39 times the variance of the mean that its samples' variance suggests; hidden
+    under a tone, the window finds next to none.
     """
     rng = np.random.default_rng(1)
     live = record(rng, memory=0.95, tone=1e-2)[2000:]
@@ -167,7 +189,9 @@ def test_the_tares_own_error_counts() -> None:
     rng = np.random.default_rng(4)
     with_short_tare = reduced(record(rng, tare=100), tare_s=0.1).u_lift_N
     assert with_short_tare == pytest.approx(2e-3 / np.sqrt(100), rel=0.4)
-    assert reduced(record(rng, tare=0), tare_s=0.0).u_lift_N == pytest.approx(2e-3 / np.sqrt(10000), rel=0.5)
+    assert reduced(record(rng, tare=0), tare_s=0.0).u_lift_N == pytest.approx(
+        2e-3 / np.sqrt(10000), rel=0.5
+    )
 
 
 def test_density_of_few_samples_is_their_variance() -> None:
@@ -189,13 +213,23 @@ def test_slope_and_its_codes() -> None:
 
 def test_zero_after_the_trial_judges_the_drift() -> None:
     force = record(np.random.default_rng(6))
-    for after, codes in ((7e-3, ()), (7e-3 + 4e-3, ("drift",)), (7e-3 - 0.02, ("DRIFT",)), (np.nan, ())):
+    for after, codes in (
+        (7e-3, ()),
+        (7e-3 + 4e-3, ("drift",)),
+        (7e-3 - 0.02, ("DRIFT",)),
+        (np.nan, ()),
+    ):
         assert reduced(force, tare_after_N=after).codes == codes
 
 
 @pytest.mark.parametrize(
     ("where", "codes"),
-    [(np.s_[:0], ()), (np.s_[5000:5050], ("out_of_range",)), (np.s_[5000:5200], ("OUT_OF_RANGE",)), (np.s_[2000:], ("OUT_OF_RANGE", "NO_DATA"))],
+    [
+        (np.s_[:0], ()),
+        (np.s_[5000:5050], ("out_of_range",)),
+        (np.s_[5000:5200], ("OUT_OF_RANGE",)),
+        (np.s_[2000:], ("OUT_OF_RANGE", "NO_DATA")),
+    ],
 )
 def test_samples_without_a_number(where: slice, codes: tuple[str, ...]) -> None:
     force = record(np.random.default_rng(7))
@@ -301,14 +335,18 @@ def test_no_number_overflows() -> None:
 @pytest.mark.parametrize("tare", [2000, 200, 40, 8])
 @pytest.mark.parametrize("size", [9.04, -0.3, 0.15])
 def test_a_glitch_in_the_tare_does_not_move_the_lift(tare: int, size: float) -> None:
-    """A single sample of 0.2 N of lift: it is left out and told, wherever it stands, and what it was worth is in u."""
+    """A single sample of 0.2 N of lift: it is left out and told, wherever it stands, and what it
+    was worth is in u.
+    """
     clean = record(np.random.default_rng(20), tare=tare)
     for at in {0, tare // 3, tare - 1}:
         force = clean.copy()
         force[at] += size
         got = reduced(force, tare_s=tare / RATE)
         assert got.codes == ("spikes",)
-        assert got.lift_N == pytest.approx(reduced(clean, tare_s=tare / RATE).lift_N, abs=3e-3 / tare**0.5)
+        assert got.lift_N == pytest.approx(
+            reduced(clean, tare_s=tare / RATE).lift_N, abs=3e-3 / tare**0.5
+        )
         assert got.u_lift_N > 0.9 * abs(size) / tare
 
 
@@ -324,7 +362,15 @@ def test_a_glitch_in_the_tare_does_not_move_the_lift(tare: int, size: float) -> 
         lambda n: 0.1 * (np.arange(n) < 0.4 * n),
         lambda n: 0.1 * (np.arange(n) % 3 == 0),
     ],
-    ids=["zeroed at the start", "zeroed", "rotors stop", "rotors start", "step", "early step", "every third sample"],
+    ids=[
+        "zeroed at the start",
+        "zeroed",
+        "rotors stop",
+        "rotors start",
+        "step",
+        "early step",
+        "every third sample",
+    ],
 )
 def test_a_tare_that_is_not_one_level_is_refused(tare: int, damage: Any) -> None:
     force = record(np.random.default_rng(21), tare=tare)
@@ -335,11 +381,19 @@ def test_a_tare_that_is_not_one_level_is_refused(tare: int, damage: Any) -> None
 @pytest.mark.parametrize("tare", [2000, 400, 200])
 @pytest.mark.parametrize(
     "shape",
-    [lambda x: x, lambda x: -x, lambda x: np.sin(np.pi * x), lambda x: -np.sin(np.pi * x), lambda x: np.clip(2 * x - 1, 0, 1)],
+    [
+        lambda x: x,
+        lambda x: -x,
+        lambda x: np.sin(np.pi * x),
+        lambda x: -np.sin(np.pi * x),
+        lambda x: np.clip(2 * x - 1, 0, 1),
+    ],
     ids=["rises", "falls", "bump", "dent", "rises late"],
 )
 def test_a_zero_that_wanders_within_the_tare_is_told_and_carried(tare: int, shape: Any) -> None:
-    """By 6 mN, three times the noise of a sample, without an edge: the trial's zero may be half of that from the mean, and u says so."""
+    """By 6 mN, three times the noise of a sample, without an edge: the trial's zero may be half of
+    that from the mean, and u says so.
+    """
     clean = record(np.random.default_rng(24), tare=tare, live=1000)
     force = clean.copy()
     force[:tare] += 6e-3 * shape(np.arange(tare) / tare)
@@ -361,23 +415,31 @@ def test_a_dead_channel_in_the_tare(part: slice) -> None:
     force = record(np.random.default_rng(26), tare=400, live=1000, tone=0.01)
     force[part] = 0.007
     assert reduced(force, tare_s=0.4).codes == ("STUCK",)
-    coarse = 0.01 * np.round(record(np.random.default_rng(26), tare=400, live=1000, tone=0.01, noise=1e-3) / 0.01)
+    coarse = 0.01 * np.round(
+        record(np.random.default_rng(26), tare=400, live=1000, tone=0.01, noise=1e-3) / 0.01
+    )
     assert "STUCK" not in reduced(coarse, tare_s=0.4).codes
 
 
 def test_a_tare_of_ordinary_noise_is_its_plain_mean() -> None:
-    """White, slow, humming, coarse: nothing is told of 1200 tares, which are drawn so that none would be by chance in 99 % of seeds."""
+    """White, slow, humming, coarse: nothing is told of 1200 tares, which are drawn so that none
+    would be by chance in 99 % of seeds.
+    """
     rng = np.random.default_rng(22)
     for tare in (2000, 200, 40):
         for given in ({}, {"memory": 0.9}, {"hum": 1e-2}, {"step": 2e-3}, {"step": 1e-2}):
             for _ in range(80):
                 force = record(rng, tare=tare, live=1000, memory=given.get("memory", 0.0))
-                force[:tare] += given.get("hum", 0.0) * np.sin(2 * np.pi * (rng.random() + 0.05 * np.arange(tare)))
+                force[:tare] += given.get("hum", 0.0) * np.sin(
+                    2 * np.pi * (rng.random() + 0.05 * np.arange(tare))
+                )
                 if "step" in given:
                     force = given["step"] * np.round(force / given["step"] + rng.random())
                 got = reduced(force, tare_s=tare / RATE)
                 assert not {"TARE", "STUCK", "drift", "spikes"} & set(got.codes)
-                assert got.lift_N == pytest.approx(force[tare:].mean() - force[:tare].mean(), rel=1e-12)
+                assert got.lift_N == pytest.approx(
+                    force[tare:].mean() - force[:tare].mean(), rel=1e-12
+                )
 
 
 def test_rotors_that_ran_in_the_tare() -> None:
@@ -416,7 +478,11 @@ def test_a_stumbling_clock() -> None:
 
 
 @pytest.mark.parametrize(
-    ("clock", "match"), [(np.arange(12000) / 500, "runs at 500 Hz, the manifest says 1000 Hz"), (np.zeros(12000), "no steady rate")]
+    ("clock", "match"),
+    [
+        (np.arange(12000) / 500, "runs at 500 Hz, the manifest says 1000 Hz"),
+        (np.zeros(12000), "no steady rate"),
+    ],
 )
 def test_another_rate_is_refused(clock: np.ndarray, match: str) -> None:
     with pytest.raises(InputRefused, match=match):

@@ -28,7 +28,9 @@ def fitted(*, moved: float = 0.0, gradient: bool = True):
     """Forty stops; `moved` makes every trial's height its own."""
     data = campaign(3, visits=4)
     if moved:
-        data = dataclasses.replace(data, z_hat=data.z_hat * np.exp(moved * np.random.default_rng(1).normal(size=data.n)))
+        data = dataclasses.replace(
+            data, z_hat=data.z_hat * np.exp(moved * np.random.default_rng(1).normal(size=data.n))
+        )
     model = MODEL if gradient else dataclasses.replace(MODEL, gradient=None)
     return fit(model, data, PARTS, Noise(relative=0.004, height_m=1e-4, force_N=2e-4))
 
@@ -37,7 +39,11 @@ def resampled(problem: Problem, theta: np.ndarray, m: int) -> np.ndarray:
     rng = np.random.default_rng(2)
     root = np.linalg.cholesky(problem.covariance.dense())
     level, _ = problem.log_levels(theta)
-    return problem.log_ratio(theta) + level[problem.data.level] + rng.normal(size=(m, problem.data.n)) @ root.T
+    return (
+        problem.log_ratio(theta)
+        + level[problem.data.level]
+        + rng.normal(size=(m, problem.data.n)) @ root.T
+    )
 
 
 def single(problem: Problem, log_lift: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -52,7 +58,9 @@ def single(problem: Problem, log_lift: np.ndarray, start: np.ndarray) -> np.ndar
         return white @ (log_lift - problem.log_ratio(x[:p]) - level @ x[p:])
 
     first = np.r_[start, problem.log_levels(start)[0]]
-    found = least_squares(residuals, first, jac="3-point", x_scale=np.abs(first), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    found = least_squares(
+        residuals, first, jac="3-point", x_scale=np.abs(first), xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
     return np.r_[found.x[:p], 2 * found.cost]
 
 
@@ -66,10 +74,18 @@ def test_refits_are_the_single_fits(moved: float):
     assert stack.converged.all()
     for row, chi2, lifts in zip(stack.good()[:4], stack.chi2, log_lift, strict=False):
         alone = single(found.problem, lifts, found.theta)
-        # a search by chi2 alone cannot tell apart what lies within the rounding of a sum of n squares
-        np.testing.assert_array_less(np.abs(row - alone[:2]), np.sqrt(found.n * np.finfo(float).eps * alone[2]) * scale)
+        # a search by chi2 alone cannot tell apart what lies within the rounding of a sum of n
+        # squares
+        np.testing.assert_array_less(
+            np.abs(row - alone[:2]), np.sqrt(found.n * np.finfo(float).eps * alone[2]) * scale
+        )
         assert chi2 == pytest.approx(alone[2], rel=1e-9)
-        other = minimise(dataclasses.replace(found.problem, data=dataclasses.replace(found.problem.data, lift_N=np.exp(lifts))), found.theta)
+        other = minimise(
+            dataclasses.replace(
+                found.problem, data=dataclasses.replace(found.problem.data, lift_N=np.exp(lifts))
+            ),
+            found.theta,
+        )
         np.testing.assert_array_less(np.abs(row - other), 2 * batched.STILL * scale)
     spread = stack.good().std(axis=0)
     # 30 refits tell a standard deviation to 13 %: four of that
@@ -79,12 +95,16 @@ def test_refits_are_the_single_fits(moved: float):
 def test_differences_serve_where_no_derivatives_are_declared():
     a, b = fitted(), fitted(gradient=False)
     np.testing.assert_allclose(a.theta, b.theta, rtol=1e-7)
-    np.testing.assert_allclose(a.problem.slopes(a.theta), b.problem.slopes(a.theta), rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(
-        a.problem.slopes(np.tile(a.theta, (3, 1)), np.full((3, 1), 1e-4)), a.problem.slopes(a.theta, 1e-4) + np.zeros((3, 1, 1))
+        a.problem.slopes(a.theta), b.problem.slopes(a.theta), rtol=1e-5, atol=1e-9
     )
     np.testing.assert_allclose(
-        b.problem.slopes(np.tile(a.theta, (3, 1)), np.full((3, 1), 1e-4)), b.problem.slopes(a.theta, 1e-4) + np.zeros((3, 1, 1))
+        a.problem.slopes(np.tile(a.theta, (3, 1)), np.full((3, 1), 1e-4)),
+        a.problem.slopes(a.theta, 1e-4) + np.zeros((3, 1, 1)),
+    )
+    np.testing.assert_allclose(
+        b.problem.slopes(np.tile(a.theta, (3, 1)), np.full((3, 1), 1e-4)),
+        b.problem.slopes(a.theta, 1e-4) + np.zeros((3, 1, 1)),
     )
     log_lift = resampled(a.problem, a.theta, 5)
     scale = np.sqrt(np.diag(a.covariance))
@@ -106,7 +126,10 @@ def test_all_exponents_at_once_are_each_alone():
 def test_a_search_that_gives_up_is_no_estimate():
     """A trough that runs on for ever: no step is the last one."""
     found = batched.minimise(
-        lambda x, rows: np.exp(-x) * np.where(rows, 1.0, 0.0)[:, None] + np.where(rows, 0.0, 1.0)[:, None] * (x - 1),
+        lambda x, rows: (
+            np.exp(-x) * np.where(rows, 1.0, 0.0)[:, None]
+            + np.where(rows, 0.0, 1.0)[:, None] * (x - 1)
+        ),
         np.array([[0.5], [0.5]]),
         (np.array([-1e9]), np.array([1e9])),
         np.array([1e-6]),

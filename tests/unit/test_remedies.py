@@ -20,11 +20,23 @@ SCATTER = Noise(relative=0.002, force_N=1e-4)
 
 
 def datum(standard):
-    return Component(name="distance datum", on="height", standard=standard, distribution="normal", scope="boundary")
+    return Component(
+        name="distance datum",
+        on="height",
+        standard=standard,
+        distribution="normal",
+        scope="boundary",
+    )
 
 
 def fitted(model="sanchez_cuevas", parts=(), visits=4, **kind):
-    return fit(catalogue.model(model), campaign(3, visits=visits, **kind), parts, SCATTER, plan=heights.Plan())
+    return fit(
+        catalogue.model(model),
+        campaign(3, visits=visits, **kind),
+        parts,
+        SCATTER,
+        plan=heights.Plan(),
+    )
 
 
 def test_the_datum_that_would_halve_u_does():
@@ -37,7 +49,9 @@ def test_the_datum_that_would_halve_u_does():
     assert f"knowing it independently to {plain(one.needed, 2)} mm would halve u(K_b)" in one.text
     # the same trials with that measurement added to the declared datum
     better = (1e-3**-2 + (one.needed / 1000) ** -2) ** -0.5
-    again = fit(found.model, found.problem.data, (datum(better),), SCATTER, found.slope, heights.Plan())
+    again = fit(
+        found.model, found.problem.data, (datum(better),), SCATTER, found.slope, heights.Plan()
+    )
     assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.02)
     exact = fit(found.model, found.problem.data, (), SCATTER, found.slope, heights.Plan())
     assert one.u_best == pytest.approx(exact.estimates["K_b"].u, rel=0.02)
@@ -47,17 +61,24 @@ def test_what_cannot_halve_it_says_how_far_it_would_go():
     found = fitted(parts=(datum(0.1e-3),), visits=2)
     (one,) = [r for r in remedies.of(found)[0] if r.quantity == "distance datum"]
     assert np.isnan(one.needed)
-    assert f"knowing it exactly would bring u(K_b) from {one.u:.2g} to {one.u_best:.2g}, no lower" in one.text
+    assert (
+        f"knowing it exactly would bring u(K_b) from {one.u:.2g} to {one.u_best:.2g}, no lower"
+        in one.text
+    )
     assert "K_b leans on the distance datum" in one.text
 
 
 def test_a_coefficient_known_from_elsewhere():
     found = fitted("sanchez_cuevas_free_exponent")
     (one,) = [r for r in remedies.of(found)[0] if (r.coefficient, r.quantity) == ("K_b", "n")]
-    assert one.r == pytest.approx(found.covariance[0, 1] / np.sqrt(np.prod(np.diag(found.covariance))), rel=1e-6)
+    assert one.r == pytest.approx(
+        found.covariance[0, 1] / np.sqrt(np.prod(np.diag(found.covariance))), rel=1e-6
+    )
     assert one.known_to == pytest.approx(found.estimates["n"].u, rel=1e-6)
     information = np.linalg.inv(found.covariance) + np.diag([0, one.needed**-2])
-    assert np.linalg.inv(information)[0, 0] ** 0.5 == pytest.approx(found.estimates["K_b"].u / 2, rel=1e-4)
+    assert np.linalg.inv(information)[0, 0] ** 0.5 == pytest.approx(
+        found.estimates["K_b"].u / 2, rel=1e-4
+    )
 
 
 def test_all_levels_together():
@@ -72,16 +93,37 @@ def test_so_many_repeats_halve_it():
     assert repeats.times > 4
     n = round(repeats.times)
     data = found.problem.data
-    many = dataclasses.replace(data.take(np.tile(np.arange(data.n), n)), visit=np.concatenate([data.visit + k * 1000 for k in range(n)]))
-    again = fit(found.model, many, (datum(0.02e-3),), SCATTER, np.tile(found.slope, n), heights.Plan())
+    many = dataclasses.replace(
+        data.take(np.tile(np.arange(data.n), n)),
+        visit=np.concatenate([data.visit + k * 1000 for k in range(n)]),
+    )
+    again = fit(
+        found.model, many, (datum(0.02e-3),), SCATTER, np.tile(found.slope, n), heights.Plan()
+    )
     assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.06)
-    assert repeats.text == f"{plain(repeats.times, 3)} times the trials, in the same design, would halve u(K_b)"
+    assert (
+        repeats.text
+        == f"{plain(repeats.times, 3)} times the trials, in the same design, would halve u(K_b)"
+    )
 
 
 def test_no_number_of_repeats_undoes_a_bent_line():
     """A session's gain by distance would average, the cell's one line never does."""
-    line = Component(name="load cell linearity", on="linearity", standard=0.05, distribution="uniform", scope="campaign", range_N=1.0)
-    gain = Component(name="gain at each station", on="gain", standard=0.01, distribution="normal", scope="distance")
+    line = Component(
+        name="load cell linearity",
+        on="linearity",
+        standard=0.05,
+        distribution="uniform",
+        scope="campaign",
+        range_N=1.0,
+    )
+    gain = Component(
+        name="gain at each station",
+        on="gain",
+        standard=0.01,
+        distribution="normal",
+        scope="distance",
+    )
     found = fitted(parts=(line, gain), visits=30)
     _, (repeats,) = remedies.of(found)
     assert repeats.times == np.inf
@@ -90,7 +132,14 @@ def test_no_number_of_repeats_undoes_a_bent_line():
 
 
 def test_an_integrated_height_is_among_them():
-    data = campaign(3, boundary="ceiling", ratio=hsiao, stations=(0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 10.0), datum=5e-4, visits=6)
+    data = campaign(
+        3,
+        boundary="ceiling",
+        ratio=hsiao,
+        stations=(0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 10.0),
+        datum=5e-4,
+        visits=6,
+    )
     found = fit(catalogue.model("hsiao_chirarattananon"), data, (datum(5e-4),), SCATTER)
     assert found.marginal is not None
     knowledge, (repeats,) = remedies.of(found)

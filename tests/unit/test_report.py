@@ -57,13 +57,19 @@ class Elements(HTMLParser):
 
 @pytest.fixture(autouse=True)
 def quick(request):
-    """`made` is drawn, and drawn again by one test; the others read the page and not its pictures."""
+    """`made` is drawn, and drawn again by one test; the others read the page and not its
+    pictures.
+    """
     if request.function is not test_running_twice_gives_the_same_bytes:
         request.getfixturevalue("plain_pictures")
 
 
 def digests(folder):
-    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -85,17 +91,27 @@ DRAWN = ("fig2", "assumptions", "budget", "profiles", "corner", "prior_posterior
 
 
 def not_drawn(drawn):
-    """What such a campaign asks for and does not get: flow, flights and detection are no part of it, so they are not missed."""
+    """What such a campaign asks for and does not get: flow, flights and detection are no part of
+    it, so they are not missed.
+    """
     asked_for = (spec.name for spec in FIGURES if spec.name in {*DRAWN, "diagnosis"})
-    return tuple(f"{name} was not drawn: its products are missing or empty" for name in asked_for if name not in drawn)
+    return tuple(
+        f"{name} was not drawn: its products are missing or empty"
+        for name in asked_for
+        if name not in drawn
+    )
 
 
 def test_files_of_the_contract(made):
     job, outcome, _ = made
     names = set(digests(job.reports))
-    tables = {f"tables/{n}.{k}" for n in ("coefficients", "budget", "comparison") for k in ("tex", "csv")}
+    tables = {
+        f"tables/{n}.{k}" for n in ("coefficients", "budget", "comparison") for k in ("tex", "csv")
+    }
     paper = {"methods.md", "methods.tex", "references.bib"}
-    assert names == {"index.html"} | paper | tables | {f"{n}.{k}" for n in DRAWN for k in ("pdf", "png", "csv")}
+    assert names == {"index.html"} | paper | tables | {
+        f"{n}.{k}" for n in DRAWN for k in ("pdf", "png", "csv")
+    }
     assert outcome.notes == not_drawn(DRAWN)
 
 
@@ -116,7 +132,10 @@ def test_the_page_fetches_nothing(made):
     elements = Elements(text)
     assert len(elements.every("script")) == 3
     assert all(a["src"].startswith("data:image/png;base64,") for a in elements.every("img"))
-    assert all(re.fullmatch(r"#[a-z0-9]+|[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib)", a["href"]) for a in elements.every("a"))
+    assert all(
+        re.fullmatch(r"#[a-z0-9]+|[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib)", a["href"])
+        for a in elements.every("a")
+    )
     assert "default-src 'none'" in text
     for script in scripts():
         assert base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() in text
@@ -128,7 +147,11 @@ def test_links_lead_somewhere(made):
     elements = Elements(text)
     ids = {a["id"] for _, a in elements.found if "id" in a}
     for a in elements.every("a"):
-        assert a["href"][1:] in ids if a["href"].startswith("#") else (job.reports / a["href"]).is_file()
+        assert (
+            a["href"][1:] in ids
+            if a["href"].startswith("#")
+            else (job.reports / a["href"]).is_file()
+        )
 
 
 def test_pictures_are_described_with_numbers(made):
@@ -150,7 +173,9 @@ def test_simulated_is_said(made, make_job):
 def test_every_number_says_where_it_stands_and_it_stands_there(made):
     job, _, text = made
     documents = {product.file: job.read_json(product) for product in (FIT, RESULTS)}
-    numbers = [(a, t) for a, t in Elements(text).numbers if a["data-source"].split("#")[0] in documents]
+    numbers = [
+        (a, t) for a, t in Elements(text).numbers if a["data-source"].split("#")[0] in documents
+    ]
     assert len(numbers) > 100
     plain = 0
     for attributes, shown in numbers:
@@ -160,7 +185,9 @@ def test_every_number_says_where_it_stands_and_it_stands_there(made):
         if how is None:
             assert float(attributes["value"]) == stored
             digits = shown.replace("−", "-")
-            assert float(digits) == pytest.approx(stored, rel=0.05, abs=10.0 ** -len(digits.partition(".")[2]))
+            assert float(digits) == pytest.approx(
+                stored, rel=0.05, abs=10.0 ** -len(digits.partition(".")[2])
+            )
             plain += 1
         elif not how.startswith(("over", "less")):
             assert float(attributes["value"]) == stored
@@ -171,7 +198,11 @@ def test_verdict_comes_first_with_the_headline(made):
     job, _, text = made
     e = job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]
     assert text.index('id="verdict"') < text.index('id="fig2"')
-    first = next(t for a, t in Elements(text).numbers if a["data-source"].endswith("#/boundaries/ground/coefficients/K_b/value"))
+    first = next(
+        t
+        for a, t in Elements(text).numbers
+        if a["data-source"].endswith("#/boundaries/ground/coefficients/K_b/value")
+    )
     assert float(first) == pytest.approx(e["value"], abs=0.01)
     assert "90 % interval" in text
 
@@ -204,7 +235,13 @@ def test_hostile_names_are_shown_and_do_nothing(make_job):
         boundaries=("ground",),
         edit=rename,
         note=HOSTILE,
-        vehicle={"name": HOSTILE, "rotors": 4, "rotor_radius": "23 mm", "rotor_spacing": "65 mm", "mass": "27 g"},
+        vehicle={
+            "name": HOSTILE,
+            "rotors": 4,
+            "rotor_radius": "23 mm",
+            "rotor_spacing": "65 mm",
+            "mass": "27 g",
+        },
         uncertainty=[{"name": HOSTILE, "on": "gain", "value": "0.1 percent", "scope": "session"}],
     )
     report.run(job)
@@ -219,9 +256,14 @@ def test_hostile_names_are_shown_and_do_nothing(make_job):
 def test_coefficient_tables_are_what_is_quoted(made):
     job, _, _ = made
     e = job.read_json(RESULTS)["boundaries"]["ground"]["coefficients"]["K_b"]
-    lines = list(csv.DictReader(io.StringIO((job.reports / "tables" / "coefficients.csv").read_text())))
+    lines = list(
+        csv.DictReader(io.StringIO((job.reports / "tables" / "coefficients.csv").read_text()))
+    )
     row = next(r for r in lines if r["base_model"] == "sanchez_cuevas" and r["parameter"] == "K_b")
-    assert all(float(row[k]) == pytest.approx(e[k], rel=1e-8) for k in ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95"))
+    assert all(
+        float(row[k]) == pytest.approx(e[k], rel=1e-8)
+        for k in ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95")
+    )
     assert (row["verdict"], row["holds"]) == ("not_diagnosed", e["holds"])
     tex = (job.reports / "tables" / "coefficients.tex").read_text()
     assert re.search(rf"\$K_b = \\num{{{e['value']:.2f}\(\d+\)}}\$ & \\numrange", tex)
@@ -262,8 +304,17 @@ DIAGNOSED = {
         "ground": {
             "base_model": "sanchez_cuevas",
             "verdict": "effect",
-            "effects": [{"name": "supply_sag", "rivals": ["session_gain"], "parameters": {"p": {"value": 2.1, "lo90": 1.9, "hi90": 2.3}}}],
-            "structure": [{"covariate": "supply", "p_value": 1e-90}, {"covariate": "tilt", "p_value": 0.03, "significant": False}],
+            "effects": [
+                {
+                    "name": "supply_sag",
+                    "rivals": ["session_gain"],
+                    "parameters": {"p": {"value": 2.1, "lo90": 1.9, "hi90": 2.3}},
+                }
+            ],
+            "structure": [
+                {"covariate": "supply", "p_value": 1e-90},
+                {"covariate": "tilt", "p_value": 0.03, "significant": False},
+            ],
             "error": {
                 "unit": "fraction of lift",
                 "noise_floor": 0.0041,
@@ -272,12 +323,29 @@ DIAGNOSED = {
             },
             "coefficients": {
                 "before": {"K_b": {"value": 1.2, "lo90": 1.1, "hi90": 1.3}},
-                "after": {"K_b": {"value": 2.0, "lo90": 1.8, "hi90": 2.2, "conditional": [1.9, 2.1], "constrained": [1.5, 2.5]}},
+                "after": {
+                    "K_b": {
+                        "value": 2.0,
+                        "lo90": 1.8,
+                        "hi90": 2.2,
+                        "conditional": [1.9, 2.1],
+                        "constrained": [1.5, 2.5],
+                    }
+                },
             },
-            "rounds": [{"candidates": [], "decision": "added supply_sag", "reason": "nothing is left"}],
+            "rounds": [
+                {"candidates": [], "decision": "added supply_sag", "reason": "nothing is left"}
+            ],
             "untestable": [{"effect": "air_density", "needs": ["temperature"]}],
-            "silent": [{"effect": "height_scale", "absorbed_by": "alpha", "bias_at_detection_limit": 0.0}],
-            "next_experiment": [{"separates": ["height_offset", "near_wall_saturation"], "measure": "both directions"}],
+            "silent": [
+                {"effect": "height_scale", "absorbed_by": "alpha", "bias_at_detection_limit": 0.0}
+            ],
+            "next_experiment": [
+                {
+                    "separates": ["height_offset", "near_wall_saturation"],
+                    "measure": "both directions",
+                }
+            ],
         }
     },
 }
@@ -290,14 +358,21 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     report.run(job)
     text = (job.reports / "index.html").read_text()
     words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text))
-    assert "An effect explains what the base model leaves: supply_sag (or session_gain, which this design cannot tell from it)" in words
+    assert (
+        "An effect explains what the base model leaves: supply_sag (or session_gain, which this"
+        " design cannot tell from it)" in words
+    )
     assert "Kb = 2.00 ± 0.12 (k = 1)" in words
     assert "90 % interval 1.80 to 2.20. Holds" in words
     told = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
-    assert "every effect too small to be seen acts at its plausible size K b = 2.0 1.5 to 2.5" in told
+    assert (
+        "every effect too small to be seen acts at its plausible size K b = 2.0 1.5 to 2.5" in told
+    )
     assert "noise floor 0.41 %" in words
     assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
-    assert "Next: both directions, which would part height_offset and near_wall_saturation." in words
+    assert (
+        "Next: both directions, which would part height_offset and near_wall_saturation." in words
+    )
     for attributes, _ in Elements(text).numbers:
         file, _, pointer = attributes["data-source"].partition("#")
         if file == DIAGNOSIS.file:
@@ -305,7 +380,9 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
 
 
 def said(make_job, change=None):
-    """The chapter's words and elements for changed findings; tables folded away are left out of the words."""
+    """The chapter's words and elements for changed findings; tables folded away are left out of the
+    words.
+    """
     content = copy.deepcopy(DIAGNOSED)
     if change is not None:
         change(content["boundaries"]["ground"])
@@ -326,8 +403,14 @@ def said(make_job, change=None):
 def test_the_story_of_an_effect_in_words(make_job):
     words, chapter = said(make_job)
     assert "The base model leaves structure, most of it along supply (p < 10⁻¹²)." in words
-    assert "supply_sag; p = 2.10 (90 %: 1.90 to 2.30). This design cannot tell it from session_gain" in words
-    assert "the error falls from 1.22 % of lift (90 %: 1.17 to 1.28) to 0.43 % (0.41 to 0.45); noise floor 0.41 %. What remains is noise." in words
+    assert (
+        "supply_sag; p = 2.10 (90 %: 1.90 to 2.30). This design cannot tell it from session_gain"
+        in words
+    )
+    assert (
+        "the error falls from 1.22 % of lift (90 %: 1.17 to 1.28) to 0.43 % (0.41 to 0.45); noise"
+        " floor 0.41 %. What remains is noise." in words
+    )
     assert "1.20" not in words
     assert "Not testable here: air_density. Log next time: temperature." in words
     assert "<summary>Effects that the coefficients can absorb unseen (1)</summary>" in chapter
@@ -338,11 +421,14 @@ def test_the_story_of_an_effect_in_words(make_job):
     ("after", "words"),
     [
         ((0.0043, 0.0041, 0.0045), "falls from 1.22 %"),
-        ((0.0120, 0.0115, 0.0126), "(1.15 to 1.26); noise floor 0.41 %. These visits cannot tell the change from none: what is gained is small"),
+        (
+            (0.0120, 0.0115, 0.0126),
+            "(1.15 to 1.26); noise floor 0.41 %. These visits cannot tell the change from none: what is gained is small",
+        ),
         ((0.0200, 0.0190, 0.0210), "The answer makes predictions worse"),
         ((0.0080, 0.0078, 0.0082), "It stays above the floor"),
     ],
-)  # fmt: skip
+)
 def test_words_on_the_error_follow_the_numbers(make_job, after, words):
     def change(found):
         found["error"]["after"] = dict(zip(("held_out_rmse", "lo90", "hi90"), after, strict=True))
@@ -362,16 +448,29 @@ def test_a_small_change_is_told_from_none_visit_by_visit(make_job):
 
 
 def test_the_chance_of_the_largest_test_is_said(make_job):
-    assert "as large as here in 43 % of campaigns" in said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))[0].replace(
-        "Where", "where"
+    assert "as large as here in 43 % of campaigns" in said(
+        make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43)
+    )[0].replace("Where", "where")
+    assert (
+        "as large as here with a chance of 3 × 10⁻⁵."
+        in said(make_job, lambda f: f.update(p_value=3e-5))[0]
     )
-    assert "as large as here with a chance of 3 × 10⁻⁵." in said(make_job, lambda f: f.update(p_value=3e-5))[0]
-    assert "as large as here with a chance < 10⁻¹²." in said(make_job, lambda f: f.update(p_value=1e-90))[0]
+    assert (
+        "as large as here with a chance < 10⁻¹²."
+        in said(make_job, lambda f: f.update(p_value=1e-90))[0]
+    )
 
 
 def test_a_look_before_the_end_is_said(make_job):
-    look = {"trials": 240, "scheduled": 480, "p_value_needed": 7e-5, "text": "a look at 240 of 480 trials; claims need p < 7e-05"}
-    words = said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43, look=look))[0]
+    look = {
+        "trials": 240,
+        "scheduled": 480,
+        "p_value_needed": 7e-5,
+        "text": "a look at 240 of 480 trials; claims need p < 7e-05",
+    }
+    words = said(
+        make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43, look=look)
+    )[0]
     assert "A look at 240 of 480 trials; claims need p < 7e-05. Where nothing is missing" in words
 
 
@@ -384,12 +483,17 @@ def test_an_adequate_model_is_left_alone_in_words_too(make_job):
 
 def test_the_unexplained_names_covariate_and_shares_but_no_effect(make_job):
     def change(found):
-        found.update(verdict="unexplained", effects=[], partial=[{"name": "gain_drift", "share": 0.31}])
+        found.update(
+            verdict="unexplained", effects=[], partial=[{"name": "gain_drift", "share": 0.31}]
+        )
         found["structure"] = [{"covariate": "start", "p_value": 3.7e-5, "significant": True}]
 
     words, _ = said(make_job, change)
     assert "most of it along start (p = 3.7 × 10⁻⁵)" in words
-    assert "In part it could be gain_drift (31 % of what exceeds the noise); none of these is the answer." in words
+    assert (
+        "In part it could be gain_drift (31 % of what exceeds the noise); none of these is the"
+        " answer." in words
+    )
     assert "cannot tell it from" not in words
     assert "random discrepancy" not in words
 
@@ -400,7 +504,10 @@ def test_the_unexplained_says_along_what_it_is_carried(make_job):
         found["coefficients"]["carried"] = ["distance", "start"]
 
     words, _ = said(make_job, change)
-    assert "with a random discrepancy along distance and start in the interval of its coefficients" in words
+    assert (
+        "with a random discrepancy along distance and start in the interval of its coefficients"
+        in words
+    )
 
 
 def test_drift_within_records_is_said_with_its_chance(make_job):
@@ -411,7 +518,10 @@ def test_drift_within_records_is_said_with_its_chance(make_job):
         "candidates": ["motor_heating"],
     }
     words, _ = said(make_job, lambda f: f.update(within_trial=own))
-    assert "Within a record, lift changes by −1.2 % (90 %: −1.4 to −1), more than chance allows (p = 2 × 10⁻⁵): motor_heating." in words
+    assert (
+        "Within a record, lift changes by −1.2 % (90 %: −1.4 to −1), more than chance allows (p = 2"
+        " × 10⁻⁵): motor_heating." in words
+    )
     calm = {**own, "significant": False, "candidates": []}
     assert "no drift worth naming" in said(make_job, lambda f: f.update(within_trial=calm))[0]
 
@@ -425,13 +535,17 @@ def test_two_effects_that_are_likelier_but_not_plainly_are_told(make_job):
     words, _ = said(make_job, change)
     assert "This design cannot tell it from session_gain; it is named because" in words
     assert (
-        "Two effects are likelier, if not so plainly that a second one would be named: supply_sag + tilt. The coefficient’s interval holds" in words
+        "Two effects are likelier, if not so plainly that a second one would be named: supply_sag +"
+        " tilt. The coefficient’s interval holds" in words
     )
     assert "in 2 of 3 folds; the error after is that of what each fold chose." in words
 
 
 def test_many_numbers_of_one_effect_are_told_by_their_range(make_job):
-    gains = {f"gain[{i}]": {"value": 0.01 * (i - 2), "lo90": 0.01 * i - 0.03, "hi90": 0.01 * i - 0.01} for i in range(6)}
+    gains = {
+        f"gain[{i}]": {"value": 0.01 * (i - 2), "lo90": 0.01 * i - 0.03, "hi90": 0.01 * i - 0.01}
+        for i in range(6)
+    }
 
     def change(found):
         found["effects"] = [{"name": "session_gain", "rivals": [], "parameters": gains}]
@@ -443,7 +557,13 @@ def test_many_numbers_of_one_effect_are_told_by_their_range(make_job):
 
 def test_a_size_at_its_bound_speaks_against_an_effect(make_job):
     def change(found):
-        found["effects"] = [{"name": "height_scale", "rivals": [], "parameters": {"z_scale": {"value": -0.1, "lo90": -0.15, "hi90": -0.05}}}]
+        found["effects"] = [
+            {
+                "name": "height_scale",
+                "rivals": [],
+                "parameters": {"z_scale": {"value": -0.1, "lo90": -0.15, "hi90": -0.05}},
+            }
+        ]
 
     words, _ = said(make_job, change)
     assert "at its bound" in words
@@ -459,19 +579,43 @@ def test_a_size_at_its_bound_speaks_against_an_effect(make_job):
 def test_candidates_folds_and_proposals_are_told(make_job):
     def change(found):
         found["rounds"][0]["candidates"] = [
-            {"name": "supply_sag", "gain": 900.0, "p_value": 1.0, "accepted": True, "log_evidence": -10.0, "left_in": None},
-            {"name": "warm_up", "gain": 300.0, "p_value": 0.001, "accepted": False, "log_evidence": -35.0, "left_in": "supply"},
+            {
+                "name": "supply_sag",
+                "gain": 900.0,
+                "p_value": 1.0,
+                "accepted": True,
+                "log_evidence": -10.0,
+                "left_in": None,
+            },
+            {
+                "name": "warm_up",
+                "gain": 300.0,
+                "p_value": 0.001,
+                "accepted": False,
+                "log_evidence": -35.0,
+                "left_in": "supply",
+            },
         ]
         found["effects"][0]["rivals"] = []
         found["error"]["chosen_in_folds"] = ["supply_sag", "warm_up", "supply_sag"]
-        found["next_experiment"][0].update(trials=160, expected_evidence=25.2, alternatives=[{"measure": "more visits", "expected_evidence": 3.1}])
+        found["next_experiment"][0].update(
+            trials=160,
+            expected_evidence=25.2,
+            alternatives=[{"measure": "more visits", "expected_evidence": 3.1}],
+        )
 
     words, chapter = said(make_job, change)
     assert "Every other candidate leaves structure, or explains too little." in words
     assert "came to the same answer in 2 of 3 folds" in words
-    assert "(160 trials, from which 2 ln B of 25 is to be expected). Instead: more visits (3.1)." in words
+    assert (
+        "(160 trials, from which 2 ln B of 25 is to be expected). Instead: more visits (3.1)."
+        in words
+    )
     rows = Elements(chapter).numbers
-    assert any(a["data-source"].endswith("/rounds/0/candidates/1/log_evidence") and t == "50" for a, t in rows)
+    assert any(
+        a["data-source"].endswith("/rounds/0/candidates/1/log_evidence") and t == "50"
+        for a, t in rows
+    )
 
 
 def test_a_new_figure_needs_no_chapter(small_job):
@@ -484,7 +628,12 @@ def test_a_new_figure_needs_no_chapter(small_job):
 
 def test_chapters_are_a_plain_tuple(small_job):
     assert isinstance(CHAPTERS, tuple)
-    lone = Chapter(name="levels", title="Only this", facts=next(c.facts for c in CHAPTERS if c.name == "levels"), needs=(FIT,))
+    lone = Chapter(
+        name="levels",
+        title="Only this",
+        facts=next(c.facts for c in CHAPTERS if c.name == "levels"),
+        needs=(FIT,),
+    )
     text = page(report.gather(small_job), [], [lone]).decode()
     assert "Only this" in text
     assert 'id="verdict"' not in text

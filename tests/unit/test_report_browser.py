@@ -1,4 +1,6 @@
-"""The page in a real browser: it renders, says nothing on the console, asks for nothing; pointing, switching and keys do what they say."""
+"""The page in a real browser: it renders, says nothing on the console, asks for nothing; pointing,
+switching and keys do what they say.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,10 @@ def address(job):
     Image.new("RGB", (1500, 600), "white").save(dot, "PNG")
     file = job.reports / "index.html"
     file.parent.mkdir()
-    pictures = [render.Picture(name=n, title="t", caption="c", alt=f"{n} in words", png=dot.getvalue()) for n in ("fig2", "residuals")]
+    pictures = [
+        render.Picture(name=n, title="t", caption="c", alt=f"{n} in words", png=dot.getvalue())
+        for n in ("fig2", "residuals")
+    ]
     file.write_bytes(render.page(evidence, pictures, charts=charts(evidence)))
     return file.as_uri()
 
@@ -50,12 +55,16 @@ def page(tmp_path_factory):
 
 
 def marks(page, view):
-    return page.run(f"document.querySelectorAll('{FIG2} [data-view={view}] [aria-roledescription=cell]').length")
+    return page.run(
+        f"document.querySelectorAll('{FIG2} [data-view={view}] [aria-roledescription=cell]').length"
+    )
 
 
 def tick(page, signal, value, view="", chart=FIG2):
     own = f'[data-view="{view}"]' if view else ""
-    page.run(f"""document.querySelector('{chart} input[data-signal={signal}]{own}[value="{value}"]').click()""")
+    page.run(
+        f"""document.querySelector('{chart} input[data-signal={signal}]{own}[value="{value}"]').click()"""
+    )
 
 
 @pytest.mark.parametrize(("name", "width"), [("light", 1200), ("dark", 1200), ("phone", 360)])
@@ -75,7 +84,10 @@ def test_the_whole_page_with_flow_and_flights_is_light_silent_and_asks_for_nothi
     assert file.stat().st_size < 5_000_000
     page.open(file.as_uri())
     assert page.run("document.documentElement.dataset.charts") == "drawn"
-    assert page.run("['fig2', 'residuals', 'flow', 'safety', 'proximity'].every(id => document.getElementById(id).querySelector('img, svg'))")
+    assert page.run(
+        "['fig2', 'residuals', 'flow', 'safety', 'proximity'].every(id =>"
+        " document.getElementById(id).querySelector('img, svg'))"
+    )
     assert page.errors == []
     assert [r for r in page.requests if not r.startswith("data:")] == [file.as_uri()]
 
@@ -85,16 +97,22 @@ def test_every_cell_is_a_mark_described_by_its_numbers(page, address, job):
     cells = job.read(LIFT)
     for boundary in ("ground", "ceiling", "sidewall"):
         assert marks(page, boundary) == (cells["boundary"] == boundary).sum()
-    words = page.run("document.querySelector('[aria-roledescription=cell]').getAttribute('aria-label')")
+    words = page.run(
+        "document.querySelector('[aria-roledescription=cell]').getAttribute('aria-label')"
+    )
     assert words.startswith("ground, throttle 25 %, ẑ = 1.14 (26.2 mm): ΔL ")
     assert "trials: 5 averaged, 1 rejected" in words or "trials: 6 averaged" in words
 
 
 def test_hovering_shows_trials_counts_uncertainty_and_quality(page, address, job):
     page.open(address)
-    page.run("document.querySelector('[data-chart=fig2] [data-view=sidewall] .drawing').scrollIntoView({block: 'center', behavior: 'instant'})")
+    page.run(
+        "document.querySelector('[data-chart=fig2] [data-view=sidewall]"
+        " .drawing').scrollIntoView({block: 'center', behavior: 'instant'})"
+    )
     x, y = page.run(
-        "(r => [r.x + r.width / 2, r.y + r.height / 2])([...document.querySelectorAll('[aria-roledescription=cell]')].at(-8).getBoundingClientRect())"
+        "(r => [r.x + r.width / 2, r.y + r.height /"
+        " 2])([...document.querySelectorAll('[aria-roledescription=cell]')].at(-8).getBoundingClientRect())"
     )
     page.point(x - 40, y)
     page.point(x, y)
@@ -110,27 +128,42 @@ def test_hovering_shows_trials_counts_uncertainty_and_quality(page, address, job
 
 def test_switches_do_what_they_say(page, address):
     page.open(address)
-    labels = "[...document.querySelectorAll('[data-chart=fig2] [data-view=ground] .drawing text')].map(t => t.textContent)"
+    labels = (
+        "[...document.querySelectorAll('[data-chart=fig2] [data-view=ground] .drawing text')].map(t"
+        " => t.textContent)"
+    )
     before = marks(page, "ground")
     tick(page, "throttles", "0.25")
-    page.wait(f"document.querySelectorAll('[data-chart=fig2] [data-view=ground] [aria-roledescription=cell]').length === {before * 3 // 4}")
+    page.wait(
+        "document.querySelectorAll('[data-chart=fig2] [data-view=ground]"
+        f" [aria-roledescription=cell]').length === {before * 3 // 4}"
+    )
     assert marks(page, "ceiling") > 0
 
     assert "ΔL (%)" in page.run(labels)
     tick(page, "quantity", "force")
     page.wait(f"({labels}).includes('lift (mN)')")
 
-    paths = "document.querySelectorAll('[data-chart=fig2] [data-view=ground] .drawing .mark-area path').length"
+    paths = (
+        "document.querySelectorAll('[data-chart=fig2] [data-view=ground] .drawing .mark-area"
+        " path').length"
+    )
     assert page.run(paths) == 3  # a band for each throttle that is left
     tick(page, "bands", "bands")
     page.wait(f"{paths} === 0")
 
-    lines = "document.querySelectorAll('[data-chart=fig2] [data-view=ground] .drawing .mark-line path').length"
+    lines = (
+        "document.querySelectorAll('[data-chart=fig2] [data-view=ground] .drawing .mark-line"
+        " path').length"
+    )
     three = page.run(lines)
     tick(page, "models", "power_law", "ground")
     page.wait(f"{lines} === {three + 3}")
 
-    ticks = "JSON.stringify([...document.querySelectorAll('[data-chart=fig2] [data-view=ground] .role-axis-label')][0].textContent)"
+    ticks = (
+        "JSON.stringify([...document.querySelectorAll('[data-chart=fig2] [data-view=ground]"
+        " .role-axis-label')][0].textContent)"
+    )
     log = page.run(ticks)
     tick(page, "x_scale", "linear")
     page.wait(f"{ticks} !== {json.dumps(log)}")
@@ -144,29 +177,47 @@ def test_arrow_keys_go_from_point_to_point(page, address):
     page.open(address)
     page.run("document.querySelector('[data-chart=fig2] [data-view=sidewall] .drawing').focus()")
     page.press("ArrowRight")
-    first = page.wait("document.querySelector('[data-chart=fig2] [data-view=sidewall] [aria-live]').textContent")
+    first = page.wait(
+        "document.querySelector('[data-chart=fig2] [data-view=sidewall] [aria-live]').textContent"
+    )
     assert first.startswith("sidewall, throttle")
     assert page.wait("document.querySelector('#vg-tooltip-element.visible')?.innerText")
     page.press("End")
-    last = page.wait("document.querySelector('[data-chart=fig2] [data-view=sidewall] [aria-live]').textContent")
+    last = page.wait(
+        "document.querySelector('[data-chart=fig2] [data-view=sidewall] [aria-live]').textContent"
+    )
     assert "ẑ = 10.7" in last
     page.press("Escape")
-    assert page.run("document.querySelector('[data-chart=fig2] [data-view=sidewall] [aria-live]').textContent") == ""
+    assert (
+        page.run(
+            "document.querySelector('[data-chart=fig2] [data-view=sidewall]"
+            " [aria-live]').textContent"
+        )
+        == ""
+    )
 
 
 def residual_marks(page, kind, view="ground"):
-    return page.run(f"document.querySelectorAll('{RESIDUALS} [data-view={view}] [aria-roledescription={kind}]').length")
+    return page.run(
+        f"document.querySelectorAll('{RESIDUALS} [data-view={view}]"
+        f" [aria-roledescription={kind}]').length"
+    )
 
 
 def choose(page, word):
     """Draw residuals against the covariate whose label this is."""
     page.run(f"""[...document.querySelectorAll('{RESIDUALS} input[data-signal=covariate]')]
         .find(i => i.parentElement.textContent.trim() === {json.dumps(word)}).click()""")
-    page.wait(f"[...document.querySelectorAll('{RESIDUALS} [data-view=ground] text')].some(t => t.textContent === {json.dumps(word)})")
+    page.wait(
+        f"[...document.querySelectorAll('{RESIDUALS} [data-view=ground] text')].some(t =>"
+        f" t.textContent === {json.dumps(word)})"
+    )
 
 
 def test_residuals_are_every_trial_and_the_means_of_the_printed_figure(page, address, job):
-    """Against distance, time, session, supply and approach: as many means as the figure's table has, with its numbers."""
+    """Against distance, time, session, supply and approach: as many means as the figure's table
+    has, with its numbers.
+    """
     page.open(address)
     table = residuals.summarise(report.gather(job))
     for covariate, word in (
@@ -181,12 +232,22 @@ def test_residuals_are_every_trial_and_the_means_of_the_printed_figure(page, add
         assert residual_marks(page, "trial") == (mine & (table["kind"] == "trial")).sum()
         means = mine & (table["kind"] == "bin")
         words = page.run(
-            f"[...document.querySelectorAll('{RESIDUALS} [data-view=ground] [aria-roledescription=mean]')].map(e => e.getAttribute('aria-label'))"
+            f"[...document.querySelectorAll('{RESIDUALS} [data-view=ground]"
+            " [aria-roledescription=mean]')].map(e => e.getAttribute('aria-label'))"
         )
         assert len(words) == means.sum()
-        told = {(int(n), float(mean.replace("−", "-")), float(error)) for n, mean, error in (re.search(MEAN, w).groups() for w in words)}
-        for n, mean, error in zip(*(table[k][means] for k in ("n_trials", "residual_percent", "u_residual_percent")), strict=True):
-            assert any(n == a and abs(mean - b) <= 0.1 * error and abs(error - c) <= 0.1 * error for a, b, c in told)
+        told = {
+            (int(n), float(mean.replace("−", "-")), float(error))
+            for n, mean, error in (re.search(MEAN, w).groups() for w in words)
+        }
+        for n, mean, error in zip(
+            *(table[k][means] for k in ("n_trials", "residual_percent", "u_residual_percent")),
+            strict=True,
+        ):
+            assert any(
+                n == a and abs(mean - b) <= 0.1 * error and abs(error - c) <= 0.1 * error
+                for a, b, c in told
+            )
     assert page.errors == []
 
 
@@ -194,19 +255,39 @@ def test_a_residual_pointed_at_shows_its_trial_and_throttles_can_be_left_out(pag
     page.open(address)
     every = residual_marks(page, "trial")
     tick(page, "throttles", "0.25", chart=RESIDUALS)
-    page.wait(f"document.querySelectorAll('{RESIDUALS} [data-view=ground] [aria-roledescription=trial]').length < {0.8 * every}")
+    page.wait(
+        f"document.querySelectorAll('{RESIDUALS} [data-view=ground]"
+        f" [aria-roledescription=trial]').length < {0.8 * every}"
+    )
     tick(page, "shown", "means", chart=RESIDUALS)
-    page.wait(f"document.querySelectorAll('{RESIDUALS} [data-view=ground] [aria-roledescription=mean]').length === 0")
-    page.run(f"document.querySelector('{RESIDUALS} [data-view=ceiling] .drawing').scrollIntoView({{block: 'center', behavior: 'instant'}})")
+    page.wait(
+        f"document.querySelectorAll('{RESIDUALS} [data-view=ground]"
+        " [aria-roledescription=mean]').length === 0"
+    )
+    page.run(
+        f"document.querySelector('{RESIDUALS} [data-view=ceiling]"
+        " .drawing').scrollIntoView({block: 'center', behavior: 'instant'})"
+    )
     x, y = page.run(
-        "(r => [r.x + r.width / 2, r.y + r.height / 2])"
-        f"([...document.querySelectorAll('{RESIDUALS} [data-view=ceiling] [aria-roledescription=trial]')].at(-1).getBoundingClientRect())"
+        f"(r => [r.x + r.width / 2, r.y + r.height / 2])([...document.querySelectorAll('{RESIDUALS}"
+        " [data-view=ceiling] [aria-roledescription=trial]')].at(-1).getBoundingClientRect())"
     )
     page.point(x - 30, y)
     page.point(x, y)
     shown = page.wait("document.querySelector('#vg-tooltip-element.visible')?.innerText")
     assert any(str(t) in shown for t in job.read(TRIALS)["trial"])
-    for words in ("throttle", "residual", "is expected", "lift", "±", "10000, of which 4000 independent", "session", "quality", "good", "distance ẑ"):
+    for words in (
+        "throttle",
+        "residual",
+        "is expected",
+        "lift",
+        "±",
+        "10000, of which 4000 independent",
+        "session",
+        "quality",
+        "good",
+        "distance ẑ",
+    ):
         assert words in shown
     assert "25 %" not in shown
     page.point(2, 2)
@@ -223,7 +304,9 @@ def test_keys_go_along_means_and_along_trials(page, address):
     page.press("Escape")
     assert page.run(said) == ""
     assert (
-        page.run(f"document.getElementById(document.querySelector('{RESIDUALS}').getAttribute('aria-describedby')).textContent")
+        page.run(
+            f"document.getElementById(document.querySelector('{RESIDUALS}').getAttribute('aria-describedby')).textContent"
+        )
         == "residuals in words"
     )
 
@@ -233,17 +316,28 @@ def test_text_from_files_stays_text(page, address):
     assert page.run("document.querySelectorAll('script').length") == 3
     assert page.run("document.querySelectorAll('img[src=x]').length") == 0
     # even a script that got in would not run: the policy knows its own by their digests
-    page.run("document.body.append(Object.assign(document.createElement('script'), {textContent: 'window.intruder = true'}))")
+    page.run(
+        "document.body.append(Object.assign(document.createElement('script'), {textContent:"
+        " 'window.intruder = true'}))"
+    )
     assert page.run("window.intruder === undefined")
     assert any("Content Security Policy" in e for e in page.errors)
 
 
 def test_on_paper_stands_the_printed_figure(page, address):
     page.open(address, media="print")
-    shown = page.run("[...document.querySelectorAll('.instead')].map(e => getComputedStyle(e).display !== 'none')")
+    shown = page.run(
+        "[...document.querySelectorAll('.instead')].map(e => getComputedStyle(e).display !=="
+        " 'none')"
+    )
     assert shown == [True, True]
-    assert page.run("[...document.querySelectorAll('.chart')].map(e => getComputedStyle(e).display)") == ["none", "none"]
-    folds = "[...document.querySelectorAll('main details')].filter(d => !d.closest('.chart')).map(d => d.open)"
+    assert page.run(
+        "[...document.querySelectorAll('.chart')].map(e => getComputedStyle(e).display)"
+    ) == ["none", "none"]
+    folds = (
+        "[...document.querySelectorAll('main details')].filter(d => !d.closest('.chart')).map(d =>"
+        " d.open)"
+    )
     before = page.run(folds)
     page.run("dispatchEvent(new Event('beforeprint'))")
     assert sum(page.run(folds)) > sum(before)

@@ -29,7 +29,15 @@ def test_every_known_column_becomes_si(tmp_path: Path) -> None:
         "b,ceiling,10,92,2,s2,3800,,15000,3,,101.4,51,+1,-1,inverted,\n"
     )
     more = units(
-        start="min", supply="mV", current="mA", power="W", temperature="degC", pressure="kPa", humidity="percent", tilt="deg", tare_after="mN"
+        start="min",
+        supply="mV",
+        current="mA",
+        power="W",
+        temperature="degC",
+        pressure="kPa",
+        humidity="percent",
+        tilt="deg",
+        tare_after="mN",
     )
     got = read(tmp_path, text, trials=more)
     assert list(got.trial) == ["a", "b"]
@@ -57,22 +65,42 @@ def test_every_known_column_becomes_si(tmp_path: Path) -> None:
     assert got.notes == ()
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("rpm", 1 / 60), ("Hz", 1.0), ("rad/s", 1 / (2 * np.pi))])
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("rpm", 1 / 60), ("Hz", 1.0), ("rad/s", 1 / (2 * np.pi))]
+)
 def test_a_turn_is_a_turn(tmp_path: Path, unit: str, factor: float) -> None:
-    got = read(tmp_path, "trial,boundary,distance,throttle,rpm\na,ground,43,25,600\n", trials=units(rpm=unit))
+    got = read(
+        tmp_path,
+        "trial,boundary,distance,throttle,rpm\na,ground,43,25,600\n",
+        trials=units(rpm=unit),
+    )
     np.testing.assert_allclose(got.covariates["speed_Hz"], [600 * factor])
 
 
 def test_further_columns_are_kept_and_a_likely_slip_is_noted(tmp_path: Path) -> None:
-    got = read(tmp_path, "trial,boundary,distance,throttle,propeller,nut torque,suply\na,ground,43,25,A,1.5,4\nb,ground,43,50,B,,4\n")
+    got = read(
+        tmp_path,
+        "trial,boundary,distance,throttle,propeller,nut"
+        " torque,suply\na,ground,43,25,A,1.5,4\nb,ground,43,50,B,,4\n",
+    )
     assert list(got.covariates["propeller"]) == ["A", "B"]
     np.testing.assert_array_equal(got.covariates["nut torque"], [1.5, np.nan])
     assert got.notes == ("trials.csv: column 'suply' is kept as it is; did you mean 'supply'?",)
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_remarks_above_the_header_are_no_rows_and_lines_keep_their_numbers(tmp_path: Path, end: str) -> None:
-    rows = ['# bench 2, 5" props, trial,error', "", "  # run by hand", "trial,boundary,distance,throttle", "a,ground,43,25", "b,ground,43,x", ""]
+def test_remarks_above_the_header_are_no_rows_and_lines_keep_their_numbers(
+    tmp_path: Path, end: str
+) -> None:
+    rows = [
+        '# bench 2, 5" props, trial,error',
+        "",
+        "  # run by hand",
+        "trial,boundary,distance,throttle",
+        "a,ground,43,25",
+        "b,ground,43,x",
+        "",
+    ]
     with pytest.raises(ManifestError, match="line 6"):
         read(tmp_path, end.join(rows))
     assert list(read(tmp_path, end.join(rows).replace("x", "50")).trial) == ["a", "b"]
@@ -84,7 +112,10 @@ def test_a_header_behind_a_hash_is_asked_for_without_it(tmp_path: Path) -> None:
 
 
 def test_constants_stand_for_columns(tmp_path: Path) -> None:
-    trials = {"units": {**UNITS, "temperature": "K", "supply": "V"}, "constants": {"boundary": "ground", "temperature": "20 degC", "supply": 4.0}}
+    trials = {
+        "units": {**UNITS, "temperature": "K", "supply": "V"},
+        "constants": {"boundary": "ground", "temperature": "20 degC", "supply": 4.0},
+    }
     got = read(tmp_path, "trial,distance,throttle\na,43,25\nb,43,50\n", trials=trials)
     assert list(got.boundary) == ["ground", "ground"]
     np.testing.assert_allclose(got.covariates["temperature_K"], [293.15, 293.15])
@@ -111,19 +142,39 @@ def test_visits_count_the_stops_of_the_traverse() -> None:
     z = np.array([1.0, 1.0, 2.0, 2.0, 2.0, 2.0])
     assert visits(side, z).tolist() == [0, 0, 1, 2, 2, 2]
     # the same station from the other side is another stop; an unknown side is not
-    assert visits(side, z, np.array([1.0, 1.0, -1.0, -1.0, 1.0, np.nan])).tolist() == [0, 0, 1, 2, 3, 3]
+    assert visits(side, z, np.array([1.0, 1.0, -1.0, -1.0, 1.0, np.nan])).tolist() == [
+        0,
+        0,
+        1,
+        2,
+        3,
+        3,
+    ]
     # so is the same station in another session
-    assert visits(side, z, None, np.array(["1", "2", "2", "2", "2", "2"], dtype=object)).tolist() == [0, 1, 2, 3, 3, 3]
+    assert visits(
+        side, z, None, np.array(["1", "2", "2", "2", "2", "2"], dtype=object)
+    ).tolist() == [0, 1, 2, 3, 3, 3]
 
 
 def test_offsets_add_to_the_distance_by_boundary(tmp_path: Path) -> None:
-    rig = {"distance_datum": {"ground": "airframe", "sidewall": "rotor axis"}, "distance_offset": {"ground": "24 mm", "sidewall": "-23 mm"}}
-    got = read(tmp_path, "trial,boundary,distance,throttle\na,ground,10,25\nb,sidewall,33,25\n", rig=rig)
+    rig = {
+        "distance_datum": {"ground": "airframe", "sidewall": "rotor axis"},
+        "distance_offset": {"ground": "24 mm", "sidewall": "-23 mm"},
+    }
+    got = read(
+        tmp_path, "trial,boundary,distance,throttle\na,ground,10,25\nb,sidewall,33,25\n", rig=rig
+    )
     np.testing.assert_allclose(got.z_m, [0.034, 0.010])
 
 
 REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
-    ("no unit", "trial,boundary,distance,throttle,supply\na,ground,43,25,4\n", {}, ManifestError, r"column 'supply' has no unit\n.*add supply = "),
+    (
+        "no unit",
+        "trial,boundary,distance,throttle,supply\na,ground,43,25,4\n",
+        {},
+        ManifestError,
+        r"column 'supply' has no unit\n.*add supply = ",
+    ),
     (
         "no unit of distance",
         "trial,boundary,distance,throttle\na,ground,43,25\n",
@@ -159,23 +210,113 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
         ManifestError,
         "line 4.*'a' stands already in trials.csv, line 2",
     ),
-    ("no id", "trial,boundary,distance,throttle\n,ground,43,25\n", {}, ManifestError, "line 2, column 'trial': holds no trial id"),
-    ("column missing", "trial,boundary,distanze,throttle\na,ground,43,25\n", {}, ManifestError, "no column 'distance'\n  is it 'distanze'"),
-    ("not a number", "trial,boundary,distance,throttle\na,ground,4x3,25\n", {}, ManifestError, "line 2, column 'distance': '4x3' is not a number"),
-    ("decimal comma", 'trial,boundary,distance,throttle\na,ground,"43,5",25\n', {}, ManifestError, "write decimals with a point"),
-    ("empty distance", "trial,boundary,distance,throttle\na,ground,,25\n", {}, ManifestError, "line 2, column 'distance': is empty"),
-    ("distance nan", "trial,boundary,distance,throttle\na,ground,nan,25\n", {}, ManifestError, "line 2, column 'distance': 'nan' is no value"),
-    ("throttle nan", "trial,boundary,distance,throttle\na,ground,43,NaN\n", {}, ManifestError, "line 2, column 'throttle': 'NaN' is no value"),
-    ("beyond numbers", "trial,boundary,distance,throttle\na,ground,1e400,25\n", {}, ManifestError, "'distance': 1e400 is beyond what a number can"),
-    ("line end in a cell", 'trial,boundary,distance,throttle\na,ground,"3\n0",25\n', {}, ManifestError, r"'distance': '3\\n0' is not a number"),
-    ("distance in free air", "trial,boundary,distance,throttle\na,none,43,25\n", {}, ManifestError, "free air .* has no distance"),
-    ("cells", "trial,boundary,distance,throttle\na,ground,43,5,25\n", {}, InputRefused, "line 2: has 5 cells under 4 column names"),
-    ("twice", "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n", {}, InputRefused, "'throttle' stands twice"),
-    ("nameless", "trial,boundary,distance,throttle,\na,ground,43,25,\n", {}, InputRefused, "column 5 has no name"),
-    ("semicolons", "trial;boundary;distance;throttle\na;ground;43;25\n", {}, InputRefused, "not separated by commas"),
+    (
+        "no id",
+        "trial,boundary,distance,throttle\n,ground,43,25\n",
+        {},
+        ManifestError,
+        "line 2, column 'trial': holds no trial id",
+    ),
+    (
+        "column missing",
+        "trial,boundary,distanze,throttle\na,ground,43,25\n",
+        {},
+        ManifestError,
+        "no column 'distance'\n  is it 'distanze'",
+    ),
+    (
+        "not a number",
+        "trial,boundary,distance,throttle\na,ground,4x3,25\n",
+        {},
+        ManifestError,
+        "line 2, column 'distance': '4x3' is not a number",
+    ),
+    (
+        "decimal comma",
+        'trial,boundary,distance,throttle\na,ground,"43,5",25\n',
+        {},
+        ManifestError,
+        "write decimals with a point",
+    ),
+    (
+        "empty distance",
+        "trial,boundary,distance,throttle\na,ground,,25\n",
+        {},
+        ManifestError,
+        "line 2, column 'distance': is empty",
+    ),
+    (
+        "distance nan",
+        "trial,boundary,distance,throttle\na,ground,nan,25\n",
+        {},
+        ManifestError,
+        "line 2, column 'distance': 'nan' is no value",
+    ),
+    (
+        "throttle nan",
+        "trial,boundary,distance,throttle\na,ground,43,NaN\n",
+        {},
+        ManifestError,
+        "line 2, column 'throttle': 'NaN' is no value",
+    ),
+    (
+        "beyond numbers",
+        "trial,boundary,distance,throttle\na,ground,1e400,25\n",
+        {},
+        ManifestError,
+        "'distance': 1e400 is beyond what a number can",
+    ),
+    (
+        "line end in a cell",
+        'trial,boundary,distance,throttle\na,ground,"3\n0",25\n',
+        {},
+        ManifestError,
+        r"'distance': '3\\n0' is not a number",
+    ),
+    (
+        "distance in free air",
+        "trial,boundary,distance,throttle\na,none,43,25\n",
+        {},
+        ManifestError,
+        "free air .* has no distance",
+    ),
+    (
+        "cells",
+        "trial,boundary,distance,throttle\na,ground,43,5,25\n",
+        {},
+        InputRefused,
+        "line 2: has 5 cells under 4 column names",
+    ),
+    (
+        "twice",
+        "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n",
+        {},
+        InputRefused,
+        "'throttle' stands twice",
+    ),
+    (
+        "nameless",
+        "trial,boundary,distance,throttle,\na,ground,43,25,\n",
+        {},
+        InputRefused,
+        "column 5 has no name",
+    ),
+    (
+        "semicolons",
+        "trial;boundary;distance;throttle\na;ground;43;25\n",
+        {},
+        InputRefused,
+        "not separated by commas",
+    ),
     ("empty", "", {}, InputRefused, "is empty"),
     ("no trial", "trial,boundary,distance,throttle\n", {}, InputRefused, "lists no trial"),
-    ("quote", 'trial,boundary,distance,throttle\na,"ground,43,25\n', {}, InputRefused, "is not CSV"),
+    (
+        "quote",
+        'trial,boundary,distance,throttle\na,"ground,43,25\n',
+        {},
+        InputRefused,
+        "is not CSV",
+    ),
     (
         "throttle",
         "trial,boundary,distance,throttle\na,ground,43,25\n",
@@ -188,10 +329,25 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
         "trial,boundary,distance,throttle\na,ground,43,0.4\nb,ground,43,0.6\n",
         {},
         InputRefused,
-        r"line 3, column 'throttle': the largest throttle is 0\.6 percent, at which no rotor lifts anything\n  fraction\?",
+        (
+            r"line 3, column 'throttle': the largest throttle is 0\.6 percent, at which no rotor"
+            r" lifts anything\n  fraction\?"
+        ),
     ),
-    ("approach", "trial,boundary,distance,throttle,approach\na,ground,43,25,2\n", {}, ManifestError, "'2' is not a side"),
-    ("time", "trial,boundary,distance,throttle,start\na,ground,43,25,12.5\n", {}, ManifestError, "not ISO 8601 time, and start has no unit"),
+    (
+        "approach",
+        "trial,boundary,distance,throttle,approach\na,ground,43,25,2\n",
+        {},
+        ManifestError,
+        "'2' is not a side",
+    ),
+    (
+        "time",
+        "trial,boundary,distance,throttle,start\na,ground,43,25,12.5\n",
+        {},
+        ManifestError,
+        "not ISO 8601 time, and start has no unit",
+    ),
     (
         "zones",
         "trial,boundary,distance,throttle,start\na,ground,43,25,2026-01-01T00:00:00\nb,ground,43,25,2026-01-01T00:00:00+01:00\n",
@@ -213,9 +369,27 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
         ManifestError,
         r"'a\\u202eb' holds a character that does not show",
     ),
-    ("metres as mm", "trial,boundary,distance,throttle\na,ground,0.02,25\nb,ground,0.3,25\n", {}, InputRefused, r"0.3 mm is the farthest .* m\?\n"),
-    ("no distance", "trial,boundary,distance,throttle\na,ground,1e-300,25\nb,ground,300,25\n", {}, InputRefused, "on the ground itself"),
-    ("result's name", "trial,boundary,distance,throttle,z_hat\na,ground,43,25,1\n", {}, ManifestError, "'z_hat' has the name of a result"),
+    (
+        "metres as mm",
+        "trial,boundary,distance,throttle\na,ground,0.02,25\nb,ground,0.3,25\n",
+        {},
+        InputRefused,
+        r"0.3 mm is the farthest .* m\?\n",
+    ),
+    (
+        "no distance",
+        "trial,boundary,distance,throttle\na,ground,1e-300,25\nb,ground,300,25\n",
+        {},
+        InputRefused,
+        "on the ground itself",
+    ),
+    (
+        "result's name",
+        "trial,boundary,distance,throttle,z_hat\na,ground,43,25,1\n",
+        {},
+        ManifestError,
+        "'z_hat' has the name of a result",
+    ),
     (
         "constant beside column",
         "trial,boundary,distance,throttle\na,ground,43,25\n",
@@ -233,8 +407,12 @@ REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("text", "changes", "kind", "match"), [r[1:] for r in REFUSED], ids=[r[0] for r in REFUSED])
-def test_refusals(tmp_path: Path, text: str, changes: dict[str, Any], kind: type[Exception], match: str) -> None:
+@pytest.mark.parametrize(
+    ("text", "changes", "kind", "match"), [r[1:] for r in REFUSED], ids=[r[0] for r in REFUSED]
+)
+def test_refusals(
+    tmp_path: Path, text: str, changes: dict[str, Any], kind: type[Exception], match: str
+) -> None:
     with pytest.raises(kind, match=match):
         read(tmp_path, text, **changes)
 
@@ -244,20 +422,32 @@ def test_a_last_line_without_its_end_is_told_for_it_may_be_cut(tmp_path: Path, e
     text = "trial,boundary,distance,throttle\na,ground,43,25\nb,ground,300,25"
     assert read(tmp_path, text + end).notes == ()
     (note,) = read(tmp_path, text[:-4] + ",25").notes
-    assert note.startswith("trials.csv ends within a line, 'b,ground,30,25': if it was cut off there, that row is wrong")
+    assert note.startswith(
+        "trials.csv ends within a line, 'b,ground,30,25': if it was cut off there, that row is"
+        " wrong"
+    )
 
 
 def test_a_start_before_the_row_above_is_noted(tmp_path: Path) -> None:
     rows = "".join(
-        f"t{i},ground,43,25,{start},{session}\n" for i, (start, session) in enumerate([(0, "a"), (9e9, "a"), (20, "a"), ("", "a"), (3, "b")])
+        f"t{i},ground,43,25,{start},{session}\n"
+        for i, (start, session) in enumerate([(0, "a"), (9e9, "a"), (20, "a"), ("", "a"), (3, "b")])
     )
-    (note,) = read(tmp_path, f"trial,boundary,distance,throttle,start,session\n{rows}", trials=units(start="s")).notes
-    assert note == "trials.csv, line 4, column 'start': 20 lies before the row above: rows stand in the order in which they were run"
+    (note,) = read(
+        tmp_path, f"trial,boundary,distance,throttle,start,session\n{rows}", trials=units(start="s")
+    ).notes
+    assert (
+        note
+        == "trials.csv, line 4, column 'start': 20 lies before the row above: rows stand in the"
+        " order in which they were run"
+    )
 
 
 def test_the_literal_table_is_refused_with_the_unit_that_fits(tmp_path: Path) -> None:
     text = "trial,boundary,distance,throttle\na,ceiling,5,25\nb,ceiling,525,25\n"
-    with pytest.raises(InputRefused, match=r"line 3, column 'distance': 525 cm is outside the 1\.5 m arena; mm\?"):
+    with pytest.raises(
+        InputRefused, match=r"line 3, column 'distance': 525 cm is outside the 1\.5 m arena; mm\?"
+    ):
         read(tmp_path, text, trials=units(distance="cm"))
 
 
@@ -267,10 +457,19 @@ def test_no_unit_is_proposed_where_none_fits(tmp_path: Path) -> None:
         read(tmp_path, "trial,boundary,distance,throttle\na,ground,0.05,25\nb,ground,4000,25\n")
 
 
-@pytest.mark.parametrize(("distance", "offset", "fits"), [(23, "-23 mm", False), (22, "-23 mm", False), (24, "-23 mm", True), (0, "0 mm", False)])
-def test_a_blade_in_the_wall_is_refused(tmp_path: Path, distance: float, offset: str, fits: bool) -> None:
+@pytest.mark.parametrize(
+    ("distance", "offset", "fits"),
+    [(23, "-23 mm", False), (22, "-23 mm", False), (24, "-23 mm", True), (0, "0 mm", False)],
+)
+def test_a_blade_in_the_wall_is_refused(
+    tmp_path: Path, distance: float, offset: str, fits: bool
+) -> None:
     text = f"trial,boundary,distance,throttle\na,sidewall,{distance},25\n"
-    rig = {"distance_datum": "rotor axis", "distance_offset": offset} if offset != "0 mm" else {"distance_datum": "blade tip"}
+    rig = (
+        {"distance_datum": "rotor axis", "distance_offset": offset}
+        if offset != "0 mm"
+        else {"distance_datum": "blade tip"}
+    )
     if fits:
         assert read(tmp_path, text, rig=rig).z_m[0] > 0
     else:
@@ -280,9 +479,17 @@ def test_a_blade_in_the_wall_is_refused(tmp_path: Path, distance: float, offset:
 
 def test_the_rotor_axis_wants_minus_one_radius(tmp_path: Path) -> None:
     with pytest.raises(ManifestError, match='sidewall = "-23 mm"'):
-        read(tmp_path, "trial,boundary,distance,throttle\na,sidewall,33,25\n", rig={"distance_datum": "rotor axis"})
+        read(
+            tmp_path,
+            "trial,boundary,distance,throttle\na,sidewall,33,25\n",
+            rig={"distance_datum": "rotor axis"},
+        )
     with pytest.raises(ManifestError, match="no datum for the ground"):
-        read(tmp_path, "trial,boundary,distance,throttle\na,ground,33,25\n", rig={"distance_datum": "rotor axis", "distance_offset": "-23 mm"})
+        read(
+            tmp_path,
+            "trial,boundary,distance,throttle\na,ground,33,25\n",
+            rig={"distance_datum": "rotor axis", "distance_offset": "-23 mm"},
+        )
 
 
 def test_a_sidewall_from_the_rotor_plane_is_noted(tmp_path: Path) -> None:
@@ -304,6 +511,8 @@ def test_a_missing_schedule_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_schedule_in_another_encoding_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "trials.csv").write_bytes("trial,boundary,distance,throttle,Prüfer\na,ground,43,25,x\n".encode("latin-1"))
+    (tmp_path / "trials.csv").write_bytes(
+        "trial,boundary,distance,throttle,Prüfer\na,ground,43,25,x\n".encode("latin-1")
+    )
     with pytest.raises(InputRefused, match="is not UTF-8 text"):
         read_schedule(manifest(), tmp_path)

@@ -1,4 +1,6 @@
-"""Whatever a schedule holds, a fit and a diagnosis of it answer, or say what is missing and how much would be enough."""
+"""Whatever a schedule holds, a fit and a diagnosis of it answer, or say what is missing and how
+much would be enough.
+"""
 
 import dataclasses
 import re
@@ -19,10 +21,19 @@ GROUND = catalogue.model("sanchez_cuevas")
 
 
 def logged(data, numeric=0):
-    """The trials with everything logged that any effect asks for, and so many numeric columns of no meaning."""
+    """The trials with everything logged that any effect asks for, and so many numeric columns of no
+    meaning.
+    """
     rng = np.random.default_rng(data.n + numeric)
-    more = {"pressure_Pa": 1e5 + 200 * rng.random(data.n), "humidity": 0.4 + 0.1 * rng.random(data.n)}
-    more |= {"current_A": 2 + rng.random(data.n), "speed_Hz": 100 + rng.random(data.n), "power_W": 8 + rng.random(data.n)}
+    more = {
+        "pressure_Pa": 1e5 + 200 * rng.random(data.n),
+        "humidity": 0.4 + 0.1 * rng.random(data.n),
+    }
+    more |= {
+        "current_A": 2 + rng.random(data.n),
+        "speed_Hz": 100 + rng.random(data.n),
+        "power_W": 8 + rng.random(data.n),
+    }
     more |= {f"column_{i}": rng.normal(size=data.n) for i in range(numeric)}
     return dataclasses.replace(data, covariates={**data.covariates, **more})
 
@@ -37,7 +48,12 @@ def changed(data, **columns):
 
 def with_gaps(data):
     rng = np.random.default_rng(8)
-    return changed(data, covariates={k: np.where(rng.random(data.n) < 0.1, np.nan, v) for k, v in data.covariates.items()})
+    return changed(
+        data,
+        covariates={
+            k: np.where(rng.random(data.n) < 0.1, np.nan, v) for k, v in data.covariates.items()
+        },
+    )
 
 
 WHOLE = logged(campaign(11, visits=3))
@@ -47,13 +63,19 @@ ODD = {
     "one throttle": changed(WHOLE, throttle=np.full(N, 0.5)),
     "a throttle for every two trials": changed(WHOLE, throttle=0.2 + 0.001 * (np.arange(N) // 2)),
     "one distance": changed(WHOLE, z_hat=np.full(N, 1.5)),
-    "a distance for every trial": changed(WHOLE, z_hat=np.geomspace(1.1, 12, N), visit=np.arange(N)),
+    "a distance for every trial": changed(
+        WHOLE, z_hat=np.geomspace(1.1, 12, N), visit=np.arange(N)
+    ),
     "free air alone": changed(WHOLE, z_hat=np.full(N, np.inf)),
     "half of it in free air": changed(WHOLE, z_hat=np.where(WHOLE.visit % 2, WHOLE.z_hat, np.inf)),
-    "all the same": changed(WHOLE, z_hat=np.full(N, 1.5), throttle=np.full(N, 0.5), lift_N=np.full(N, 0.3)),
+    "all the same": changed(
+        WHOLE, z_hat=np.full(N, 1.5), throttle=np.full(N, 0.5), lift_N=np.full(N, 0.3)
+    ),
     "no scatter of lift": changed(WHOLE, lift_N=np.full(N, 0.3), u_lift_N=np.zeros(N)),
     "lift of 1e12 N": changed(WHOLE, lift_N=1e12 * WHOLE.lift_N),
-    "lift of 1e-100 N": changed(WHOLE, lift_N=1e-100 * WHOLE.lift_N, u_lift_N=1e-100 * WHOLE.u_lift_N),
+    "lift of 1e-100 N": changed(
+        WHOLE, lift_N=1e-100 * WHOLE.lift_N, u_lift_N=1e-100 * WHOLE.u_lift_N
+    ),
     "lift over eleven decades": changed(WHOLE, lift_N=np.geomspace(1e-6, 1e5, N)),
     "one session": changed(WHOLE, session=np.zeros(N, dtype=np.int64)),
     "a session for every visit": changed(WHOLE, session=WHOLE.visit),
@@ -61,7 +83,9 @@ ODD = {
     "visits of one": changed(WHOLE, visit=np.arange(N)),
     "two visits": changed(WHOLE, visit=np.arange(N) * 2 // N),
     "one visit": changed(WHOLE, visit=np.zeros(N, dtype=np.int64)),
-    "covariates that never change": changed(WHOLE, covariates={k: np.full(N, v[0]) for k, v in WHOLE.covariates.items()}),
+    "covariates that never change": changed(
+        WHOLE, covariates={k: np.full(N, v[0]) for k, v in WHOLE.covariates.items()}
+    ),
     "covariates with gaps": with_gaps(WHOLE),
     "nothing logged": changed(WHOLE, covariates={}),
     "fourteen more columns": logged(WHOLE, numeric=14),
@@ -91,7 +115,9 @@ def test_an_odd_schedule_is_fitted_and_diagnosed_or_refused_in_words(name):
     answers(lambda: fitted(ODD[name]))
     refusal = answers(lambda: diagnose(ODD[name], GROUND, (), Options()))
     if refusal is not None:
-        assert re.search(r"\d+|two|would not help|leave out|look for", refusal.remedy), refusal.remedy
+        assert re.search(r"\d+|two|would not help|leave out|look for", refusal.remedy), (
+            refusal.remedy
+        )
 
 
 @pytest.mark.parametrize("seed", range(12))

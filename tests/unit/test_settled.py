@@ -1,4 +1,6 @@
-"""The last steps of a fit: to where the gradient vanishes, however large the misfit, and no farther than bounds and data allow."""
+"""The last steps of a fit: to where the gradient vanishes, however large the misfit, and no farther
+than bounds and data allow.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ FREE = (np.full(2, -np.inf), np.full(2, np.inf))
 
 
 def curve(misfit: float):
-    """a exp(-b x) fitted to what it cannot be: residuals of `misfit` times a cosine, whose curvature slows Gauss and Newton's steps down."""
+    """a exp(-b x) fitted to what it cannot be: residuals of `misfit` times a cosine, whose
+    curvature slows Gauss and Newton's steps down.
+    """
     target = 3 * np.exp(-1.5 * X) + misfit * np.cos(5 * X)
 
     def linearised(theta, rows):
@@ -29,7 +33,9 @@ def gradient(linearised, theta):
     """In units of the sizes of what cancels in it."""
     r, slopes = linearised(theta, np.arange(len(theta)))
     target = linearised(np.zeros((1, 2)), np.arange(1))[0]
-    return np.abs(slopes @ r[:, :, None])[..., 0] / (np.linalg.norm(slopes, axis=2) * np.linalg.norm(target))
+    return np.abs(slopes @ r[:, :, None])[..., 0] / (
+        np.linalg.norm(slopes, axis=2) * np.linalg.norm(target)
+    )
 
 
 @given(st.floats(0.0, 1.5), st.floats(-1e-4, 1e-4), st.floats(-1e-4, 1e-4))
@@ -48,7 +54,9 @@ def test_the_gradient_vanishes_wherever_a_search_stopped(misfit, a, b):
 
 def test_what_stands_at_a_bound_and_would_leave_stays_and_the_rest_makes_the_best_of_it():
     linearised = curve(0.1)
-    best = batched.settled(linearised, np.array([[2.0, 1.0]]), (np.array([-np.inf, 0.0]), np.array([np.inf, 1.0])))
+    best = batched.settled(
+        linearised, np.array([[2.0, 1.0]]), (np.array([-np.inf, 0.0]), np.array([np.inf, 1.0]))
+    )
     e = np.exp(-X)
     target = linearised(np.zeros((1, 2)), np.arange(1))[0][0]
     assert best[0, 1] == 1.0

@@ -35,9 +35,14 @@ from . import quoted
 from .conftest import raw_manifest
 
 QUICK = {
-    "flights": 40, "draws": 3, "risks": [0.5], "maps": False, "presets": ["paper"], "roll_inertia": "1.6e-5 kg*m^2",
+    "flights": 40,
+    "draws": 3,
+    "risks": [0.5],
+    "maps": False,
+    "presets": ["paper"],
+    "roll_inertia": "1.6e-5 kg*m^2",
     "set_points": {"ground": [0.8, 1.0, 1.2, 1.4], "ceiling": [1.6, 1.8, 2.0, 2.2]},
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +56,9 @@ def flown(remake):
 def test_products_obey_their_schema_and_say_what_flew(flown):
     job, outcome = flown
     rates = job.read(CRASH_RATES)
-    assert set(zip(rates["preset"], rates["boundary"], strict=True)) == {(p, b) for p in ("paper", "fitted") for b in ("ground", "ceiling")}
+    assert set(zip(rates["preset"], rates["boundary"], strict=True)) == {
+        (p, b) for p in ("paper", "fitted") for b in ("ground", "ceiling")
+    }
     assert ((rates["lo90"] <= rates["rate"]) & (rates["rate"] <= rates["hi90"])).all()
     assert rates["crashes"] == pytest.approx(rates["rate"] * rates["flights"])
     fitted = rates["preset"] == "fitted"
@@ -60,7 +67,10 @@ def test_products_obey_their_schema_and_say_what_flew(flown):
     assert not len(job.read(CRASH_MAP)["rate"])
     histories = job.read(FLIGHTS)
     assert set(histories["model"]) == {"none", "sanchez_cuevas", "hsiao_chirarattananon"}
-    assert (histories["z_hat"][histories["t_s"] == 0] == histories["target_z_hat"][histories["t_s"] == 0]).all()
+    assert (
+        histories["z_hat"][histories["t_s"] == 0]
+        == histories["target_z_hat"][histories["t_s"] == 0]
+    ).all()
     assert sum("a step of 0.1 s is too long" in n for n in outcome.notes) == 2
 
 
@@ -73,7 +83,10 @@ def test_findings(flown):
     assert ground["bound_z_hat"] == pytest.approx(1.14)
     (level,) = ground["levels"]
     assert level["lo90"] <= level["value"] <= level["hi90"]
-    paper = {(e["exponent"], e["risk"]): e["value"] for e in content["presets"]["paper"]["boundaries"]["ground"]["levels"]}
+    paper = {
+        (e["exponent"], e["risk"]): e["value"]
+        for e in content["presets"]["paper"]["boundaries"]["ground"]["levels"]
+    }
     assert paper[0.0, 0.5] == pytest.approx(1.15, abs=0.1)  # 40 flights
     assert set(ground["front_z_hat"]) <= {0.8, 1.0, 1.2, 1.4}
     assert [b["price"] for b in ground["best_set_points"]] == [0.1, 1.0, 10.0]
@@ -82,7 +95,11 @@ def test_findings(flown):
     assert (dear["resolved"], dear["target_z_hat"]) == (False, None)
     assert dear["flights_needed"] > 40
     assert dear["rate"] > 0
-    assert {c["name"] for c in content["claims"]} >= {"ceiling_crash", "closer_with_model", "order_kept"}
+    assert {c["name"] for c in content["claims"]} >= {
+        "ceiling_crash",
+        "closer_with_model",
+        "order_kept",
+    }
     for claim in content["claims"]:
         told = claim["presets"]["paper"]
         assert told["lo90"] <= told["value"] <= told["hi90"]
@@ -115,20 +132,33 @@ def test_figures_and_chapter(flown):
     facts = chapter.facts(evidence)
     assert [f["boundary"] for f in facts["fitted"]] == ["ground", "ceiling"]
     assert "not resolved by 40 flights; about" in facts["fitted"][0]["best"][-1]["refused"]
-    assert facts["claims"][0]["values"][0]["number"].source == "safety.json#/claims/0/presets/paper/value"
+    assert (
+        facts["claims"][0]["values"][0]["number"].source
+        == "safety.json#/claims/0/presets/paper/value"
+    )
 
 
 ROUTE = {
-    "length": "1 m", "height": "0.4 m", "start": ["0 m", "0.2 m"], "goal": ["1 m", "0.2 m"], "speed": "0.5 m/s", "risk": 0.2,
+    "length": "1 m",
+    "height": "0.4 m",
+    "start": ["0 m", "0.2 m"],
+    "goal": ["1 m", "0.2 m"],
+    "speed": "0.5 m/s",
+    "risk": 0.2,
     "obstacles": [{"x": ["0.4 m", "0.6 m"], "z": ["0 m", "0.1 m"]}],
-}  # fmt: skip
+}
 
 
-@pytest.mark.parametrize(("given", "asked"), [({}, ["crash_map"]), ({"maps": False}, []), ({"maps": False, "route": True}, ["routes"])])
+@pytest.mark.parametrize(
+    ("given", "asked"),
+    [({}, ["crash_map"]), ({"maps": False}, []), ({"maps": False, "route": True}, ["routes"])],
+)
 def test_maps_and_routes_that_nobody_asked_for_are_not_missed(given, asked):
     chosen = given | ({"route": ROUTE} if "route" in given else {})
     campaign = manifest.parse(raw_manifest(simulate=chosen))
-    assert [s.name for s in FIGURES if s.name in ("crash_map", "routes") and s.asked(campaign)] == asked
+    assert [
+        s.name for s in FIGURES if s.name in ("crash_map", "routes") and s.asked(campaign)
+    ] == asked
 
 
 def test_a_crash_is_drawn_where_the_flight_touches():
@@ -161,11 +191,20 @@ def test_a_route_through_the_manifest_s_corridor(remake):
 
 
 def test_maps_over_pairs_of_groups(monkeypatch):
-    """Every map by its own axes: more gain and wider memory act as they must, spacing only where the model has one."""
+    """Every map by its own axes: more gain and wider memory act as they must, spacing only where
+    the model has one.
+    """
     monkeypatch.setattr(maps, "SIDE", 3)
     preset = presets.preset("converged")
     own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
-    how = {"groups": own, "scheme": "rk4", "steps_per_hold": 2, "step_s": 0.05, "flights": 30, "key": 5}
+    how = {
+        "groups": own,
+        "scheme": "rk4",
+        "steps_per_hold": 2,
+        "step_s": 0.05,
+        "flights": 30,
+        "key": 5,
+    }
     asked = []
 
     def ratio(factor):
@@ -176,7 +215,11 @@ def test_maps_over_pairs_of_groups(monkeypatch):
     assert [r["map"] for r in rows[::9]] == [p.name for p in maps.PAIRS]
     assert sorted(set(asked)) == pytest.approx([0.75, 1.0, np.sqrt(0.75 * 2), 2.0], abs=1e-5)
     rate = {(r["map"], r["x"], r["y"]): r["rate"] for r in rows}
-    for name, x_group in (("noise and gains", "beta"), ("noise and its memory", "correlation"), ("noise and spacing", "spacing_hat")):
+    for name, x_group in (
+        ("noise and gains", "beta"),
+        ("noise and its memory", "correlation"),
+        ("noise and spacing", "spacing_hat"),
+    ):
         cells = {k: v for k, v in rate.items() if k[0] == name}
         xs, ys = (sorted({k[i] for k in cells}) for i in (1, 2))
         assert ys[1] == pytest.approx(own.noise)
@@ -186,9 +229,13 @@ def test_maps_over_pairs_of_groups(monkeypatch):
     assert xs == pytest.approx([0.75 * 2.8, np.sqrt(1.5) * 2.8, 5.6], rel=1e-4)
     low, middle, high = sorted({k[1] for k in rate if k[0] == "noise and its memory"})
     assert (low, middle, high) == pytest.approx((0.3 * own.hold, 3 * own.hold, 30 * own.hold))
-    assert rate["noise and its memory", low, own.noise] < rate["noise and its memory", high, own.noise]
+    assert (
+        rate["noise and its memory", low, own.noise] < rate["noise and its memory", high, own.noise]
+    )
     gains = sorted({k[1] for k in rate if k[0] == "noise and gains"})
-    assert rate["noise and gains", gains[0], own.noise] > rate["noise and gains", gains[2], own.noise]
+    assert (
+        rate["noise and gains", gains[0], own.noise] > rate["noise and gains", gains[2], own.noise]
+    )
     # their step is tested in the corners of all four, and where crashing is undecided
     assert tested.converged
     assert 16 < tested.settings < 36
@@ -197,15 +244,39 @@ def test_maps_over_pairs_of_groups(monkeypatch):
 
 
 def test_the_maps_figure():
-    sides = [(b, p) for b in ("ground", "ceiling") for p in maps.PAIRS if b == "ground" or p.x.name != "spacing_hat"]
+    sides = [
+        (b, p)
+        for b in ("ground", "ceiling")
+        for p in maps.PAIRS
+        if b == "ground" or p.x.name != "spacing_hat"
+    ]
     rows = [
-        {"boundary": b, "model": "m", "map": p.name, "x_group": p.x.name, "y_group": p.y.name, "x": x, "y": y, "target_z_hat": 1.0, "flights": 60}
-        | {"rate": 0.5 * x / (x + y), "lo90": 0.0, "hi90": 1.0, "x_flown": 0.0 if p.x.name == "correlation" else 1.0, "y_flown": 1.0}
+        {
+            "boundary": b,
+            "model": "m",
+            "map": p.name,
+            "x_group": p.x.name,
+            "y_group": p.y.name,
+            "x": x,
+            "y": y,
+            "target_z_hat": 1.0,
+            "flights": 60,
+        }
+        | {
+            "rate": 0.5 * x / (x + y),
+            "lo90": 0.0,
+            "hi90": 1.0,
+            "x_flown": 0.0 if p.x.name == "correlation" else 1.0,
+            "y_flown": 1.0,
+        }
         for b, p in sides
         for x in (0.3, 1.0, 3.0)
         for y in (0.3, 1.0, 3.0)
     ]
-    table = {k: np.array([r[k] for r in rows], dtype=object if isinstance(rows[0][k], str) else None) for k in rows[0]}
+    table = {
+        k: np.array([r[k] for r in rows], dtype=object if isinstance(rows[0][k], str) else None)
+        for k in rows[0]
+    }
     assert render(draw_map, table, style("screen"))["png"].startswith(b"\x89PNG")
 
 
@@ -215,7 +286,13 @@ def test_no_executor_changes_what_is_flown(text):
     preset = presets.preset("paper")
     own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
     settings = [Setting(target_z_hat=z, groups=own) for z in (1.0, 1.2)]
-    plan = Plan(boundary="ground", settings=settings, curves=tabulate([np.ones_like], 0.5), scheme="euler", steps_per_hold=1)
+    plan = Plan(
+        boundary="ground",
+        settings=settings,
+        curves=tabulate([np.ones_like], 0.5),
+        scheme="euler",
+        steps_per_hold=1,
+    )
     alone = fly(plan, 120, 9)
     with open_executor(text) as pool:
         job = Job(root=Path(), campaign=None, processed=Path(), reports=Path(), executor=pool)
@@ -233,13 +310,37 @@ def test_no_executor_changes_what_is_flown(text):
 @pytest.mark.parametrize(
     ("changes", "error", "words"),
     [
-        ({"gains": {"ground": {"proportional": "316 1/m/s", "derivative": "316 1/m", "integral": "31.6 1/m/s^2"}}}, ManifestError, "unstable loop"),
+        (
+            {
+                "gains": {
+                    "ground": {
+                        "proportional": "316 1/m/s",
+                        "derivative": "316 1/m",
+                        "integral": "31.6 1/m/s^2",
+                    }
+                }
+            },
+            ManifestError,
+            "unstable loop",
+        ),
         ({"risks": [0.001]}, UsageError, "cannot be seen in 40 flights\n.*3000"),
         ({"presets": ["printed"]}, ManifestError, "'printed' is not a preset"),
         ({"step": "0.03 s"}, ManifestError, "no whole part"),
         ({"duration": "0.05 s"}, ManifestError, "0.05 s is shorter than one gust of 0.1 s"),
         ({"bound_z_hat": {"ground": 20.0}}, InputRefused, "20 leaves no range"),
-        ({"gains": {"ground": {"proportional": "0 1/m/s", "derivative": "-316 1/m", "integral": "0 1/m/s^2"}}}, ManifestError, "without both"),
+        (
+            {
+                "gains": {
+                    "ground": {
+                        "proportional": "0 1/m/s",
+                        "derivative": "-316 1/m",
+                        "integral": "0 1/m/s^2",
+                    }
+                }
+            },
+            ManifestError,
+            "without both",
+        ),
     ],
 )
 def test_refusals(remake, changes, error, words):
@@ -250,19 +351,40 @@ def test_refusals(remake, changes, error, words):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"set_points": {"ground": [-1.0, 1.0]}}, r"simulate.set_points.ground.0: Input should be greater than 0"),
+        (
+            {"set_points": {"ground": [-1.0, 1.0]}},
+            r"simulate.set_points.ground.0: Input should be greater than 0",
+        ),
         ({"set_points": {"ground": [1.4, 1.0]}}, r"simulate.set_points.ground: must ascend"),
-        ({"set_points": {"ground": [1.0]}}, r"simulate.set_points.ground: List should have at least 2 items"),
+        (
+            {"set_points": {"ground": [1.0]}},
+            r"simulate.set_points.ground: List should have at least 2 items",
+        ),
         ({"set_points": {"sidewall": [1.0, 2.0]}}, r"a sidewall turns the vehicle"),
-        ({"set_points": {"ground": [0.8, 1.2]}, "contact_z_hat": {"ground": 1.04}}, r"begins at 0.8, where the vehicle touches"),
-        ({"bound_z_hat": {"ground": -0.5}}, r"simulate.bound_z_hat.ground: Input should be greater than 0"),
+        (
+            {"set_points": {"ground": [0.8, 1.2]}, "contact_z_hat": {"ground": 1.04}},
+            r"begins at 0.8, where the vehicle touches",
+        ),
+        (
+            {"bound_z_hat": {"ground": -0.5}},
+            r"simulate.bound_z_hat.ground: Input should be greater than 0",
+        ),
         ({"risks": [0.0]}, r"simulate.risks.0: Input should be greater than 0"),
         ({"risks": [1.5]}, r"simulate.risks.0: Input should be less than 1"),
         ({"crash_prices": [-1.0]}, r"simulate.crash_prices.0: Input should be greater than 0"),
         ({"presets": ["paper", "paper"]}, r"simulate.presets: names one of its values twice"),
-        ({"route": {"goal": ["9 m", "0.2 m"]}}, r"simulate.route: goal \(9, 0.2\) m is outside the corridor of 1 by 0.4 m"),
-        ({"route": {"goal": ["0 m", "0.2 m"]}}, r"simulate.route: start and goal are the same place"),
-        ({"route": {"obstacles": [{"x": ["0.6 m", "0.5 m"], "z": ["0 m", "0.1 m"]}]}}, r"obstacles.0.x: gives its ends in the wrong order"),
+        (
+            {"route": {"goal": ["9 m", "0.2 m"]}},
+            r"simulate.route: goal \(9, 0.2\) m is outside the corridor of 1 by 0.4 m",
+        ),
+        (
+            {"route": {"goal": ["0 m", "0.2 m"]}},
+            r"simulate.route: start and goal are the same place",
+        ),
+        (
+            {"route": {"obstacles": [{"x": ["0.6 m", "0.5 m"], "z": ["0 m", "0.1 m"]}]}},
+            r"obstacles.0.x: gives its ends in the wrong order",
+        ),
     ],
 )
 def test_what_cannot_be_flown_is_refused_as_the_manifest_is_read(changes, words):
@@ -273,7 +395,12 @@ def test_what_cannot_be_flown_is_refused_as_the_manifest_is_read(changes, words)
 
 def test_the_usual_set_points_begin_above_what_the_vehicle_touches(remake):
     """A Crazyflie's feet are 24 mm below its rotors, so it touches at 1.04 radii."""
-    touching = QUICK | {"flights": 20, "presets": [], "set_points": {}, "contact_z_hat": {"ground": 1.04}}
+    touching = QUICK | {
+        "flights": 20,
+        "presets": [],
+        "set_points": {},
+        "contact_z_hat": {"ground": 1.04},
+    }
     job = remake("ground", simulate=touching)
     simulate.run(job)
     rates = job.read(CRASH_RATES)
@@ -282,7 +409,17 @@ def test_the_usual_set_points_begin_above_what_the_vehicle_touches(remake):
 
 def test_a_gain_without_a_unit_is_refused(remake):
     with pytest.raises(ManifestError, match="has no unit"):
-        remake(simulate={"gains": {"ground": {"proportional": 316, "derivative": "316 1/m", "integral": "31.6 1/m/s^2"}}})
+        remake(
+            simulate={
+                "gains": {
+                    "ground": {
+                        "proportional": 316,
+                        "derivative": "316 1/m",
+                        "integral": "31.6 1/m/s^2",
+                    }
+                }
+            }
+        )
 
 
 def test_the_manifest_decides_what_run_includes(remake):
@@ -305,50 +442,103 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
     job = remake("ground", "ceiling")
     sagging = {"name": "supply_sag", "parameters": {"sag_exponent": span(2.0, 0.1)}}
     joint = {"parameters": ["K_b", "sag_exponent"], "correlation": [[1.0, -0.8], [-0.8, 1.0]]}
-    diagnosed(job, "ground", verdict="effect", effects=[sagging], coefficients={"after": {"K_b": span(1.8, 0.2)}}, joint=joint)
+    diagnosed(
+        job,
+        "ground",
+        verdict="effect",
+        effects=[sagging],
+        coefficients={"after": {"K_b": span(1.8, 0.2)}},
+        joint=joint,
+    )
     belief = believe(job, "ground", 500)
     assert (belief.effects, belief.left, belief.source) == (("supply_sag",), (), "results.json")
     assert belief.best == {"K_b": 1.8, "sag_exponent": 2.0}
     assert belief.draws["K_b"].std() == pytest.approx(0.2 / 1.645, rel=0.15)
     # as wide as the intervals say, and together as the refit has them
     assert belief.draws["sag_exponent"].std() == pytest.approx(0.1 / 1.645, rel=0.15)
-    assert np.corrcoef(belief.draws["K_b"], belief.draws["sag_exponent"])[0, 1] == pytest.approx(-0.8, abs=0.08)
+    assert np.corrcoef(belief.draws["K_b"], belief.draws["sag_exponent"])[0, 1] == pytest.approx(
+        -0.8, abs=0.08
+    )
     assert belief.droop(0.9 * belief.supply_V[0]) == pytest.approx(0.81 - 1)
     # the sag is in time: at the start of a flight the ratio is the bare model's
-    bare = catalogue.model("sanchez_cuevas")(1.5, K_b=1.8, spacing_hat=65 / 23, diagonal_hat=np.sqrt(2) * 65 / 23)
+    bare = catalogue.model("sanchez_cuevas")(
+        1.5, K_b=1.8, spacing_hat=65 / 23, diagonal_hat=np.sqrt(2) * 65 / 23
+    )
     assert belief.ratio()(np.array([1.5])) == pytest.approx([float(bare)])
     datum = {"name": "height_offset", "parameters": {"offset_m": span(1e-3)}}
-    diagnosed(job, "ceiling", verdict="effect", effects=[datum], coefficients={"after": {"alpha": span(0.1, 0.01)}})
+    diagnosed(
+        job,
+        "ceiling",
+        verdict="effect",
+        effects=[datum],
+        coefficients={"after": {"alpha": span(0.1, 0.01)}},
+    )
     belief = believe(job, "ceiling", 10)
-    assert (belief.effects, belief.left, belief.model.name) == ((), ("height_offset",), "hsiao_chirarattananon")
+    assert (belief.effects, belief.left, belief.model.name) == (
+        (),
+        ("height_offset",),
+        "hsiao_chirarattananon",
+    )
     assert belief.best == {"alpha": 0.1}
-    saturated = {"name": "near_wall_saturation", "parameters": {"gap_hat2": span(0.02), "saturation_power": span(0.68)}}
-    diagnosed(job, "ceiling", verdict="effect", effects=[saturated], coefficients={"after": {"alpha": span(0.1, 0.01)}})
+    saturated = {
+        "name": "near_wall_saturation",
+        "parameters": {"gap_hat2": span(0.02), "saturation_power": span(0.68)},
+    }
+    diagnosed(
+        job,
+        "ceiling",
+        verdict="effect",
+        effects=[saturated],
+        coefficients={"after": {"alpha": span(0.1, 0.01)}},
+    )
     belief = believe(job, "ceiling", 10)
     assert belief.effects == ("near_wall_saturation",)
     near, plain = belief.ratio()(np.array([0.1])), 0.5 + 0.5 * np.sqrt(1 + 0.1 / 0.01)
     assert 1 < near[0] < plain
 
 
-def test_draws_have_the_ends_of_their_intervals_and_what_no_interval_bounds_is_not_taken_as_known(remake):
+def test_draws_have_the_ends_of_their_intervals_and_what_no_interval_bounds_is_not_taken_as_known(
+    remake,
+):
     job = remake("ceiling")
     bounded = {"value": 0.0, "lo90": 0.0, "hi90": 0.2}
-    saturated = {"name": "near_wall_saturation", "parameters": {"gap_hat2": bounded, "saturation_power": span(0.68)}}
+    saturated = {
+        "name": "near_wall_saturation",
+        "parameters": {"gap_hat2": bounded, "saturation_power": span(0.68)},
+    }
     alpha = {"value": 0.1, "lo90": 0.09, "hi90": 0.16}
-    diagnosed(job, "ceiling", verdict="effect", effects=[saturated], coefficients={"after": {"alpha": alpha}})
+    diagnosed(
+        job,
+        "ceiling",
+        verdict="effect",
+        effects=[saturated],
+        coefficients={"after": {"alpha": alpha}},
+    )
     draws = believe(job, "ceiling", 4000).draws
     assert np.percentile(draws["alpha"], [5, 50, 95]) == pytest.approx([0.09, 0.1, 0.16], abs=0.004)
     # an estimate at its bound keeps the width on the side that is free
     assert np.percentile(draws["gap_hat2"], [5, 95]) == pytest.approx([0.0, 0.2], abs=0.01)
     endless = {"value": 0.1, "lo90": None, "hi90": None}
-    diagnosed(job, "ceiling", verdict="effect", effects=[saturated], coefficients={"after": {"alpha": endless}})
+    diagnosed(
+        job,
+        "ceiling",
+        verdict="effect",
+        effects=[saturated],
+        coefficients={"after": {"alpha": endless}},
+    )
     # its prior, mean 0.125 and sd 0.25, without what lies below 0
     prior = stats.truncnorm(-0.5, np.inf, loc=0.125, scale=0.25)
-    assert np.percentile(believe(job, "ceiling", 4000).draws["alpha"], [25, 75]) == pytest.approx(prior.ppf([0.25, 0.75]), rel=0.07)
+    assert np.percentile(believe(job, "ceiling", 4000).draws["alpha"], [25, 75]) == pytest.approx(
+        prior.ppf([0.25, 0.75]), rel=0.07
+    )
 
 
 def test_a_model_that_leaves_nothing_free_flies_is_found_and_is_exported(make_job):
-    job = make_job(("ground",), fit={"ground": {"base": "sanchez_cuevas_published"}}, simulate=QUICK | {"presets": [], "flights": 20})
+    job = make_job(
+        ("ground",),
+        fit={"ground": {"base": "sanchez_cuevas_published"}},
+        simulate=QUICK | {"presets": [], "flights": 20},
+    )
     simulate.run(job)
     own = job.read_json(SAFETY)["fitted"]["ground"]
     assert (own["draws"], own["levels"][0]["model_only"][0]) == (1, own["levels"][0]["value"])
@@ -361,9 +551,17 @@ def test_a_model_that_leaves_nothing_free_flies_is_found_and_is_exported(make_jo
 
 def test_draws_are_those_of_what_is_quoted(remake):
     job = remake("ground")
-    quoted.write(job, {"ground": {"coefficients": {"after": {"K_b": {"value": 5.5, "lo90": 5.0, "hi90": 6.0}}}}})
+    quoted.write(
+        job,
+        {"ground": {"coefficients": {"after": {"K_b": {"value": 5.5, "lo90": 5.0, "hi90": 6.0}}}}},
+    )
     belief = believe(job, "ground", 2000)
     assert belief.source == "results.json"
     assert belief.number == 2000
     assert np.percentile(belief.draws["K_b"], [5, 95]) == pytest.approx([5.0, 6.0], abs=0.05)
-    assert json.loads((job.processed / "fit.json").read_text())["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]["value"] < 5
+    assert (
+        json.loads((job.processed / "fit.json").read_text())["boundaries"]["ground"][
+            "sanchez_cuevas"
+        ]["parameters"]["K_b"]["value"]
+        < 5
+    )

@@ -21,8 +21,26 @@ LOADS = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"),
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-W", "ignore", "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    done = subprocess.run(command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, timeout=600)
+    command = [
+        sys.executable,
+        "-W",
+        "ignore",
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--quiet",
+        "--site-dir",
+        str(folder),
+    ]
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -43,7 +61,10 @@ class Loaded(HTMLParser):
 
 
 def test_every_page_is_there(site):
-    written = {p.relative_to(ROOT / "docs").with_suffix(".html").as_posix() for p in (ROOT / "docs").rglob("*.md")}
+    written = {
+        p.relative_to(ROOT / "docs").with_suffix(".html").as_posix()
+        for p in (ROOT / "docs").rglob("*.md")
+    }
     assert {p for p in written if not (site / p).is_file()} == set()
 
 
@@ -52,7 +73,9 @@ def test_nothing_is_loaded_from_elsewhere(site):
         for target in Loaded(page.read_text(encoding="utf-8")).found:
             assert not re.match(r"(https?:)?//", target), f"{page.name} loads {target}"
             if not target.startswith("data:") and page.name != "404.html":
-                assert (page.parent / unquote(target.split("?")[0].split("#")[0])).exists(), f"{page.name}: {target}"
+                assert (page.parent / unquote(target.split("?")[0].split("#")[0])).exists(), (
+                    f"{page.name}: {target}"
+                )
 
 
 def test_formulas_are_drawn(site):
@@ -62,17 +85,28 @@ def test_formulas_are_drawn(site):
 
 
 def test_included_code_is_the_file(site):
-    page = html.unescape(re.sub(r"<[^>]+>", "", (site / "extending.html").read_text(encoding="utf-8")))
-    assert "Ground: Cheeseman and Bennett's image, its strength free, for a vehicle of several rotors." in page
+    page = html.unescape(
+        re.sub(r"<[^>]+>", "", (site / "extending.html").read_text(encoding="utf-8"))
+    )
+    assert (
+        "Ground: Cheeseman and Bennett's image, its strength free, for a vehicle of several rotors."
+        in page
+    )
     assert "--8<--" not in page
 
 
 def test_generated_pages_are_up_to_date():
-    spec = importlib.util.spec_from_file_location("build_reference", ROOT / "docs" / "build_reference.py")
+    spec = importlib.util.spec_from_file_location(
+        "build_reference", ROOT / "docs" / "build_reference.py"
+    )
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     for name, text in module.pages().items():
-        assert (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8") == text, f"docs/reference/{name} is out of date: make docs"
-    assert (ROOT / "docs" / "decisions" / "index.md").read_text(encoding="utf-8") == module.decisions_page()
+        assert (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8") == text, (
+            f"docs/reference/{name} is out of date: make docs"
+        )
+    assert (ROOT / "docs" / "decisions" / "index.md").read_text(
+        encoding="utf-8"
+    ) == module.decisions_page()

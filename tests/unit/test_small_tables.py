@@ -26,10 +26,14 @@ from nearlift.stages import report
 
 from . import small_run
 
-BASES = {b: catalogue.model(catalogue.default_base(b, 4)) for b in ("ground", "ceiling", "sidewall")}
+BASES = {
+    b: catalogue.model(catalogue.default_base(b, 4)) for b in ("ground", "ceiling", "sidewall")
+}
 
 
-def table(boundary: str, *, distances: int = 6, throttles: int = 5, scatter: float = 0.006, seed: int = 1) -> Observations:
+def table(
+    boundary: str, *, distances: int = 6, throttles: int = 5, scatter: float = 0.006, seed: int = 1
+) -> Observations:
     """A table of means with standard deviations, nothing missing from its model."""
     spec = Spec(
         boundary=boundary,
@@ -44,11 +48,17 @@ def table(boundary: str, *, distances: int = 6, throttles: int = 5, scatter: flo
     return simulate(spec, seed).data
 
 
-def with_speed(data: Observations, exponent: float, *, spread: float = 0.02, seed: int = 3) -> Observations:
+def with_speed(
+    data: Observations, exponent: float, *, spread: float = 0.02, seed: int = 3
+) -> Observations:
     """The same, the speed having moved at random while the throttle was held, and lift with it."""
     moved = np.exp(spread * stream(seed, "speed").standard_normal(data.n))
     speed = 300.0 * np.sqrt(data.throttle) * moved
-    return dataclasses.replace(data, lift_N=data.lift_N * moved**exponent, covariates={**data.covariates, "speed_Hz": speed})
+    return dataclasses.replace(
+        data,
+        lift_N=data.lift_N * moved**exponent,
+        covariates={**data.covariates, "speed_Hz": speed},
+    )
 
 
 @pytest.mark.parametrize("boundary", BASES)
@@ -60,7 +70,9 @@ def test_a_table_in_which_nothing_is_missing_is_adequate_and_says_what_it_could_
     assert block["effects"]
     assert {row["effect"] for row in block["limits"]} == set(block["effects"])
     for row in block["limits"]:
-        low, high = next(p for e in catalogue.effects() for p in e.parameters if p.name == row["parameter"]).bounds
+        low, high = next(
+            p for e in catalogue.effects() for p in e.parameters if p.name == row["parameter"]
+        ).bounds
         assert row["size"] is None or 0 < row["size"] <= high - low
 
 
@@ -72,7 +84,8 @@ def test_rotor_speed_is_named_with_the_exponent_of_theory(boundary):
     [effect] = found["effects"]
     assert effect["name"] == "rotor_speed"
     exponent = effect["parameters"]["speed_exponent"]
-    # 30 speeds that scatter by 2 % beside lifts that scatter by 0.6 to 1 %: the exponent is known to 0.06 to 0.1
+    # 30 speeds that scatter by 2 % beside lifts that scatter by 0.6 to 1 %: the exponent is known
+    # to 0.06 to 0.1
     assert exponent["value"] == pytest.approx(2.0, abs=0.4)
     assert "rotor_speed" not in {row["effect"] for row in found["sensitivity"]["limits"]}
 
@@ -84,7 +97,11 @@ def test_an_exponent_that_no_physics_has_is_refused_and_the_refusal_says_why():
     assert "rotor_speed (speed_exponent runs into 3)" in found["rounds"][0]["reason"]
     assert "rotor_speed" not in {p["name"] for p in found["partial"]}
     row = next(c for c in found["rounds"][0]["candidates"] if c["name"] == "rotor_speed")
-    assert (row["accepted"], row["at_bound"], row["sizes"]) == (False, True, {"speed_exponent": 3.0})
+    assert (row["accepted"], row["at_bound"], row["sizes"]) == (
+        False,
+        True,
+        {"speed_exponent": 3.0},
+    )
 
 
 def test_a_speed_that_says_nothing_of_lift_is_not_named():
@@ -106,7 +123,8 @@ def test_no_family_takes_more_than_an_eighth_of_so_few_cells(distances, throttle
 def test_a_published_standard_deviation_is_a_trial_s_noise():
     data = table("ground", scatter=0.03)
     stage, _, _ = set_up(data, BASES["ground"], (), Options())
-    # what is added to the published 3 % is small beside it, so that noise is known as well as it was published
+    # what is added to the published 3 % is small beside it, so that noise is known as well as it
+    # was published
     assert np.median((data.u_lift_N / data.lift_N) / stage.space.covariance.sigma) > 0.9
     assert stage.noise.dof > 100
 
@@ -118,7 +136,10 @@ def test_too_few_cells_and_cells_without_standard_deviation_are_refused():
     with pytest.raises(NotConverged, match=r"30 usable trials\n.*at least 46 are wanted"):
         set_up(dataclasses.replace(data, ordered=True), BASES["ground"], (), Options())
     bare = dataclasses.replace(data, u_lift_N=np.where(np.arange(data.n) < 4, 0.0, data.u_lift_N))
-    with pytest.raises(NotConverged, match=r"30 usable trials, 4 of them without a standard deviation\n.*at least 46 trials"):
+    with pytest.raises(
+        NotConverged,
+        match=r"30 usable trials, 4 of them without a standard deviation\n.*at least 46 trials",
+    ):
         set_up(bare, BASES["ground"], (), Options())
 
 
@@ -142,7 +163,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_card_chapter_methods_and_python_say_what_could_have_been_seen(out: Path):
-    block = json.loads((out / "processed/means" / DIAGNOSIS.file).read_text())["boundaries"]["ground"]
+    block = json.loads((out / "processed/means" / DIAGNOSIS.file).read_text())["boundaries"][
+        "ground"
+    ]
     assert block["verdict"] == "adequate"
     words = next(row["text"] for row in block["sensitivity"]["limits"] if row["size"] is not None)
     assert "≥" in words
@@ -151,7 +174,10 @@ def test_card_chapter_methods_and_python_say_what_could_have_been_seen(out: Path
     assert f"could have seen {words}" in card["verdict"]
     [section] = diagnosis.facts(evidence)["sections"]
     assert words in section["could_have_seen"]
-    assert f"24 trials could have seen {words.replace('_', ' ')}" in methods.markdown(evidence).decode()
+    assert (
+        f"24 trials could have seen {words.replace('_', ' ')}"
+        in methods.markdown(evidence).decode()
+    )
     answer = nearlift.load(out / "raw", out).diagnose()
     assert answer["ground"].verdict == "adequate"
     assert "could have seen" in answer._repr_html_()

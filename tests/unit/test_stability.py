@@ -1,4 +1,6 @@
-"""Whether an answer rests on one trial: what is told, and that it is what a new diagnosis without the trial says."""
+"""Whether an answer rests on one trial: what is told, and that it is what a new diagnosis without
+the trial says.
+"""
 
 import numpy as np
 import pytest
@@ -29,16 +31,27 @@ def test_the_shift_is_that_of_a_new_diagnosis_without_the_trial(data, quoted):
     most = headline.influence.trial
     assert abs(most.shift) > LOOK * headline.u
     again = diagnose(data.take(data.trial != most.id), GROUND, (), Options()).quoted
-    # noise is looked for from another start, until it moves the coefficient by no more than a tenth of u
-    assert most.shift == pytest.approx(again.coefficients["K_b"].value - headline.value, abs=0.1 * headline.u)
+    # noise is looked for from another start, until it moves the coefficient by no more than a tenth
+    # of u
+    assert most.shift == pytest.approx(
+        again.coefficients["K_b"].value - headline.value, abs=0.1 * headline.u
+    )
     assert quoted.rests_on is None
     assert again.verdict == quoted.verdict
 
 
 @pytest.mark.parametrize(
-    ("by", "verdict", "rests"), [(0.9, "adequate", False), (-0.9, "adequate", False), (1.1, "adequate", True), (0.0, "effect", True)]
+    ("by", "verdict", "rests"),
+    [
+        (0.9, "adequate", False),
+        (-0.9, "adequate", False),
+        (1.1, "adequate", True),
+        (0.0, "effect", True),
+    ],
 )
-def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(quoted, by, verdict, rests):
+def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(
+    quoted, by, verdict, rests
+):
     headline = quoted.coefficients["K_b"]
     value = headline.value + by * headline.u
     asked = []
@@ -46,7 +59,9 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(qu
     def without(trial):
         asked.append(trial)
         effects = ("tilt",) if verdict == "effect" else ()
-        return Without(verdict=verdict, effects=effects, intervals={"K_b": (value, value - 1.0, value + 1.0)})
+        return Without(
+            verdict=verdict, effects=effects, intervals={"K_b": (value, value - 1.0, value + 1.0)}
+        )
 
     found = told(quoted, without)
     (trial,) = asked
@@ -54,8 +69,12 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(qu
     assert found.coefficients["K_b"].influence.trial.shift == pytest.approx(by * headline.u)
     assert (found.rests_on is not None) is rests
     assert bool(found.leaning) is rests
-    added = [d for d in found.coefficients["K_b"].doubts if d.condition == f"trial {trial} is left out"]
-    assert [(d.value, d.lo90, d.hi90) for d in added] == ([(value, value - 1.0, value + 1.0)] if rests else [])
+    added = [
+        d for d in found.coefficients["K_b"].doubts if d.condition == f"trial {trial} is left out"
+    ]
+    assert [(d.value, d.lo90, d.hi90) for d in added] == (
+        [(value, value - 1.0, value + 1.0)] if rests else []
+    )
     if rests:
         assert trial in found.leaning
         assert ("verdict is effect" in found.leaning) is (verdict == "effect")
@@ -63,8 +82,16 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(qu
 
 def test_where_no_trial_matters_nothing_is_made_again(quoted):
     headline = quoted.coefficients["K_b"]
-    small = headline.influence.model_copy(update={"trial": headline.influence.trial.model_copy(update={"shift": 0.5 * LOOK * headline.u})})
-    quiet = quoted.model_copy(update={"coefficients": {"K_b": headline.model_copy(update={"influence": small})}})
+    small = headline.influence.model_copy(
+        update={
+            "trial": headline.influence.trial.model_copy(update={"shift": 0.5 * LOOK * headline.u})
+        }
+    )
+    quiet = quoted.model_copy(
+        update={"coefficients": {"K_b": headline.model_copy(update={"influence": small})}}
+    )
     assert told(quiet, pytest.fail) is quiet
-    unknown = quoted.model_copy(update={"coefficients": {"K_b": headline.model_copy(update={"u": np.inf})}})
+    unknown = quoted.model_copy(
+        update={"coefficients": {"K_b": headline.model_copy(update={"u": np.inf})}}
+    )
     assert told(unknown, pytest.fail) is unknown

@@ -1,4 +1,6 @@
-"""Products on disk: whole or not at all, read back only if intact, the same bytes for the same content."""
+"""Products on disk: whole or not at all, read back only if intact, the same bytes for the same
+content.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,17 @@ CLOSED = Product(
         Column(name="n", kind="integer", meaning="a count"),
     ),
 )
-OPEN = Product(file="open.parquet", title="open", row="a row", columns=CLOSED.columns, open_ended=True)
+OPEN = Product(
+    file="open.parquet", title="open", row="a row", columns=CLOSED.columns, open_ended=True
+)
 
 
 def table(n: int = 3) -> dict[str, np.ndarray]:
-    return {"who": np.array([f"é{i}" for i in range(n)], dtype=object), "lift_N": np.arange(n) / 7, "n": np.arange(n)}
+    return {
+        "who": np.array([f"é{i}" for i in range(n)], dtype=object),
+        "lift_N": np.arange(n) / 7,
+        "n": np.arange(n),
+    }
 
 
 # ---- atomic
@@ -76,7 +84,14 @@ def test_content_reaches_the_disk_before_the_name_and_the_folder_after_it(tmp_pa
     """Else a crash may leave the new name on an empty file."""
     told = []
     real_sync, real_replace = os.fsync, Path.replace
-    monkeypatch.setattr(os, "fsync", lambda fd: (told.append("folder" if os.path.isdir(f"/proc/self/fd/{fd}") else "content"), real_sync(fd))[1])  # noqa: PTH112
+    monkeypatch.setattr(
+        os,
+        "fsync",
+        lambda fd: (
+            told.append("folder" if os.path.isdir(f"/proc/self/fd/{fd}") else "content"),  # noqa: PTH112
+            real_sync(fd),
+        )[1],
+    )
     monkeypatch.setattr(Path, "replace", lambda a, b: (told.append("name"), real_replace(a, b))[1])
     store.write_bytes(tmp_path / "new" / "fit.json", b"content")
     assert told == ["content", "name", "folder"]
@@ -86,8 +101,12 @@ def test_a_table_that_breaks_its_schema_is_not_written_at_all(tmp_path):
     path = tmp_path / "closed.parquet"
     store.write_table(path, table(), CLOSED)
     before = path.read_bytes()
-    with pytest.raises(ProductError, match=r"closed.parquet: lacks \['n'\], has undeclared \['m'\]"):
-        store.write_table(path, {"who": table()["who"], "lift_N": np.zeros(3), "m": np.zeros(3)}, CLOSED)
+    with pytest.raises(
+        ProductError, match=r"closed.parquet: lacks \['n'\], has undeclared \['m'\]"
+    ):
+        store.write_table(
+            path, {"who": table()["who"], "lift_N": np.zeros(3), "m": np.zeros(3)}, CLOSED
+        )
     with pytest.raises(ProductError, match=r"closed.parquet: has columns of different lengths"):
         store.write_table(path, {**table(), "n": np.arange(4)}, CLOSED)
     assert path.read_bytes() == before
@@ -104,7 +123,11 @@ def test_a_table_that_breaks_its_schema_is_not_written_at_all(tmp_path):
 )
 def test_what_is_written_is_what_is_read(tmp_path_factory, who, lift, n):
     path = tmp_path_factory.mktemp("round") / "closed.parquet"
-    given_table = {"who": np.array(who, dtype=object), "lift_N": np.full(len(who), lift), "n": np.full(len(who), n, dtype=np.int64)}
+    given_table = {
+        "who": np.array(who, dtype=object),
+        "lift_N": np.full(len(who), lift),
+        "n": np.full(len(who), n, dtype=np.int64),
+    }
     store.write_table(path, given_table, CLOSED)
     found = store.read_table(path, CLOSED)
     assert found["who"].tolist() == who
@@ -114,11 +137,21 @@ def test_what_is_written_is_what_is_read(tmp_path_factory, who, lift, n):
 
 def test_a_column_keeps_its_order_unit_meaning_and_kind(tmp_path):
     path = tmp_path / "open.parquet"
-    store.write_table(path, {"extra": np.array([1, 2, 3], dtype=np.int32), **table(), "note": np.array(["a", "b", ""])}, OPEN)
+    store.write_table(
+        path,
+        {"extra": np.array([1, 2, 3], dtype=np.int32), **table(), "note": np.array(["a", "b", ""])},
+        OPEN,
+    )
     schema = pq.read_schema(path)
     assert schema.names == ["who", "lift_N", "n", "extra", "note"]
     assert schema.field("lift_N").metadata == {b"unit": b"N", b"meaning": b"a force"}
-    assert [schema.field(c).type for c in ("who", "lift_N", "n", "extra", "note")] == [pa.string(), pa.float64(), pa.int64(), pa.int64(), pa.string()]
+    assert [schema.field(c).type for c in ("who", "lift_N", "n", "extra", "note")] == [
+        pa.string(),
+        pa.float64(),
+        pa.int64(),
+        pa.int64(),
+        pa.string(),
+    ]
     assert schema.metadata[b"schema"] == b"nearlift.open/1"
 
 
@@ -138,7 +171,9 @@ def test_the_same_content_gives_the_same_bytes(tmp_path):
 
 @pytest.mark.parametrize("bit", [0, 2, 5])
 def test_no_flipped_bit_passes(tmp_path, bit):
-    """Each 7th byte of the file in turn, footer included: refused, or, where nothing depends on it, read as it was written."""
+    """Each 7th byte of the file in turn, footer included: refused, or, where nothing depends on it,
+    read as it was written.
+    """
     path = tmp_path / "open.parquet"
     whole = {**table(400), "supply_V": np.random.default_rng(1).normal(size=400)}
     store.write_table(path, whole, OPEN)
@@ -160,21 +195,41 @@ def test_a_footer_that_lost_rows_or_renamed_a_column_is_damage(tmp_path):
     """As found by flipping bits: no page checksum covers the number of rows or the names."""
     path = tmp_path / "open.parquet"
     good = store.to_arrow(table(), OPEN)
-    for spoilt in (good.slice(0, 2), good.rename_columns(["who", "lift_M", "n"]), good.set_column(2, "n", good["n"].cast(pa.int32()))):
+    for spoilt in (
+        good.slice(0, 2),
+        good.rename_columns(["who", "lift_M", "n"]),
+        good.set_column(2, "n", good["n"].cast(pa.int32())),
+    ):
         pq.write_table(spoilt.replace_schema_metadata(good.schema.metadata), path)
-        with pytest.raises(ProductError, match="is damaged: its columns or its length are not what was written\n  delete it and run again"):
+        with pytest.raises(
+            ProductError,
+            match=(
+                "is damaged: its columns or its length are not what was written\n  delete it and"
+                " run again"
+            ),
+        ):
             store.read_table(path, OPEN)
 
 
 def test_a_table_that_cannot_be_used_is_refused_with_what_to_do(tmp_path):
     path = tmp_path / "trials.parquet"
-    with pytest.raises(ProductError, match=r"trials.parquet: is missing\n  run the stage that writes it"):
+    with pytest.raises(
+        ProductError, match=r"trials.parquet: is missing\n  run the stage that writes it"
+    ):
         store.read_table(path, TRIALS)
     path.write_bytes(b"not parquet")
-    with pytest.raises(ProductError, match=r"trials.parquet: is damaged: .*\n  delete it and run again"):
+    with pytest.raises(
+        ProductError, match=r"trials.parquet: is damaged: .*\n  delete it and run again"
+    ):
         store.read_table(path, TRIALS)
     store.write_table(path, table(), CLOSED)
-    with pytest.raises(ProductError, match=r"has schema nearlift.closed/1, not nearlift.lift/1\n  it was written by another version"):
+    with pytest.raises(
+        ProductError,
+        match=(
+            r"has schema nearlift.closed/1, not nearlift.lift/1\n  it was written by another"
+            r" version"
+        ),
+    ):
         store.read_table(path, LIFT)
 
 
@@ -193,9 +248,19 @@ def test_json_keeps_every_digit_and_knows_no_nan(tmp_path):
     }
     store.write_json(path, content)
     found = store.read_json(path)
-    assert found == {"a": 1 / 3, "b": 2e-300, "c": [None, None], "d": [[1.5, None]], "e": 3, "f": ["é", True, None]}
+    assert found == {
+        "a": 1 / 3,
+        "b": 2e-300,
+        "c": [None, None],
+        "d": [[1.5, None]],
+        "e": 3,
+        "f": ["é", True, None],
+    }
     # strict: no NaN or Infinity, which other languages' readers refuse
-    json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda text: pytest.fail(f"{text} is not JSON"))
+    json.loads(
+        path.read_text(encoding="utf-8"),
+        parse_constant=lambda text: pytest.fail(f"{text} is not JSON"),
+    )
 
 
 def test_json_that_cannot_be_used_is_refused_with_what_to_do(tmp_path):
@@ -218,7 +283,10 @@ def test_json_that_cannot_be_used_is_refused_with_what_to_do(tmp_path):
 
 def test_digest_is_that_of_the_bytes(tmp_path):
     (tmp_path / "x").write_bytes(b"abc")
-    assert store.sha256(tmp_path / "x") == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert (
+        store.sha256(tmp_path / "x")
+        == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    )
 
 
 ALONE = """
@@ -236,7 +304,13 @@ def by_itself(code: str, *arguments: str) -> str:
     """What code prints that runs in a process with one thread."""
     if sys.platform != "linux":
         pytest.skip("processes are copied on Linux only")
-    done = subprocess.run([sys.executable, "-c", ALONE + code, *arguments], check=True, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", ALONE + code, *arguments],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     return done.stdout
 
 
@@ -246,7 +320,9 @@ def files(tmp_path):
     contents = [bytes([i]) * (1 + 300 * i) for i in range(37)]
     for i, content in enumerate(contents):
         (tmp_path / f"{i}").write_bytes(content)
-    return [str(tmp_path / f"{i}") for i in range(len(contents))], [hashlib.sha256(content).hexdigest() for content in contents]
+    return [str(tmp_path / f"{i}") for i in range(len(contents))], [
+        hashlib.sha256(content).hexdigest() for content in contents
+    ]
 
 
 def test_many_files_are_digested_while_something_else_is_done(files):

@@ -1,4 +1,6 @@
-"""The Python interface: the command line's stages, ledger and products, as typed values that show themselves in a notebook."""
+"""The Python interface: the command line's stages, ledger and products, as typed values that show
+themselves in a notebook.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,14 @@ class Balanced(HTMLParser):
 def test_importing_nearlift_is_cheap():
     heavy = ("numpy", "pandas", "pydantic", "scipy", "matplotlib", "pyarrow", "click")
     told = subprocess.run(
-        [sys.executable, "-c", f"import nearlift, sys; print([m for m in {heavy} if m in sys.modules], nearlift.load.__name__)"],
+        [
+            sys.executable,
+            "-c",
+            (
+                f"import nearlift, sys; print([m for m in {heavy} if m in sys.modules],"
+                " nearlift.load.__name__)"
+            ),
+        ],
         capture_output=True,
         text=True,
         check=True,
@@ -86,7 +95,9 @@ def test_a_reduction_is_the_products(study):
     assert len(found.trials) == 112
     assert found.covariance.shape == (len(found.cells), len(found.cells))
     assert np.sqrt(np.diag(found.covariance)) == pytest.approx(found.cells["u_delta_L"])
-    assert list(found.covariance.index[0]) == list(found.cells.iloc[0][["boundary", "z_hat", "throttle"]])
+    assert list(found.covariance.index[0]) == list(
+        found.cells.iloc[0][["boundary", "z_hat", "throttle"]]
+    )
     Balanced(found._repr_html_())
     assert "112" in found._repr_html_()
 
@@ -95,14 +106,18 @@ def test_a_fit_says_what_fit_json_says(study, fit):
     entry = product(study, "fit.json")["boundaries"]["ground"]["sanchez_cuevas"]
     K_b = fit["ground"].base.coefficients["K_b"]
     assert fit["ground"].base is fit["ground"]["sanchez_cuevas"]
-    assert {k: getattr(K_b, k) for k in ("value", "u", "lo90", "hi90")} == {k: entry["parameters"]["K_b"][k] for k in ("value", "u", "lo90", "hi90")}
+    assert {k: getattr(K_b, k) for k in ("value", "u", "lo90", "hi90")} == {
+        k: entry["parameters"]["K_b"][k] for k in ("value", "u", "lo90", "hi90")
+    }
     assert fit["ground"].base.L_inf_N[0.25].unit == "N"
     assert [at.boundary for at in fit] == ["ground"]
     told = fit.quoted["ground"].coefficients["K_b"]
     row = fit.table.iloc[0]
     assert (row["coefficient"], row["value"], row["lo95"]) == ("K_b", told.value, told.lo95)
     draws = fit.draws("ground")
-    assert draws["K_b"].mean() == pytest.approx(entry["parameters"]["K_b"]["value"], abs=0.3 * entry["parameters"]["K_b"]["u"])
+    assert draws["K_b"].mean() == pytest.approx(
+        entry["parameters"]["K_b"]["value"], abs=0.3 * entry["parameters"]["K_b"]["u"]
+    )
 
 
 def test_answers_are_frozen(fit):
@@ -128,15 +143,25 @@ def test_what_is_not_there_is_refused_with_what_is(study, fit):
 def test_a_fit_shows_intervals_and_figure_2(fit):
     shown = fit._repr_html_()
     Balanced(shown)
-    assert re.search(r"<td>ground</td><td>Sanchez-Cuevas</td><td>K_b</td><td>[\d.]+ ± [\d.]+</td><td>[\d.]+ to [\d.]+</td>", shown)
+    assert re.search(
+        r"<td>ground</td><td>Sanchez-Cuevas</td><td>K_b</td><td>[\d.]+ ± [\d.]+</td><td>[\d.]+ to"
+        r" [\d.]+</td>",
+        shown,
+    )
     assert 'src="data:image/png;base64,' in shown
     assert "http" not in shown
 
 
 def test_the_same_ledger_as_the_command_line(study, fit):
     """What Python fitted the command line finds up to date, and the other way round."""
-    told = json.loads(small_run.nearlift("plan", study.root, "--out", study.out, "--json").stdout)["stages"]
-    assert {s["stage"]: s["stale"] for s in told if s["stage"] in ("ingest", "reduce", "fit")} == {"ingest": False, "reduce": False, "fit": False}
+    told = json.loads(small_run.nearlift("plan", study.root, "--out", study.out, "--json").stdout)[
+        "stages"
+    ]
+    assert {s["stage"]: s["stale"] for s in told if s["stage"] in ("ingest", "reduce", "fit")} == {
+        "ingest": False,
+        "reduce": False,
+        "fit": False,
+    }
     before = (study.processed / "provenance.json").stat()
     study.fit()
     assert (study.processed / "provenance.json").stat() == before
@@ -149,7 +174,10 @@ def test_a_diagnosis_says_what_diagnosis_json_says(study):
     assert at.verdict == entry["verdict"]
     assert at.noise_floor == entry["error"]["noise_floor"]
     after = entry["coefficients"]["after"]["K_b"]
-    assert (at.after["K_b"].lo90, at.after["K_b"].constrained) == (after["lo90"], tuple(after["constrained"]))
+    assert (at.after["K_b"].lo90, at.after["K_b"].constrained) == (
+        after["lo90"],
+        tuple(after["constrained"]),
+    )
     assert [e.name for e in at.effects] == [e["name"] for e in entry["effects"]]
     assert set(at.untestable) == {u["effect"] for u in entry["untestable"]}
     assert found.table["verdict"].tolist() == [at.verdict]

@@ -1,4 +1,6 @@
-"""What Figure 2 says, read from its table: the same numbers as lift.parquet and the models, in percent."""
+"""What Figure 2 says, read from its table: the same numbers as lift.parquet and the models, in
+percent.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def table(evidence):
 def by_farthest(evidence):
     """The same by the paper's convention."""
     report = evidence.campaign.report.model_copy(update={"reference": "farthest"})
-    return dataclasses.replace(evidence, campaign=evidence.campaign.model_copy(update={"report": report}))
+    return dataclasses.replace(
+        evidence, campaign=evidence.campaign.model_copy(update={"report": report})
+    )
 
 
 def rows(table, **wanted):
@@ -59,16 +63,20 @@ def test_data_are_lift_over_the_fitted_level(evidence, table):
         levels = evidence.base(boundary)[1]["posterior"]["L_inf_N"]
         level = np.array([levels[f"{t:g}"]["median"] for t in cells["throttle"][mine]])
         # the mean of logs is below the log of the mean by half the scatter squared
-        np.testing.assert_allclose(1 + drawn["delta_L_percent"] / 100, cells["lift_N"][mine] / level, rtol=1e-4)
+        np.testing.assert_allclose(
+            1 + drawn["delta_L_percent"] / 100, cells["lift_N"][mine] / level, rtol=1e-4
+        )
         np.testing.assert_allclose(drawn["z_hat"], cells["z_hat"][mine])
 
 
 @pytest.mark.parametrize("effects", [(), ("supply_sag",)])
 def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence, effects):
-    """Chi2 over the cells, each one trial, with the simulated noise told to the fit: within four standard deviations of its mean.
+    """Chi2 over the cells, each one trial, with the simulated noise told to the fit: within four
+    standard deviations of its mean.
 
-    By the farthest station, one trial's error moves all of its throttle's points together, and chi2 has no such mean. An effect that
-    changes lift by 3 % from trial to trial is taken out by the residual of the whole model.
+    By the farthest station, one trial's error moves all of its throttle's points together, and chi2
+    has no such mean. An effect that changes lift by 3 % from trial to trial is taken out by the
+    residual of the whole model.
     """
     rng = np.random.default_rng(4)
     n, throttles, noise = 240, np.array([0.25, 0.5, 0.75, 0.92]), 0.01
@@ -85,14 +93,27 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     trial = np.array([f"s{i}" for i in range(n)], dtype=object)
     lift = level * (1 + line) * np.exp(error + other)
     scattered = dataclasses.replace(
-        data, trial=trial, z_hat=z, lift_N=lift, u_lift_N=1e-9 * lift, n_eff=np.full(n, 1e3), throttle=throttle,
-        visit=np.arange(n), session=np.zeros(n, dtype=np.int64), covariates={},
-    )  # fmt: skip
+        data,
+        trial=trial,
+        z_hat=z,
+        lift_N=lift,
+        u_lift_N=1e-9 * lift,
+        n_eff=np.full(n, 1e3),
+        throttle=throttle,
+        visit=np.arange(n),
+        session=np.zeros(n, dtype=np.int64),
+        covariates={},
+    )
     made = dataclasses.replace(made, observations={**made.observations, "ground": scattered})
     scatter = {"relative": noise, "force_N": 0.0, "height_m": 0.0, "common": 0.0}
     made.document(FIT)["noise"]["ground"] |= scatter
     if effects:
-        residuals = {"boundary": np.full(n, "ground", dtype=object), "trial": trial, "before": error + other, "after": error}
+        residuals = {
+            "boundary": np.full(n, "ground", dtype=object),
+            "trial": trial,
+            "before": error + other,
+            "after": error,
+        }
         quoted = made.document(RESULTS)["boundaries"]["ground"]
         quoted["effects"] = list(effects)
         quoted["correlation"] = {"parameters": ["K_b"], "values": [[1.0]]}
@@ -113,12 +134,19 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
 
 def test_theory_curves_take_the_published_values(table):
     line = rows(table, panel="ground", label="C-B (theory)")
-    np.testing.assert_allclose(line["delta_L_percent"], 100 * (1 / (1 - 1 / (16 * line["z_hat"] ** 2)) - 1))
+    np.testing.assert_allclose(
+        line["delta_L_percent"], 100 * (1 / (1 - 1 / (16 * line["z_hat"] ** 2)) - 1)
+    )
     line = rows(table, panel="ceiling", label="H-C (theory)")
-    np.testing.assert_allclose(line["delta_L_percent"], 50 * (np.sqrt(1 + 1 / (8 * line["z_hat"] ** 2)) - 1))
+    np.testing.assert_allclose(
+        line["delta_L_percent"], 50 * (np.sqrt(1 + 1 / (8 * line["z_hat"] ** 2)) - 1)
+    )
     line = rows(table, panel="ground", label="S-C (PQuad)")
     model = catalogue.model("sanchez_cuevas")
-    np.testing.assert_allclose(line["delta_L_percent"], 100 * (model(line["z_hat"], K_b=2.0, spacing_hat=3.0, diagonal_hat=3 * np.sqrt(2)) - 1))
+    np.testing.assert_allclose(
+        line["delta_L_percent"],
+        100 * (model(line["z_hat"], K_b=2.0, spacing_hat=3.0, diagonal_hat=3 * np.sqrt(2)) - 1),
+    )
 
 
 def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
@@ -132,29 +160,47 @@ def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
     model, entry = moved.base("ceiling")
     stood = shifted["z_hat"] + 2e-4 / moved.observations["ceiling"].radius_m
     arguments = {**moved.known("ceiling", model), **values(entry)}
-    # the posterior's median is within a thousandth of the fit here; the shift in height takes a twentieth
-    np.testing.assert_allclose(shifted["delta_L_percent"], 100 * (model(stood, **arguments) - 1), rtol=2e-3)
+    # the posterior's median is within a thousandth of the fit here; the shift in height takes a
+    # twentieth
+    np.testing.assert_allclose(
+        shifted["delta_L_percent"], 100 * (model(stood, **arguments) - 1), rtol=2e-3
+    )
     assert shifted["delta_L_percent"][0] < 0.95 * plain["delta_L_percent"][0]
     assert "0.2 mm farther than recorded" in fig2.caption(moved, again)
-    assert "than recorded" not in fig2.caption(still, again).split("Sidewall:")[0].split("Ceiling:")[1]
+    assert (
+        "than recorded" not in fig2.caption(still, again).split("Sidewall:")[0].split("Ceiling:")[1]
+    )
 
 
 def test_band_holds_90_percent_of_draws_from_the_parameters(evidence, table):
     _, entry = evidence.base("sidewall")
     rng = np.random.default_rng(3)
-    draws = rng.multivariate_normal([e["value"] for e in entry["parameters"].values()], entry["covariance"]["values"], 4000)
+    draws = rng.multivariate_normal(
+        [e["value"] for e in entry["parameters"].values()], entry["covariance"]["values"], 4000
+    )
     band = rows(table, panel="sidewall", kind="band")
-    curve = 100 * (catalogue.model("sidewall_decay").evaluate(band["z_hat"], a=draws[:, :1], lambda_=draws[:, 1:]) - 1)
+    curve = 100 * (
+        catalogue.model("sidewall_decay").evaluate(
+            band["z_hat"], a=draws[:, :1], lambda_=draws[:, 1:]
+        )
+        - 1
+    )
     inside = ((curve >= band["lo90_percent"]) & (curve <= band["hi90_percent"])).mean(axis=0)
     near = band["z_hat"] < 1
     assert np.all(np.abs(inside[near] - 0.9) < 0.03)
 
 
 def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(evidence):
-    """A prior moves the posterior off the least squares: each is drawn under its own name, and the caption has what is quoted."""
+    """A prior moves the posterior off the least squares: each is drawn under its own name, and the
+    caption has what is quoted.
+    """
     model, entry = evidence.base("ground")
     draws = evidence.table(POSTERIOR)
-    mine = (draws["boundary"] == "ground") & (draws["model"] == model.name) & (draws["parameter"] == "K_b")
+    mine = (
+        (draws["boundary"] == "ground")
+        & (draws["model"] == model.name)
+        & (draws["parameter"] == "K_b")
+    )
     moved = copy.deepcopy(evidence)
     value = moved.table(POSTERIOR)["value"]
     value[mine] = 1.0 + 0.5 * (value[mine] - value[mine].mean())
@@ -165,9 +211,19 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     known = moved.known("ground", model)
     at_median = 100 * (model(line["z_hat"], **known, K_b=float(np.median(value[mine]))) - 1)
     np.testing.assert_allclose(line["delta_L_percent"], at_median, rtol=1e-6)
-    np.testing.assert_allclose(fitted["delta_L_percent"], 100 * (model(fitted["z_hat"], **known, **values(entry)) - 1), rtol=1e-9)
-    assert ((line["lo90_percent"] < line["delta_L_percent"]) & (line["delta_L_percent"] < line["hi90_percent"])).all()
-    assert (set(line["label"]), set(fitted["label"])) == ({"S-C (posterior)"}, {"S-C (least squares)"})
+    np.testing.assert_allclose(
+        fitted["delta_L_percent"],
+        100 * (model(fitted["z_hat"], **known, **values(entry)) - 1),
+        rtol=1e-9,
+    )
+    assert (
+        (line["lo90_percent"] < line["delta_L_percent"])
+        & (line["delta_L_percent"] < line["hi90_percent"])
+    ).all()
+    assert (set(line["label"]), set(fitted["label"])) == (
+        {"S-C (posterior)"},
+        {"S-C (least squares)"},
+    )
     text = fig2.caption(moved, table)
     assert "thin line: least squares, which parts from it visibly (ground)" in text
     own = moved.quoted("ground").coefficients["K_b"]
@@ -183,7 +239,9 @@ def test_symbols_that_hang_on_a_few_visits_are_said_to(by_farthest, monkeypatch)
     data = evidence.observations["ground"]
     visits = len(np.unique(data.visit[data.z_hat == data.z_hat.max()]))
     monkeypatch.setattr(fig2, "FEW_FAR", visits)
-    assert f"All throttles share the {visits} visits of that station" in fig2.caption(evidence, table)
+    assert f"All throttles share the {visits} visits of that station" in fig2.caption(
+        evidence, table
+    )
     monkeypatch.setattr(fig2, "FEW_FAR", visits - 1)
     assert "All throttles share" not in fig2._shared_far(evidence, "ground")
 
@@ -197,19 +255,36 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
 
 def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_farthest):
     text = fig2.caption(evidence, table)
-    for words in ("± 1 standard uncertainty", "central 90 %", "spacing is not published", "360 mm", "K_b = 2", "L∞ is known to"):
+    for words in (
+        "± 1 standard uncertainty",
+        "central 90 %",
+        "spacing is not published",
+        "360 mm",
+        "K_b = 2",
+        "L∞ is known to",
+    ):
         assert words in text
     table = fig2.summarise(by_farthest)
     text = fig2.caption(by_farthest, table)
     assert "farthest station" in text
     model, entry = evidence.base("ground")
     far = float(rows(table, panel="ground", kind="data")["z_hat"].max())
-    there = 100 * float(curves.ratio(model, np.array([far]), {**evidence.known("ground", model), "K_b": entry["parameters"]["K_b"]["value"]})[0] - 1)
+    there = 100 * float(
+        curves.ratio(
+            model,
+            np.array([far]),
+            {**evidence.known("ground", model), "K_b": entry["parameters"]["K_b"]["value"]},
+        )[0]
+        - 1
+    )
     assert f"stands at {there:.2f} %" in text
 
 
 def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):
-    job = make_job(boundaries=("ground",), vehicle={"name": "one", "rotors": 1, "rotor_radius": "23 mm", "mass": "27 g"})
+    job = make_job(
+        boundaries=("ground",),
+        vehicle={"name": "one", "rotors": 1, "rotor_radius": "23 mm", "mass": "27 g"},
+    )
     table = fig2.summarise(gather(job))
     assert set(table["label"][table["kind"] == "model"]) == {"C-B (theory)"}
     assert "PQuad" not in fig2.caption(gather(job), table)
@@ -245,9 +320,22 @@ def test_csv_holds_what_is_drawn_and_no_formula(table):
     read = list(csv.DictReader(io.StringIO(text)))
     assert len(read) == len(table["panel"])
     assert list(read[0]) == list(table)
-    np.testing.assert_allclose([float(r["delta_L_percent"]) for r in read], table["delta_L_percent"], rtol=1e-8)
-    hostile = {"label": np.array(["=1+1", "+x", "-x", "@x", "fine", None], dtype=object), "x": np.array([-1.0, np.nan, np.inf, 0, 1, 2])}
-    assert to_csv(hostile).decode().splitlines() == ["label,x", "'=1+1,-1", "'+x,", "'-x,", "'@x,0", "fine,1", ",2"]
+    np.testing.assert_allclose(
+        [float(r["delta_L_percent"]) for r in read], table["delta_L_percent"], rtol=1e-8
+    )
+    hostile = {
+        "label": np.array(["=1+1", "+x", "-x", "@x", "fine", None], dtype=object),
+        "x": np.array([-1.0, np.nan, np.inf, 0, 1, 2]),
+    }
+    assert to_csv(hostile).decode().splitlines() == [
+        "label,x",
+        "'=1+1,-1",
+        "'+x,",
+        "'-x,",
+        "'@x,0",
+        "fine,1",
+        ",2",
+    ]
 
 
 def test_residuals_are_those_of_the_fit(evidence):
@@ -265,7 +353,9 @@ def test_bins_hold_every_trial_once_and_their_means_are_right(evidence):
     assert means["n_trials"].sum() == len(trials["x"])
     weighted = np.sum(means["residual_percent"] * means["n_trials"]) / means["n_trials"].sum()
     assert weighted == pytest.approx(trials["residual_percent"].mean(), abs=1e-12)
-    assert set(rows(table, panel="ground", kind="trial")["trial"]) <= set(evidence.observations["ground"].trial)
+    assert set(rows(table, panel="ground", kind="trial")["trial"]) <= set(
+        evidence.observations["ground"].trial
+    )
     assert "t0003" not in set(table["trial"])
 
 
@@ -285,7 +375,9 @@ def test_captions_count_the_rejected(evidence):
 
 
 def test_fit_and_table_agree_on_the_base(evidence):
-    assert {b: evidence.base(b)[0].name for b in evidence.boundaries} == evidence.document(FIT)["base"]
+    assert {b: evidence.base(b)[0].name for b in evidence.boundaries} == evidence.document(FIT)[
+        "base"
+    ]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,6 @@
-"""Synthetic campaigns: what is written is what is true, and the demo is small, labelled and reproducible."""
+"""Synthetic campaigns: what is written is what is true, and the demo is small, labelled and
+reproducible.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,16 @@ MODEL = LiftModel(
     formula="1 + k / z^2",
     evaluate=gain,
     boundary="ground",
-    parameters=(Parameter(name="k", unit="1", value=0.1, bounds=(0.0, 1.0), prior=uniform(0.0, 1.0), meaning="gain at one radius"),),
+    parameters=(
+        Parameter(
+            name="k",
+            unit="1",
+            value=0.1,
+            bounds=(0.0, 1.0),
+            prior=uniform(0.0, 1.0),
+            meaning="gain at one radius",
+        ),
+    ),
     source=Source(citation="this test"),
     checks=(Check(x=1.0, expected=1.1, quoted_by="by hand"),),
 )
@@ -48,11 +59,19 @@ def truth(**changes: Any) -> Truth:
 
 
 def plan(**changes: Any) -> design.Design:
-    return design.randomised({"ground": [0.03, 0.05, 0.3]}, **{"seed": 1, "visits": 3, "sessions": 2, **changes})
+    return design.randomised(
+        {"ground": [0.03, 0.05, 0.3]}, **{"seed": 1, "visits": 3, "sessions": 2, **changes}
+    )
 
 
 def ingested(folder: Path, out: Path) -> dict[str, Any]:
-    job = Job(root=folder, campaign=campaign.load(folder), processed=out, reports=out, executor=SerialExecutor())
+    job = Job(
+        root=folder,
+        campaign=campaign.load(folder),
+        processed=out,
+        reports=out,
+        executor=SerialExecutor(),
+    )
     assert ingest.run(job).rejected == ()
     return job.read(TRIALS)
 
@@ -84,7 +103,9 @@ def test_approach_is_the_sign_of_the_last_move() -> None:
 
 
 def test_another_boundary_changes_no_order() -> None:
-    both = design.randomised({"ground": [0.03, 0.05, 0.3], "ceiling": [0.01, 0.3]}, seed=1, visits=3, sessions=2)
+    both = design.randomised(
+        {"ground": [0.03, 0.05, 0.3], "ceiling": [0.01, 0.3]}, seed=1, visits=3, sessions=2
+    )
     np.testing.assert_array_equal(both.recorded_m[:36], plan().recorded_m)
     np.testing.assert_array_equal(both.throttle[:36], plan().throttle)
 
@@ -101,7 +122,11 @@ def test_a_battery_falls_within_its_session_and_a_bench_supply_does_not() -> Non
 def test_the_papers_campaign_has_3600_trials() -> None:
     got = design.of_preset(presets.PERCENT_DIAMETER, seed=1)
     assert len(got) == 3600
-    assert {side: int(np.sum(got.boundary == side)) for side in presets.TABLE_1} == {"ground": 1200, "ceiling": 1200, "sidewall": 1200}
+    assert {side: int(np.sum(got.boundary == side)) for side in presets.TABLE_1} == {
+        "ground": 1200,
+        "ceiling": 1200,
+        "sidewall": 1200,
+    }
 
 
 # ---- Table 1
@@ -119,7 +144,12 @@ def test_one_list_of_commands() -> None:
 
 
 @pytest.mark.parametrize(
-    ("preset", "near", "far"), [(presets.MM, 2.48, 25.1), (presets.PERCENT_DIAMETER, 1.14, 11.5), (presets.FEET_DATUM, 1.25, 23.9)]
+    ("preset", "near", "far"),
+    [
+        (presets.MM, 2.48, 25.1),
+        (presets.PERCENT_DIAMETER, 1.14, 11.5),
+        (presets.FEET_DATUM, 1.25, 23.9),
+    ],
 )
 def test_ground_stations_of_the_readings(preset: presets.Preset, near: float, far: float) -> None:
     z_hat = preset.z_m("ground") / presets.RADIUS_M
@@ -132,11 +162,21 @@ def test_the_printed_unit_is_refused_and_each_preset_is_not(tmp_path: Path) -> N
     for preset in (*presets.PRESETS, presets.AS_PRINTED):
         folder = tmp_path / preset.name
         stations = {side: preset.recorded_m(side)[-2:] for side in presets.TABLE_1}
-        bench = Bench(rate_Hz=100.0, tare_s=0.2, record_s=0.2, offset_m=preset.offset_m, distance_unit=preset.unit)
-        scheduled = design.randomised(stations, seed=1, visits=1, sessions=1, offset_m=preset.offset_m)
+        bench = Bench(
+            rate_Hz=100.0,
+            tare_s=0.2,
+            record_s=0.2,
+            offset_m=preset.offset_m,
+            distance_unit=preset.unit,
+        )
+        scheduled = design.randomised(
+            stations, seed=1, visits=1, sessions=1, offset_m=preset.offset_m
+        )
         records.write_campaign(folder, scheduled, far, name="table-1", note="", seed=1, bench=bench)
         if preset is presets.AS_PRINTED:
-            with pytest.raises(InputRefused, match=r"(525|535|577) cm is outside the 1\.5 m arena; mm\?"):
+            with pytest.raises(
+                InputRefused, match=r"(525|535|577) cm is outside the 1\.5 m arena; mm\?"
+            ):
                 read_schedule(campaign.load(folder), folder)
         else:
             got = read_schedule(campaign.load(folder), folder)
@@ -153,10 +193,14 @@ def test_expected_lift_is_the_models_times_far_lift() -> None:
 
 def test_effects_act_and_take_columns() -> None:
     sag = truth(effects=((demo.SUPPLY, {"exponent": 2.0}),))
-    got = sag.lift_N(np.array([1e6, 1e6]), np.array([0.25, 0.25]), {"supply_V": np.array([3.9, 3.51])})
+    got = sag.lift_N(
+        np.array([1e6, 1e6]), np.array([0.25, 0.25]), {"supply_V": np.array([3.9, 3.51])}
+    )
     np.testing.assert_allclose(got, [0.1, 0.081])
     null = truth(effects=((demo.SUPPLY, {}),))
-    np.testing.assert_allclose(null.lift_N(np.array([1e6]), np.array([0.25]), {"supply_V": np.array([3.0])}), [0.1])
+    np.testing.assert_allclose(
+        null.lift_N(np.array([1e6]), np.array([0.25]), {"supply_V": np.array([3.0])}), [0.1]
+    )
 
 
 def test_what_a_truth_does_not_know_is_refused() -> None:
@@ -168,8 +212,19 @@ def test_what_a_truth_does_not_know_is_refused() -> None:
 
 @pytest.mark.parametrize("form", ["parquet", "csv", "csv_with_time"])
 def test_ingest_gives_back_the_truth(tmp_path: Path, form: records.Form) -> None:
-    """Lift within its own u: 36 trials, so the reduced chi-square is within 1 +- 0.8 with a chance of crying wolf below 0.1 %."""
-    true = records.write_campaign(tmp_path / "c", plan(), {"ground": truth()}, name="c", note="", seed=1, bench=BENCH, form=form)
+    """Lift within its own u: 36 trials, so the reduced chi-square is within 1 +- 0.8 with a chance
+    of crying wolf below 0.1 %.
+    """
+    true = records.write_campaign(
+        tmp_path / "c",
+        plan(),
+        {"ground": truth()},
+        name="c",
+        note="",
+        seed=1,
+        bench=BENCH,
+        form=form,
+    )
     got = ingested(tmp_path / "c", tmp_path / "out")
     pull = (got["lift_N"] - true.lift_N) / got["u_lift_N"]
     assert np.mean(pull**2) < 1.8
@@ -181,7 +236,16 @@ def test_ingest_gives_back_the_truth(tmp_path: Path, form: records.Form) -> None
 def test_forms_hold_the_same_numbers(tmp_path: Path) -> None:
     tables = []
     for form in ("parquet", "csv"):
-        records.write_campaign(tmp_path / form, plan(), {"ground": truth()}, name="c", note="", seed=1, bench=BENCH, form=form)
+        records.write_campaign(
+            tmp_path / form,
+            plan(),
+            {"ground": truth()},
+            name="c",
+            note="",
+            seed=1,
+            bench=BENCH,
+            form=form,
+        )
         tables.append(ingested(tmp_path / form, tmp_path / f"out-{form}"))
     np.testing.assert_allclose(tables[0]["lift_N"], tables[1]["lift_N"], atol=2e-8)
 
@@ -204,7 +268,10 @@ def test_the_tone_turns_with_the_rotor() -> None:
     noise = Noise(sample_N=0.0, drift_N=0.0, tone_N=1e-2, tone_Hz=100.0)
     bench = Bench(rate_Hz=1000.0, tare_s=1.0, record_s=2.0)
     for throttle, lift in FAR.items():
-        live = noise.quantum_N * records.record("t", lift, throttle, truth(noise=noise), bench, 1)[1000:]
+        live = (
+            noise.quantum_N
+            * records.record("t", lift, throttle, truth(noise=noise), bench, 1)[1000:]
+        )
         power = np.abs(np.fft.rfft(live - live.mean()))
         assert np.argmax(power) / 2.0 == pytest.approx(100 * np.sqrt(lift / FAR[0.92]), abs=0.5)
         assert np.ptp(live) / 2 == pytest.approx(1e-2 * lift / FAR[0.92], rel=0.05)
@@ -248,7 +315,10 @@ def test_the_demo_has_its_effect_at_the_ground_only(demo_folder: Path, tmp_path:
     table = ingested(demo_folder, tmp_path)
     assert set(table["boundary"]) == set(declare.BOUNDARIES)
     assert set(table["quality"]) == {""}
-    spread = {side: float(np.std(np.log(table["supply_V"][table["boundary"] == side]))) for side in declare.BOUNDARIES}
+    spread = {
+        side: float(np.std(np.log(table["supply_V"][table["boundary"] == side])))
+        for side in declare.BOUNDARIES
+    }
     assert spread["ground"] > 0.008
     assert max(spread["ceiling"], spread["sidewall"]) < 0.0005
     # far from the ground, lift over its throttle's mean goes with the supply squared

@@ -44,7 +44,10 @@ def test_the_document_says_what_the_fit_knows(evidence):
         for c in evidence.quoted(boundary).coefficients.values():
             assert math.hypot(*(line.u for line in c.budget)) == pytest.approx(c.u, rel=1e-6)
             assert all(0 <= line.u_without <= c.u * (1 + 1e-9) for line in c.budget)
-            assert all(abs(line.sensitivity) * line.u_input == pytest.approx(line.u, rel=1e-6) for line in c.budget)
+            assert all(
+                abs(line.sensitivity) * line.u_input == pytest.approx(line.u, rel=1e-6)
+                for line in c.budget
+            )
         for entry in fits.values():
             datums = [m for m in entry["heights"] if m["component"] == "distance datum"]
             assert all(m["treatment"] in ("slope", "exact") for m in datums)
@@ -56,15 +59,23 @@ def test_the_document_says_what_the_fit_knows(evidence):
 def test_the_ceilings_datum_is_integrated_over_for_every_model(evidence):
     """0.2 mm at 2.8 mm under a ceiling: the slope does not carry it, and rivals follow the base."""
     fits = evidence.document(FIT)["boundaries"]["ceiling"]
-    (datum,) = [m for m in base(evidence, "ceiling")["heights"] if m["component"] == "distance datum"]
+    (datum,) = [
+        m for m in base(evidence, "ceiling")["heights"] if m["component"] == "distance datum"
+    ]
     assert (datum["treatment"] == "exact") == (datum["shift"] > 0.1)
-    assert all(("height_error" in entry) == (datum["treatment"] == "exact") for entry in fits.values())
+    assert all(
+        ("height_error" in entry) == (datum["treatment"] == "exact") for entry in fits.values()
+    )
 
 
 def test_profiles_are_stored(evidence):
     table = evidence.table(PROFILES)
     entry = base(evidence, "ground")
-    mine = (table["boundary"] == "ground") & (table["model"] == "sanchez_cuevas") & (table["parameter"] == "K_b")
+    mine = (
+        (table["boundary"] == "ground")
+        & (table["model"] == "sanchez_cuevas")
+        & (table["parameter"] == "K_b")
+    )
     x, rise = table["value"][mine], table["rise"][mine]
     assert (np.diff(x) > 0).all()
     assert rise.min() == 0
@@ -76,7 +87,9 @@ def test_bars_are_what_knowing_a_source_would_save(evidence):
     for panel, name in set(zip(rows["panel"], rows["parameter"], strict=True)):
         mine = (rows["panel"] == panel) & (rows["parameter"] == name)
         whole = evidence.quoted(panel).coefficients[name].u
-        assert rows["fall_percent"][mine] == pytest.approx(100 * (1 - rows["u_without"][mine] / whole))
+        assert rows["fall_percent"][mine] == pytest.approx(
+            100 * (1 - rows["u_without"][mine] / whole)
+        )
     text = budget.caption(evidence, rows)
     assert "K_b (ground): " in text
     assert "Horizontal bars in 4 panels" in budget.alt(evidence, rows)
@@ -90,7 +103,15 @@ def test_of_repeats_only_what_matters_somewhere_is_drawn_and_what_was_declared_a
         return BudgetLine(source=name, kind=kind, u=1.0, u_without=2.0 * (1 - fall))
 
     own = evidence.quoted("ground").coefficients["K_b"].model_copy(update={"u": 2.0})
-    ground = own.model_copy(update={"budget": (line("large", 0.9, "A"), line("small", 0.0015, "A"), line("declared", 1e-9, "B"))})
+    ground = own.model_copy(
+        update={
+            "budget": (
+                line("large", 0.9, "A"),
+                line("small", 0.0015, "A"),
+                line("declared", 1e-9, "B"),
+            )
+        }
+    )
     ceiling = own.model_copy(update={"budget": (line("large", 1.0, "A"),)})
     rows = budget._rows([("ground", "K_b", ground), ("ceiling", "alpha", ceiling)])
     assert [(r[0], r[2], r[3], pytest.approx(r[4], abs=1e-6, nan_ok=True)) for r in rows] == [
@@ -109,14 +130,23 @@ def test_profiles_are_drawn_with_their_intervals(evidence):
     assert rows["rise"][mine] == pytest.approx([2.74, 2.74], abs=0.1)
     text = profiles.caption(evidence, rows)
     assert re.search(r"[TU](he parabola serves for|pper over lower half)", text)
-    assert profiles.alt(evidence, rows).startswith("Curves of chi² against the coefficient in 4 panels")
+    assert profiles.alt(evidence, rows).startswith(
+        "Curves of chi² against the coefficient in 4 panels"
+    )
     files = render(draw_profiles.draw, rows, style("elsevier"))
     assert set(files) == {"pdf", "png", "page"}
 
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("K_b", "$K_{b}$"), ("alpha", r"$\alpha$"), ("lambda_", r"$\lambda$"), ("n", "$n$"), ("inverse_K_b", "$1/K_b$"), ("slope", "slope")],
+    [
+        ("K_b", "$K_{b}$"),
+        ("alpha", r"$\alpha$"),
+        ("lambda_", r"$\lambda$"),
+        ("n", "$n$"),
+        ("inverse_K_b", "$1/K_b$"),
+        ("slope", "slope"),
+    ],
 )
 def test_coefficients_as_mathematics(name, text):
     assert coefficient(name) == text
@@ -127,19 +157,31 @@ def rows_of(table):
 
 
 def test_the_budget_as_csv_and_latex(evidence):
-    rows = [r for r in rows_of(tables.budget(evidence)) if (r["model"], r["coefficient"]) == ("sanchez_cuevas", "K_b")]
+    rows = [
+        r
+        for r in rows_of(tables.budget(evidence))
+        if (r["model"], r["coefficient"]) == ("sanchez_cuevas", "K_b")
+    ]
     own = evidence.quoted("ground").coefficients["K_b"]
     assert [r["source"] for r in rows] == [*(line.source for line in own.budget), "combined"]
-    assert sum(float(r["u"]) ** 2 for r in rows[:-1]) == pytest.approx(float(rows[-1]["u"]) ** 2, rel=1e-6)
+    assert sum(float(r["u"]) ** 2 for r in rows[:-1]) == pytest.approx(
+        float(rows[-1]["u"]) ** 2, rel=1e-6
+    )
     assert float(rows[-1]["u"]) == pytest.approx(own.u, rel=1e-8)
     text = tables.budget_table(evidence)
     assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 1
     assert rf"combined ($k = 1$) & & & & & & \num{{{own.u:.2g}}}" in text
-    assert all(line.count("&") - line.count(r"\&") == 9 for line in text.splitlines() if line.endswith(r"\\"))
+    assert all(
+        line.count("&") - line.count(r"\&") == 9
+        for line in text.splitlines()
+        if line.endswith(r"\\")
+    )
 
 
 def test_what_was_declared_keeps_its_line_however_small(evidence):
-    """A declared component that does nothing is an answer too; and what half a degree of freedom says is called no finding."""
+    """A declared component that does nothing is an answer too; and what half a degree of freedom
+    says is called no finding.
+    """
     content = copy.deepcopy(evidence.document(RESULTS))
     known = dataclasses.replace(evidence, documents={**evidence.documents, RESULTS.file: content})
     own = content["boundaries"]["ground"]["coefficients"]["K_b"]
@@ -149,21 +191,33 @@ def test_what_was_declared_keeps_its_line_however_small(evidence):
     first |= {"dof": 0.5}
     text = tables.budget_table(known)
     row = next(line for line in text.splitlines() if declared["source"] in line)
-    for part in (declared["distribution"], declared["scope"], rf"\num{{{own['u']:.2g}}}", r"$\infty$"):
+    for part in (
+        declared["distribution"],
+        declared["scope"],
+        rf"\num{{{own['u']:.2g}}}",
+        r"$\infty$",
+    ):
         assert part in row
     assert first["source"] + tables.FOOTMARK in text
     assert text.rstrip().endswith("no finding.}")
     assert tables.FOOTMARK not in tables.budget_table(evidence) or any(
-        uncertainty.untold(c) for b in evidence.boundaries for c in evidence.quoted(b).coefficients.values()
+        uncertainty.untold(c)
+        for b in evidence.boundaries
+        for c in evidence.quoted(b).coefficients.values()
     )
     ground = next(t for t in uncertainty.budget(known)["tables"] if t["boundary"] == "ground")
-    assert next(r["u_without"].value for r in ground["rows"] if r["source"] == declared["source"]) == own["u"]
+    assert (
+        next(r["u_without"].value for r in ground["rows"] if r["source"] == declared["source"])
+        == own["u"]
+    )
     assert first["source"] in ground["untold"]
     assert declared["source"] in budget.summarise(known)["component"]
 
 
 def test_the_comparison_as_csv_and_latex(evidence):
-    rows = {r["model"]: r for r in rows_of(tables.comparison(evidence)) if r["boundary"] == "ground"}
+    rows = {
+        r["model"]: r for r in rows_of(tables.comparison(evidence)) if r["boundary"] == "ground"
+    }
     own = evidence.document(FIT)["comparison"]["ground"]["models"]
     assert (
         set(rows)
@@ -179,10 +233,16 @@ def test_the_comparison_as_csv_and_latex(evidence):
     )
     assert rows["sanchez_cuevas"]["base"] == "yes"
     assert rows["sanchez_cuevas_published"]["free"] == "0"
-    assert float(rows["cheeseman_bennett"]["d_elpd"]) == pytest.approx(own["cheeseman_bennett"]["d_elpd"], rel=1e-8)
+    assert float(rows["cheeseman_bennett"]["d_elpd"]) == pytest.approx(
+        own["cheeseman_bennett"]["d_elpd"], rel=1e-8
+    )
     text = tables.comparison_table(evidence)
     assert r"Sanchez-Cuevas, K\_b = 2" in text
-    assert all(line.count("&") - line.count(r"\&") == 8 for line in text.splitlines() if line.endswith(r"\\"))
+    assert all(
+        line.count("&") - line.count(r"\&") == 8
+        for line in text.splitlines()
+        if line.endswith(r"\\")
+    )
 
 
 def test_evidence_is_shown_where_it_was_computed(evidence):
@@ -201,7 +261,12 @@ def test_evidence_is_shown_where_it_was_computed(evidence):
     assert found[fits["power_law"]["title"]] == "−2.5"
     assert found[fits["exponential"]["title"]] is None
     assert r"\num{-2.5}" in tables.comparison_table(known)
-    assert next(r for r in rows_of(tables.comparison(known)) if r["model"] == "power_law")["log_evidence"] == "7.5"
+    assert (
+        next(r for r in rows_of(tables.comparison(known)) if r["model"] == "power_law")[
+            "log_evidence"
+        ]
+        == "7.5"
+    )
     del fits["sanchez_cuevas"]["log_evidence"]
     assert not ground()["evidence"]
 
@@ -225,56 +290,95 @@ MODELS = {
 
 
 def words(*names):
-    return uncertainty.verdicts({n: MODELS[n] for n in names}, "base", {n: n.title() for n in names})
+    return uncertainty.verdicts(
+        {n: MODELS[n] for n in names}, "base", {n: n.title() for n in names}
+    )
 
 
 def test_what_prediction_says_in_words():
     everything = words(*MODELS)
     assert everything == [
-        "Better than the base: Right (20.0, 95 %: 10.0 to 30.0). The 95 % interval of the score difference over visits excludes zero.",
+        (
+            "Better than the base: Right (20.0, 95 %: 10.0 to 30.0). The 95 % interval of the score"
+            " difference over visits excludes zero."
+        ),
         "Prediction does not part these from the base: Close (−1.0, 95 %: −1.4 to −0.6).",
-        "Worse: Wrong (−30.0, 95 %: −42.1 to −17.9). The 95 % interval of the score difference over visits excludes zero.",
-        "R² cannot decide: it is above 0.9 for 4 of 5 models, Wrong among them (0.97), which prediction rejects.",
+        (
+            "Worse: Wrong (−30.0, 95 %: −42.1 to −17.9). The 95 % interval of the score difference"
+            " over visits excludes zero."
+        ),
+        (
+            "R² cannot decide: it is above 0.9 for 4 of 5 models, Wrong among them (0.97), which"
+            " prediction rejects."
+        ),
     ]
     assert words("base", "wrong")[1] == "No other model foretells as well as the base."
-    assert words("base", "close")[1].startswith("R² parts Close from the base although prediction does not")
+    assert words("base", "close")[1].startswith(
+        "R² parts Close from the base although prediction does not"
+    )
     assert words("base", "short") == []
     close = {n: MODELS[n] | {"aic": aic} for n, aic in (("base", 100.0), ("close", 146.0))}
     told = uncertainty.verdicts(close, "base", {n: n.title() for n in close})
     assert told[1].startswith("AIC sees it otherwise: Close 46 behind the base.")
     close["close"]["aic"] = 108.0
-    assert not any("AIC" in t for t in uncertainty.verdicts(close, "base", {n: n.title() for n in close}))
+    assert not any(
+        "AIC" in t for t in uncertainty.verdicts(close, "base", {n: n.title() for n in close})
+    )
 
 
 def test_the_budget_is_that_of_what_is_quoted(evidence):
     after = {"value": 2.5, "lo90": 2.4, "hi90": 2.6}
-    named = {"verdict": "effect", "effects": [{"name": "supply_sag"}], "coefficients": {"after": {"K_b": after}}}
+    named = {
+        "verdict": "effect",
+        "effects": [{"name": "supply_sag"}],
+        "coefficients": {"after": {"K_b": after}},
+    }
     known = quoted.known(evidence, {"boundaries": {"ground": named}})
     ground = next(t for t in uncertainty.budget(known)["tables"] if t["boundary"] == "ground")
     assert (ground["quoted"].value.text, ground["quoted"].u.text) == ("2.50", "0.06")
-    [base_row, *_] = next(t for t in models.comparison(known)["tables"] if t["boundary"] == "ground")["rows"]
-    assert [(q.value.text, q.value.source.partition("#")[0]) for q in base_row["parameters"]] == [("2.50", RESULTS.file)]
+    [base_row, *_] = next(
+        t for t in models.comparison(known)["tables"] if t["boundary"] == "ground"
+    )["rows"]
+    assert [(q.value.text, q.value.source.partition("#")[0]) for q in base_row["parameters"]] == [
+        ("2.50", RESULTS.file)
+    ]
 
 
 def test_few_degrees_of_freedom_are_not_rounded_away(evidence):
     content = {"a": {"dof": 0.53}, "b": {"dof": 12.34}, "c": {"dof": None}}
     known = dataclasses.replace(evidence, documents={FIT.file: content})
-    assert [n.text if (n := degrees(known, FIT, k, "dof")) else None for k in "abc"] == ["0.5", "12", None]
+    assert [n.text if (n := degrees(known, FIT, k, "dof")) else None for k in "abc"] == [
+        "0.5",
+        "12",
+        None,
+    ]
 
 
 def test_degeneracies_of_a_group_are_one_sentence():
     parameters = {"a": {"u": 0.033}, "p": {"u": 0.19}}
-    levels = [{"pair": [n, f"L_inf at {t}%"], "r": r, "text": "", "u_if_free": None} for t in (25, 50, 92) for n, r in (("a", -0.984), ("p", 0.96))]
+    levels = [
+        {"pair": [n, f"L_inf at {t}%"], "r": r, "text": "", "u_if_free": None}
+        for t in (25, 50, 92)
+        for n, r in (("a", -0.984), ("p", 0.96))
+    ]
     free = [
-        {"pair": [n, "height offset"], "r": r, "text": "", "u_if_free": u, "known_to": "43 mm"} for n, r, u in (("a", 0.963, 0.12), ("p", 0.987, 1.1))
+        {"pair": [n, "height offset"], "r": r, "text": "", "u_if_free": u, "known_to": "43 mm"}
+        for n, r, u in (("a", 0.963, 0.12), ("p", 0.987, 1.1))
     ]
     own = {"pair": ["a", "p"], "r": 0.99, "text": "a and p trade places: r = +0.990"}
-    blind = {"pair": ["a", "exponent n"], "r": 1.0, "text": "a and the exponent n cannot be told apart at all by these trials"}
+    blind = {
+        "pair": ["a", "exponent n"],
+        "r": 1.0,
+        "text": "a and the exponent n cannot be told apart at all by these trials",
+    }
     would = "would trade places with an unknown height offset, which would itself"
     assert models.grouped([own, *levels, *free, blind], parameters) == [
         own["text"],
         "a (r = −0.984) and p (r = +0.960) trade places with L_inf at 25%, 50%, 92% throttle",
-        f"a (r = +0.963, u from 0.033 to 0.12) and p (r = +0.987, u from 0.19 to 1.1) {would} be known to 43 mm",
+        (
+            f"a (r = +0.963, u from 0.033 to 0.12) and p (r = +0.987, u from 0.19 to 1.1) {would}"
+            " be known to 43 mm"
+        ),
         blind["text"],
     ]
     assert models.grouped([{**free[0], "text": "alone"}], parameters) == ["alone"]
@@ -282,16 +386,30 @@ def test_degeneracies_of_a_group_are_one_sentence():
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
 def test_the_tables_compile(evidence, tmp_path):
-    found = subprocess.run(["kpsewhich", "siunitx.sty", "booktabs.sty"], capture_output=True, text=True, check=False)
+    found = subprocess.run(
+        ["kpsewhich", "siunitx.sty", "booktabs.sty"], capture_output=True, text=True, check=False
+    )
     if len(found.stdout.split()) < 2:
         pytest.skip("pdflatex has no siunitx or no booktabs")
-    parts = {"coefficients": latex.table(evidence), "budget": tables.budget_table(evidence), "comparison": tables.comparison_table(evidence)}
+    parts = {
+        "coefficients": latex.table(evidence),
+        "budget": tables.budget_table(evidence),
+        "comparison": tables.comparison_table(evidence),
+    }
     for name, text in parts.items():
         (tmp_path / f"{name}.tex").write_text(text, encoding="utf-8")
     whole = "\n".join(rf"\input{{{name}}}\newpage" for name in parts)
     document = rf"\documentclass{{article}}\usepackage{{booktabs,siunitx}}\begin{{document}}{whole}\end{{document}}"
     (tmp_path / "all.tex").write_text(document, encoding="utf-8")
     command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
-    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, errors="replace", check=False, timeout=120)
+    ran = subprocess.run(
+        command,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        timeout=120,
+    )
     assert ran.returncode == 0, ran.stdout[-2000:]
     assert "3 pages" in ran.stdout

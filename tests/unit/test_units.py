@@ -44,7 +44,11 @@ def test_quantity(text, dimension, value):
 @pytest.mark.parametrize(
     ("text", "dimension", "told"),
     [
-        (23, "length", r'^rig\.x: 23 has no unit\n  write it as text with a unit, such as "23 mm"$'),
+        (
+            23,
+            "length",
+            r'^rig\.x: 23 has no unit\n  write it as text with a unit, such as "23 mm"$',
+        ),
         (None, "length", "None has no unit"),
         (True, "mass", 'True has no unit\n  write it as text with a unit, such as "1 kg"'),
         ("23", "length", r"'23' is not a number with a unit"),
@@ -54,7 +58,11 @@ def test_quantity(text, dimension, value):
         ("1e400 mm", "length", "'1e400 mm' is not finite"),
         ("1 kg", "force", "'kg' is not a unit of force\n  use one of: N, mN, gf, kgf, lbf, ozf"),
         ("1 g", "force", "'g' is not a unit of force"),
-        ("1 furlongs2", "length", "unknown unit 'furlongs2'\n  a length is wanted; use one of: mm, cm, m, in, um"),
+        (
+            "1 furlongs2",
+            "length",
+            "unknown unit 'furlongs2'\n  a length is wanted; use one of: mm, cm, m, in, um",
+        ),
         ("5 N", "length", "'N' is not a unit of length\n  use one of: mm, cm, m, in, um"),
         ("1 count", "force", "'count' is not a unit of force"),
         ("5 m", "rotation", "'m' is not a unit of rotation\n  use one of: Hz, rev/s"),

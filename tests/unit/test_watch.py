@@ -74,10 +74,14 @@ def test_trials_are_taken_up_as_they_land(recording, tmp_path):
     plain = small_run.job(raw, tmp_path / "plain")
     list(graph.run(plain, FIRST))
     for name in ("trials.parquet", "lift.parquet"):
-        assert (plain.processed / name).read_bytes() == (tmp_path / "out/processed/small" / name).read_bytes()
+        assert (plain.processed / name).read_bytes() == (
+            tmp_path / "out/processed/small" / name
+        ).read_bytes()
 
 
-def test_a_record_still_being_written_is_looked_at_again_though_nothing_changes(recording, tmp_path):
+def test_a_record_still_being_written_is_looked_at_again_though_nothing_changes(
+    recording, tmp_path
+):
     raw, late = recording
     rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST)
     next(rounds)
@@ -133,7 +137,9 @@ def test_ctrl_c_ends_it_with_130_and_products_stand(recording, tmp_path, monkeyp
 
     monkeypatch.setattr(watching.time, "sleep", interrupted)
     monkeypatch.setattr(watching.watch, "__defaults__", (*watching.watch.__defaults__[:-1], FIRST))
-    found = small_run.nearlift("run", raw, "--watch", "--every", "1", "--out", tmp_path, "--json", "--executor", "serial")
+    found = small_run.nearlift(
+        "run", raw, "--watch", "--every", "1", "--out", tmp_path, "--json", "--executor", "serial"
+    )
     assert found.exit_code == 130
     lines = [json.loads(line) for line in found.stdout.splitlines()]
     assert lines[0]["good"] == 84
@@ -159,7 +165,10 @@ def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
     rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=graph.STAGES[:4])
     product = tmp_path / "out/processed/small/diagnosis.json"
     words = next(rounds).words
-    assert "ground adequate (a look at 84 of 112 trials; claims need p < 0.001, and p < 0.05 once all are measured)" in words
+    assert (
+        "ground adequate (a look at 84 of 112 trials; claims need p < 0.001, and p < 0.05 once all"
+        " are measured)" in words
+    )
     assert json.loads(product.read_text())["boundaries"]["ground"]["look"]["scheduled"] == 112
     for path in late:
         shutil.copy2(path, raw / "trials" / path.name)

@@ -1,4 +1,6 @@
-"""Products stand beside raw/, wherever in it the command is given; a campaign's folder is never written."""
+"""Products stand beside raw/, wherever in it the command is given; a campaign's folder is never
+written.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,10 @@ def test_a_campaigns_folder_is_never_written(raw, tmp_path, monkeypatch, given):
     monkeypatch.chdir(alone)
     told = nearlift("run", ".", *given)
     assert told.exit_code == 2
-    assert "lies in the campaign's folder, where nothing is written\n  name a folder outside it" in told.stderr
+    assert (
+        "lies in the campaign's folder, where nothing is written\n  name a folder outside it"
+        in told.stderr
+    )
     assert state(alone) == before
     told = nearlift("ingest", ".", "--out", "..", "-q")
     assert told.exit_code == 0, told.output

@@ -1,4 +1,6 @@
-"""One fitted and diagnosed campaign of each verdict, at the ground; and the whole report of each."""
+"""One fitted and diagnosed campaign of each verdict, at the ground; and the whole report
+of each.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def _sag(table: Table) -> None:
 
 def _ripple(table: Table) -> None:
     """What no library holds: stations and throttles that stand up and down by turns."""
-    station, throttle = (np.unique(table[name], return_inverse=True)[1] for name in ("z_hat", "throttle"))
+    station, throttle = (
+        np.unique(table[name], return_inverse=True)[1] for name in ("z_hat", "throttle")
+    )
     table["lift_N"] = table["lift_N"] * (1 + 0.015 * (-1.0) ** (station + throttle))
 
 

@@ -1,4 +1,6 @@
-"""Files in outside formats as instruments write them, from a series of numbers: for round trips, damage and fuzzing."""
+"""Files in outside formats as instruments write them, from a series of numbers: for round trips,
+damage and fuzzing.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 RC_HEADER = (
-    "\ufeffTime (s),ESC signal (\u00b5s),Servo 1 (\u00b5s),AccX (g),Torque (N\u00b7m),Thrust (gf),Voltage (V),"
-    "Motor Electrical Speed (RPM),Vibration (g),App message,"
+    "\ufeffTime (s),ESC signal (\u00b5s),Servo 1 (\u00b5s),AccX (g),Torque (N\u00b7m),Thrust"
+    " (gf),Voltage (V),Motor Electrical Speed (RPM),Vibration (g),App message,"
 )
 TYTO_HEADER = (
     "Time (s),Powertrain 1 - ESC throttle (\u03bcs),Powertrain 1 - force Fz (thrust) (N),"
@@ -39,24 +41,40 @@ def csv(force: Sequence[float]) -> bytes:
 
 
 def german(force: Sequence[float]) -> bytes:
-    """What a spreadsheet in a German locale saves: semicolons, decimal commas, a row of units, UTF-16."""
+    """What a spreadsheet in a German locale saves: semicolons, decimal commas, a row of units,
+    UTF-16.
+    """
     rows = "".join(f"{i / 1000!r};{f!r}\r\n".replace(".", ",") for i, f in enumerate(force))
     return ("Zeit;Kraft\r\ns;mN\r\n" + rows).encode("utf-16")
 
 
 def rcbenchmark(force: Sequence[float]) -> bytes:
-    return (RC_HEADER + "\n" + "".join(f"{i / 40!r},1500,,0.1,0.002,{f!r},4.01,9000,0.2,,\n" for i, f in enumerate(force))).encode()
+    return (
+        RC_HEADER
+        + "\n"
+        + "".join(
+            f"{i / 40!r},1500,,0.1,0.002,{f!r},4.01,9000,0.2,,\n" for i, f in enumerate(force)
+        )
+    ).encode()
 
 
 def tyto(force: Sequence[float]) -> bytes:
-    return (TYTO_HEADER + "\n" + "".join(f"{i / 40!r},1500,{f!r},0.1,9000\n" for i, f in enumerate(force))).encode()
+    return (
+        TYTO_HEADER
+        + "\n"
+        + "".join(f"{i / 40!r},1500,{f!r},0.1,9000\n" for i, f in enumerate(force))
+    ).encode()
 
 
 def crazyflie(force: Sequence[float]) -> bytes:
-    return ("weight[g],pwm,vbat[V],rpm1,rpm2\n" + "".join(f"{f!r},30000,3.9,9000,9100\n" for f in force)).encode()
+    return (
+        "weight[g],pwm,vbat[V],rpm1,rpm2\n" + "".join(f"{f!r},30000,3.9,9000,9100\n" for f in force)
+    ).encode()
 
 
-def lvm(force: Sequence[float], *, decimal: str = ",", columns: str = "One", segments: int = 1) -> bytes:
+def lvm(
+    force: Sequence[float], *, decimal: str = ",", columns: str = "One", segments: int = 1
+) -> bytes:
     """LabVIEW's measurement text, each segment with all samples."""
     head = (
         "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\n"
@@ -68,7 +86,12 @@ def lvm(force: Sequence[float], *, decimal: str = ",", columns: str = "One", seg
     )
     clock = (lambda i: repr(i / 1000)) if columns == "One" else (lambda i: "")
     rows = "".join(f"{clock(i)}\t{f!r}\t{4.0!r}\n" for i, f in enumerate(force))
-    return (head + segments * (part + rows + "\n")).replace(".", decimal).replace("Y_Unit_Label", "Y_Unit_Label").encode()
+    return (
+        (head + segments * (part + rows + "\n"))
+        .replace(".", decimal)
+        .replace("Y_Unit_Label", "Y_Unit_Label")
+        .encode()
+    )
 
 
 def usd(force: Sequence[float], *, version: int = 2, checksum: bool = True) -> bytes:
@@ -93,7 +116,13 @@ def tdms(force: Sequence[float]) -> bytes:
     with TdmsWriter(sink) as writer:
         # a logger appends segments
         for part in np.array_split(np.asarray(force, dtype=float), 5):
-            writer.write_segment([ChannelObject("daq", "force", part, properties={"unit_string": "N", "wf_increment": 0.001})])
+            writer.write_segment(
+                [
+                    ChannelObject(
+                        "daq", "force", part, properties={"unit_string": "N", "wf_increment": 0.001}
+                    )
+                ]
+            )
     return sink.getvalue()
 
 
@@ -101,7 +130,9 @@ def mat(force: Sequence[float], *, compressed: bool = True) -> bytes:
     import scipy.io
 
     sink = io.BytesIO()
-    scipy.io.savemat(sink, {"run": {"force": np.asarray(force, dtype=float)}}, do_compression=compressed)
+    scipy.io.savemat(
+        sink, {"run": {"force": np.asarray(force, dtype=float)}}, do_compression=compressed
+    )
     return sink.getvalue()
 
 
@@ -111,7 +142,9 @@ def hdf5(force: Sequence[float], *, fletcher: bool = False) -> bytes:
     sink = io.BytesIO()
     with h5py.File(sink, "w") as file:
         series = np.asarray(force, dtype=float)
-        item = file.create_dataset("daq/force", data=series, fletcher32=fletcher, chunks=True if fletcher else None)
+        item = file.create_dataset(
+            "daq/force", data=series, fletcher32=fletcher, chunks=True if fletcher else None
+        )
         item.attrs["units"] = "N"
         item.attrs["sample_rate"] = 1000.0
     return sink.getvalue()
@@ -130,7 +163,8 @@ def v73(force: Sequence[float]) -> bytes:
     return bytes(content)
 
 
-#: Reader -> how to write, the column that holds the force, its unit in the manifest, and the file's suffix.
+#: Reader -> how to write, the column that holds the force, its unit in the manifest, and the file's
+#: suffix.
 WRITERS: dict[str, tuple[Callable[[Sequence[float]], bytes], str, str, str]] = {
     "csv": (csv, "force", "N", "csv"),
     "text": (german, "Kraft", "mN", "txt"),

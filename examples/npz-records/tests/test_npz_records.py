@@ -27,10 +27,16 @@ def campaign(tmp_path):
     (tmp_path / "raw" / "trials").mkdir(parents=True)
     rows = []
     for i, (distance, lift_mN) in enumerate([(30, 280.0), (60, 265.0), (300, 260.0)]):
-        force = np.concatenate([np.zeros(50), np.full(200, lift_mN)]) + 0.1 * rng.standard_normal(250)
-        np.savez(tmp_path / "raw" / "trials" / f"t{i}.npz", **{"force[mN]": force, "rate_Hz": 500.0})
+        force = np.concatenate([np.zeros(50), np.full(200, lift_mN)]) + 0.1 * rng.standard_normal(
+            250
+        )
+        np.savez(
+            tmp_path / "raw" / "trials" / f"t{i}.npz", **{"force[mN]": force, "rate_Hz": 500.0}
+        )
         rows.append(f"t{i},ground,{distance},50")
-    (tmp_path / "raw" / "trials.csv").write_text("trial,boundary,distance,throttle\n" + "\n".join(rows) + "\n")
+    (tmp_path / "raw" / "trials.csv").write_text(
+        "trial,boundary,distance,throttle\n" + "\n".join(rows) + "\n"
+    )
     (tmp_path / "raw" / "campaign.toml").write_text(MANIFEST)
     return tmp_path / "raw"
 
@@ -52,7 +58,11 @@ def test_inspect_shows_its_channels(campaign):
 
 def test_damage_is_malformed_and_pickles_are_never_loaded(campaign, tmp_path):
     whole = (campaign / "trials" / "t0.npz").read_bytes()
-    for bad in (whole[: len(whole) // 2], b"no archive", whole[:80] + bytes([whole[80] ^ 1]) + whole[81:]):
+    for bad in (
+        whole[: len(whole) // 2],
+        b"no archive",
+        whole[:80] + bytes([whole[80] ^ 1]) + whole[81:],
+    ):
         path = tmp_path / "bad.npz"
         path.write_bytes(bad)
         with pytest.raises(Malformed):

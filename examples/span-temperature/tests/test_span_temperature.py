@@ -12,5 +12,7 @@ def test_it_is_in_the_catalogue():
 
 def test_a_model_with_it_is_again_a_model():
     model = compose(catalogue.model("power_law"), EFFECT)
-    warm = model(2.0, temperature_K=np.array([293.0, 303.0]), temperature_ref_K=293.0, span_per_K=0.001)
+    warm = model(
+        2.0, temperature_K=np.array([293.0, 303.0]), temperature_ref_K=293.0, span_per_K=0.001
+    )
     assert warm[1] / warm[0] == pytest.approx(1.01)

@@ -1,4 +1,6 @@
-"""From the list to a campaign: files fetched into a cache and checked, then converted; the folder appears whole or not at all."""
+"""From the list to a campaign: files fetched into a cache and checked, then converted; the folder
+appears whole or not at all.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ TIMEOUT_S = 30
 
 
 class Convert(Protocol):
-    """What a converter module has: ``convert(files, folder, name)`` writes ``campaign.toml`` and ``trials.csv`` into an empty folder."""
+    """What a converter module has: ``convert(files, folder, name)`` writes ``campaign.toml`` and
+    ``trials.csv`` into an empty folder.
+    """
 
     def __call__(self, files: dict[str, Path], folder: Path, name: str) -> None:
         """Write the campaign."""
@@ -33,21 +37,39 @@ def cache_folder() -> Path:
     return Path(os.environ.get("NEARLIFT_CACHE") or pooch.os_cache("nearlift"))
 
 
-def get(wanted: Dataset, folder: Path, *, trust: bool = False, cache: Path | None = None, say: Callable[[str], None] = lambda _: None) -> Path:
-    """Fetch what the cache lacks, and write the campaign into a new or empty folder; returns the folder.
+def get(
+    wanted: Dataset,
+    folder: Path,
+    *,
+    trust: bool = False,
+    cache: Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Fetch what the cache lacks, and write the campaign into a new or empty folder; returns the
+    folder.
 
     Raises
     ------
     UsageError
-        The folder holds something already, or a file's digest is unknown and it is not to be trusted.
+        The folder holds something already, or a file's digest is unknown and it is not to be
+        trusted.
     InputRefused
-        A file cannot be fetched, is another than the one that is known, or does not hold what it should.
+        A file cannot be fetched, is another than the one that is known, or does not hold what it
+        should.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(str(folder), "is not empty" if folder.is_dir() else "is a file", "name a new folder; nothing is ever overwritten")
+        raise UsageError(
+            str(folder),
+            "is not empty" if folder.is_dir() else "is a file",
+            "name a new folder; nothing is ever overwritten",
+        )
     if wanted.unknown and not trust:
         listed = ", ".join(f.name for f in wanted.unknown)
-        raise UsageError(wanted.name, f"has files whose digest is unknown: {listed}", "look at what the URL gives, then say --trust")
+        raise UsageError(
+            wanted.name,
+            f"has files whose digest is unknown: {listed}",
+            "look at what the URL gives, then say --trust",
+        )
     store = (cache or cache_folder()) / wanted.name
     files = {file.name: _fetched(file, store, say) for file in wanted.file}
     convert: Convert = importlib.import_module(f"nearlift.datasets.{wanted.converter}").convert
@@ -55,7 +77,9 @@ def get(wanted: Dataset, folder: Path, *, trust: bool = False, cache: Path | Non
     made = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         convert(files, made, wanted.name)
-        origin = [f"{file.name}  sha256 {sha256(files[file.name])}  {file.url}" for file in wanted.file]
+        origin = [
+            f"{file.name}  sha256 {sha256(files[file.name])}  {file.url}" for file in wanted.file
+        ]
         lines = [
             f"{wanted.title}.",
             f"Cite: {wanted.citation}.",
@@ -86,17 +110,28 @@ def _fetched(file: PublicFile, store: Path, say: Callable[[str], None]) -> Path:
     if not (path.is_file() and (known is None or sha256(path) == file.sha256)):
         say(f"fetching {file.name}")
     try:
-        # written under another name, checked, then renamed: a wrong or cut file leaves nothing behind
+        # written under another name, checked, then renamed: a wrong or cut file leaves nothing
+        # behind
         downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S)
-        return Path(pooch.retrieve(file.url, known_hash=known, fname=file.name, path=store, downloader=downloader))
+        return Path(
+            pooch.retrieve(
+                file.url, known_hash=known, fname=file.name, path=store, downloader=downloader
+            )
+        )
     except RequestException as fault:
         if fault.response is not None:
             # pooch leaves it open
             fault.response.close()
-        raise InputRefused(file.url, f"cannot be fetched ({_reason(fault)})", f"are you online? or put the file there by hand: {path}") from None
+        raise InputRefused(
+            file.url,
+            f"cannot be fetched ({_reason(fault)})",
+            f"are you online? or put the file there by hand: {path}",
+        ) from None
     except ValueError as fault:
         if "hash" not in str(fault):
-            raise InputRefused(file.url, str(fault), "the URL of a data set begins with https://") from None
+            raise InputRefused(
+                file.url, str(fault), "the URL of a data set begins with https://"
+            ) from None
         raise InputRefused(
             file.url,
             f"is not the file that is known here (its SHA-256 is not {file.sha256[:12]}...)",

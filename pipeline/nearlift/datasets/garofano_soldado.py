@@ -1,6 +1,8 @@
-"""Garofano-Soldado et al.: the MATLAB script of their figures as the table that `readers.garofano_soldado` makes a campaign of.
+"""Garofano-Soldado et al.: the MATLAB script of their figures as the table that
+`readers.garofano_soldado` makes a campaign of.
 
-The script assigns, per configuration, a row of mean forces and one of standard deviations; the heights stand in `z` as multiples of R.
+The script assigns, per configuration, a row of mean forces and one of standard deviations; the
+heights stand in `z` as multiples of R.
 """
 
 from __future__ import annotations
@@ -14,7 +16,10 @@ from nearlift.readers import garofano_soldado
 
 #: Of the table that the published numbers make, 149 rows as `table` writes them.
 NUMBERS_SHA256 = "73877bf965146079ee3b7990bd62a96ae6dcfe45038ee6afe61a227a211a9802"
-ROW = re.compile(r"^(?P<std>std_)?(?P<case>Fz(?P<alpha>\d+)(?P<facing>_minbeta|_beta)?(?P<beta>\d+)?)\s*=\s*\[(?P<values>[^\[\]]*)\]", re.M)
+ROW = re.compile(
+    r"^(?P<std>std_)?(?P<case>Fz(?P<alpha>\d+)(?P<facing>_minbeta|_beta)?(?P<beta>\d+)?)\s*=\s*\[(?P<values>[^\[\]]*)\]",
+    re.M,
+)
 HEIGHTS = re.compile(r"^(?P<name>z\w*)\s*=\s*\[(?P<values>[^\[\]]*)\]", re.M)
 RADIUS = re.compile(r"^R\s*=\s*(?P<value>[\d.]+)", re.M)
 
@@ -31,7 +36,9 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
     text = table(script.read_text(encoding="utf-8", errors="replace"), str(script))
     if hashlib.sha256(text.encode()).hexdigest() != NUMBERS_SHA256:
         raise InputRefused(
-            str(script), "holds other numbers than those that are known here", "compare it with the paper; delete it to fetch it again"
+            str(script),
+            "holds other numbers than those that are known here",
+            "compare it with the paper; delete it to fetch it again",
         )
     (folder / "published").mkdir()
     rows = folder / "published" / "thrust_vs_height.csv"
@@ -43,7 +50,8 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
 
 
 def table(script: str, where: str) -> str:
-    """The numbers as CSV: case, configuration, tilts in degrees, height over R and in m, force and its standard deviation in N.
+    """The numbers as CSV: case, configuration, tilts in degrees, height over R and in m, force and
+    its standard deviation in N.
 
     Raises
     ------
@@ -54,17 +62,33 @@ def table(script: str, where: str) -> str:
     rows = {(found["std"] or "") + found["case"]: found for found in ROW.finditer(script)}
     if radius is None or not rows:
         raise InputRefused(where, "has no rows Fz... or no R", "it is not the published script")
-    grids = [[float(cell.split("*")[0]) for cell in found["values"].split(",")] for found in HEIGHTS.finditer(script)]
+    grids = [
+        [float(cell.split("*")[0]) for cell in found["values"].split(",")]
+        for found in HEIGHTS.finditer(script)
+    ]
     lines = [",".join(garofano_soldado.COLUMNS)]
     for case, found in rows.items():
         if found["std"]:
             continue
-        forces, spreads = (_numbers(rows[name]["values"]) if name in rows else [] for name in (case, f"std_{case}"))
+        forces, spreads = (
+            _numbers(rows[name]["values"]) if name in rows else [] for name in (case, f"std_{case}")
+        )
         heights = next((grid for grid in grids if len(grid) == len(forces)), [])
         if not heights or len(spreads) != len(forces):
-            raise InputRefused(where, f"{case} has {len(forces)} forces, {len(spreads)} standard deviations and no such heights", "it is not whole")
+            raise InputRefused(
+                where,
+                f"{case} has {len(forces)} forces, {len(spreads)} standard deviations and no such"
+                " heights",
+                "it is not whole",
+            )
         alpha, beta = found["alpha"], found["beta"] or "0"
-        config = "face_to_face" if found["facing"] == "_minbeta" else "back_to_back" if found["facing"] else "coplanar"
+        config = (
+            "face_to_face"
+            if found["facing"] == "_minbeta"
+            else "back_to_back"
+            if found["facing"]
+            else "coplanar"
+        )
         lines += [
             f"{case},{config},{alpha},{beta},{z!r},{z * float(radius['value'])!r},{force!r},{spread!r}"
             for z, force, spread in zip(heights, forces, spreads, strict=True)

@@ -1,7 +1,8 @@
 """Pitt-RAS 2017: sweeps of 50 throttles, a file each, as a campaign of means.
 
-Columns, without a header: throttle (fraction), thrust (kgf), supply (V), distance of the rotor to the ground (m). The start of a sweep stands in its
-file's name. At low throttle the stand reads little more than its own friction, so trials begin above 0.15.
+Columns, without a header: throttle (fraction), thrust (kgf), supply (V), distance of the rotor to
+the ground (m). The start of a sweep stands in its file's name. At low throttle the stand reads
+little more than its own friction, so trials begin above 0.15.
 """
 
 from __future__ import annotations
@@ -68,9 +69,15 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
             try:
                 throttle, lift, supply, distance = (float(cell) for cell in line.split(","))
             except ValueError:
-                raise InputRefused(f"{path}, line {step + 1}", "is not four numbers", "throttle, thrust, supply, distance") from None
+                raise InputRefused(
+                    f"{path}, line {step + 1}",
+                    "is not four numbers",
+                    "throttle, thrust, supply, distance",
+                ) from None
             if throttle > LEAST_THROTTLE:
-                lines.append(f"r{session:02d}-{step:02d},ground,{distance:g},{throttle:.6g},{lift:.6g},{supply:.4g},{session},{seconds:.6f}")
+                lines.append(
+                    f"r{session:02d}-{step:02d},ground,{distance:g},{throttle:.6g},{lift:.6g},{supply:.4g},{session},{seconds:.6f}"
+                )
     (folder / "campaign.toml").write_text(MANIFEST.format(name=name), encoding="utf-8")
     (folder / "trials.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -78,5 +85,11 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
 def _start(path: Path) -> datetime.datetime:
     found = NAME.match(path.name)
     if found is None:
-        raise InputRefused(str(path), "does not say in its name when it was begun", "thrust_data_YYYY-MM-DD_HH-MM-SS.ssssss.csv")
-    return datetime.datetime.strptime(f"{found[1]} {found[2]}", "%Y-%m-%d %H-%M-%S.%f").replace(tzinfo=datetime.UTC)
+        raise InputRefused(
+            str(path),
+            "does not say in its name when it was begun",
+            "thrust_data_YYYY-MM-DD_HH-MM-SS.ssssss.csv",
+        )
+    return datetime.datetime.strptime(f"{found[1]} {found[2]}", "%Y-%m-%d %H-%M-%S.%f").replace(
+        tzinfo=datetime.UTC
+    )

@@ -1,4 +1,6 @@
-"""Which public data there are: read from `registry.toml`, or from a list of one's own in the same form."""
+"""Which public data there are: read from `registry.toml`, or from a list of one's own in the same
+form.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ class PublicFile(Section):
 
 
 class Dataset(Section):
-    """Published data that can be made into a campaign. `next` is the command that makes sense of it."""
+    """Published data that can be made into a campaign. `next` is the command that makes sense of
+    it.
+    """
 
     name: str
     title: str
@@ -72,13 +76,18 @@ def datasets(path: Path = OWN) -> tuple[Dataset, ...]:
         The list cannot be read or breaks its form.
     """
     try:
-        return tuple(_Registry.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).dataset)
+        return tuple(
+            _Registry.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).dataset
+        )
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
         raise InputRefused(str(path), f"is not valid TOML ({fault})", "mend it") from None
     except ValidationError as fault:
         first = fault.errors()[0]
         raise InputRefused(
-            str(path), f"{'.'.join(str(p) for p in first['loc'])}: {first['msg'].removeprefix('Value error, ')}", "mend that entry"
+            str(path),
+            f"{'.'.join(str(p) for p in first['loc'])}:"
+            f" {first['msg'].removeprefix('Value error, ')}",
+            "mend that entry",
         ) from None
 
 
@@ -87,5 +96,9 @@ def dataset(name: str, path: Path = OWN) -> Dataset:
     known = {d.name: d for d in datasets(path)}
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1, cutoff=0.4)
-        raise UsageError(name, "is no data set", f"did you mean {close[0]!r}?" if close else f"there are {', '.join(known)}")
+        raise UsageError(
+            name,
+            "is no data set",
+            f"did you mean {close[0]!r}?" if close else f"there are {', '.join(known)}",
+        )
     return known[name]

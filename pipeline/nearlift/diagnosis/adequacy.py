@@ -1,5 +1,6 @@
-"""What the verdict "adequate" demands beside the absence of structure: that visits left out are predicted as well as noise allows, and that no
-declared error stands far from what was declared of it.
+"""What the verdict "adequate" demands beside the absence of structure: that visits left out are
+predicted as well as noise allows, and that no declared error stands far from what was declared of
+it.
 """
 
 from __future__ import annotations
@@ -20,14 +21,18 @@ SIGMAS = 2.0
 
 
 def contradictions(stage: Stage, scored: HeldOut | None) -> tuple[str, ...]:
-    """What contradicts an adequate base model, in words; empty where nothing does. `scored` are visits left out."""
+    """What contradicts an adequate base model, in words; empty where nothing does. `scored` are
+    visits left out.
+    """
     return (*_floor_missed(stage, scored), *_strained(stage))
 
 
 def _floor_missed(stage: Stage, scored: HeldOut | None) -> list[str]:
-    """Whether visits left out stray from their prediction by more than the noise floor, beyond chance.
+    """Whether visits left out stray from their prediction by more than the noise floor, beyond
+    chance.
 
-    Visit by visit in units of the floor, no trial for more than an outlier counts; the prediction's own uncertainty is allowed for.
+    Visit by visit in units of the floor, no trial for more than an outlier counts; the prediction's
+    own uncertainty is allowed for.
     """
     from scipy.stats import t
 
@@ -35,17 +40,29 @@ def _floor_missed(stage: Stage, scored: HeldOut | None) -> list[str]:
         return []
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     free = len(stage.data.levels) + len(stage.theta)
-    beyond = np.bincount(visit, misfit(stage, stage.noise, scored, scored.before) - 1 - free / max(stage.data.n - free, 1))
+    beyond = np.bincount(
+        visit,
+        misfit(stage, stage.noise, scored, scored.before) - 1 - free / max(stage.data.n - free, 1),
+    )
     blocks = len(beyond)
-    if blocks < 3 or beyond.sum() <= t.isf(STRAY, blocks - 1) * np.sqrt(blocks) * beyond.std(ddof=1):
+    if blocks < 3 or beyond.sum() <= t.isf(STRAY, blocks - 1) * np.sqrt(blocks) * beyond.std(
+        ddof=1
+    ):
         return []
     error = float(np.sqrt(np.mean(scored.before[scored.predicted] ** 2)))
     noise = floor(stage.data, stage.noise, stage.slope)
-    return [f"visits left out are predicted to {100 * error:.2g} %, where noise alone would be {100 * noise:.2g} %"]
+    return [
+        (
+            f"visits left out are predicted to {100 * error:.2g} %, where noise alone would be"
+            f" {100 * noise:.2g} %"
+        )
+    ]
 
 
 def _strained(stage: Stage) -> list[str]:
-    """The declared errors that stand beyond `SIGMAS` of their declared uncertainty; of several unknowns of one error, as rarely for all together."""
+    """The declared errors that stand beyond `SIGMAS` of their declared uncertainty; of several
+    unknowns of one error, as rarely for all together.
+    """
     from scipy.stats import norm
 
     # where visits are judged by leaving them out, the declared errors are no part of the fit
@@ -58,5 +75,7 @@ def _strained(stage: Stage) -> list[str]:
         residual = stage.base_fit.residual - absorbed @ (absorbed.T @ stage.base_fit.residual)
         stands = np.abs(stage.space.project(columns.T) @ residual).max()
         if stands > norm.isf(norm.sf(SIGMAS) / columns.shape[1]):
-            found.append(f"{part.name} stands {stands:.2g} of its declared standard uncertainties off")
+            found.append(
+                f"{part.name} stands {stands:.2g} of its declared standard uncertainties off"
+            )
     return found

@@ -1,4 +1,6 @@
-"""A base model with some effects, as a function of one flat vector: predicted, differentiated, fitted with weak priors."""
+"""A base model with some effects, as a function of one flat vector: predicted, differentiated,
+fitted with weak priors.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +20,19 @@ from nearlift.results import Observations
 
 #: Smooth relative deformation of an effect's own shape: so many cosines, falling as 1 / order.
 TUBE_ORDER = 4
-#: A search grants an effect this many times its bench-plausible size: weak, but a 40 mm datum error is no explanation.
+#: A search grants an effect this many times its bench-plausible size: weak, but a 40 mm datum error
+#: is no explanation.
 WIDE = 4.0
-#: Numbers that differ by session are drawn from one population; its spread, in units of the prior's, is chosen by evidence.
+#: Numbers that differ by session are drawn from one population; its spread, in units of the
+#: prior's, is chosen by evidence.
 SESSION_SPREADS = (0.1, 0.3, 1.0, 3.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slot:
-    """Where one parameter stands in the flat vector: entries `start` to `stop` (several for a parameter per session)."""
+    """Where one parameter stands in the flat vector: entries `start` to `stop` (several for a
+    parameter per session).
+    """
 
     parameter: Parameter
     effect: str
@@ -36,7 +42,9 @@ class Slot:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """The base model and the effects that may explain what it leaves. `data` has its derived covariates and `lift_inf_N`."""
+    """The base model and the effects that may explain what it leaves. `data` has its derived
+    covariates and `lift_inf_N`.
+    """
 
     base: LiftModel
     effects: tuple[Effect, ...]
@@ -75,9 +83,15 @@ class Candidate:
         return {name: need(self.data, name, self.model.name) for name in self.model.needs}
 
     def log_ratio(self, vector: FloatArray, data: Observations | None = None) -> FloatArray:
-        """Log L / L_inf at (P,) or (m, P); at other trials of the same campaign if `data` is given."""
+        """Log L / L_inf at (P,) or (m, P); at other trials of the same campaign if `data`
+        is given.
+        """
         where = self.data if data is None else data
-        known = self.known if data is None else {name: need(data, name, self.model.name) for name in self.model.needs}
+        known = (
+            self.known
+            if data is None
+            else {name: need(data, name, self.model.name) for name in self.model.needs}
+        )
         vector = np.asarray(vector, dtype=float)
         values = {}
         for s in self.slots:
@@ -96,18 +110,26 @@ class Candidate:
     @cached_property
     def null(self) -> FloatArray:
         """Every parameter at its declared value."""
-        return np.concatenate([np.zeros(0), *(np.full(s.stop - s.start, s.parameter.value) for s in self.slots)])
+        return np.concatenate(
+            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.value) for s in self.slots)]
+        )
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper ends."""
-        low = np.concatenate([np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[0]) for s in self.slots)])
-        high = np.concatenate([np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[1]) for s in self.slots)])
+        low = np.concatenate(
+            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[0]) for s in self.slots)]
+        )
+        high = np.concatenate(
+            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[1]) for s in self.slots)]
+        )
         return low, high
 
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation of each entry, sizes widened by `WIDE`; the base model's are flat (infinite)."""
+        """Mean and standard deviation of each entry, sizes widened by `WIDE`; the base model's are
+        flat (infinite).
+        """
         mean, sd = self.null.copy(), np.full(self.size, np.inf)
         for s in self.slots:
             if s.effect:
@@ -121,16 +143,28 @@ class Candidate:
     @cached_property
     def by_session(self) -> NDArray[np.bool_]:
         """Which entries are one of several that differ by session."""
-        return np.concatenate([np.zeros(0, dtype=bool), *(np.full(s.stop - s.start, s.parameter.per == "session") for s in self.slots)])
+        return np.concatenate(
+            [
+                np.zeros(0, dtype=bool),
+                *(np.full(s.stop - s.start, s.parameter.per == "session") for s in self.slots),
+            ]
+        )
 
     def of(self, effect: str) -> FloatArray:
         """Indices of one effect's entries; of the base model's for an empty name."""
-        return np.concatenate([np.zeros(0, dtype=int), *(np.arange(s.start, s.stop) for s in self.slots if s.effect == effect)]).astype(int)
+        return np.concatenate(
+            [
+                np.zeros(0, dtype=int),
+                *(np.arange(s.start, s.stop) for s in self.slots if s.effect == effect),
+            ]
+        ).astype(int)
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
-        """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one broadcast call.
+        """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one
+        broadcast call.
 
-        Entries that differ by session step together: each moves the trials of its own session and no others.
+        Entries that differ by session step together: each moves the trials of its own session and
+        no others.
         """
         if not self.size:
             return np.zeros((*vector.shape[:-1], self.data.n, 0))
@@ -139,14 +173,21 @@ class Candidate:
         width = np.where(np.isfinite(sd), sd, np.minimum(high - low, 10.0))
         step = np.maximum(1e-4 * np.abs(vector), 1e-3 * width)
         up, down = np.minimum(vector + step, high), np.maximum(vector - step, low)
-        moved = np.array([[s.start <= i < s.stop for i in range(self.size)] for s in self.slots]).reshape(-1, self.size)
-        ends = [np.where(moved, end[..., None, :], vector[..., None, :]).reshape(-1, self.size) for end in (up, down)]
+        moved = np.array(
+            [[s.start <= i < s.stop for i in range(self.size)] for s in self.slots]
+        ).reshape(-1, self.size)
+        ends = [
+            np.where(moved, end[..., None, :], vector[..., None, :]).reshape(-1, self.size)
+            for end in (up, down)
+        ]
         above, below = np.split(self.log_ratio(np.concatenate(ends)), 2)
         change = (above - below).reshape(*vector.shape[:-1], len(self.slots), self.data.n)
         trials = np.arange(self.data.n)
         result = np.zeros((*vector.shape[:-1], self.data.n, self.size))
         for i, s in enumerate(self.slots):
-            entry = s.start + (self.data.session if s.parameter.per == "session" else np.zeros_like(trials))
+            entry = s.start + (
+                self.data.session if s.parameter.per == "session" else np.zeros_like(trials)
+            )
             result[..., trials, entry] = change[..., i, :] / (up - down)[..., entry]
         return np.nan_to_num(result, copy=False)
 
@@ -161,7 +202,9 @@ class Candidate:
 
     def sizes(self) -> FloatArray:
         """Indices of the effects' entries that are not shapes."""
-        chosen = [np.arange(s.start, s.stop) for s in self.slots if s.effect and not s.parameter.grid]
+        chosen = [
+            np.arange(s.start, s.stop) for s in self.slots if s.effect and not s.parameter.grid
+        ]
         return np.concatenate([np.zeros(0, dtype=int), *chosen]).astype(int)
 
     def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
@@ -172,10 +215,12 @@ class Candidate:
         return np.nan_to_num(self.log_ratio(vector) - self.log_ratio(without))
 
     def tube(self, vector: FloatArray, sd: float) -> FloatArray:
-        """Columns (n, t) of unit-variance unknowns: each effect's contribution, smoothly deformed by a relative `sd`.
+        """Columns (n, t) of unit-variance unknowns: each effect's contribution, smoothly deformed
+        by a relative `sd`.
 
-        Along its own covariate, along throttle, and for what acts on height or ratio along distance: a true effect rarely scales with
-        speed or distance exactly as its declared form does.
+        Along its own covariate, along throttle, and for what acts on height or ratio along
+        distance: a true effect rarely scales with speed or distance exactly as its declared form
+        does.
         """
         if sd <= 0:
             return np.zeros((self.data.n, 0))
@@ -186,10 +231,16 @@ class Candidate:
             for name in bends_along(effect):
                 along = self._along(name)
                 if along is not None:
-                    columns.append(self.contribution(vector, effect)[:, None] * cosines(along, TUBE_ORDER) * weight)
+                    columns.append(
+                        self.contribution(vector, effect)[:, None]
+                        * cosines(along, TUBE_ORDER)
+                        * weight
+                    )
             if effect.varies_with == "since_start_s" and self.data.session.max() > 0:
                 # what begins anew at every start does not begin alike each time
-                columns.append(self.contribution(vector, effect)[:, None] * indicators(self.data.session) * sd)
+                columns.append(
+                    self.contribution(vector, effect)[:, None] * indicators(self.data.session) * sd
+                )
         return np.hstack(columns)
 
     def _along(self, name: str) -> FloatArray | None:
@@ -202,11 +253,17 @@ class Candidate:
 
 def bends_along(effect: Effect) -> tuple[str, ...]:
     """The covariates along which an effect's true form may depart from the declared one."""
-    return tuple(dict.fromkeys((effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))))
+    return tuple(
+        dict.fromkeys(
+            (effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))
+        )
+    )
 
 
 def moments(parameter: Parameter) -> tuple[float, float]:
-    """Centre and width of a prior, as a normal would have them (a half-normal's centre is its end)."""
+    """Centre and width of a prior, as a normal would have them (a half-normal's centre is
+    its end).
+    """
     prior = parameter.prior
     if prior.distribution in ("norm", "halfnorm"):
         return prior.loc, prior.scale
@@ -218,7 +275,9 @@ def moments(parameter: Parameter) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """A candidate at its best: `residual` is whitened with L_inf removed (by `space`), `penalty` the prior's part of the objective."""
+    """A candidate at its best: `residual` is whitened with L_inf removed (by `space`), `penalty`
+    the prior's part of the objective.
+    """
 
     candidate: Candidate
     space: Problem
@@ -228,7 +287,9 @@ class Fitted:
 
     @property
     def jacobian(self) -> FloatArray:
-        """D residual / d vector but for its sign, (n, P); made when asked for, since a search keeps every candidate that it tried."""
+        """D residual / d vector but for its sign, (n, P); made when asked for, since a search keeps
+        every candidate that it tried.
+        """
         return self.space.project(self.candidate.jacobian(self.vector).T).T
 
     @property
@@ -280,7 +341,14 @@ def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: Float
         gradient = (j.T @ r - weight**2 * (vector - mean)) / length
         gained = 0.0
         for _ in range(8):
-            trial = np.clip(vector + _step(normal + damping * np.eye(len(vector)), gradient, length, vector, low, high), low, high)
+            trial = np.clip(
+                vector
+                + _step(
+                    normal + damping * np.eye(len(vector)), gradient, length, vector, low, high
+                ),
+                low,
+                high,
+            )
             r_trial = residual(trial)
             value = cost(r_trial, trial)
             if value < best:
@@ -290,16 +358,34 @@ def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: Float
             damping = max(damping * 20, 1e-6)
         if gained < 1e-3:
             break
-    return Fitted(candidate=candidate, space=space, vector=vector, residual=r, penalty=best - float(np.sum(r**2)))
+    return Fitted(
+        candidate=candidate,
+        space=space,
+        vector=vector,
+        residual=r,
+        penalty=best - float(np.sum(r**2)),
+    )
 
 
-def _step(normal: FloatArray, gradient: FloatArray, length: FloatArray, vector: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """The Gauss-Newton step in which an entry at a bound that wants to leave stays, and the others make the best of that."""
+def _step(
+    normal: FloatArray,
+    gradient: FloatArray,
+    length: FloatArray,
+    vector: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """The Gauss-Newton step in which an entry at a bound that wants to leave stays, and the others
+    make the best of that.
+    """
     free = np.ones(len(vector), dtype=bool)
     step = np.zeros(len(vector))
     for _ in range(len(vector)):
         step[:] = 0.0
-        step[free] = np.linalg.lstsq(normal[np.ix_(free, free)], gradient[free], rcond=1e-12)[0] / length[free]
+        step[free] = (
+            np.linalg.lstsq(normal[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]
+            / length[free]
+        )
         stuck = free & (((vector <= low) & (step < 0)) | ((vector >= high) & (step > 0)))
         if not stuck.any():
             break
@@ -308,7 +394,9 @@ def _step(normal: FloatArray, gradient: FloatArray, length: FloatArray, vector: 
 
 
 def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
-    """The best fit over the shapes' starting values: screened to first order, the best two refined."""
+    """The best fit over the shapes' starting values: screened to first order, the best
+    two refined.
+    """
     p = len(candidate.of(""))
     starts: list[tuple[float, int, FloatArray]] = []
     sizes = candidate.sizes()
@@ -321,11 +409,19 @@ def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: Fl
         j = space.project(candidate.jacobian(vector).T[active]).T
         r = space.project(log_lift - candidate.log_ratio(vector))
         weight = 1 / sd[active]
-        solution = np.linalg.lstsq(np.vstack([j, np.diag(weight)]), np.r_[r, weight * (mean - vector)[active]], rcond=None)[0]
+        solution = np.linalg.lstsq(
+            np.vstack([j, np.diag(weight)]), np.r_[r, weight * (mean - vector)[active]], rcond=None
+        )[0]
         rest = r - j @ solution
         start = vector.copy()
         start[active] += solution
-        starts.append((float(rest @ rest + np.sum((weight * (start - mean)[active]) ** 2)), len(starts), start))
+        starts.append(
+            (
+                float(rest @ rest + np.sum((weight * (start - mean)[active]) ** 2)),
+                len(starts),
+                start,
+            )
+        )
     starts.sort()
     fits = [fit(candidate, space, log_lift, start) for _, _, start in starts[:2]]
     return min(fits, key=lambda f: f.chi2 + f.penalty)

@@ -1,4 +1,6 @@
-"""The model's coefficients before and after, with three intervals that answer three different questions."""
+"""The model's coefficients before and after, with three intervals that answer three different
+questions.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,14 @@ from nearlift.fitting.noise import orthonormal
 Pair = tuple[FloatArray, FloatArray]
 
 
-def spread(stage: Stage, fitted: Fitted, nuisance: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+def spread(
+    stage: Stage, fitted: Fitted, nuisance: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Value and standard uncertainty of the base model's coefficients at a fit.
 
-    `nuisance` (n, t) are columns of further unit-variance unknowns, such as a tube or undetected effects: they widen the
-    covariance, and the coefficients move to where the data then want them (one Gauss-Newton step).
+    `nuisance` (n, t) are columns of further unit-variance unknowns, such as a tube or undetected
+    effects: they widen the covariance, and the coefficients move to where the data then want them
+    (one Gauss-Newton step).
     """
     p = len(stage.theta)
     _, sd = fitted.candidate.prior
@@ -47,7 +52,8 @@ def spread(stage: Stage, fitted: Fitted, nuisance: FloatArray | None = None) -> 
 
 
 def joint(stage: Stage, fitted: Fitted, tube: FloatArray | None = None) -> FloatArray:
-    """Covariance of everything fitted, coefficients first and the effects' parameters after them as the candidate's slots say: (P, P).
+    """Covariance of everything fitted, coefficients first and the effects' parameters after them as
+    the candidate's slots say: (P, P).
 
     `tube` (n, t) are unit-variance columns of form uncertainty.
     """
@@ -61,14 +67,20 @@ def joint(stage: Stage, fitted: Fitted, tube: FloatArray | None = None) -> Float
 
 def _inverse(information: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    result: FloatArray = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-13) / np.outer(scale, scale)
+    result: FloatArray = np.linalg.pinv(
+        information / np.outer(scale, scale), rcond=1e-13
+    ) / np.outer(scale, scale)
     return result
 
 
-def constrained_columns(stage: Stage, chosen: tuple[str, ...], declared: dict[str, float]) -> FloatArray:
-    """Every effect that was not named, at its physical prior's size, as unit-variance columns (n, t).
+def constrained_columns(
+    stage: Stage, chosen: tuple[str, ...], declared: dict[str, float]
+) -> FloatArray:
+    """Every effect that was not named, at its physical prior's size, as unit-variance columns (n,
+    t).
 
-    `declared` overrides the size (in units of the prior) where the bench declares how well it knows an effect.
+    `declared` overrides the size (in units of the prior) where the bench declares how well it knows
+    an effect.
     """
     columns = [np.zeros((stage.data.n, 0))]
     for effect in {e.name: e for e, _ in stage.library}.values():
@@ -88,7 +100,8 @@ def constrained_columns(stage: Stage, chosen: tuple[str, ...], declared: dict[st
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """The p coefficients under what may be the truth, each as value and standard uncertainty, two arrays (p,).
+    """The p coefficients under what may be the truth, each as value and standard uncertainty, two
+    arrays (p,).
 
     Attributes
     ----------
@@ -98,7 +111,8 @@ class Answers:
     before : pair of arrays
         By the base fit alone.
     members : tuple of (str, pair of arrays)
-        Every explanation that was accepted, the best first, its form uncertain; else the base fit, with what is left carried.
+        Every explanation that was accepted, the best first, its form uncertain; else the base fit,
+        with what is left carried.
     conditional : pair of arrays
         If the best answer is exactly the truth.
     constrained : pair of arrays
@@ -124,8 +138,13 @@ class Answers:
         return self.conditional[0]
 
     def spans(self, i: int) -> list[tuple[float, float]]:
-        """Value and standard uncertainty of coefficient i by every answer, the best with its form uncertain first."""
-        pairs = dict.fromkeys((float(v[i]), float(u[i])) for v, u in (*(pair for _, pair in self.members), self.conditional))
+        """Value and standard uncertainty of coefficient i by every answer, the best with its form
+        uncertain first.
+        """
+        pairs = dict.fromkeys(
+            (float(v[i]), float(u[i]))
+            for v, u in (*(pair for _, pair in self.members), self.conditional)
+        )
         return list(pairs)
 
     def block(self) -> dict[str, Any]:
@@ -155,7 +174,11 @@ def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers
     best = answer.best
     conditional = spread(stage, best)
     # structure without a name is no noise: it is carried, and the base fit leans away from it
-    carried = (discrepancy.covariates(answer.first) or ["distance"]) if answer.verdict == "unexplained" else []
+    carried = (
+        (discrepancy.covariates(answer.first) or ["distance"])
+        if answer.verdict == "unexplained"
+        else []
+    )
     unnamed = discrepancy.columns(stage, carried) if carried else np.zeros((stage.data.n, 0))
     fits = [(e.name, e.fitted, e.tube) for e in answer.accepted] or [("", stage.base_fit, unnamed)]
     members = tuple((name, spread(stage, fitted, tube)) for name, fitted, tube in fits)
@@ -166,24 +189,33 @@ def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers
         before=spread(stage, stage.base_fit),
         members=members,
         conditional=members[0][1] if carried else conditional,
-        constrained=spread(stage, best, np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])),
+        constrained=spread(
+            stage, best, np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])
+        ),
         carried=tuple(carried),
         unnamed=unnamed,
     )
 
 
 def _freedom(stage: Stage) -> FloatArray:
-    """Effective degrees of freedom (p,) of the base fit's coefficients: what is behind the sizes of noise that each rests on."""
-    g = gum.gain(stage.space, stage.base_fit.vector) if len(stage.theta) else np.zeros((0, stage.data.n))
+    """Effective degrees of freedom (p,) of the base fit's coefficients: what is behind the sizes of
+    noise that each rests on.
+    """
+    g = (
+        gum.gain(stage.space, stage.base_fit.vector)
+        if len(stage.theta)
+        else np.zeros((0, stage.data.n))
+    )
     return gum.freedom(stage.space, g, stage.parts, stage.noise, stage.slope)
 
 
 def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:
     """Effects that the coefficients and L_inf absorb, and the bias they may do unseen.
 
-    `bias_at_detection_limit` is the shift of the headline coefficient, in its own standard uncertainties, by an effect just
-    too small to be seen (non-centrality 16), or at its physical prior's size where it can never be seen. `u` is that uncertainty, of the
-    base fit under the loop's noise floor; the one in fit.json has the noise of repeats.
+    `bias_at_detection_limit` is the shift of the headline coefficient, in its own standard
+    uncertainties, by an effect just too small to be seen (non-centrality 16), or at its physical
+    prior's size where it can never be seen. `u` is that uncertainty, of the base fit under the
+    loop's noise floor; the one in fit.json has the noise of repeats.
     """
     from nearlift.diagnosis.search import visibility
 
@@ -205,7 +237,11 @@ def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict
         most = int(np.argmax(np.abs(shift)))
         prior_size = _size(effect)
         hidden = share < limit
-        size = prior_size if hidden else min(4.0 / max(float(np.linalg.norm(left)), 1e-300), prior_size)
+        size = (
+            prior_size
+            if hidden
+            else min(4.0 / max(float(np.linalg.norm(left)), 1e-300), prior_size)
+        )
         if np.linalg.norm(white) == 0:
             continue
         if hidden or abs(shift[most]) * size > 1.0:

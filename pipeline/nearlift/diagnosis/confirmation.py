@@ -1,4 +1,6 @@
-"""Error on trials that took no part in choosing: the whole search repeated without some visits, scored on them."""
+"""Error on trials that took no part in choosing: the whole search repeated without some visits,
+scored on them.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +27,12 @@ OUTLIER = 4.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """Relative residuals of every trial, predicted without its visit (nan where that is impossible); what each fold chose.
+    """Relative residuals of every trial, predicted without its visit (nan where that is
+    impossible); what each fold chose.
 
-    `before` is the base model's, `after` that of what each fold chose, `named` that of the explanation found in all visits, its sizes
-    estimated without the visit; `visit` is what was left out together, as `blocks` has it.
+    `before` is the base model's, `after` that of what each fold chose, `named` that of the
+    explanation found in all visits, its sizes estimated without the visit; `visit` is what was left
+    out together, as `blocks` has it.
     """
 
     before: FloatArray
@@ -44,12 +48,16 @@ class HeldOut:
 
 
 def blocks(data: Observations) -> IntArray:
-    """What is left out together: a visit; a trial by itself where nobody knows which trials one visit held."""
+    """What is left out together: a visit; a trial by itself where nobody knows which trials one
+    visit held.
+    """
     return data.visit if data.ordered else np.arange(data.n)
 
 
 def folds(data: Observations) -> list[NDArray[np.bool_]]:
-    """Masks of the trials held out, whole `blocks` each: every station keeps some on both sides where it has several."""
+    """Masks of the trials held out, whole `blocks` each: every station keeps some on both sides
+    where it has several.
+    """
     block = blocks(data)
     visits, first = np.unique(block, return_index=True)
     if len(visits) <= FEW_VISITS:
@@ -64,10 +72,18 @@ def folds(data: Observations) -> list[NDArray[np.bool_]]:
     return [label == f for f in range(FOLDS)]
 
 
-def held_out(stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[Effect, ...] = ()) -> HeldOut:
-    """Repeat the search in every fold by `again`, and predict what was left out; also by the effects `named`, fitted to the fold."""
+def held_out(
+    stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[Effect, ...] = ()
+) -> HeldOut:
+    """Repeat the search in every fold by `again`, and predict what was left out; also by the
+    effects `named`, fitted to the fold.
+    """
     data = stage.data
-    before, after, by_name = np.full(data.n, np.nan), np.full(data.n, np.nan), np.full(data.n, np.nan)
+    before, after, by_name = (
+        np.full(data.n, np.nan),
+        np.full(data.n, np.nan),
+        np.full(data.n, np.nan),
+    )
     chosen = []
     for test in folds(data):
         train = ~test
@@ -87,13 +103,19 @@ def held_out(stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[
         if answer.best.candidate.effects == named:
             by_name[known] = after[known]
         elif named:
-            refitted = search(part.candidate(*named), part.space, part.log_lift, part.base_fit.vector)
+            refitted = search(
+                part.candidate(*named), part.space, part.log_lift, part.base_fit.vector
+            )
             by_name[known] = truth - predict(part, refitted, data.take(known))
-    return HeldOut(before=before, after=after, named=by_name, visit=blocks(data), chosen=tuple(chosen))
+    return HeldOut(
+        before=before, after=after, named=by_name, visit=blocks(data), chosen=tuple(chosen)
+    )
 
 
 def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
-    """Log lift of other trials from a fit: its ratio, and L_inf per throttle from the fit's own trials."""
+    """Log lift of other trials from a fit: its ratio, and L_inf per throttle from the fit's own
+    trials.
+    """
     levels = stage.space.best_levels(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
     vector = fitted.vector
     index = np.searchsorted(stage.data.levels, at.throttle)
@@ -102,32 +124,46 @@ def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
 
 
 def improves(stage: Stage, scored: HeldOut) -> bool:
-    """Whether the effects named predict visits that they were not fitted to better than the base model does, by more than one standard error.
+    """Whether the effects named predict visits that they were not fitted to better than the base
+    model does, by more than one standard error.
 
-    Not what each fold chose: with a third of the trials less, a search that finds nothing has only lost its power, and refutes nobody.
-    Residuals are weighed by the noise floor, visit by visit: beside a ceiling a few visits whose height was off would decide alone,
-    and an effect that shows everywhere else would be lost with them. No trial counts for more than `OUTLIER` standard deviations.
+    Not what each fold chose: with a third of the trials less, a search that finds nothing has only
+    lost its power, and refutes nobody. Residuals are weighed by the noise floor, visit by visit:
+    beside a ceiling a few visits whose height was off would decide alone, and an effect that shows
+    everywhere else would be lost with them. No trial counts for more than `OUTLIER` standard
+    deviations.
     """
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
-    before, named = (misfit(stage, stage.assumed_noise, scored, residual) for residual in (scored.before, scored.named))
+    before, named = (
+        misfit(stage, stage.assumed_noise, scored, residual)
+        for residual in (scored.before, scored.named)
+    )
     gained = np.bincount(visit, before - named)
     return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
 
 
 def misfit(stage: Stage, noise: Noise, scored: HeldOut, residual: FloatArray) -> FloatArray:
-    """Squares of the residuals (n,) of those that were predicted, in units of the noise and of errors of single trials, no outlier counted as one."""
+    """Squares of the residuals (n,) of those that were predicted, in units of the noise and of
+    errors of single trials, no outlier counted as one.
+    """
     keep = scored.predicted
     data, slope = stage.data.take(keep), stage.slope[keep]
-    covariance = trial_covariance(data, noise, slope, extra=budget.own_variance(data, stage.parts, slope))
+    covariance = trial_covariance(
+        data, noise, slope, extra=budget.own_variance(data, stage.parts, slope)
+    )
     return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
 
 
 def standard_error(without: FloatArray) -> FloatArray:
-    """Standard uncertainty of each entry from the jackknife's values (visits, ...), one for each visit left out; infinite for a single one."""
+    """Standard uncertainty of each entry from the jackknife's values (visits, ...), one for each
+    visit left out; infinite for a single one.
+    """
     blocks = len(without)
     if blocks < 2:
         return np.full(without.shape[1:], np.inf)
-    result: FloatArray = np.sqrt((blocks - 1) / blocks * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    result: FloatArray = np.sqrt(
+        (blocks - 1) / blocks * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+    )
     return result
 
 
@@ -151,10 +187,12 @@ def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
 
 
 def change(before: FloatArray, after: FloatArray, visit: IntArray) -> tuple[float, float, float]:
-    """Relative change of the root mean square, negative where it falls, and its 90 % interval, visit by visit in pairs.
+    """Relative change of the root mean square, negative where it falls, and its 90 % interval,
+    visit by visit in pairs.
 
-    The same trials stand on both sides and share their noise, so the change is known far better than either error: log ratio,
-    jackknifed over visits. Nan where there are fewer than three visits or nothing is left to compare.
+    The same trials stand on both sides and share their noise, so the change is known far better
+    than either error: log ratio, jackknifed over visits. Nan where there are fewer than three
+    visits or nothing is left to compare.
     """
     _, label = np.unique(visit, return_inverse=True)
     one, other = np.bincount(label, before**2), np.bincount(label, after**2)
@@ -162,7 +200,11 @@ def change(before: FloatArray, after: FloatArray, visit: IntArray) -> tuple[floa
         return float("nan"), float("nan"), float("nan")
     log_ratio = np.log(other.sum() / one.sum()) / 2
     half = _half90(np.log((other.sum() - other) / (one.sum() - one)) / 2)
-    return float(np.expm1(log_ratio)), float(np.expm1(log_ratio - half)), float(np.expm1(log_ratio + half))
+    return (
+        float(np.expm1(log_ratio)),
+        float(np.expm1(log_ratio - half)),
+        float(np.expm1(log_ratio + half)),
+    )
 
 
 def error(answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, object]:
@@ -176,7 +218,15 @@ def error(answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, obje
     before = block(scored.before)
     changed = {}
     if answer.verdict == "effect":
-        changed = {"change": dict(zip(("value", "lo90", "hi90"), change(scored.before[keep], scored.after[keep], scored.visit[keep]), strict=True))}
+        changed = {
+            "change": dict(
+                zip(
+                    ("value", "lo90", "hi90"),
+                    change(scored.before[keep], scored.after[keep], scored.visit[keep]),
+                    strict=True,
+                )
+            )
+        }
     return {
         "unit": "fraction of lift",
         "noise_floor": noise_floor,

@@ -1,8 +1,9 @@
 """Interim looks: what a claim needs while a campaign is still being recorded.
 
-Looked at again and again, noise exceeds any one threshold sooner or later. Before the last trial a claim is held to O'Brien and Fleming's
-boundary instead: the standard score that it needs is larger by the root of (scheduled / measured). The boundary hangs on how far the
-campaign is, not on when or how often it was looked at. See docs/decisions/0016-interim-looks.md.
+Looked at again and again, noise exceeds any one threshold sooner or later. Before the last trial a
+claim is held to O'Brien and Fleming's boundary instead: the standard score that it needs is larger
+by the root of (scheduled / measured). The boundary hangs on how far the campaign is, not on when or
+how often it was looked at. See docs/decisions/0016-interim-looks.md.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ from typing import Any
 
 import numpy as np
 
-#: The boundary is aimed at this share of the false-alarm rate; all looks together then claim in at most twice that share of nulls (reflection).
+#: The boundary is aimed at this share of the false-alarm rate; all looks together then claim in at
+#: most twice that share of nulls (reflection).
 INTERIM_SHARE = 0.1
 
 
 def nominal_level(at_end: float, fraction: float) -> float:
-    """Two-sided p-value of O'Brien and Fleming's boundary (1979, Biometrics 35, 549), constant in the sum of scores.
+    """Two-sided p-value of O'Brien and Fleming's boundary (1979, Biometrics 35, 549), constant in
+    the sum of scores.
 
     Parameters
     ----------
@@ -33,7 +36,9 @@ def nominal_level(at_end: float, fraction: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InterimLook:
-    """How far a boundary's campaign is: trials that had their turn, and trials scheduled, more of them."""
+    """How far a boundary's campaign is: trials that had their turn, and trials scheduled, more of
+    them.
+    """
 
     trials: int
     scheduled: int
@@ -45,5 +50,13 @@ class InterimLook:
     def record(self, rate: float) -> dict[str, Any]:
         """The `look` block of diagnosis.json."""
         level = self.level(rate)
-        text = f"a look at {self.trials} of {self.scheduled} trials; claims need p < {level:.1g}, and p < {rate:g} once all are measured"
-        return {"trials": self.trials, "scheduled": self.scheduled, "p_value_needed": level, "text": text}
+        text = (
+            f"a look at {self.trials} of {self.scheduled} trials; claims need p < {level:.1g}, and"
+            f" p < {rate:g} once all are measured"
+        )
+        return {
+            "trials": self.trials,
+            "scheduled": self.scheduled,
+            "p_value_needed": level,
+            "text": text,
+        }

@@ -1,4 +1,6 @@
-"""What is to be quoted after the loop: the coefficients over all answers that may be right, with budget, influence and doubts."""
+"""What is to be quoted after the loop: the coefficients over all answers that may be right, with
+budget, influence and doubts.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +16,56 @@ from nearlift.diagnosis.search import Answer, Stage
 from nearlift.fitting import gum
 from nearlift.fitting.estimator import Estimator, largest
 from nearlift.fitting.problem import Problem
-from nearlift.quotation import BoundaryResult, Correlation, Doubt, HeldOutError, LargestShifts, Shift
+from nearlift.quotation import (
+    BoundaryResult,
+    Correlation,
+    Doubt,
+    HeldOutError,
+    LargestShifts,
+    Shift,
+)
 
 VISITS = "visits left out in turn"
 
 
-def result(stage: Stage, answer: Answer, found: Answers, correlation: Correlation, error: HeldOutError | None) -> BoundaryResult:
-    """The boundary's part of results.json; `found` is what the coefficients are under every answer."""
+def result(
+    stage: Stage,
+    answer: Answer,
+    found: Answers,
+    correlation: Correlation,
+    error: HeldOutError | None,
+) -> BoundaryResult:
+    """The boundary's part of results.json; `found` is what the coefficients are under
+    every answer.
+    """
     estimator = _estimator(stage, answer, found)
     named = answer.accepted[0].effects if answer.accepted else ()
-    others = dict.fromkeys(name for e in answer.accepted[1:] for name in e.effects if name not in named)
+    others = dict.fromkeys(
+        name for e in answer.accepted[1:] for name in e.effects if name not in named
+    )
     doubts = estimator.doubts()
-    which = f"which of {len(answer.accepted)} answers holds" if len(answer.accepted) > 1 else "shift by the form"
+    which = (
+        f"which of {len(answer.accepted)} answers holds"
+        if len(answer.accepted) > 1
+        else "shift by the form"
+    )
     coefficients = {}
     for i, name in enumerate(found.names):
-        quoted = estimator.quoted(i, found.spans(i), _holds(stage, answer, found), [*_doubts(estimator, answer, found, i), *doubts[i]], which)
+        quoted = estimator.quoted(
+            i,
+            found.spans(i),
+            _holds(stage, answer, found),
+            [*_doubts(estimator, answer, found, i), *doubts[i]],
+            which,
+        )
         if stage.independent:
-            quoted = quoted.model_copy(update={"influence": LargestShifts(trial=quoted.influence.trial, visit=_of_visits(stage, answer.best, i))})
+            quoted = quoted.model_copy(
+                update={
+                    "influence": LargestShifts(
+                        trial=quoted.influence.trial, visit=_of_visits(stage, answer.best, i)
+                    )
+                }
+            )
         coefficients[name] = quoted
     return BoundaryResult(
         verdict=answer.verdict,
@@ -54,16 +89,31 @@ def correlation(names: list[str], covariance: FloatArray) -> Correlation:
 
 def _holds(stage: Stage, answer: Answer, found: Answers) -> str:
     """What an interval allows for."""
-    errors = "the scatter of whole visits" if stage.independent else "the noise of trials and the declared errors"
+    errors = (
+        "the scatter of whole visits"
+        if stage.independent
+        else "the noise of trials and the declared errors"
+    )
     if found.carried:
-        return f"Holds {errors}, and what has no name as a random discrepancy along {' and '.join(found.carried)}"
+        return (
+            f"Holds {errors}, and what has no name as a random discrepancy along"
+            f" {' and '.join(found.carried)}"
+        )
     if not answer.accepted:
-        none = "nothing else was found" if stage.options.pairs else "nothing else was found that so few trials could show"
-        missing = ", and nothing that has no name" if answer.verdict == "unexplained" else f"; {none}"
+        none = (
+            "nothing else was found"
+            if stage.options.pairs
+            else "nothing else was found that so few trials could show"
+        )
+        missing = (
+            ", and nothing that has no name" if answer.verdict == "unexplained" else f"; {none}"
+        )
         return f"Holds {errors}{missing}"
     names = [e.name for e in answer.accepted]
     form = "" if stage.independent else ", its form uncertain"
-    beside = f"; over {len(names)} answers that this design cannot tell apart" if len(names) > 1 else ""
+    beside = (
+        f"; over {len(names)} answers that this design cannot tell apart" if len(names) > 1 else ""
+    )
     return f"Holds {errors} with {names[0]} in the model{form}{beside}"
 
 
@@ -75,16 +125,25 @@ def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> lis
 
     listed = []
     if answer.accepted:
-        listed.append(at(f"{answer.accepted[0].name} is all, exactly in its declared form", found.conditional))
-        listed += [at(f"it is {name} in place of {answer.accepted[0].name}", pair) for name, pair in found.members[1:]]
+        listed.append(
+            at(f"{answer.accepted[0].name} is all, exactly in its declared form", found.conditional)
+        )
+        listed += [
+            at(f"it is {name} in place of {answer.accepted[0].name}", pair)
+            for name, pair in found.members[1:]
+        ]
     if answer.verdict != "adequate":
         listed.append(at("the base model lacks nothing", found.before))
-    listed.append(at("every effect too small to be seen acts at its plausible size", found.constrained))
+    listed.append(
+        at("every effect too small to be seen acts at its plausible size", found.constrained)
+    )
     return listed
 
 
 def _estimator(stage: Stage, answer: Answer, found: Answers) -> Estimator:
-    """The best answer's, linearised about the values quoted: its effects, their form and what has no name are unknowns in the covariance."""
+    """The best answer's, linearised about the values quoted: its effects, their form and what has
+    no name are unknowns in the covariance.
+    """
     fitted, p = answer.best, len(found.names)
     value, u = found.value, found.members[0][1][1]
     low, high = fitted.candidate.bounds
@@ -97,9 +156,14 @@ def _estimator(stage: Stage, answer: Answer, found: Answers) -> Estimator:
     elif p:
         g = gum.gain(problem, value)
         lines = gum.lines(problem, g, stage.parts, stage.noise, stage.slope)
-        lines += tuple(gum.further(name, "B", g @ problem.covariance.shared[:, columns]) for name, columns in unknowns.items())
+        lines += tuple(
+            gum.further(name, "B", g @ problem.covariance.shared[:, columns])
+            for name, columns in unknowns.items()
+        )
         parts = [(part, stage.slope) for part in stage.parts]
-        without = gum.without_each(problem, problem.jacobian(value), stage.noise, parts, u, unknowns)
+        without = gum.without_each(
+            problem, problem.jacobian(value), stage.noise, parts, u, unknowns
+        )
     return Estimator(
         problem=problem,
         theta=value,
@@ -113,13 +177,21 @@ def _estimator(stage: Stage, answer: Answer, found: Answers) -> Estimator:
     )
 
 
-def _with_unknowns(stage: Stage, answer: Answer, found: Answers) -> tuple[Problem, dict[str, slice]]:
-    """The likelihood in the base model's coefficients alone, and where its further unknowns stand among the shared ones."""
+def _with_unknowns(
+    stage: Stage, answer: Answer, found: Answers
+) -> tuple[Problem, dict[str, slice]]:
+    """The likelihood in the base model's coefficients alone, and where its further unknowns stand
+    among the shared ones.
+    """
     fitted, space, p = answer.best, stage.space, len(found.names)
     candidate, vector = fitted.candidate, fitted.vector
     data = dataclasses.replace(stage.data, lift_N=np.exp(stage.log_lift))
     jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
-    shift = candidate.log_ratio(vector) - stage.candidate().log_ratio(vector[:p]) - jacobian[:, p:] @ (vector - mean)[p:]
+    shift = (
+        candidate.log_ratio(vector)
+        - stage.candidate().log_ratio(vector[:p])
+        - jacobian[:, p:] @ (vector - mean)[p:]
+    )
     own = space.covariance.shared
     blocks: list[tuple[str, FloatArray]] = []
     for effect in candidate.effects:
@@ -132,7 +204,10 @@ def _with_unknowns(stage: Stage, answer: Answer, found: Answers) -> tuple[Proble
     blocks = [(name, columns) for name, columns in blocks if columns.shape[1]]
     shared = np.hstack([own, *(columns for _, columns in blocks)])
     ends = own.shape[1] + np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
-    unknowns = {name: slice(int(a), int(b)) for (name, _), a, b in zip(blocks, ends[:-1], ends[1:], strict=True)}
+    unknowns = {
+        name: slice(int(a), int(b))
+        for (name, _), a, b in zip(blocks, ends[:-1], ends[1:], strict=True)
+    }
     covariance = dataclasses.replace(space.covariance, shared=shared)
     return Problem(model=stage.base, data=data, covariance=covariance, shift=shift), unknowns
 

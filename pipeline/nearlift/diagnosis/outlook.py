@@ -1,4 +1,6 @@
-"""A design weighed before it is run: which effects it could see, which it could not tell apart, and the smallest change that would."""
+"""A design weighed before it is run: which effects it could see, which it could not tell apart, and
+the smallest change that would.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,11 @@ from nearlift.results import Observations
 CONFUSED = 0.5
 
 
-def outlook(foresight: Foresight, library: tuple[Effect, ...], variants: Mapping[str, Observations] | None = None) -> dict[str, Any]:
+def outlook(
+    foresight: Foresight,
+    library: tuple[Effect, ...],
+    variants: Mapping[str, Observations] | None = None,
+) -> dict[str, Any]:
     """What a stage's design could see, confuse and never see, with what to change.
 
     Parameters
@@ -28,7 +34,8 @@ def outlook(foresight: Foresight, library: tuple[Effect, ...], variants: Mapping
     library : tuple of Effect
         The testable effects.
     variants : mapping of str to Observations
-        The same number of trials run otherwise (throttles in another order, from both sides), their covariates derived.
+        The same number of trials run otherwise (throttles in another order, from both sides), their
+        covariates derived.
     """
     stage = foresight.stage
     rows: list[dict[str, Any]] = []
@@ -41,9 +48,13 @@ def outlook(foresight: Foresight, library: tuple[Effect, ...], variants: Mapping
             rows.append(row)
             for rival, chance in row["rivals"].items():
                 if chance >= CONFUSED and row["verdict"] != "too small to see":
-                    pairs.append(Pair(handle=handle, rival=rival, size=row["plausible_size"], chance=chance))
+                    pairs.append(
+                        Pair(handle=handle, rival=rival, size=row["plausible_size"], chance=chance)
+                    )
     value, u = coefficients.spread(stage, stage.base_fit)
-    chosen = np.hstack([np.zeros((stage.data.n, 0)), coefficients.constrained_columns(stage, (), {})])
+    chosen = np.hstack(
+        [np.zeros((stage.data.n, 0)), coefficients.constrained_columns(stage, (), {})]
+    )
     _, u_wide = coefficients.spread(stage, stage.base_fit, chosen)
     return {
         "base_model": stage.base.name,
@@ -62,7 +73,9 @@ def outlook(foresight: Foresight, library: tuple[Effect, ...], variants: Mapping
 
 
 def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
-    """One way of one effect: its detection limit, what happens at its plausible size, its harm where it hides."""
+    """One way of one effect: its detection limit, what happens at its plausible size, its harm
+    where it hides.
+    """
     stage = foresight.stage
     share = visibility(stage, handle.effect)
     plausible = min(handle.plausible, handle.largest)
@@ -78,7 +91,11 @@ def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
     elif contest.alone >= CONFUSED:
         verdict = "named"
     else:
-        verdict = "seen, not told apart" if any(c >= CONFUSED for c in contest.rivals.values()) else "seen, seldom named"
+        verdict = (
+            "seen, not told apart"
+            if any(c >= CONFUSED for c in contest.rivals.values())
+            else "seen, seldom named"
+        )
     return {
         "effect": handle.effect.name,
         "parameter": handle.parameter.name,
@@ -88,17 +105,26 @@ def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
         "plausible_size": plausible,
         "detection_limit": limit,
         "verdict": verdict,
-        **{k: getattr(contest, k) if contest else 0.0 for k in ("seen", "within", "first", "alone")},
-        "rivals": {n: c for n, c in sorted(contest.rivals.items(), key=lambda i: -i[1]) if c >= 0.05} if contest else {},
+        **{
+            k: getattr(contest, k) if contest else 0.0 for k in ("seen", "within", "first", "alone")
+        },
+        "rivals": {
+            n: c for n, c in sorted(contest.rivals.items(), key=lambda i: -i[1]) if c >= 0.05
+        }
+        if contest
+        else {},
         "hides_up_to": hiding,
         "bias": {
-            p.name: {"shift": float(d), "in_u": float(d / s) if s > 0 else 0.0} for p, d, s in zip(stage.base.parameters, shift, u, strict=True)
+            p.name: {"shift": float(d), "in_u": float(d / s) if s > 0 else 0.0}
+            for p, d, s in zip(stage.base.parameters, shift, u, strict=True)
         },
     }
 
 
 def groups(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """Effects linked by pairs that are not told apart at a plausible size, as connected groups of two and more."""
+    """Effects linked by pairs that are not told apart at a plausible size, as connected groups of
+    two and more.
+    """
     group: dict[str, set[str]] = {}
     for row in rows:
         for rival, chance in row["rivals"].items():

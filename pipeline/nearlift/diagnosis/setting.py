@@ -1,4 +1,6 @@
-"""What a campaign lets an effect know: its covariates, what follows from them, and which effects cannot be tested."""
+"""What a campaign lets an effect know: its covariates, what follows from them, and which effects
+cannot be tested.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,16 @@ from nearlift.effects import STAND_INS
 from nearlift.fitting.noise import elapsed_trials
 from nearlift.results import Observations
 
-#: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute where the scale is fixed.
-LEAST_SPREAD = {"temperature_K": 0.2, "pressure_Pa": 20.0, "humidity": 0.01, "tilt_rad": 1e-3, "supply_V": 5e-3, "speed_hat": 5e-4}
+#: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute
+#: where the scale is fixed.
+LEAST_SPREAD = {
+    "temperature_K": 0.2,
+    "pressure_Pa": 20.0,
+    "humidity": 0.01,
+    "tilt_rad": 1e-3,
+    "supply_V": 5e-3,
+    "speed_hat": 5e-4,
+}
 #: What effects call the covariate along which they vary, in the schedule's words.
 SCHEDULE_WORDS = {
     "z_hat": "distance",
@@ -30,11 +40,13 @@ SCHEDULE_WORDS = {
 def derive(data: Observations, levels: FloatArray) -> Observations:
     """The observations with every derived covariate that effects and families may ask for.
 
-    `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order, scaled to [-1, 1]),
-    `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at the start of a session), `order_in_visit`,
-    `speed_hat` (rotor speed over its median at the throttle), `drift_hat` (relative change of lift within a record), `lift_inf_N`
-    (`levels`, L_inf per throttle in N, spread over the trials); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`, `pressure_ref_Pa`,
-    `throttle_ref`, and `radius_m`. Where the order of the trials is unknown, all that follows from it is constant.
+    `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order,
+    scaled to [-1, 1]), `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at
+    the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
+    throttle), `drift_hat` (relative change of lift within a record), `lift_inf_N` (`levels`, L_inf
+    per throttle in N, spread over the trials); and, as geometry, the medians `supply_ref_V`,
+    `temperature_ref_K`, `pressure_ref_Pa`, `throttle_ref`, and `radius_m`. Where the order of the
+    trials is unknown, all that follows from it is constant.
     """
     known = dict(data.covariates)
     n = data.n
@@ -44,27 +56,52 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
         # nobody knows what came before what, so nothing may vary along it
         first, index = np.ones(n, dtype=bool), np.zeros(n)
         known.pop("start_s", None)
-    order = known["start_s"] if "start_s" in known and np.isfinite(known["start_s"]).all() else index
+    order = (
+        known["start_s"] if "start_s" in known and np.isfinite(known["start_s"]).all() else index
+    )
     known["elapsed_hat"] = _scaled(order)
     known["run_order"] = index
     known["elapsed_trials"] = elapsed_trials(order)
     if "start_s" in known:
         begin = known["start_s"][np.maximum.accumulate(np.where(first, np.arange(n), 0))]
         known["since_start_s"] = known["start_s"] - begin
-        known["rest_s"] = np.where(first, 0.0, np.diff(known["start_s"], prepend=known["start_s"][:1]))
+        known["rest_s"] = np.where(
+            first, 0.0, np.diff(known["start_s"], prepend=known["start_s"][:1])
+        )
     known["lift_inf_N"] = levels[data.level]
-    if "speed_Hz" in known and np.isfinite(known["speed_Hz"]).all() and (known["speed_Hz"] > 0).all():
-        usual = np.array([np.median(known["speed_Hz"][data.level == k]) for k in range(len(levels))])
+    if (
+        "speed_Hz" in known
+        and np.isfinite(known["speed_Hz"]).all()
+        and (known["speed_Hz"] > 0).all()
+    ):
+        usual = np.array(
+            [np.median(known["speed_Hz"][data.level == k]) for k in range(len(levels))]
+        )
         known["speed_hat"] = known["speed_Hz"] / usual[data.level]
-    # the level and not the trial's own lift: that carries its noise, which would then explain its neighbour's
-    for name, values in (("previous_lift_N", known["lift_inf_N"]), ("previous_throttle", data.throttle), ("previous_z_hat", data.z_hat)):
+    # the level and not the trial's own lift: that carries its noise, which would then explain its
+    # neighbour's
+    for name, values in (
+        ("previous_lift_N", known["lift_inf_N"]),
+        ("previous_throttle", data.throttle),
+        ("previous_z_hat", data.z_hat),
+    ):
         known[name] = np.where(first, 0.0, np.r_[0.0, values[:-1]])
     change = np.r_[True, data.visit[1:] != data.visit[:-1]]
-    known["order_in_visit"] = index - index[np.maximum.accumulate(np.where(change, np.arange(n), 0))]
+    known["order_in_visit"] = (
+        index - index[np.maximum.accumulate(np.where(change, np.arange(n), 0))]
+    )
     if {"drift_N_s", "record_s"} <= known.keys():
         known["drift_hat"] = known["drift_N_s"] * known["record_s"] / data.lift_N
-    geometry: dict[str, Any] = {**data.geometry, "radius_m": data.radius_m, "throttle_ref": float(np.median(data.throttle))}
-    for name, reference in (("supply_V", "supply_ref_V"), ("temperature_K", "temperature_ref_K"), ("pressure_Pa", "pressure_ref_Pa")):
+    geometry: dict[str, Any] = {
+        **data.geometry,
+        "radius_m": data.radius_m,
+        "throttle_ref": float(np.median(data.throttle)),
+    }
+    for name, reference in (
+        ("supply_V", "supply_ref_V"),
+        ("temperature_K", "temperature_ref_K"),
+        ("pressure_Pa", "pressure_ref_Pa"),
+    ):
         if name in known and np.isfinite(known[name]).any():
             geometry[reference] = float(np.nanmedian(known[name]))
     for name, value in STAND_INS.items():
@@ -92,4 +129,6 @@ def varies(data: Observations, name: str) -> bool:
 
 def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
     """What the effect needs that these trials do not tell; empty if it can be tested."""
-    return tuple(n for n in effect.needs if n not in ("lift_inf_N", *STAND_INS) and not varies(data, n))
+    return tuple(
+        n for n in effect.needs if n not in ("lift_inf_N", *STAND_INS) and not varies(data, n)
+    )

@@ -1,7 +1,8 @@
 """Whether the answer rests on a single trial.
 
-The closed form says which trial moves the headline most; the whole diagnosis made again without it, noise, search and all, says how far it moves
-and whether anything else would be said. Where that is more than one standard uncertainty, or another verdict, the answer rests on the trial.
+The closed form says which trial moves the headline most; the whole diagnosis made again without it,
+noise, search and all, says how far it moves and whether anything else would be said. Where that is
+more than one standard uncertainty, or another verdict, the answer rests on the trial.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ import numpy as np
 
 from nearlift.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
-#: No trial is left out if the closed form says that none moves the headline by this part of its standard uncertainty.
+#: No trial is left out if the closed form says that none moves the headline by this part of its
+#: standard uncertainty.
 LOOK = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Without:
-    """What a campaign without one trial comes to: `intervals` are value, lo90 and hi90 by coefficient."""
+    """What a campaign without one trial comes to: `intervals` are value, lo90 and hi90 by
+    coefficient.
+    """
 
     verdict: Verdict
     effects: tuple[str, ...]
@@ -27,20 +31,28 @@ class Without:
 
 
 def told(quoted: BoundaryResult, without: Callable[[str], Without]) -> BoundaryResult:
-    """The result with the headline's largest shift by a single trial made exact, and where the answer rests on that trial, saying so.
+    """The result with the headline's largest shift by a single trial made exact, and where the
+    answer rests on that trial, saying so.
 
     `without` makes the diagnosis again without one trial, by its id.
     """
     name = quoted.headline
     most = quoted.coefficients[name].influence.trial if name else None
-    if most is None or not np.isfinite(quoted.coefficients[name].u) or abs(most.shift) < LOOK * quoted.coefficients[name].u:
+    if (
+        most is None
+        or not np.isfinite(quoted.coefficients[name].u)
+        or abs(most.shift) < LOOK * quoted.coefficients[name].u
+    ):
         return quoted
     again = without(most.id)
     headline = quoted.coefficients[name]
     value, low, high = again.intervals[name]
     shift = value - headline.value
     influence = headline.influence.model_copy(update={"trial": Shift(id=most.id, shift=shift)})
-    coefficients = {**quoted.coefficients, name: headline.model_copy(update={"influence": influence})}
+    coefficients = {
+        **quoted.coefficients,
+        name: headline.model_copy(update={"influence": influence}),
+    }
     found = quoted.model_copy(update={"coefficients": coefficients})
     if abs(shift) <= headline.u and again.verdict == quoted.verdict:
         return found

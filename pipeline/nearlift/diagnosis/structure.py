@@ -1,8 +1,9 @@
 """Is there structure, and along what? One test for all families and all library effects at once.
 
-Each family gives a chi-square in the space that the model leaves. The statistic is the most significant of them all, and its
-threshold comes from the distribution of that same maximum under the null, so the false-alarm rate does not grow with the
-number of candidates. That distribution is drawn once a search, and everything that the search tests is held against it.
+Each family gives a chi-square in the space that the model leaves. The statistic is the most
+significant of them all, and its threshold comes from the distribution of that same maximum under
+the null, so the false-alarm rate does not grow with the number of candidates. That distribution is
+drawn once a search, and everything that the search tests is held against it.
 """
 
 from __future__ import annotations
@@ -15,20 +16,25 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: So many that the rate at a threshold of 5 % is known to a seventeenth of itself (a binomial count of 300); so many at once.
+#: So many that the rate at a threshold of 5 % is known to a seventeenth of itself (a binomial count
+#: of 300); so many at once.
 DRAWS, AT_ONCE = 6000, 1500
-#: Below this chance, draws are too few to count: -log10 p of the largest test has an exponential tail there, as a single test has.
+#: Below this chance, draws are too few to count: -log10 p of the largest test has an exponential
+#: tail there, as a single test has.
 TAIL = 0.02
 LEAST_P = 1e-300
 #: Of a continued fraction, enough where it is used: far out in the tail.
 TERMS = 40
-#: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the first in order stands before.
+#: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the
+#: first in order stands before.
 SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hypothesis:
-    """One family or one effect with one shape, as columns (d, k) in a reduced space with unit noise."""
+    """One family or one effect with one shape, as columns (d, k) in a reduced space with unit
+    noise.
+    """
 
     name: str
     covariate: str
@@ -39,8 +45,9 @@ class Hypothesis:
 class Structure:
     """Outcome of the test.
 
-    `log10_p` holds each hypothesis's own log10 p-value; `p_value` the chance that the largest of them all would be as extreme under
-    the null; `threshold` the log10 p below which a single one is significant at the false-alarm rate.
+    `log10_p` holds each hypothesis's own log10 p-value; `p_value` the chance that the largest of
+    them all would be as extreme under the null; `threshold` the log10 p below which a single one is
+    significant at the false-alarm rate.
     """
 
     names: tuple[str, ...]
@@ -59,7 +66,9 @@ class Structure:
         return {covariate: value for covariate, (value, _) in self.foremost().items()}
 
     def foremost(self) -> dict[str, tuple[float, str]]:
-        """The smallest log10 p-value of each covariate and the family or effect that has it, most significant first."""
+        """The smallest log10 p-value of each covariate and the family or effect that has it, most
+        significant first.
+        """
         best: dict[str, tuple[float, str]] = {}
         for name, covariate, value in zip(self.names, self.covariates, self.log10_p, strict=True):
             if covariate not in best or value < best[covariate][0] * (1 + SAME):
@@ -67,16 +76,23 @@ class Structure:
         return dict(sorted(best.items(), key=lambda item: item[1][0]))
 
 
-def mapped(hypotheses: tuple[Hypothesis, ...], change: Callable[[FloatArray], FloatArray]) -> tuple[Hypothesis, ...]:
+def mapped(
+    hypotheses: tuple[Hypothesis, ...], change: Callable[[FloatArray], FloatArray]
+) -> tuple[Hypothesis, ...]:
     """Every hypothesis with its columns changed, all in one call."""
     if not hypotheses:
         return ()
     together = change(np.hstack([h.columns for h in hypotheses]))
     ends = np.cumsum([h.columns.shape[1] for h in hypotheses])[:-1]
-    return tuple(replace(h, columns=x) for h, x in zip(hypotheses, np.split(together, ends, axis=1), strict=True))
+    return tuple(
+        replace(h, columns=x)
+        for h, x in zip(hypotheses, np.split(together, ends, axis=1), strict=True)
+    )
 
 
-def bases(hypotheses: tuple[Hypothesis, ...], remove: FloatArray) -> tuple[list[int], FloatArray, FloatArray]:
+def bases(
+    hypotheses: tuple[Hypothesis, ...], remove: FloatArray
+) -> tuple[list[int], FloatArray, FloatArray]:
     """Orthonormal columns of every hypothesis after `remove` (d, q, orthonormal) is projected out.
 
     Returns
@@ -134,7 +150,9 @@ def log10_tail(chi2: FloatArray, ranks: FloatArray) -> FloatArray:
         fraction = z + 2 * TERMS + 1 - a
         for n in range(TERMS, 0, -1):
             fraction = z + 2 * n - 1 - a - n * (n - a) / fraction
-        result = np.where(far, (a * np.log(z) - z - np.log(fraction) - gammaln(a)) / np.log(10), result)
+        result = np.where(
+            far, (a * np.log(z) - z - np.log(fraction) - gammaln(a)) / np.log(10), result
+        )
     return result
 
 
@@ -146,7 +164,9 @@ def _chi2(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatAr
 
 @lru_cache(maxsize=512)
 def _table(rank: int) -> tuple[FloatArray, FloatArray]:
-    """Chi-square and its log10 p-value for one number of degrees of freedom, fine enough for straight lines between."""
+    """Chi-square and its log10 p-value for one number of degrees of freedom, fine enough for
+    straight lines between.
+    """
     # steps of the square root, in which the logarithm is smooth at both ends
     chi2 = np.linspace(0.0, np.sqrt(rank) + 12.0, 3000) ** 2
     return chi2, log10_tail(chi2, np.array(float(rank)))
@@ -158,13 +178,17 @@ def _least(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatAr
     least = np.zeros(len(draws))
     for rank in np.unique(ranks):
         # of hypotheses with equal freedom the largest chi-square is the most significant
-        np.minimum(least, np.interp(chi2[:, ranks == rank].max(axis=1), *_table(int(rank))), out=least)
+        np.minimum(
+            least, np.interp(chi2[:, ranks == rank].max(axis=1), *_table(int(rank))), out=least
+        )
     return least
 
 
 @dataclass(frozen=True, slots=True)
 class Null:
-    """What the most significant of all tests does by chance: its log10 p-value in each draw, ascending, (m,)."""
+    """What the most significant of all tests does by chance: its log10 p-value in each draw,
+    ascending, (m,).
+    """
 
     least: FloatArray
 
@@ -186,14 +210,18 @@ class Null:
         start, excess = self.tail
         if log10_p < start:
             return float(max(TAIL * np.exp((log10_p - start) / max(excess, LEAST_P)), LEAST_P))
-        return float((1 + np.searchsorted(self.least, log10_p, side="right")) / (1 + len(self.least)))
+        return float(
+            (1 + np.searchsorted(self.least, log10_p, side="right")) / (1 + len(self.least))
+        )
 
 
 #: A single test's: wrong where there are many, and here to show what that does.
 ALONE = Null(np.log10((np.arange(DRAWS) + 0.5) / DRAWS))
 
 
-def draw(hypotheses: tuple[Hypothesis, ...], remove: FloatArray, rng: np.random.Generator, dof: float) -> Null:
+def draw(
+    hypotheses: tuple[Hypothesis, ...], remove: FloatArray, rng: np.random.Generator, dof: float
+) -> Null:
     """The null distribution of the most significant of these hypotheses.
 
     Parameters
@@ -214,7 +242,13 @@ def draw(hypotheses: tuple[Hypothesis, ...], remove: FloatArray, rng: np.random.
     return Null(np.sort(least))
 
 
-def examine(scores: FloatArray, hypotheses: tuple[Hypothesis, ...], remove: FloatArray, null: Null, rate: float) -> Structure:
+def examine(
+    scores: FloatArray,
+    hypotheses: tuple[Hypothesis, ...],
+    remove: FloatArray,
+    null: Null,
+    rate: float,
+) -> Structure:
     """Test all hypotheses at once.
 
     Parameters
@@ -230,8 +264,16 @@ def examine(scores: FloatArray, hypotheses: tuple[Hypothesis, ...], remove: Floa
     """
     which, stacked, ranks = bases(hypotheses, remove)
     if not which:
-        return Structure(names=(), covariates=(), log10_p=np.zeros(1), p_value=1.0, threshold=-np.inf)
+        return Structure(
+            names=(), covariates=(), log10_p=np.zeros(1), p_value=1.0, threshold=-np.inf
+        )
     names = tuple(hypotheses[i].name for i in which)
     covariates = tuple(hypotheses[i].covariate for i in which)
     log10 = log10_p(scores, stacked, ranks)
-    return Structure(names=names, covariates=covariates, log10_p=log10, p_value=null.p_value(log10.min()), threshold=null.threshold(rate))
+    return Structure(
+        names=names,
+        covariates=covariates,
+        log10_p=log10,
+        p_value=null.p_value(log10.min()),
+        threshold=null.threshold(rate),
+    )

@@ -1,6 +1,7 @@
 """Effects within a trial: does lift change during the record, early against late?
 
-A change that is the same in every trial moves all means alike and is absorbed by L_inf; only the records show it.
+A change that is the same in every trial moves all means alike and is absorbed by L_inf; only the
+records show it.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ HARMLESS = 5e-4
 
 
 def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> dict[str, Any] | None:
-    """Mean relative change of lift over a record, tested against the scatter between visits; None where records are unknown.
+    """Mean relative change of lift over a record, tested against the scatter between visits; None
+    where records are unknown.
 
-    Visits, not trials, are the independent units: the trials of one visit follow each other within a minute.
+    Visits, not trials, are the independent units: the trials of one visit follow each other within
+    a minute.
     """
     from scipy.stats import t
 
@@ -41,7 +44,9 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> dic
 
 
 def power(data: Observations, rate: float, chance: float) -> dict[str, Any] | None:
-    """The mean relative change over a record that `heating` finds with that chance at that rate; None where records are unknown."""
+    """The mean relative change over a record that `heating` finds with that chance at that rate;
+    None where records are unknown.
+    """
     from scipy.optimize import brentq
     from scipy.stats import nct, t
 
@@ -56,7 +61,9 @@ def power(data: Observations, rate: float, chance: float) -> dict[str, Any] | No
 
 
 def _by_visit(data: Observations) -> FloatArray | None:
-    """Mean relative change over a record of every visit; None where records are unknown or visits too few."""
+    """Mean relative change over a record of every visit; None where records are unknown or visits
+    too few.
+    """
     drift = data.covariates.get("drift_hat")
     if drift is None or not np.isfinite(drift).all() or not np.any(drift):
         return None

@@ -1,8 +1,9 @@
 """Candidate effects, one file each: what a model may lack. See `nearlift.declare.Effect`.
 
-An effect enters only with a physical mechanism and a form; steps, ripples and periodic disturbances without one stay structure
-without a name. To add an effect, write its file and name it here; an effect of another package is found by its entry point
-(`catalogue`). Every name competes with the others: add one only if its covariate or its shape is its own.
+An effect enters only with a physical mechanism and a form; steps, ripples and periodic disturbances
+without one stay structure without a name. To add an effect, write its file and name it here; an
+effect of another package is found by its entry point (`catalogue`). Every name competes with the
+others: add one only if its covariate or its shape is its own.
 """
 
 from collections.abc import Mapping
@@ -65,5 +66,6 @@ EFFECTS: tuple[Effect, ...] = (
     motor_heating.EFFECT,
 )
 
-#: Needs that an effect can do without, and the neutral value that stands in where nobody recorded them.
+#: Needs that an effect can do without, and the neutral value that stands in where nobody recorded
+#: them.
 STAND_INS: Mapping[str, float] = MappingProxyType({**air_density.STANDARD, "rest_s": 0.0})

@@ -1,18 +1,21 @@
 """Force: density of the air.
 
     lift -> lift (rho / rho_ref)^density_exponent
-    rho = (p - p_v) / (287.058 T) + p_v / (461.495 T),   p_v = humidity 610.94 exp(17.625 t / (t + 243.04)),   t in degC
+    rho = (p - p_v) / (287.058 T) + p_v / (461.495 T),   p_v = humidity 610.94 exp(17.625 t / (t +
+    243.04)),   t in degC
 
 Mechanism: lift is proportional to density at a given speed and inflow.
 
-Convention: density_exponent 1 is the full effect, less at a fixed throttle, where the motor speeds up in thin air. rho_ref is
-the density at the campaign's median temperature and pressure and at humidity 0.5. Pressure and humidity that nobody recorded
-may stand at `STANDARD`: they then change nothing.
+Convention: density_exponent 1 is the full effect, less at a fixed throttle, where the motor speeds
+up in thin air. rho_ref is the density at the campaign's median temperature and pressure and at
+humidity 0.5. Pressure and humidity that nobody recorded may stand at `STANDARD`: they then change
+nothing.
 
 Size: -1.8 % for +5 degC, -2.3 % for -2.3 kPa, -0.8 % for humidity from 0 to 90 %.
 
-Confounded with zero_temperature, gain_drift and session_gain over a day that warms up. Logged temperature, pressure and humidity
-separate them; it cancels where free air is measured next to every trial.
+Confounded with zero_temperature, gain_drift and session_gain over a day that warms up. Logged
+temperature, pressure and humidity separate them; it cancels where free air is measured next to
+every trial.
 """
 
 from __future__ import annotations
@@ -31,14 +34,26 @@ def density(temperature_K: Any, pressure_Pa: Any, humidity: Any) -> Any:
     """Density of moist air in kg/m^3. Shapes broadcast."""
     celsius = temperature_K - 273.15
     vapour_Pa = humidity * 610.94 * np.exp(17.625 * celsius / (celsius + 243.04))
-    return (pressure_Pa - vapour_Pa) / (287.058 * temperature_K) + vapour_Pa / (461.495 * temperature_K)
+    return (pressure_Pa - vapour_Pa) / (287.058 * temperature_K) + vapour_Pa / (
+        461.495 * temperature_K
+    )
 
 
 def evaluate(
-    lift: Any, /, *, temperature_K: Any, pressure_Pa: Any, humidity: Any, temperature_ref_K: Any, pressure_ref_Pa: Any, density_exponent: Any
+    lift: Any,
+    /,
+    *,
+    temperature_K: Any,
+    pressure_Pa: Any,
+    humidity: Any,
+    temperature_ref_K: Any,
+    pressure_ref_Pa: Any,
+    density_exponent: Any,
 ) -> Any:
     """Lift in that air. Shapes broadcast."""
-    relative = density(temperature_K, pressure_Pa, humidity) / density(temperature_ref_K, pressure_ref_Pa, STANDARD["humidity"])
+    relative = density(temperature_K, pressure_Pa, humidity) / density(
+        temperature_ref_K, pressure_ref_Pa, STANDARD["humidity"]
+    )
     return lift * relative**density_exponent
 
 
@@ -61,11 +76,16 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-1.0, 3.0),
             prior=normal(0.0, 1.0),
-            meaning="power of density that lift follows; 1 at constant speed, less at constant throttle",
+            meaning=(
+                "power of density that lift follows; 1 at constant speed, less at constant throttle"
+            ),
         ),
     ),
     source=Source(
-        citation="Ideal gases; saturation pressure after Magnus with the coefficients of Alduchov and Eskridge 1996",
+        citation=(
+            "Ideal gases; saturation pressure after Magnus with the coefficients of Alduchov and"
+            " Eskridge 1996"
+        ),
         doubts=("At constant throttle the exponent was not measured; 0.6 to 1 is an estimate.",),
     ),
     checks=(
@@ -80,7 +100,12 @@ EFFECT = Effect(
         Check(
             x=1.0,
             expected=1.1712 / 1.1988,
-            arguments={"temperature_K": 293.15, **_ROOM, "pressure_Pa": 99000.0, "density_exponent": 1.0},
+            arguments={
+                "temperature_K": 293.15,
+                **_ROOM,
+                "pressure_Pa": 99000.0,
+                "density_exponent": 1.0,
+            },
             tolerance=1e-4,
             quoted_by="1.1712 at 99 kPa",
         ),

@@ -2,18 +2,19 @@
 
     ratio -> ratio + stagnation z_hat^(-stagnation_power)
 
-Mechanism: close to the ground the wakes cannot leave freely; air dammed up beneath body, battery and arms presses on them, or
-the wall jets' speed sucks them down.
+Mechanism: close to the ground the wakes cannot leave freely; air dammed up beneath body, battery
+and arms presses on them, or the wall jets' speed sucks them down.
 
-Convention: stagnation > 0 gains lift (dammed up), < 0 loses it (suckdown); it is the share of L_inf one radius above the ground.
-The same at every throttle, since pressure and lift both go as the square of the jet's speed.
+Convention: stagnation > 0 gains lift (dammed up), < 0 loses it (suckdown); it is the share of L_inf
+one radius above the ground. The same at every throttle, since pressure and lift both go as the
+square of the jet's speed.
 
-Size on a Crazyflie: 9e-4 m^2 of body at the disk loading of 40 Pa bound it by 36 mN, 14 % of the weight; realistic 0 to 3 %
-where trials begin. Published suckdown forms are powers z_hat^-1 to z_hat^-3; closer than 0.2 radii none was measured, and the
-form is held there.
+Size on a Crazyflie: 9e-4 m^2 of body at the disk loading of 40 Pa bound it by 36 mN, 14 % of the
+weight; realistic 0 to 3 % where trials begin. Published suckdown forms are powers z_hat^-1 to
+z_hat^-3; closer than 0.2 radii none was measured, and the form is held there.
 
-Confounded with image_strength (0.999 above ground), height_offset, plate_edge and K_b. A bare frame against one with deck and
-battery separates them, and stations below z_hat = 1.
+Confounded with image_strength (0.999 above ground), height_offset, plate_edge and K_b. A bare frame
+against one with deck and battery separates them, and stations below z_hat = 1.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ HELD_BELOW = 0.2
 
 def evaluate(ratio: Any, /, *, z_hat: Any, stagnation: Any, stagnation_power: Any) -> Any:
     """L / L_inf with the airframe's share. Shapes broadcast."""
-    return ratio + stagnation * np.maximum(z_hat, HELD_BELOW) ** -np.asarray(stagnation_power, dtype=float)
+    return ratio + stagnation * np.maximum(z_hat, HELD_BELOW) ** -np.asarray(
+        stagnation_power, dtype=float
+    )
 
 
 EFFECT = Effect(
@@ -40,7 +43,10 @@ EFFECT = Effect(
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",
-    mechanism="air dammed up between ground and airframe presses on its underside, or wall jets suck it down",
+    mechanism=(
+        "air dammed up between ground and airframe presses on its underside, or wall jets suck it"
+        " down"
+    ),
     varies_with="z_hat",
     needs=("z_hat",),
     parameters=(
@@ -50,7 +56,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.15, 0.15),
             prior=normal(0.0, 0.02),
-            meaning="lift from the airframe's underside one radius up, as a share of L_inf; positive gains lift, negative is suckdown",
+            meaning=(
+                "lift from the airframe's underside one radius up, as a share of L_inf; positive"
+                " gains lift, negative is suckdown"
+            ),
         ),
         Parameter(
             name="stagnation_power",
@@ -64,13 +73,30 @@ EFFECT = Effect(
     ),
     boundaries=("ground",),
     source=Source(
-        citation="Physics of the bench; ground, suckdown and fountain told apart by arXiv 2309.10919",
-        doubts=("No closed form for a small quadrotor is known; the bound is disk loading times planform.",),
+        citation=(
+            "Physics of the bench; ground, suckdown and fountain told apart by arXiv 2309.10919"
+        ),
+        doubts=(
+            (
+                "No closed form for a small quadrotor is known; the bound is disk loading times"
+                " planform."
+            ),
+        ),
     ),
     checks=(
         Check(x=1.1586, expected=1.1586, arguments={"z_hat": 1.0}, quoted_by="null"),
-        Check(x=1.0, expected=1.0125, arguments={"z_hat": 2.0, "stagnation": 0.05}, quoted_by="by hand: 0.05 / 2^2"),
-        Check(x=1.0, expected=0.97, arguments={"z_hat": 1.0, "stagnation": -0.03, "stagnation_power": 3.0}, quoted_by="by hand: at z = r its size"),
+        Check(
+            x=1.0,
+            expected=1.0125,
+            arguments={"z_hat": 2.0, "stagnation": 0.05},
+            quoted_by="by hand: 0.05 / 2^2",
+        ),
+        Check(
+            x=1.0,
+            expected=0.97,
+            arguments={"z_hat": 1.0, "stagnation": -0.03, "stagnation_power": 3.0},
+            quoted_by="by hand: at z = r its size",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,17 +2,20 @@
 
     z_hat -> z_hat + approach * backlash_m / (2 r)
 
-Mechanism: play between nut and screw. The rotor plane stands half the play to one side or the other of where the counter says,
-by the direction of the last move.
+Mechanism: play between nut and screw. The rotor plane stands half the play to one side or the other
+of where the counter says, by the direction of the last move.
 
-Convention: approach is +1 when the last move was away from the boundary, -1 towards it, 0 where the traverse did not move.
-backlash_m > 0 where the vehicle is farther than recorded after a move away (it overshoots); a nut that trails the screw gives
-backlash_m < 0, so both signs are admitted. In free air nothing changes, whatever stands under `approach`.
+Convention: approach is +1 when the last move was away from the boundary, -1 towards it, 0 where the
+traverse did not move. backlash_m > 0 where the vehicle is farther than recorded after a move away
+(it overshoots); a nut that trails the screw gives backlash_m < 0, so both signs are admitted. In
+free air nothing changes, whatever stands under `approach`.
 
-Size on a Crazyflie: play up to 0.3 mm; above ground up to 0.1 %, under a ceiling up to 11 % of lift at z_hat = 0.1.
+Size on a Crazyflie: play up to 0.3 mm; above ground up to 0.1 %, under a ceiling up to 11 % of lift
+at z_hat = 0.1.
 
-Confounded with height_offset where every station was approached from one side, as the nearest and the farthest always are;
-otherwise looks like scatter of repeats. A sweep in both directions over the same stations separates them.
+Confounded with height_offset where every station was approached from one side, as the nearest and
+the farthest always are; otherwise looks like scatter of repeats. A sweep in both directions over
+the same stations separates them.
 """
 
 from __future__ import annotations
@@ -48,17 +51,37 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-1e-3, 1e-3),
             prior=normal(0.0, 0.2e-3),
-            meaning="play of the traverse; positive where the vehicle stands too far after a move away from the boundary, negative where it trails",
+            meaning=(
+                "play of the traverse; positive where the vehicle stands too far after a move away"
+                " from the boundary, negative where it trails"
+            ),
         ),
     ),
     source=Source(
         citation="Physics of the bench",
-        doubts=("Which way the play is taken up depends on what the counter reads, screw or carriage; hence both signs.",),
+        doubts=(
+            (
+                "Which way the play is taken up depends on what the counter reads, screw or"
+                " carriage; hence both signs."
+            ),
+        ),
     ),
     checks=(
-        Check(x=0.5, expected=0.5, arguments={"radius_m": 0.023, "approach": -1.0}, quoted_by="null"),
-        Check(x=1.0, expected=1.005, arguments={"radius_m": 0.023, "approach": 1.0, "backlash_m": 0.23e-3}, quoted_by="by hand: 0.115 mm of 23 mm"),
-        Check(x=1.0, expected=0.995, arguments={"radius_m": 0.023, "approach": -1.0, "backlash_m": 0.23e-3}, quoted_by="by hand, the other side"),
+        Check(
+            x=0.5, expected=0.5, arguments={"radius_m": 0.023, "approach": -1.0}, quoted_by="null"
+        ),
+        Check(
+            x=1.0,
+            expected=1.005,
+            arguments={"radius_m": 0.023, "approach": 1.0, "backlash_m": 0.23e-3},
+            quoted_by="by hand: 0.115 mm of 23 mm",
+        ),
+        Check(
+            x=1.0,
+            expected=0.995,
+            arguments={"radius_m": 0.023, "approach": -1.0, "backlash_m": 0.23e-3},
+            quoted_by="by hand, the other side",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,17 +2,21 @@
 
     lift -> lift + creep previous_lift_N exp(-rest_s / creep_s)
 
-Mechanism: a loaded cell creeps, and recovers after the load is gone. A record that begins before it has recovered takes a tare
-that is too high or too low, in proportion to the load of the trial before.
+Mechanism: a loaded cell creeps, and recovers after the load is gone. A record that begins before it
+has recovered takes a tare that is too high or too low, in proportion to the load of the trial
+before.
 
-Convention: creep > 0 reads too much lift after a heavy trial; a tare that is taken during recovery gives creep < 0, so both
-signs are admitted. previous_lift_N is 0 at the start of a session, rest_s the pause since the end of the trial before; where no
-times were recorded it may stand at 0, and the pause's part goes into creep.
+Convention: creep > 0 reads too much lift after a heavy trial; a tare that is taken during recovery
+gives creep < 0, so both signs are admitted. previous_lift_N is 0 at the start of a session, rest_s
+the pause since the end of the trial before; where no times were recorded it may stand at 0, and the
+pause's part goes into creep.
 
-Size on a Crazyflie: 0 to 0.05 % of the load, 10 to 1000 s; below 0.02 gf on a cell of 1 kgf, ten times that on a cheap one.
+Size on a Crazyflie: 0 to 0.05 % of the load, 10 to 1000 s; below 0.02 gf on a cell of 1 kgf, ten
+times that on a cheap one.
 
-Confounded with the previous throttle's other traces: warm motors, a battery that recovers. Throttles in random order, longer
-pauses and a tare after each trial separate them; throttles in ascending order make it part of L_inf.
+Confounded with the previous throttle's other traces: warm motors, a battery that recovers.
+Throttles in random order, longer pauses and a tare after each trial separate them; throttles in
+ascending order make it part of L_inf.
 """
 
 from __future__ import annotations
@@ -47,7 +51,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.1, 0.1),
             prior=normal(0.0, 0.005),
-            meaning="share of the previous load that is still read right after it; positive reads too much lift after a heavy trial",
+            meaning=(
+                "share of the previous load that is still read right after it; positive reads too"
+                " much lift after a heavy trial"
+            ),
         ),
         Parameter(
             name="creep_s",
@@ -60,11 +67,19 @@ EFFECT = Effect(
         ),
     ),
     source=Source(
-        citation="Data sheets of strain-gauge cells; public reports on creep of cheap ones", doubts=("The sign depends on when the tare is taken.",)
+        citation="Data sheets of strain-gauge cells; public reports on creep of cheap ones",
+        doubts=("The sign depends on when the tare is taken.",),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"previous_lift_N": 0.5, "rest_s": 5.0}, quoted_by="null"),
-        Check(x=0.3, expected=0.3025, arguments={"previous_lift_N": 0.5, "rest_s": 0.0, "creep": 0.005}, quoted_by="by hand: 0.5 % of 0.5 N"),
+        Check(
+            x=0.3, expected=0.3, arguments={"previous_lift_N": 0.5, "rest_s": 5.0}, quoted_by="null"
+        ),
+        Check(
+            x=0.3,
+            expected=0.3025,
+            arguments={"previous_lift_N": 0.5, "rest_s": 0.0, "creep": 0.005},
+            quoted_by="by hand: 0.5 % of 0.5 N",
+        ),
         Check(
             x=0.3,
             expected=0.3 + 0.0025 * 0.36787944,

@@ -2,17 +2,18 @@
 
     lift -> lift (1 + nonlinearity_per_N lift)
 
-Mechanism: the bridge's output is not quite proportional to force, more so under side load, or with a cell that was calibrated at
-two points of a far larger range.
+Mechanism: the bridge's output is not quite proportional to force, more so under side load, or with
+a cell that was calibrated at two points of a far larger range.
 
-Convention: nonlinearity_per_N > 0 reads large forces too large. It works in newtons, hence `additive`, although its share grows
-with lift. L_inf of each throttle takes up what does not vary with distance; gains at high throttle are then read larger.
+Convention: nonlinearity_per_N > 0 reads large forces too large. It works in newtons, hence
+`additive`, although its share grows with lift. L_inf of each throttle takes up what does not vary
+with distance; gains at high throttle are then read larger.
 
-Size on a Crazyflie: 0.1 % of full scale, 1e-4 per N for a cell of 1 kgf, invisible; a cell of 1 N loaded off its axis 0.01 per N
-and more.
+Size on a Crazyflie: 0.1 % of full scale, 1e-4 per N for a cell of 1 kgf, invisible; a cell of 1 N
+loaded off its axis 0.01 per N and more.
 
-Confounded with reynolds and zero_offset (gain against throttle), and with K_b at a single throttle. Check masses up and down
-over the range used separate it.
+Confounded with reynolds and zero_offset (gain against throttle), and with K_b at a single throttle.
+Check masses up and down over the range used separate it.
 """
 
 from __future__ import annotations
@@ -44,16 +45,28 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.3, 0.3),
             prior=normal(0.0, 0.03),
-            meaning="relative excess of the reading per newton; positive reads large forces too large",
+            meaning=(
+                "relative excess of the reading per newton; positive reads large forces too large"
+            ),
         ),
     ),
     source=Source(
         citation="Data sheets of strain-gauge cells",
-        doubts=("A sound cell of 1 kgf has 1e-4 per N; the prior is that of a small cell badly mounted, since the other cannot be seen.",),
+        doubts=(
+            (
+                "A sound cell of 1 kgf has 1e-4 per N; the prior is that of a small cell badly"
+                " mounted, since the other cannot be seen."
+            ),
+        ),
     ),
     checks=(
         Check(x=0.5, expected=0.5, quoted_by="null"),
-        Check(x=0.5, expected=0.505, arguments={"nonlinearity_per_N": 0.02}, quoted_by="by hand: 0.02 x 0.25"),
+        Check(
+            x=0.5,
+            expected=0.505,
+            arguments={"nonlinearity_per_N": 0.02},
+            quoted_by="by hand: 0.02 x 0.25",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,16 +2,17 @@
 
     lift -> lift (1 + drift elapsed_hat)
 
-Mechanism: brushes, bearings and blades wear, the amplifier ages or follows the day, a supply settles: lift changes slowly and in
-one direction.
+Mechanism: brushes, bearings and blades wear, the amplifier ages or follows the day, a supply
+settles: lift changes slowly and in one direction.
 
-Convention: elapsed_hat runs from -1 at the first trial to +1 at the last; drift > 0 reads more lift later, and is half the
-change over the campaign.
+Convention: elapsed_hat runs from -1 at the first trial to +1 at the last; drift > 0 reads more lift
+later, and is half the change over the campaign.
 
 Size on a Crazyflie: 0 to 2 % over a day of runs; brushed motors lose several percent in ten hours.
 
-Confounded with distance or throttle where they were run in order, with session_gain (of which a trend over sessions is part),
-air_density and supply_sag. Random order and L_inf stations every few trials separate them.
+Confounded with distance or throttle where they were run in order, with session_gain (of which a
+trend over sessions is part), air_density and supply_sag. Random order and L_inf stations every few
+trials separate them.
 """
 
 from __future__ import annotations
@@ -46,10 +47,18 @@ EFFECT = Effect(
             meaning="half the relative change over the campaign; positive reads more lift later",
         ),
     ),
-    source=Source(citation="Physics of the bench", doubts=("A straight line stands in for any slow monotone change.",)),
+    source=Source(
+        citation="Physics of the bench",
+        doubts=("A straight line stands in for any slow monotone change.",),
+    ),
     checks=(
         Check(x=0.3, expected=0.3, arguments={"elapsed_hat": 1.0}, quoted_by="null"),
-        Check(x=0.3, expected=0.297, arguments={"elapsed_hat": -1.0, "drift": 0.01}, quoted_by="by hand: 1 % less at the first trial"),
+        Check(
+            x=0.3,
+            expected=0.297,
+            arguments={"elapsed_hat": -1.0, "drift": 0.01},
+            quoted_by="by hand: 1 % less at the first trial",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,18 +2,19 @@
 
     z_hat -> z_hat + offset_m / r
 
-Mechanism: the distance was set to zero at the duct, the guard, the feet or a feeler gauge, or the blades cone; every recorded
-distance is wrong by the same length.
+Mechanism: the distance was set to zero at the duct, the guard, the feet or a feeler gauge, or the
+blades cone; every recorded distance is wrong by the same length.
 
-Convention: offset_m > 0 where the rotor plane is farther from the boundary than recorded. In free air nothing changes. A
-distance carried to or behind the boundary is handed on as it is: the model then refuses it.
+Convention: offset_m > 0 where the rotor plane is farther from the boundary than recorded. In free
+air nothing changes. A distance carried to or behind the boundary is handed on as it is: the model
+then refuses it.
 
-Size on a Crazyflie: 0.43 % of L_inf per mm at z_hat = 1.14 above ground, 0.26 at 1.5, 0.19 at 2; under a ceiling 7.4 % per
-0.1 mm at z_hat = 0.1, 1.7 at 0.2, 0.65 at 0.3, 0.18 at 0.5.
+Size on a Crazyflie: 0.43 % of L_inf per mm at z_hat = 1.14 above ground, 0.26 at 1.5, 0.19 at 2;
+under a ceiling 7.4 % per 0.1 mm at z_hat = 0.1, 1.7 at 0.2, 0.65 at 0.3, 0.18 at 0.5.
 
-Confounded with K_b (correlation 0.98 to 0.997), alpha, the exponent n, near_wall_saturation (0.97 under a ceiling); absorbed
-exactly by the amplitude of an exponential sidewall. A touch-off with a gauge separates them, or stations beyond z_hat = 3;
-more trials at the same stations do not.
+Confounded with K_b (correlation 0.98 to 0.997), alpha, the exponent n, near_wall_saturation (0.97
+under a ceiling); absorbed exactly by the amplitude of an exponential sidewall. A touch-off with a
+gauge separates them, or stations beyond z_hat = 3; more trials at the same stations do not.
 """
 
 from __future__ import annotations
@@ -44,16 +45,29 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-5e-3, 5e-3),
             prior=normal(0.0, 0.5e-3),
-            meaning="rotor plane to boundary, true minus recorded; positive where the vehicle is farther away than recorded",
+            meaning=(
+                "rotor plane to boundary, true minus recorded; positive where the vehicle is"
+                " farther away than recorded"
+            ),
         ),
     ),
     source=Source(
         citation="Physics of the bench; the sensitivities follow from the models",
-        doubts=("The bounds suit a datum at a duct or guard; published code carries offsets of 27 and 30 mm, taken at markers and feet.",),
+        doubts=(
+            (
+                "The bounds suit a datum at a duct or guard; published code carries offsets of 27"
+                " and 30 mm, taken at markers and feet."
+            ),
+        ),
     ),
     checks=(
         Check(x=1.0, expected=1.0, arguments={"radius_m": 0.023}, quoted_by="null"),
-        Check(x=1.0, expected=1.1, arguments={"radius_m": 0.023, "offset_m": 2.3e-3}, quoted_by="by hand: 2.3 mm of 23 mm"),
+        Check(
+            x=1.0,
+            expected=1.1,
+            arguments={"radius_m": 0.023, "offset_m": 2.3e-3},
+            quoted_by="by hand: 2.3 mm of 23 mm",
+        ),
     ),
     notes=__doc__ or "",
 )

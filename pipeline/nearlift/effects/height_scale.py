@@ -2,16 +2,17 @@
 
     z_hat -> z_hat (1 + z_scale)
 
-Mechanism: the lead of the screw, the microsteps of the driver or the belt's pitch differ from what the counter assumes, so that
-distances are wrong in proportion. A wrong rotor radius does the same.
+Mechanism: the lead of the screw, the microsteps of the driver or the belt's pitch differ from what
+the counter assumes, so that distances are wrong in proportion. A wrong rotor radius does the same.
 
 Convention: z_scale > 0 where the vehicle is farther away than recorded.
 
-Size on a Crazyflie: 2 % at most, which is 0.2 % of lift at z_hat = 1.14 and 0.14 % at 3 with K_b fixed, below 0.1 % with K_b free.
+Size on a Crazyflie: 2 % at most, which is 0.2 % of lift at z_hat = 1.14 and 0.14 % at 3 with K_b
+fixed, below 0.1 % with K_b free.
 
-Confounded with whatever scales a length: under a ceiling with alpha exactly (alpha / z_hat^2), above ground with the spacing
-and nearly with K_b; near a sidewall with the decay length exactly. An independent gauge at two heights separates them; no
-measurement of lift under a ceiling can.
+Confounded with whatever scales a length: under a ceiling with alpha exactly (alpha / z_hat^2),
+above ground with the spacing and nearly with K_b; near a sidewall with the decay length exactly. An
+independent gauge at two heights separates them; no measurement of lift under a ceiling can.
 """
 
 from __future__ import annotations
@@ -41,11 +42,20 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.1, 0.1),
             prior=normal(0.0, 0.02),
-            meaning="relative error of recorded distances; positive where the vehicle is farther away than recorded",
+            meaning=(
+                "relative error of recorded distances; positive where the vehicle is farther away"
+                " than recorded"
+            ),
         ),
     ),
     source=Source(
-        citation="Physics of the bench", doubts=("2 % is a generous error of a lead screw, and an ordinary one of a belt or of a rotor radius.",)
+        citation="Physics of the bench",
+        doubts=(
+            (
+                "2 % is a generous error of a lead screw, and an ordinary one of a belt or of a"
+                " rotor radius."
+            ),
+        ),
     ),
     checks=(
         Check(x=3.0, expected=3.0, quoted_by="null"),

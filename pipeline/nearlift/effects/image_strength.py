@@ -1,20 +1,23 @@
 """Ratio: a free coefficient on the images.
 
-    ratio = 1 / (1 - s)  ->  1 / (1 - strength s),   s = 1 - 1 / ratio the share of inflow that is cancelled
+    ratio = 1 / (1 - s)  ->  1 / (1 - strength s),   s = 1 - 1 / ratio the share of inflow that is
+    cancelled
 
-Mechanism: a rotor is no point source of uniform inflow and the ground no perfect mirror (roughness, boundary layer, load
-distribution); the images cancel more or less of the inflow than theory says.
+Mechanism: a rotor is no point source of uniform inflow and the ground no perfect mirror (roughness,
+boundary layer, load distribution); the images cancel more or less of the inflow than theory says.
 
-Convention: strength > 1 gains more (loses more, near a sidewall), 1 is the model. Where a model has a free fountain K_b beside
-its images, K_b takes up the fountain's part of the scaling, so that what is left is a coefficient on the images alone.
+Convention: strength > 1 gains more (loses more, near a sidewall), 1 is the model. Where a model has
+a free fountain K_b beside its images, K_b takes up the fountain's part of the scaling, so that what
+is left is a coefficient on the images alone.
 
 Refusal: nan where nothing of the inflow would be left.
 
-Size: on the same open data a coefficient of 1.1 with the datum fixed and 2.9 with it free; 0.2 about 1 on a bench that knows its
-datum and its exponent.
+Size: on the same open data a coefficient of 1.1 with the datum fixed and 2.9 with it free; 0.2
+about 1 on a bench that knows its datum and its exponent.
 
-Confounded with airframe_stagnation (0.999 above ground), height_offset, held_quantity, plate_edge; absorbed exactly by the
-coefficient of a model that has one on its only image. Stations below z_hat = 1 and beyond 5 separate them.
+Confounded with airframe_stagnation (0.999 above ground), height_offset, held_quantity, plate_edge;
+absorbed exactly by the coefficient of a model that has one on its only image. Stations below z_hat
+= 1 and beyond 5 separate them.
 """
 
 from __future__ import annotations
@@ -49,11 +52,17 @@ EFFECT = Effect(
             value=1.0,
             bounds=(0.3, 1.7),
             prior=normal(1.0, 0.2),
-            meaning="share of inflow cancelled over the model's; above 1 gains more lift near the boundary",
+            meaning=(
+                "share of inflow cancelled over the model's; above 1 gains more lift near the"
+                " boundary"
+            ),
         ),
     ),
     source=Source(
-        citation="Coefficient on Cheeseman and Bennett's image as in Danjun and Li 2015, and as fitted to open data",
+        citation=(
+            "Coefficient on Cheeseman and Bennett's image as in Danjun and Li 2015, and as fitted"
+            " to open data"
+        ),
         doubts=(
             "The role is confirmed by secondary sources; their values were not.",
             "A rough ground gives more lift than a smooth one (10.1177/17568293251350056).",
@@ -67,7 +76,12 @@ EFFECT = Effect(
             arguments={"strength": 1.5},
             quoted_by="by hand: Cheeseman and Bennett at z_hat = 1 with 1.5 images",
         ),
-        Check(x=0.8, expected=1 / (1 + 0.5 * 0.25), arguments={"strength": 0.5}, quoted_by="by hand: a loss, s = -1/4"),
+        Check(
+            x=0.8,
+            expected=1 / (1 + 0.5 * 0.25),
+            arguments={"strength": 0.5},
+            quoted_by="by hand: a loss, s = -1/4",
+        ),
     ),
     notes=__doc__ or "",
 )

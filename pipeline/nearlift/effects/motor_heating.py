@@ -2,20 +2,20 @@
 
     lift -> lift (1 + heating drift_hat / 2)
 
-Mechanism: in ten seconds at full throttle a coreless motor's winding warms by tens of kelvin, copper's resistance rises by
-0.39 %/K, current, speed and lift sink. The mean of a record that falls by drift_hat in proportion, in a straight line, is less
-than the cold lift by half of that.
+Mechanism: in ten seconds at full throttle a coreless motor's winding warms by tens of kelvin,
+copper's resistance rises by 0.39 %/K, current, speed and lift sink. The mean of a record that falls
+by drift_hat in proportion, in a straight line, is less than the cold lift by half of that.
 
-Convention: drift_hat is the slope of the record times its length over its mean, < 0 where lift sinks; heating 1 is the whole
-effect on the mean, 0 none.
+Convention: drift_hat is the slope of the record times its length over its mean, < 0 where lift
+sinks; heating 1 is the whole effect on the mean, 0 none.
 
-Where it shows: within the records, early against late half. On the means of trials almost nothing is left, since L_inf of each
-throttle takes up what its trials have in common.
+Where it shows: within the records, early against late half. On the means of trials almost nothing
+is left, since L_inf of each throttle takes up what its trials have in common.
 
 Size on a Crazyflie: 0 to 8 % with 5 to 120 s; a few percent in ten seconds at 92 %.
 
-Confounded with supply_sag within the trial (a battery sinks likewise). Logged voltage and current, cold and warm repeats
-separate them.
+Confounded with supply_sag within the trial (a battery sinks likewise). Logged voltage and current,
+cold and warm repeats separate them.
 """
 
 from __future__ import annotations
@@ -47,16 +47,29 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-1.0, 3.0),
             prior=normal(0.0, 1.0),
-            meaning="share of the fall within a record that is missing from its mean; 1 where the record falls in a straight line from the cold lift",
+            meaning=(
+                "share of the fall within a record that is missing from its mean; 1 where the"
+                " record falls in a straight line from the cold lift"
+            ),
         ),
     ),
     source=Source(
         citation="Physics of the bench; temperature coefficient of copper",
-        doubts=("A fall that levels off within the record takes more than half of itself from the mean.",),
+        doubts=(
+            (
+                "A fall that levels off within the record takes more than half of itself from the"
+                " mean."
+            ),
+        ),
     ),
     checks=(
         Check(x=0.5, expected=0.5, arguments={"drift_hat": -0.03}, quoted_by="null"),
-        Check(x=0.5, expected=0.495, arguments={"drift_hat": -0.02, "heating": 1.0}, quoted_by="by hand: a fall of 2 % takes 1 % from the mean"),
+        Check(
+            x=0.5,
+            expected=0.495,
+            arguments={"drift_hat": -0.02, "heating": 1.0},
+            quoted_by="by hand: a fall of 2 % takes 1 % from the mean",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,18 +2,20 @@
 
     ratio -> 1 + (ratio - 1) (1 + gap_hat2 / z_hat^2)^(-saturation_power)
 
-Mechanism: in a gap no wider than a few boundary layers viscosity and turning losses hold the inflow back that the inviscid
-theory lets grow without limit. gap_hat2 is the square of a gap z_v, over rotor radius, below which the gain saturates.
+Mechanism: in a gap no wider than a few boundary layers viscosity and turning losses hold the inflow
+back that the inviscid theory lets grow without limit. gap_hat2 is the square of a gap z_v, over
+rotor radius, below which the gain saturates.
 
-Convention: gap_hat2 >= 0; gains shrink. The form is the ratio's own version of z_hat -> sqrt(z_hat^2 + z_v^2): identical for a
-gain that goes as z_hat^-2 with the power 1 (far away), as z_hat^-1 with the power 1/2 (close to a ceiling). The power 0.68
-between them gives 1.60 in place of 2.337 at z_hat = 0.1 with z_v = 0.15, as that height form does.
+Convention: gap_hat2 >= 0; gains shrink. The form is the ratio's own version of z_hat ->
+sqrt(z_hat^2 + z_v^2): identical for a gain that goes as z_hat^-2 with the power 1 (far away), as
+z_hat^-1 with the power 1/2 (close to a ceiling). The power 0.68 between them gives 1.60 in place of
+2.337 at z_hat = 0.1 with z_v = 0.15, as that height form does.
 
-Size on a Crazyflie: z_v up to 0.3. Boundary layers (0.65 mm at z_hat = 0.1) displace 3 to 10 % of the gap, so that viscosity
-alone is a modest correction down to z_hat = 0.1.
+Size on a Crazyflie: z_v up to 0.3. Boundary layers (0.65 mm at z_hat = 0.1) displace 3 to 10 % of
+the gap, so that viscosity alone is a modest correction down to z_hat = 0.1.
 
-Confounded with height_offset (0.97 under a ceiling), held_quantity (0.99), image_strength. Stations below z_hat = 0.3, a rotor
-of another size and logged rpm and power separate them.
+Confounded with height_offset (0.97 under a ceiling), held_quantity (0.99), image_strength. Stations
+below z_hat = 0.3, a rotor of another size and logged rpm and power separate them.
 """
 
 from __future__ import annotations
@@ -29,13 +31,18 @@ def evaluate(ratio: Any, /, *, z_hat: Any, gap_hat2: Any, saturation_power: Any)
     """L / L_inf with the gain held back. Shapes broadcast."""
     # a sidewall's tip gap may be 0 on record
     distance = np.maximum(z_hat, 1e-6)
-    return ratio + (ratio - 1.0) * ((1.0 + gap_hat2 / np.square(distance)) ** (-saturation_power) - 1.0)
+    return ratio + (ratio - 1.0) * (
+        (1.0 + gap_hat2 / np.square(distance)) ** (-saturation_power) - 1.0
+    )
 
 
 EFFECT = Effect(
     name="near_wall_saturation",
     title="Saturation near the boundary",
-    formula=r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + \hat{z}_v^2 / \hat{z}^2\right)^{-q}",
+    formula=(
+        r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + \hat{z}_v^2 /"
+        r" \hat{z}^2\right)^{-q}"
+    ),
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",
@@ -49,7 +56,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(0.0, 0.25),
             prior=Prior(distribution="halfnorm", scale=0.03),
-            meaning="square of the gap, in rotor radii, below which the gain saturates; larger loses more of the gain, 0 loses none",
+            meaning=(
+                "square of the gap, in rotor radii, below which the gain saturates; larger loses"
+                " more of the gain, 0 loses none"
+            ),
         ),
         Parameter(
             name="saturation_power",
@@ -57,15 +67,27 @@ EFFECT = Effect(
             value=0.68,
             bounds=(0.3, 1.5),
             prior=uniform(0.3, 1.2),
-            meaning="how the gain is held back well inside the gap: 1 for a gain that goes as z_hat^-2, 1/2 for z_hat^-1",
+            meaning=(
+                "how the gain is held back well inside the gap: 1 for a gain that goes as z_hat^-2,"
+                " 1/2 for z_hat^-1"
+            ),
             grid=(0.5, 0.68, 1.0),
         ),
     ),
     source=Source(
-        citation="Physics of the bench; Carter, Bouchard and Quinn 2021 put the ceiling model's excess close by down to viscosity",
+        citation=(
+            "Physics of the bench; Carter, Bouchard and Quinn 2021 put the ceiling model's excess"
+            " close by down to viscosity"
+        ),
         doubts=(
-            "The held quantity explains the same shortfall without viscosity: at constant rpm gamma^n saturates near 2.1 to 2.4.",
-            "That it acts on the ratio rather than on the height is a choice; the two agree to the form's own uncertainty.",
+            (
+                "The held quantity explains the same shortfall without viscosity: at constant rpm"
+                " gamma^n saturates near 2.1 to 2.4."
+            ),
+            (
+                "That it acts on the ratio rather than on the height is a choice; the two agree to"
+                " the form's own uncertainty."
+            ),
         ),
     ),
     checks=(

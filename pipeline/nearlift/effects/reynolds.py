@@ -2,17 +2,19 @@
 
     ratio -> 1 + (ratio - 1) (1 + reynolds_slope ln(throttle / throttle_ref))
 
-Mechanism: blades of 6 mm chord work at a Reynolds number near 13 000, where lift slope and losses change with speed; so does
-the viscous share of what happens in the gap. The gain is then not the same at every throttle.
+Mechanism: blades of 6 mm chord work at a Reynolds number near 13 000, where lift slope and losses
+change with speed; so does the viscous share of what happens in the gap. The gain is then not the
+same at every throttle.
 
-Convention: reynolds_slope > 0 where the gain grows with throttle; throttle_ref is the campaign's median. L_inf at each throttle
-is free, so nothing is said about lift far away.
+Convention: reynolds_slope > 0 where the gain grows with throttle; throttle_ref is the campaign's
+median. L_inf at each throttle is free, so nothing is said about lift far away.
 
-Size on a Crazyflie: C_L rises by 10 % from 25 to 92 % throttle; in the *ratio* that is second order, 0 to 1 % of lift, so a
-slope of 0.05.
+Size on a Crazyflie: C_L rises by 10 % from 25 to 92 % throttle; in the *ratio* that is second
+order, 0 to 1 % of lift, so a slope of 0.05.
 
-Confounded with zero_offset, cell_nonlinearity and supply_sag, which also act differently at each throttle. Logged rpm and
-supply, a motors-off sweep and repeats at equal throttle from another supply separate them.
+Confounded with zero_offset, cell_nonlinearity and supply_sag, which also act differently at each
+throttle. Logged rpm and supply, a motors-off sweep and repeats at equal throttle from another
+supply separate them.
 """
 
 from __future__ import annotations
@@ -32,7 +34,10 @@ def evaluate(ratio: Any, /, *, throttle: Any, throttle_ref: Any, reynolds_slope:
 EFFECT = Effect(
     name="reynolds",
     title="Reynolds number",
-    formula=r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + m \ln \frac{\tau}{\tau_0}\right)",
+    formula=(
+        r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + m \ln"
+        r" \frac{\tau}{\tau_0}\right)"
+    ),
     evaluate=evaluate,
     acts_on="ratio",
     mechanism="the blades' Reynolds number, and with it the gain, changes with throttle",
@@ -46,15 +51,29 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-1.0, 1.0),
             prior=normal(0.0, 0.1),
-            meaning="relative change of the gain per unit of ln throttle; positive where the gain grows with throttle",
+            meaning=(
+                "relative change of the gain per unit of ln throttle; positive where the gain grows"
+                " with throttle"
+            ),
         ),
     ),
     source=Source(
-        citation="Deters, Ananda and Selig 2014 (small propellers); Bitcraze's table of lift against throttle",
-        doubts=("Both speak of lift far away; that the ratio follows is an estimate.", "Throttle stands in for rotor speed."),
+        citation=(
+            "Deters, Ananda and Selig 2014 (small propellers); Bitcraze's table of lift against"
+            " throttle"
+        ),
+        doubts=(
+            "Both speak of lift far away; that the ratio follows is an estimate.",
+            "Throttle stands in for rotor speed.",
+        ),
     ),
     checks=(
-        Check(x=1.15, expected=1.15, arguments={"throttle": 0.25, "throttle_ref": 0.625}, quoted_by="null"),
+        Check(
+            x=1.15,
+            expected=1.15,
+            arguments={"throttle": 0.25, "throttle_ref": 0.625},
+            quoted_by="null",
+        ),
         Check(
             x=1.15,
             expected=1.165,

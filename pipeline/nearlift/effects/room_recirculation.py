@@ -1,17 +1,19 @@
 """Force: the room's air comes back.
 
-    lift -> lift (1 - recirculation (throttle / throttle_ref) (1 - exp(-z_hat / recirculation_reach_hat)))
+    lift -> lift (1 - recirculation (throttle / throttle_ref) (1 - exp(-z_hat /
+    recirculation_reach_hat)))
 
-Mechanism: in a closed room the jet sets the air in motion, which comes back to the rotors as an axial inflow V_c and takes away
-0.35 V_c / v_i of the lift. A boundary close by spreads the jet along itself and shields the rotors from it; far from it the
-inflow is complete. A record is shorter than the room's turnover (40 to 125 s), so the inflow rises with the jet.
+Mechanism: in a closed room the jet sets the air in motion, which comes back to the rotors as an
+axial inflow V_c and takes away 0.35 V_c / v_i of the lift. A boundary close by spreads the jet
+along itself and shields the rotors from it; far from it the inflow is complete. A record is shorter
+than the room's turnover (40 to 125 s), so the inflow rises with the jet.
 
 Convention: recirculation >= 0 loses lift; it is the loss in free air at the median throttle.
 
 Size on a Crazyflie: 0.027 m^3/s into a cube of 1.5 m give V_c of 0.1 to 0.3 m/s, -0.9 to -2.6 %.
 
-Confounded with tether_stiffness, zero_offset and whatever acts beyond z_hat = 3. Longer pauses, an open door, or one long run
-separate them.
+Confounded with tether_stiffness, zero_offset and whatever acts beyond z_hat = 3. Longer pauses, an
+open door, or one long run separate them.
 """
 
 from __future__ import annotations
@@ -23,19 +25,35 @@ import numpy as np
 from nearlift.declare import Check, Effect, Parameter, Prior, Source
 
 
-def evaluate(lift: Any, /, *, z_hat: Any, throttle: Any, throttle_ref: Any, recirculation: Any, recirculation_reach_hat: Any) -> Any:
+def evaluate(
+    lift: Any,
+    /,
+    *,
+    z_hat: Any,
+    throttle: Any,
+    throttle_ref: Any,
+    recirculation: Any,
+    recirculation_reach_hat: Any,
+) -> Any:
     """Lift under the room's inflow. Shapes broadcast."""
-    inflow = (throttle / throttle_ref) * -np.expm1(-np.maximum(z_hat, 0.0) / recirculation_reach_hat)
+    inflow = (throttle / throttle_ref) * -np.expm1(
+        -np.maximum(z_hat, 0.0) / recirculation_reach_hat
+    )
     return lift * (1.0 - recirculation * inflow)
 
 
 EFFECT = Effect(
     name="room_recirculation",
     title="Recirculation in the room",
-    formula=r"L \to L \left[1 - a \frac{\tau}{\tau_0} \left(1 - e^{-\hat{z} / \hat{h}}\right)\right]",
+    formula=(
+        r"L \to L \left[1 - a \frac{\tau}{\tau_0} \left(1 - e^{-\hat{z} / \hat{h}}\right)\right]"
+    ),
     evaluate=evaluate,
     acts_on="force",
-    mechanism="air set in motion by the jet comes back to the rotors as inflow, the more the farther the boundary",
+    mechanism=(
+        "air set in motion by the jet comes back to the rotors as inflow, the more the farther the"
+        " boundary"
+    ),
     varies_with="z_hat",
     needs=("z_hat", "throttle", "throttle_ref"),
     parameters=(
@@ -53,20 +71,40 @@ EFFECT = Effect(
             value=8.0,
             bounds=(2.0, 40.0),
             prior=Prior(distribution="lognorm", shape=(0.7,), scale=8.0),
-            meaning="distance, in rotor radii, beyond which the boundary no longer shields the rotors",
+            meaning=(
+                "distance, in rotor radii, beyond which the boundary no longer shields the rotors"
+            ),
             grid=(3.0, 8.0, 20.0),
         ),
     ),
     source=Source(
-        citation="Physics of the bench: blade-element momentum theory for the inflow, room volume over jet flux for the time",
-        doubts=("How a boundary shields the rotors is an own guess; the far wakes merge into one jet after 2.5 vehicle diameters.",),
+        citation=(
+            "Physics of the bench: blade-element momentum theory for the inflow, room volume over"
+            " jet flux for the time"
+        ),
+        doubts=(
+            (
+                "How a boundary shields the rotors is an own guess; the far wakes merge into one"
+                " jet after 2.5 vehicle diameters."
+            ),
+        ),
     ),
     checks=(
-        Check(x=0.265, expected=0.265, arguments={"z_hat": 5.0, "throttle": 0.9, "throttle_ref": 0.6}, quoted_by="null"),
+        Check(
+            x=0.265,
+            expected=0.265,
+            arguments={"z_hat": 5.0, "throttle": 0.9, "throttle_ref": 0.6},
+            quoted_by="null",
+        ),
         Check(
             x=1.0,
             expected=0.974,
-            arguments={"z_hat": float("inf"), "throttle": 0.6, "throttle_ref": 0.6, "recirculation": 0.35 * 0.3 / 4.07},
+            arguments={
+                "z_hat": float("inf"),
+                "throttle": 0.6,
+                "throttle_ref": 0.6,
+                "recirculation": 0.35 * 0.3 / 4.07,
+            },
             tolerance=5e-4,
             quoted_by="V_c = 0.3 m/s and v_i = 4.07 m/s: -2.6 %",
         ),

@@ -2,18 +2,21 @@
 
     lift -> lift speed_hat^speed_exponent,   speed_hat = rpm / its median at the throttle
 
-Mechanism: a trial holds its throttle, not its speed. Supply, motor temperature and the boundary's own change of torque move the
-speed from trial to trial; at a given inflow geometry lift goes with its square.
+Mechanism: a trial holds its throttle, not its speed. Supply, motor temperature and the boundary's
+own change of torque move the speed from trial to trial; at a given inflow geometry lift goes with
+its square.
 
-Convention: speed_exponent is 2 where C_L is constant, a little more where it rises with Reynolds number, less where the logged
-speed is noisy or that of a part of the rotors. 0 is no effect, and there is no mechanism by which lift falls with speed; more
-than 3 is beyond any measured rise of C_L. Speeds are relative to the throttle's own median, since L_inf is free for each throttle.
+Convention: speed_exponent is 2 where C_L is constant, a little more where it rises with Reynolds
+number, less where the logged speed is noisy or that of a part of the rotors. 0 is no effect, and
+there is no mechanism by which lift falls with speed; more than 3 is beyond any measured rise of
+C_L. Speeds are relative to the throttle's own median, since L_inf is free for each throttle.
 
-Size: in Bitcraze's table of 2015 lift goes with speed to the power of 2.15; under a ceiling, at held pulse width, a quadrotor of
-12-inch propellers turned 2.5 % faster, which is worth 5 % of lift.
+Size: in Bitcraze's table of 2015 lift goes with speed to the power of 2.15; under a ceiling, at
+held pulse width, a quadrotor of 12-inch propellers turned 2.5 % faster, which is worth 5 % of lift.
 
-Confounded with the coefficients, where the boundary itself changes the speed, and with supply_sag and warm_up, which act through it.
-What is named here is where lift changed, not why the speed did: repeats at one distance at other supply voltages separate them.
+Confounded with the coefficients, where the boundary itself changes the speed, and with supply_sag
+and warm_up, which act through it. What is named here is where lift changed, not why the speed did:
+repeats at one distance at other supply voltages separate them.
 """
 
 from __future__ import annotations
@@ -50,12 +53,25 @@ EFFECT = Effect(
         ),
     ),
     source=Source(
-        citation="Momentum and blade-element theory (lift = C_L rho f^2 r^4); rise of C_L: Bitcraze, PWM to thrust",
-        doubts=("That the inflow near a boundary keeps its geometry while the speed changes is an assumption.",),
+        citation=(
+            "Momentum and blade-element theory (lift = C_L rho f^2 r^4); rise of C_L: Bitcraze, PWM"
+            " to thrust"
+        ),
+        doubts=(
+            (
+                "That the inflow near a boundary keeps its geometry while the speed changes is an"
+                " assumption."
+            ),
+        ),
     ),
     checks=(
         Check(x=0.3, expected=0.3, arguments={"speed_hat": 1.03}, quoted_by="null"),
-        Check(x=0.3, expected=0.363, arguments={"speed_hat": 1.1, "speed_exponent": 2.0}, quoted_by="by hand: 1.1 squared"),
+        Check(
+            x=0.3,
+            expected=0.363,
+            arguments={"speed_hat": 1.1, "speed_exponent": 2.0},
+            quoted_by="by hand: 1.1 squared",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,16 +2,17 @@
 
     lift -> lift (1 + gain[session])
 
-Mechanism: between sittings a propeller is changed, the vehicle is mounted again, the cell's excitation or range is set anew,
-another battery or day brings another density: all lift of the sitting is larger or smaller in proportion.
+Mechanism: between sittings a propeller is changed, the vehicle is mounted again, the cell's
+excitation or range is set anew, another battery or day brings another density: all lift of the
+sitting is larger or smaller in proportion.
 
 Convention: gain > 0 reads more lift. One number for each session; what all have in common is L_inf.
 
 Size on a Crazyflie: span 0.5 %, mounting and propellers 1 to 5 %.
 
-Confounded with distance where a session ran at few distances (it can take the whole effect of the boundary), with gain_drift
-and air_density, of which it is the coarse version. Check masses, L_inf stations in every session and distances spread over
-sessions separate them.
+Confounded with distance where a session ran at few distances (it can take the whole effect of the
+boundary), with gain_drift and air_density, of which it is the coarse version. Check masses, L_inf
+stations in every session and distances spread over sessions separate them.
 """
 
 from __future__ import annotations
@@ -56,7 +57,12 @@ EFFECT = Effect(
     ),
     checks=(
         Check(x=0.3, expected=0.3, arguments={"session": 2}, quoted_by="null"),
-        Check(x=0.3, expected=0.303, arguments={"session": 2, "gain": 0.01}, quoted_by="by hand: 1 % of 0.3"),
+        Check(
+            x=0.3,
+            expected=0.303,
+            arguments={"session": 2, "gain": 0.01},
+            quoted_by="by hand: 1 % of 0.3",
+        ),
     ),
     notes=__doc__ or "",
 )

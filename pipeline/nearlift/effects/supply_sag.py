@@ -2,17 +2,18 @@
 
     lift -> lift (supply_V / supply_ref_V)^sag_exponent
 
-Mechanism: throttle is a duty cycle; the motor sees it times the voltage at the board, which sags with current, leads and the
-battery's charge.
+Mechanism: throttle is a duty cycle; the motor sees it times the voltage at the board, which sags
+with current, leads and the battery's charge.
 
-Convention: sag_exponent > 0 where lift falls with voltage, about 2 for a motor at fixed duty; 0 where the firmware compensates
-exactly, < 0 where it compensates too much. supply_ref_V is the campaign's median; what sags with throttle alone is in L_inf.
+Convention: sag_exponent > 0 where lift falls with voltage, about 2 for a motor at fixed duty; 0
+where the firmware compensates exactly, < 0 where it compensates too much. supply_ref_V is the
+campaign's median; what sags with throttle alone is in L_inf.
 
-Size on a Crazyflie: exponent 1.5 to 2.5, the firmware's cubic up to 3. A power box gives 4.01 V idle and 3.30 V at 94 %; ten
-seconds of hover take 0.5 to 1 % of lift out of a battery.
+Size on a Crazyflie: exponent 1.5 to 2.5, the firmware's cubic up to 3. A power box gives 4.01 V
+idle and 3.30 V at 94 %; ten seconds of hover take 0.5 to 1 % of lift out of a battery.
 
-Confounded with gain_drift, warm_up and session_gain where each battery is a session. Logged voltage under load, charge varied
-against the order of distances, and a stiff supply separate them.
+Confounded with gain_drift, warm_up and session_gain where each battery is a session. Logged voltage
+under load, charge varied against the order of distances, and a stiff supply separate them.
 """
 
 from __future__ import annotations
@@ -45,16 +46,28 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-2.0, 5.0),
             prior=normal(0.0, 2.0),
-            meaning="power of voltage that lift follows; positive where lift falls with voltage, about 2 uncompensated",
+            meaning=(
+                "power of voltage that lift follows; positive where lift falls with voltage, about"
+                " 2 uncompensated"
+            ),
         ),
     ),
     source=Source(
         citation="Bitcraze, PWM to thrust, and the firmware's battery compensation",
-        doubts=("That half the duty is half the voltage is an assumption that Bitcraze itself flags.",),
+        doubts=(
+            "That half the duty is half the voltage is an assumption that Bitcraze itself flags.",
+        ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"supply_V": 3.5, "supply_ref_V": 3.7}, quoted_by="null"),
-        Check(x=0.3, expected=0.243, arguments={"supply_V": 3.33, "supply_ref_V": 3.7, "sag_exponent": 2.0}, quoted_by="by hand: 0.9 squared"),
+        Check(
+            x=0.3, expected=0.3, arguments={"supply_V": 3.5, "supply_ref_V": 3.7}, quoted_by="null"
+        ),
+        Check(
+            x=0.3,
+            expected=0.243,
+            arguments={"supply_V": 3.33, "supply_ref_V": 3.7, "sag_exponent": 2.0},
+            quoted_by="by hand: 0.9 squared",
+        ),
     ),
     notes=__doc__ or "",
 )

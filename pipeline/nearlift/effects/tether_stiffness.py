@@ -2,16 +2,19 @@
 
     lift -> lift + stiffness_N_per_m z_hat r
 
-Mechanism: leads and tether bend as the vehicle is moved; what the tare does not remove of their pull (it stiffens under current
-and in the jet) goes with the distance from the boundary.
+Mechanism: leads and tether bend as the vehicle is moved; what the tare does not remove of their
+pull (it stiffens under current and in the jet) goes with the distance from the boundary.
 
-Convention: stiffness_N_per_m > 0 reads too much lift far from the boundary. Counted from contact; in free air, where no distance
-is on record, nothing is added. What is the same at all distances is `zero_offset`.
+Convention: stiffness_N_per_m > 0 reads too much lift far from the boundary. Counted from contact;
+in free air, where no distance is on record, nothing is added. What is the same at all distances is
+`zero_offset`.
 
-Size on a Crazyflie: 0 to 20 mN/m, so 0 to 1 mN (0.4 % of the weight) over 50 mm; 5 mN at the farthest station of 265 mm.
+Size on a Crazyflie: 0 to 20 mN/m, so 0 to 1 mN (0.4 % of the weight) over 50 mm; 5 mN at the
+farthest station of 265 mm.
 
-Confounded with K_b (a long tail), room_recirculation, plate_edge; at a single throttle with anything slow in distance. A sweep of
-heights with motors off separates it, and low throttle, where it is largest in proportion.
+Confounded with K_b (a long tail), room_recirculation, plate_edge; at a single throttle with
+anything slow in distance. A sweep of heights with motors off separates it, and low throttle, where
+it is largest in proportion.
 """
 
 from __future__ import annotations
@@ -46,14 +49,25 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.2, 0.2),
             prior=normal(0.0, 0.02),
-            meaning="pull of the wiring per metre from the boundary; positive reads too much lift far away",
+            meaning=(
+                "pull of the wiring per metre from the boundary; positive reads too much lift far"
+                " away"
+            ),
         ),
     ),
-    source=Source(citation="Physics of the bench", doubts=("0 to 20 mN/m is an estimate for thin leads; it depends on their routing.",)),
+    source=Source(
+        citation="Physics of the bench",
+        doubts=("0 to 20 mN/m is an estimate for thin leads; it depends on their routing.",),
+    ),
     checks=(
-        Check(x=0.265, expected=0.265, arguments={"z_hat": 5.0, "radius_m": 0.023}, quoted_by="null"),
         Check(
-            x=0.265, expected=0.266, arguments={"z_hat": 50 / 23, "radius_m": 0.023, "stiffness_N_per_m": 0.02}, quoted_by="20 mN/m over 50 mm: 1 mN"
+            x=0.265, expected=0.265, arguments={"z_hat": 5.0, "radius_m": 0.023}, quoted_by="null"
+        ),
+        Check(
+            x=0.265,
+            expected=0.266,
+            arguments={"z_hat": 50 / 23, "radius_m": 0.023, "stiffness_N_per_m": 0.02},
+            quoted_by="20 mN/m over 50 mm: 1 mN",
         ),
     ),
     notes=__doc__ or "",

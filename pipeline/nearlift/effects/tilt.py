@@ -1,22 +1,26 @@
 """Ratio: plane or vehicle is tilted.
 
-    ratio -> (1 + (ratio - 1) (1 + (tilt_first t + tilt_second t^2) (1 + z_hat^2)^(-tilt_decay / 2))) (1 - tilt_lean t^2 / 2)
-    t = tilt_rad + tilt_zero
+    ratio -> (1 + (ratio - 1) (1 + (tilt_first t + tilt_second t^2) (1 + z_hat^2)^(-tilt_decay /
+    2))) (1 - tilt_lean t^2 / 2) t = tilt_rad + tilt_zero
 
-Mechanism: three of them. Tilted about another point than the vehicle's centre, the whole vehicle comes nearer or goes farther:
-first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one side come nearer by x_i t and gain more than the others
-lose: second order, 3 <x_i^2> t^2 / z^2 of a gain that goes as z^-2. And where the cell stands still, a tilted force acts on it by
-its cosine, at every distance.
+Mechanism: three of them. Tilted about another point than the vehicle's centre, the whole vehicle
+comes nearer or goes farther: first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one
+side come nearer by x_i t and gain more than the others lose: second order, 3 <x_i^2> t^2 / z^2 of a
+gain that goes as z^-2. And where the cell stands still, a tilted force acts on it by its cosine, at
+every distance.
 
-Convention: t > 0 as the schedule has it; tilt_first changes sign with it, tilt_second > 0 gains lift on either side. tilt_decay
-is 0 where a tilt acts in proportion to the gain (turned wakes and wall jets), 2 for the rotors' distances. tilt_lean is 1 where
-the vehicle tilts and the cell does not, 0 where the plate tilts. In free air (a blank tilt allowed) nothing changes.
+Convention: t > 0 as the schedule has it; tilt_first changes sign with it, tilt_second > 0 gains
+lift on either side. tilt_decay is 0 where a tilt acts in proportion to the gain (turned wakes and
+wall jets), 2 for the rotors' distances. tilt_lean is 1 where the vehicle tilts and the cell does
+not, 0 where the plate tilts. In free air (a blank tilt allowed) nothing changes.
 
-Size on a Crazyflie: 1 degree is 0.8 mm across 90 mm; second order, by the sum over images at z_hat = 1, 0.03 % of lift at 1.5
-degrees and 0.35 % at 5; a centre 10 mm off gives 0.1 % of lift per degree there; the cosine takes 0.4 % at 5 degrees.
+Size on a Crazyflie: 1 degree is 0.8 mm across 90 mm; second order, by the sum over images at z_hat
+= 1, 0.03 % of lift at 1.5 degrees and 0.35 % at 5; a centre 10 mm off gives 0.1 % of lift per
+degree there; the cosine takes 0.4 % at 5 degrees.
 
-Confounded with height_offset and K_b at a constant tilt, and so by its zero: a coefficient beside a tilt that is known only to a
-degree is known less well than its fit says. Repeats at both signs separate them.
+Confounded with height_offset and K_b at a constant tilt, and so by its zero: a coefficient beside a
+tilt that is known only to a degree is known less well than its fit says. Repeats at both signs
+separate them.
 """
 
 from __future__ import annotations
@@ -28,10 +32,23 @@ import numpy as np
 from nearlift.declare import Check, Effect, Parameter, Source, normal, uniform
 
 
-def evaluate(ratio: Any, /, *, z_hat: Any, tilt_rad: Any, tilt_first: Any, tilt_second: Any, tilt_decay: Any, tilt_zero: Any, tilt_lean: Any) -> Any:
+def evaluate(
+    ratio: Any,
+    /,
+    *,
+    z_hat: Any,
+    tilt_rad: Any,
+    tilt_first: Any,
+    tilt_second: Any,
+    tilt_decay: Any,
+    tilt_zero: Any,
+    tilt_lean: Any,
+) -> Any:
     """L / L_inf of a tilted vehicle. Shapes broadcast."""
     angle = np.where(np.isinf(z_hat), 0.0, tilt_rad + tilt_zero)
-    change = (tilt_first * angle + tilt_second * np.square(angle)) * (1.0 + np.square(z_hat)) ** (-0.5 * tilt_decay)
+    change = (tilt_first * angle + tilt_second * np.square(angle)) * (1.0 + np.square(z_hat)) ** (
+        -0.5 * tilt_decay
+    )
     return (ratio + (ratio - 1.0) * change) * (1.0 - 0.5 * tilt_lean * np.square(angle))
 
 
@@ -39,7 +56,8 @@ EFFECT = Effect(
     name="tilt",
     title="Tilt",
     formula=(
-        r"\frac{L}{L_\infty} \to \left\{1 + \left(\frac{L}{L_\infty} - 1\right) \left[1 + (t_1 t + t_2 t^2) (1 + \hat{z}^2)^{-m/2}\right]\right\}"
+        r"\frac{L}{L_\infty} \to \left\{1 + \left(\frac{L}{L_\infty} - 1\right) \left[1 + (t_1 t +"
+        r" t_2 t^2) (1 + \hat{z}^2)^{-m/2}\right]\right\}"
         r" \left(1 - \tfrac{c}{2} t^2\right)"
     ),
     evaluate=evaluate,
@@ -55,7 +73,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-10.0, 10.0),
             prior=normal(0.0, 1.5),
-            meaning="relative change of the gain per radian of tilt; positive where positive tilt gains lift",
+            meaning=(
+                "relative change of the gain per radian of tilt; positive where positive tilt gains"
+                " lift"
+            ),
         ),
         Parameter(
             name="tilt_second",
@@ -63,7 +84,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-100.0, 100.0),
             prior=normal(0.0, 10.0),
-            meaning="relative change of the gain per square radian of tilt; positive where tilt to either side gains lift; 4 to 10 on a Crazyflie",
+            meaning=(
+                "relative change of the gain per square radian of tilt; positive where tilt to"
+                " either side gains lift; 4 to 10 on a Crazyflie"
+            ),
         ),
         Parameter(
             name="tilt_lean",
@@ -71,7 +95,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-4.0, 6.0),
             prior=normal(0.0, 1.0),
-            meaning="how much of the cosine's loss of a tilted force is read, 1 - t^2 / 2 at every distance: 1 where the cell stands still",
+            meaning=(
+                "how much of the cosine's loss of a tilted force is read, 1 - t^2 / 2 at every"
+                " distance: 1 where the cell stands still"
+            ),
         ),
         Parameter(
             name="tilt_decay",
@@ -79,7 +106,10 @@ EFFECT = Effect(
             value=2.0,
             bounds=(0.0, 4.0),
             prior=uniform(0.0, 4.0),
-            meaning="power of distance with which a tilt's share of the gain falls off: 0 turned wakes, 2 distances of the rotors",
+            meaning=(
+                "power of distance with which a tilt's share of the gain falls off: 0 turned wakes,"
+                " 2 distances of the rotors"
+            ),
             grid=(0.0, 2.0),
         ),
         Parameter(
@@ -88,20 +118,34 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.1, 0.1),
             prior=normal(0.0, 0.02),
-            meaning="true tilt where the log reads 0: an inclinometer on the plate does not know how the rotors stand to it",
+            meaning=(
+                "true tilt where the log reads 0: an inclinometer on the plate does not know how"
+                " the rotors stand to it"
+            ),
             grid=(0.0,),
         ),
     ),
     source=Source(
-        citation="Own expansion of the per-rotor images of Sanchez-Cuevas, Heredia and Ollero 2017 (10.1155/2017/1823056)",
+        citation=(
+            "Own expansion of the per-rotor images of Sanchez-Cuevas, Heredia and Ollero 2017"
+            " (10.1155/2017/1823056)"
+        ),
         doubts=(
-            "The expansion is for a gain that goes as z^-2; closer than z_hat = 1 the images give more.",
+            (
+                "The expansion is for a gain that goes as z^-2; closer than z_hat = 1 the images"
+                " give more."
+            ),
             "A tilted fountain and turned vortices have no known form.",
         ),
     ),
     checks=(
         Check(x=1.1, expected=1.1, arguments={"z_hat": 1.0, "tilt_rad": 0.1}, quoted_by="null"),
-        Check(x=1.1, expected=1.105, arguments={"z_hat": 1.0, "tilt_rad": 0.1, "tilt_second": 10.0}, quoted_by="by hand: 0.1 (10 x 0.01) / (1 + 1)"),
+        Check(
+            x=1.1,
+            expected=1.105,
+            arguments={"z_hat": 1.0, "tilt_rad": 0.1, "tilt_second": 10.0},
+            quoted_by="by hand: 0.1 (10 x 0.01) / (1 + 1)",
+        ),
         Check(
             x=1.1,
             expected=1.095,

@@ -2,17 +2,19 @@
 
     lift -> lift (1 + warming exp(-since_start_s / warming_s))
 
-Mechanism: at the start of a sitting windings, bearings and grease are cold. Warm copper (+0.39 %/K) takes current away, warm
-grease gives speed; over the first minutes lift settles.
+Mechanism: at the start of a sitting windings, bearings and grease are cold. Warm copper (+0.39 %/K)
+takes current away, warm grease gives speed; over the first minutes lift settles.
 
-Convention: warming is the excess of lift at the session's first trial over the settled state; > 0 where lift sinks as motors
-warm (copper), < 0 where it rises (grease). since_start_s is the time since the first trial of the session.
+Convention: warming is the excess of lift at the session's first trial over the settled state; > 0
+where lift sinks as motors warm (copper), < 0 where it rises (grease). since_start_s is the time
+since the first trial of the session.
 
-Size on a Crazyflie: 0 to 8 % with 5 to 120 s for the winding alone, slower for motor and arm together; what a rest between
-trials lets cool is not in here.
+Size on a Crazyflie: 0 to 8 % with 5 to 120 s for the winding alone, slower for motor and arm
+together; what a rest between trials lets cool is not in here.
 
-Confounded with zero_drift (same time, additive), supply_sag of a battery, and distance where every session begins at the same
-station. A warm-up run before the first trial avoids it; random order and cold repeats separate it.
+Confounded with zero_drift (same time, additive), supply_sag of a battery, and distance where every
+session begins at the same station. A warm-up run before the first trial avoids it; random order and
+cold repeats separate it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ import numpy as np
 from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal
 
 
-def evaluate(lift: Any, /, *, session: Any, since_start_s: Any, warming: Any, warming_s: Any) -> Any:
+def evaluate(
+    lift: Any, /, *, session: Any, since_start_s: Any, warming: Any, warming_s: Any
+) -> Any:
     """Lift so long after the start of the session. Shapes broadcast."""
     return lift * (1.0 + warming * np.exp(-since_start_s / warming_s))
 
@@ -46,7 +50,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.15, 0.15),
             prior=normal(0.0, 0.02),
-            meaning="relative excess of lift at the start of a session; positive where lift sinks as motors warm",
+            meaning=(
+                "relative excess of lift at the start of a session; positive where lift sinks as"
+                " motors warm"
+            ),
         ),
         Parameter(
             name="warming_s",
@@ -60,11 +67,21 @@ EFFECT = Effect(
     ),
     source=Source(
         citation="Physics of the bench; temperature coefficient of copper",
-        doubts=("The sign depends on what warms first.", "Times of a motor in its arm are estimates."),
+        doubts=(
+            "The sign depends on what warms first.",
+            "Times of a motor in its arm are estimates.",
+        ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"session": 0, "since_start_s": 0.0}, quoted_by="null"),
-        Check(x=0.3, expected=0.306, arguments={"session": 0, "since_start_s": 0.0, "warming": 0.02}, quoted_by="by hand: 2 % at the start"),
+        Check(
+            x=0.3, expected=0.3, arguments={"session": 0, "since_start_s": 0.0}, quoted_by="null"
+        ),
+        Check(
+            x=0.3,
+            expected=0.306,
+            arguments={"session": 0, "since_start_s": 0.0, "warming": 0.02},
+            quoted_by="by hand: 2 % at the start",
+        ),
         Check(
             x=1.0,
             expected=1.0073576,

@@ -2,15 +2,16 @@
 
     lift -> lift + zero_drift_N (1 - exp(-since_start_s / zero_drift_s))
 
-Mechanism: cell and amplifier warm up once they are switched on or once the motors' air warms them. A tare taken before the
-session, or before the warmer part of each record, leaves the drift in.
+Mechanism: cell and amplifier warm up once they are switched on or once the motors' air warms them.
+A tare taken before the session, or before the warmer part of each record, leaves the drift in.
 
 Convention: zero_drift_N > 0 reads too much lift later in the session; nothing at its first trial.
 
 Size on a Crazyflie: 0.1 gf/K over a few kelvin, 0 to 1 gf (10 mN), with 60 to 1800 s.
 
-Confounded with warm_up (in proportion to lift rather than the same at every throttle), cell_creep and zero_temperature. Several
-throttles at any time in the session and a tare after each trial separate them.
+Confounded with warm_up (in proportion to lift rather than the same at every throttle), cell_creep
+and zero_temperature. Several throttles at any time in the session and a tare after each trial
+separate them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ import numpy as np
 from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal
 
 
-def evaluate(lift: Any, /, *, session: Any, since_start_s: Any, zero_drift_N: Any, zero_drift_s: Any) -> Any:
+def evaluate(
+    lift: Any, /, *, session: Any, since_start_s: Any, zero_drift_N: Any, zero_drift_s: Any
+) -> Any:
     """Lift as read, in N, so long after the start of the session. Shapes broadcast."""
     return lift + zero_drift_N * -np.expm1(-since_start_s / zero_drift_s)
 
@@ -45,7 +48,10 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.05, 0.05),
             prior=normal(0.0, 0.004),
-            meaning="zero long after the start of a session less that at its start; positive reads too much lift later",
+            meaning=(
+                "zero long after the start of a session less that at its start; positive reads too"
+                " much lift later"
+            ),
         ),
         Parameter(
             name="zero_drift_s",
@@ -58,11 +64,19 @@ EFFECT = Effect(
         ),
     ),
     source=Source(
-        citation="Physics of the bench; public reports on drift of load-cell amplifiers", doubts=("Sizes are estimates for cheap amplifiers.",)
+        citation="Physics of the bench; public reports on drift of load-cell amplifiers",
+        doubts=("Sizes are estimates for cheap amplifiers.",),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"session": 0, "since_start_s": 900.0}, quoted_by="null"),
-        Check(x=0.3, expected=0.3, arguments={"session": 0, "since_start_s": 0.0, "zero_drift_N": 0.01}, quoted_by="nothing at the start"),
+        Check(
+            x=0.3, expected=0.3, arguments={"session": 0, "since_start_s": 900.0}, quoted_by="null"
+        ),
+        Check(
+            x=0.3,
+            expected=0.3,
+            arguments={"session": 0, "since_start_s": 0.0, "zero_drift_N": 0.01},
+            quoted_by="nothing at the start",
+        ),
         Check(
             x=0.3,
             expected=0.3 + 0.01 * 0.6321206,

@@ -2,16 +2,17 @@
 
     lift -> lift + zero_N
 
-Mechanism: the tare is taken with rotors at rest, the lift with rotors turning. What turns on with them (current in the leads,
-vibration rectified by the cell, thrust on the wiring) is not in the tare, the same at every trial.
+Mechanism: the tare is taken with rotors at rest, the lift with rotors turning. What turns on with
+them (current in the leads, vibration rectified by the cell, thrust on the wiring) is not in the
+tare, the same at every trial.
 
-Convention: zero_N > 0 reads too much lift. The larger the lift, the less it matters in proportion; L_inf of a throttle takes up
-what does not vary with distance.
+Convention: zero_N > 0 reads too much lift. The larger the lift, the less it matters in proportion;
+L_inf of a throttle takes up what does not vary with distance.
 
 Size on a Crazyflie: 0 to 0.5 gf (5 mN), 1.9 % of the weight.
 
-Confounded with K_b (it pushes every gain towards 1 in proportion), reynolds and cell_nonlinearity. A tare after the trial, low
-throttle and check masses with the motors powered separate them.
+Confounded with K_b (it pushes every gain towards 1 in proportion), reynolds and cell_nonlinearity.
+A tare after the trial, low throttle and check masses with the motors powered separate them.
 """
 
 from __future__ import annotations
@@ -43,13 +44,23 @@ EFFECT = Effect(
             value=0.0,
             bounds=(-0.05, 0.05),
             prior=normal(0.0, 0.005),
-            meaning="force left after the tare, the same at every trial; positive reads too much lift",
+            meaning=(
+                "force left after the tare, the same at every trial; positive reads too much lift"
+            ),
         ),
     ),
-    source=Source(citation="Physics of the bench", doubts=("0.5 gf is the estimate for a cell of 1 kgf.",)),
+    source=Source(
+        citation="Physics of the bench", doubts=("0.5 gf is the estimate for a cell of 1 kgf.",)
+    ),
     checks=(
         Check(x=0.265, expected=0.265, quoted_by="null"),
-        Check(x=0.265, expected=0.265 * 1.0185, arguments={"zero_N": 4.903325e-3}, tolerance=5e-5, quoted_by="0.5 gf is 1.9 % of 265 mN"),
+        Check(
+            x=0.265,
+            expected=0.265 * 1.0185,
+            arguments={"zero_N": 4.903325e-3},
+            tolerance=5e-5,
+            quoted_by="0.5 gf is 1.9 % of 265 mN",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,16 +2,16 @@
 
     lift -> lift + zero_N_per_K (temperature_K - temperature_ref_K)
 
-Mechanism: strain gauges, their glue and the amplifier are compensated only to so many counts per kelvin; between tare and trial,
-or where the tare is not that of the record, the rest stays in.
+Mechanism: strain gauges, their glue and the amplifier are compensated only to so many counts per
+kelvin; between tare and trial, or where the tare is not that of the record, the rest stays in.
 
-Convention: zero_N_per_K > 0 reads too much lift when warm. temperature_ref_K is the campaign's median. The recorded temperature
-is the air's; the cell's follows it with a delay.
+Convention: zero_N_per_K > 0 reads too much lift when warm. temperature_ref_K is the campaign's
+median. The recorded temperature is the air's; the cell's follows it with a delay.
 
 Size on a Crazyflie: 0 to 0.3 gf/K (3 mN/K); 0.1 gf/K is 0.4 % of the weight per kelvin.
 
-Confounded with air_density (in proportion to lift), zero_drift and gain_drift over a day that warms up. Several throttles at
-each temperature, and motors-off records, separate them.
+Confounded with air_density (in proportion to lift), zero_drift and gain_drift over a day that warms
+up. Several throttles at each temperature, and motors-off records, separate them.
 """
 
 from __future__ import annotations
@@ -47,13 +47,25 @@ EFFECT = Effect(
             meaning="change of zero per kelvin; positive reads too much lift when warm",
         ),
     ),
-    source=Source(citation="Physics of the bench", doubts=("0 to 0.3 gf/K is the range of cheap cells of 1 kgf.",)),
+    source=Source(
+        citation="Physics of the bench",
+        doubts=("0 to 0.3 gf/K is the range of cheap cells of 1 kgf.",),
+    ),
     checks=(
-        Check(x=0.265, expected=0.265, arguments={"temperature_K": 300.0, "temperature_ref_K": 293.0}, quoted_by="null"),
+        Check(
+            x=0.265,
+            expected=0.265,
+            arguments={"temperature_K": 300.0, "temperature_ref_K": 293.0},
+            quoted_by="null",
+        ),
         Check(
             x=0.265,
             expected=0.265 * 1.0037,
-            arguments={"temperature_K": 294.0, "temperature_ref_K": 293.0, "zero_N_per_K": 0.980665e-3},
+            arguments={
+                "temperature_K": 294.0,
+                "temperature_ref_K": 293.0,
+                "zero_N_per_K": 0.980665e-3,
+            },
             tolerance=5e-5,
             quoted_by="0.1 gf/K is 0.4 % of 265 mN per kelvin",
         ),

@@ -30,7 +30,10 @@ def draw(table: Rows, look: Style) -> Figure:
     for i, part in enumerate(parts):
         for j, boundary in enumerate(panels):
             ax = axes[0, i] if lone else axes[i, j]
-            mine = {name: column[(table["panel"] == boundary) & (table["part"] == part)] for name, column in table.items()}
+            mine = {
+                name: column[(table["panel"] == boundary) & (table["part"] == part)]
+                for name, column in table.items()
+            }
             if not len(mine["kind"]):
                 ax.set_axis_off()
                 continue
@@ -57,7 +60,15 @@ def _throttles(ax: Axes, rows: Rows) -> None:
     _bars(ax, each, "lo90", "hi90", 0.7)
     _bars(ax, each, "lo90_apart", "hi90_apart", 2.0)
     many = len(each["x"]) > 8
-    ax.plot(each["x"], each["value"], "o", color=COLOUR, markerfacecolor="white", markeredgewidth=0.8, zorder=4)
+    ax.plot(
+        each["x"],
+        each["value"],
+        "o",
+        color=COLOUR,
+        markerfacecolor="white",
+        markeredgewidth=0.8,
+        zorder=4,
+    )
     if not many:
         ax.set_xticks(each["x"], [f"{x:.3g}" for x in each["x"]])
     ax.margins(x=0.12)
@@ -70,7 +81,15 @@ def _exponents(ax: Axes, rows: Rows) -> None:
         ax.axvspan(*supported["x"], color=SERIES[5][0], alpha=0.3, linewidth=0, zorder=0)
     ax.fill_between(curve["x"], curve["lo90"], curve["hi90"], color=BAND, linewidth=0, zorder=1)
     ax.plot(curve["x"], curve["value"], color=FIT, zorder=2)
-    ax.plot(marks["x"], marks["value"], "o", color=COLOUR, markerfacecolor="white", markeredgewidth=0.8, zorder=4)
+    ax.plot(
+        marks["x"],
+        marks["value"],
+        "o",
+        color=COLOUR,
+        markerfacecolor="white",
+        markeredgewidth=0.8,
+        zorder=4,
+    )
     ax.set_xlim(float(np.min(curve["x"])), float(np.max(curve["x"])))
     ax.set_xlabel("exponent $n$ of the ratio", labelpad=1)
 
@@ -80,7 +99,15 @@ def _rotor(ax: Axes, rows: Rows) -> None:
     ax.plot(law["x"], law["value"], color=FIT, zorder=2)
     ax.axhline(paper["value"][0], color=REFERENCES[0][0], linestyle=REFERENCES[0][1], zorder=1)
     _bars(ax, points, "lo90", "hi90", 1.2)
-    ax.plot(points["x"], points["value"], "o", color=COLOUR, markerfacecolor="white", markeredgewidth=0.8, zorder=4)
+    ax.plot(
+        points["x"],
+        points["value"],
+        "o",
+        color=COLOUR,
+        markerfacecolor="white",
+        markeredgewidth=0.8,
+        zorder=4,
+    )
     ax.margins(x=0.12, y=0.12)
     ax.set_xlabel(f"rotor speed {nomenclature.label('speed_Hz')}", labelpad=1)
 

@@ -1,4 +1,6 @@
-"""Corner plots, one for each boundary side by side: histograms on the diagonal, regions of highest density beneath it."""
+"""Corner plots, one for each boundary side by side: histograms on the diagonal, regions of highest
+density beneath it.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,21 @@ REGIONS = ((0.5, "#555555"), (0.9, "#9A9A9A"), (1.0, "#DADADA"))
 def draw(table: Rows, look: Style) -> Figure:
     """A triangle of panels for each boundary."""
     boundaries = list(dict.fromkeys(table["panel"].tolist()))
-    names = {b: list(dict.fromkeys(table["x_name"][table["panel"] == b].tolist())) for b in boundaries}
+    names = {
+        b: list(dict.fromkeys(table["x_name"][table["panel"] == b].tolist())) for b in boundaries
+    }
     sizes = [max(len(names[b]), 1) for b in boundaries]
     side = min(look.double_in / sum(sizes), 1.7 * look.double_in / 6.75)
     figure = Figure(figsize=(look.double_in, side * max(sizes) + 0.35), layout="constrained")
     blocks = figure.subfigures(1, len(boundaries), squeeze=False, width_ratios=sizes)[0]
     for letter, boundary, block in zip("abc", boundaries, blocks, strict=False):
         chosen = _select(table, table["panel"] == boundary)
-        block.suptitle(f"{letter}) {boundary}" if len(boundaries) > 1 else boundary, fontsize=look.text_pt, x=0.02, ha="left")
+        block.suptitle(
+            f"{letter}) {boundary}" if len(boundaries) > 1 else boundary,
+            fontsize=look.text_pt,
+            x=0.02,
+            ha="left",
+        )
         _triangle(block, chosen, names[boundary], max(sizes))
     return figure
 
@@ -79,9 +88,19 @@ def _region(ax: Axes, rows: Rows) -> None:
     for share, colour in REGIONS:
         mine = _select(rows, (rows["value"] > below) & (rows["value"] <= share))
         below = share
-        corners = [(mine[x], mine[y]) for x, y in (("x_low", "y_low"), ("x_high", "y_low"), ("x_high", "y_high"), ("x_low", "y_high"))]
+        corners = [
+            (mine[x], mine[y])
+            for x, y in (
+                ("x_low", "y_low"),
+                ("x_high", "y_low"),
+                ("x_high", "y_high"),
+                ("x_low", "y_high"),
+            )
+        ]
         cells = np.moveaxis(np.array(corners), (0, 1, 2), (1, 2, 0))
-        ax.add_collection(PolyCollection(list(cells), facecolor=colour, edgecolor=colour, linewidth=0.2))
+        ax.add_collection(
+            PolyCollection(list(cells), facecolor=colour, edgecolor=colour, linewidth=0.2)
+        )
     ax.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
     ax.yaxis.set_major_formatter(_numbers())
     ax.set_ylim(rows["y_low"].min(), rows["y_high"].max())

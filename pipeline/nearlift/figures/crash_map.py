@@ -1,4 +1,6 @@
-"""Maps of crash rate over pairs of dimensionless groups, with the contours of 10, 50 and 90 %; a row for each boundary."""
+"""Maps of crash rate over pairs of dimensionless groups, with the contours of 10, 50 and 90 %; a
+row for each boundary.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def draw(table: Rows, look: Style) -> Figure:
     """A row for each boundary, a column for each pair of groups."""
     sides = list(dict.fromkeys(table["boundary"].tolist()))
     names = list(dict.fromkeys(table["map"].tolist()))
-    figure = Figure(figsize=(look.double_in, (0.08 + 0.27 * len(sides)) * look.double_in), layout="constrained")
+    figure = Figure(
+        figsize=(look.double_in, (0.08 + 0.27 * len(sides)) * look.double_in), layout="constrained"
+    )
     axes = figure.subplots(len(sides), len(names), squeeze=False)
     letters = iter("abcdefgh")
     mesh: Any = None
@@ -51,14 +55,34 @@ def _map(ax: Axes, own: Rows) -> Any:
     rate[np.searchsorted(y, own["y"]), np.searchsorted(x, own["x"])] = 100 * own["rate"]
     ax.set_xscale("log")
     ax.set_yscale("log")
-    mesh = ax.pcolormesh(x, y, rate, cmap=SEQUENTIAL, vmin=0, vmax=100, shading="nearest", rasterized=True)
+    mesh = ax.pcolormesh(
+        x, y, rate, cmap=SEQUENTIAL, vmin=0, vmax=100, shading="nearest", rasterized=True
+    )
     if rate.min() < max(LEVELS) and rate.max() > min(LEVELS):
-        ax.contour(x, y, rate, levels=list(LEVELS), linestyles=list(LEVELS.values()), colors="white", linewidths=0.9)
+        ax.contour(
+            x,
+            y,
+            rate,
+            levels=list(LEVELS),
+            linestyles=list(LEVELS.values()),
+            colors="white",
+            linewidths=0.9,
+        )
     at, height = float(own["x_flown"][0]), float(own["y_flown"][0])
     if at > 0:
-        ax.plot([at], [height], "o", color="white", markerfacecolor="none", markersize=6, markeredgewidth=1.0)
+        ax.plot(
+            [at],
+            [height],
+            "o",
+            color="white",
+            markerfacecolor="none",
+            markersize=6,
+            markeredgewidth=1.0,
+        )
     else:
-        ax.plot([0.06], [height], "<", color="white", markersize=5, transform=ax.get_yaxis_transform())
+        ax.plot(
+            [0.06], [height], "<", color="white", markersize=5, transform=ax.get_yaxis_transform()
+        )
     for axis, (low, high) in ((ax.xaxis, (x[0], x[-1])), (ax.yaxis, (y[0], y[-1]))):
         axis.set_major_locator(LogLocator(subs=(1.0,) if high > 20 * low else (1.0, 2.0, 3.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -28,9 +28,20 @@ LEAST = 0.05
 def draw(rows: Rows, look: Style) -> Figure:
     """A line of two panels for each boundary."""
     sides = list(dict.fromkeys(rows["boundary"].tolist()))
-    count = [len(set(rows["effect"][(rows["boundary"] == s) & (rows["panel"] == "limits")].tolist())) for s in sides]
-    figure = Figure(figsize=(look.double_in, sum(1.55 + 0.155 * c for c in count)), layout="constrained")
-    grid = figure.subplots(len(sides), 2, squeeze=False, width_ratios=(1, 1.25), height_ratios=[1.55 + 0.155 * c for c in count])
+    count = [
+        len(set(rows["effect"][(rows["boundary"] == s) & (rows["panel"] == "limits")].tolist()))
+        for s in sides
+    ]
+    figure = Figure(
+        figsize=(look.double_in, sum(1.55 + 0.155 * c for c in count)), layout="constrained"
+    )
+    grid = figure.subplots(
+        len(sides),
+        2,
+        squeeze=False,
+        width_ratios=(1, 1.25),
+        height_ratios=[1.55 + 0.155 * c for c in count],
+    )
     for line, side in zip(grid, sides, strict=True):
         mine = rows["boundary"] == side
         part = {k: v[mine] for k, v in rows.items()}
@@ -51,10 +62,24 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
         colour, marker = LOOKS[kind]
         if np.isfinite(at):
             ax.plot([at], [y], marker=marker, color=colour, markersize=4, zorder=3)
-            ax.annotate(text, (at, y), xytext=(5, -2.4), textcoords="offset points", fontsize="x-small", color="0.25")
+            ax.annotate(
+                text,
+                (at, y),
+                xytext=(5, -2.4),
+                textcoords="offset points",
+                fontsize="x-small",
+                color="0.25",
+            )
         else:
             ax.plot([edge], [y], marker="x", color=colour, markersize=4, zorder=3)
-            ax.annotate("never", (edge, y), xytext=(5, -2.4), textcoords="offset points", fontsize="x-small", color="0.25")
+            ax.annotate(
+                "never",
+                (edge, y),
+                xytext=(5, -2.4),
+                textcoords="offset points",
+                fontsize="x-small",
+                color="0.25",
+            )
     ax.set_xscale("log")
     ax.set_xlim(0.5 * min(low, 0.5), 12 * edge)
     ax.xaxis.set_major_locator(LogLocator())
@@ -65,9 +90,21 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
     ax.set_ylim(-0.8, len(names) - 0.2)
     ax.set_xlabel("detection limit over plausible size", labelpad=1)
     ax.set_title(f"{side}: what could be seen", loc="left")
-    handles = [Line2D([], [], linestyle="none", marker=m, color=c, markersize=4) for k, (c, m) in LOOKS.items() if k in verdict]
+    handles = [
+        Line2D([], [], linestyle="none", marker=m, color=c, markersize=4)
+        for k, (c, m) in LOOKS.items()
+        if k in verdict
+    ]
     words = [k for k in LOOKS if k in verdict]
-    ax.legend(handles, words, loc="upper center", bbox_to_anchor=(0.4, -0.1 - 1.6 / (6 + len(names))), ncols=2, columnspacing=0.8, handlelength=1.0)
+    ax.legend(
+        handles,
+        words,
+        loc="upper center",
+        bbox_to_anchor=(0.4, -0.1 - 1.6 / (6 + len(names))),
+        ncols=2,
+        columnspacing=0.8,
+        handlelength=1.0,
+    )
 
 
 def _confused(ax: Axes, rows: Rows) -> None:
@@ -79,7 +116,9 @@ def _confused(ax: Axes, rows: Rows) -> None:
     taken = list(dict.fromkeys([*truth, *rows["series"][mine].tolist()]))
     taken = [t for t in taken if np.any((rows["series"] == t) & mine)]
     table = np.full((len(truth), len(taken)), np.nan)
-    for a, b, chance in zip(rows["effect"][mine], rows["series"][mine], rows["x"][mine], strict=True):
+    for a, b, chance in zip(
+        rows["effect"][mine], rows["series"][mine], rows["x"][mine], strict=True
+    ):
         if chance >= LEAST:
             table[truth.index(a), taken.index(b)] = 100 * chance
     ax.imshow(table, cmap="Blues", vmin=0, vmax=130, aspect="auto")

@@ -1,7 +1,7 @@
 """Figure 2: three panels of Delta L against distance, on a logarithmic axis.
 
-Distances go from a tenth of a radius to ten and more: only a logarithmic axis shows the structure near the boundary and the
-farthest station at once, without a break.
+Distances go from a tenth of a radius to ten and more: only a logarithmic axis shows the structure
+near the boundary and the farthest station at once, without a break.
 """
 
 from __future__ import annotations
@@ -18,14 +18,27 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift import nomenclature
-from nearlift.figures.style import BAND, FIT, NESTED, OVERLAYS, REFERENCES, SEQUENTIAL, SERIES, Style, log_distance, plain_text
+from nearlift.figures.style import (
+    BAND,
+    FIT,
+    NESTED,
+    OVERLAYS,
+    REFERENCES,
+    SEQUENTIAL,
+    SERIES,
+    Style,
+    log_distance,
+    plain_text,
+)
 
 Rows = Mapping[str, Any]
 Corner = Literal["upper right", "lower right"]
 
 
 def draw(table: Rows, look: Style) -> Figure:
-    """Panels for the boundaries present, the throttles' legend (or colour bar) once, a legend of curves in each panel."""
+    """Panels for the boundaries present, the throttles' legend (or colour bar) once, a legend of
+    curves in each panel.
+    """
     panels = list(dict.fromkeys(table["panel"].tolist()))
     width = look.single_in if len(panels) == 1 else look.double_in
     height = {1: 0.86, 2: 0.46, 3: 0.40}[len(panels)] * width
@@ -33,10 +46,24 @@ def draw(table: Rows, look: Style) -> Figure:
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
     throttles = np.unique(table["throttle_fraction"][table["kind"] == "data"])
     many = len(throttles) > len(SERIES)
-    shade = ScalarMappable(Normalize(100 * throttles.min(), 100 * throttles.max()), SEQUENTIAL) if many else None
+    shade = (
+        ScalarMappable(Normalize(100 * throttles.min(), 100 * throttles.max()), SEQUENTIAL)
+        if many
+        else None
+    )
     for letter, boundary, ax in zip("abc", panels, axes, strict=False):
-        _panel(ax, _select(table, table["panel"] == boundary), throttles, shade, "lower right" if boundary == "sidewall" else "upper right")
-        ax.set_title(f"{letter}) {boundary}" if len(panels) > 1 else boundary, loc="left", fontsize=look.text_pt)
+        _panel(
+            ax,
+            _select(table, table["panel"] == boundary),
+            throttles,
+            shade,
+            "lower right" if boundary == "sidewall" else "upper right",
+        )
+        ax.set_title(
+            f"{letter}) {boundary}" if len(panels) > 1 else boundary,
+            loc="left",
+            fontsize=look.text_pt,
+        )
         ax.set_xlabel(nomenclature.label("z_hat"))
     axes[0].set_ylabel(nomenclature.label("delta_L", "%"))
     if shade is not None:
@@ -44,10 +71,19 @@ def draw(table: Rows, look: Style) -> Figure:
     else:
         handles = [Line2D([], [], linestyle="none")]
         handles += [
-            Line2D([], [], color=c, marker=m, linestyle="none", markerfacecolor="white") for (c, m), _ in zip(SERIES, throttles, strict=False)
+            Line2D([], [], color=c, marker=m, linestyle="none", markerfacecolor="white")
+            for (c, m), _ in zip(SERIES, throttles, strict=False)
         ]
         names = ["throttle:", *(f"{100 * t:.3g} %" for t in throttles)]
-        figure.legend(handles, names, loc="outside upper center", ncols=len(names), columnspacing=0.8, handletextpad=0.1, handlelength=1.4)
+        figure.legend(
+            handles,
+            names,
+            loc="outside upper center",
+            ncols=len(names),
+            columnspacing=0.8,
+            handletextpad=0.1,
+            handlelength=1.4,
+        )
     return figure
 
 
@@ -70,36 +106,67 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
         mine = _select(data, data["throttle_fraction"] == throttle)
         if shade is None:
             colour, marker = SERIES[i]
-            # throttles often fall on one another: each next symbol is smaller, so that all can be seen
+            # throttles often fall on one another: each next symbol is smaller, so that all can be
+            # seen
             _points(ax, mine, colour, marker, size=NESTED[i])
         else:
             _points(ax, mine, shade.to_rgba(100 * throttle), "o", thin=True)
-    for mark, label in zip(OVERLAYS, dict.fromkeys(rows["label"][rows["kind"] == "overlay"].tolist()), strict=False):
+    for mark, label in zip(
+        OVERLAYS, dict.fromkeys(rows["label"][rows["kind"] == "overlay"].tolist()), strict=False
+    ):
         mine = _select(rows, (rows["kind"] == "overlay") & (rows["label"] == label))
         handles.append(
-            ax.errorbar(mine["z_hat"], mine["delta_L_percent"], mine["u_delta_L_percent"], fmt=mark, color="0.25", elinewidth=0.5, zorder=2)
+            ax.errorbar(
+                mine["z_hat"],
+                mine["delta_L_percent"],
+                mine["u_delta_L_percent"],
+                fmt=mark,
+                color="0.25",
+                elinewidth=0.5,
+                zorder=2,
+            )
         )
         names.append(plain_text(label))
-    # theory, and the band of a fit that says little, may leave the panel; data and fit decide its limits
+    # theory, and the band of a fit that says little, may leave the panel; data and fit decide its
+    # limits
     ax.set_ylim(ax.get_ylim())
     ax.set_xlim(ax.get_xlim())
-    band = ax.fill_between(curve["z_hat"], curve["lo90_percent"], curve["hi90_percent"], color=BAND, linewidth=0, zorder=1)
+    band = ax.fill_between(
+        curve["z_hat"],
+        curve["lo90_percent"],
+        curve["hi90_percent"],
+        color=BAND,
+        linewidth=0,
+        zorder=1,
+    )
     if banded:
         handles[:1] = [(band, handles[0])]
     fitted = _select(rows, rows["kind"] == "least squares")
     for label in dict.fromkeys(fitted["label"].tolist()):
         # thin, and in front of the band: the posterior's line is the one to read
-        handles += ax.plot(fitted["z_hat"], fitted["delta_L_percent"], color=FIT, linewidth=0.5 * rcParams["lines.linewidth"], zorder=2.8)
+        handles += ax.plot(
+            fitted["z_hat"],
+            fitted["delta_L_percent"],
+            color=FIT,
+            linewidth=0.5 * rcParams["lines.linewidth"],
+            zorder=2.8,
+        )
         names.append(plain_text(label))
-    for (colour, dashes), label in zip(REFERENCES, dict.fromkeys(rows["label"][rows["kind"] == "model"].tolist()), strict=False):
+    for (colour, dashes), label in zip(
+        REFERENCES, dict.fromkeys(rows["label"][rows["kind"] == "model"].tolist()), strict=False
+    ):
         theory = _select(rows, (rows["kind"] == "model") & (rows["label"] == label))
-        handles += ax.plot(theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5)
+        handles += ax.plot(
+            theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5
+        )
         names.append(plain_text(label))
     log_distance(ax)
     ax.legend(handles, names, loc=loc)
 
 
-def _points(ax: Axes, mine: Rows, colour: Any, marker: str, size: float = 1.0, thin: bool = False) -> None:
+def _points(
+    ax: Axes, mine: Rows, colour: Any, marker: str, size: float = 1.0, thin: bool = False
+) -> None:
     ax.errorbar(
         mine["z_hat"],
         mine["delta_L_percent"],

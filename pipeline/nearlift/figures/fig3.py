@@ -51,11 +51,25 @@ def _section(ax: Axes, mine: Rows) -> None:
         ax.axvspan(x[0], x[1], color="0.92", linewidth=0, zorder=0)
     ax.axhline(0, color="0.6", linewidth=0.5, zorder=1)
     control = select(mine, mine["kind"] == "control")
-    ax.plot(control["x_hat"], control["value_m_s"], color="0.35", linestyle=(0, (1, 1.2)), linewidth=0.9, zorder=2)
+    ax.plot(
+        control["x_hat"],
+        control["value_m_s"],
+        color="0.35",
+        linestyle=(0, (1, 1.2)),
+        linewidth=0.9,
+        zorder=2,
+    )
     own = select(mine, mine["kind"] == "profile")
     colour = SERIES[0][0]
     reach = 1.645 * own["u_value_m_s"]
-    ax.fill_between(own["x_hat"], own["value_m_s"] - reach, own["value_m_s"] + reach, color=colour, alpha=0.3, linewidth=0)
+    ax.fill_between(
+        own["x_hat"],
+        own["value_m_s"] - reach,
+        own["value_m_s"] + reach,
+        color=colour,
+        alpha=0.3,
+        linewidth=0,
+    )
     measured = np.where(own["flag"] > 0, np.nan, own["value_m_s"])
     ax.plot(own["x_hat"], own["value_m_s"], color=colour, linewidth=0.6, zorder=3)
     ax.plot(own["x_hat"], measured, color=colour, linewidth=1.3, zorder=3)

@@ -1,4 +1,6 @@
-"""Figure 5: the tilt series, three panels to a row, with vortex cores and the outline of the stagnation zone."""
+"""Figure 5: the tilt series, three panels to a row, with vortex cores and the outline of the
+stagnation zone.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,10 @@ def draw(table: Rows, look: Style) -> Figure:
     down = -(-len(names) // across)
     (x0, x1), (y0, y1) = flow_panel.limits(table)
     tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
-    figure = Figure(figsize=(look.double_in, min(down * (tall + 0.25) + 0.35, look.height_in)), layout="constrained")
+    figure = Figure(
+        figsize=(look.double_in, min(down * (tall + 0.25) + 0.35, look.height_in)),
+        layout="constrained",
+    )
     axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
     norm = Normalize(0, flow_panel.highest(table))
     shade: Any = None
@@ -40,7 +45,16 @@ def draw(table: Rows, look: Style) -> Figure:
         core = select(mine, mine["kind"] == "vortex")
         for turns, fill in ((1, ZONE), (-1, "white")):
             of = core["flag"] == turns
-            ax.plot(core["x_hat"][of], core["y_hat"][of], "o", color="black", markerfacecolor=fill, markersize=4.2, markeredgewidth=0.8, zorder=6)
+            ax.plot(
+                core["x_hat"][of],
+                core["y_hat"][of],
+                "o",
+                color="black",
+                markerfacecolor=fill,
+                markersize=4.2,
+                markeredgewidth=0.8,
+                zorder=6,
+            )
         ax.set_xlim(x0, x1)
         ax.set_ylim(y0, y1)
         ax.set_title(f"{letter}) {mine['label'][0]}", loc="left", fontsize=look.text_pt)

@@ -1,4 +1,6 @@
-"""One mean field on an axis: colour, streamlines, rotors, boundary. Lengths are over rotor radius."""
+"""One mean field on an axis: colour, streamlines, rotors, boundary. Lengths are over
+rotor radius.
+"""
 
 from __future__ import annotations
 
@@ -34,20 +36,31 @@ def panels(table: Rows) -> list[str]:
 
 
 def grid(node: Rows, name: str) -> tuple[Any, Any, Any]:
-    """Axes and a masked map of one column of nodes; the axes are exactly even, as streamlines want them."""
+    """Axes and a masked map of one column of nodes; the axes are exactly even, as streamlines want
+    them.
+    """
     x, y = np.unique(node["x_hat"]), np.unique(node["y_hat"])
     values = np.ma.masked_invalid(np.asarray(node[name], dtype=float).reshape(len(y), len(x)))
     return np.linspace(x[0], x[-1], len(x)), np.linspace(y[0], y[-1], len(y)), values
 
 
 def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Common limits of all panels: the nodes, half a radius beyond them downwards for the boundary."""
+    """Common limits of all panels: the nodes, half a radius beyond them downwards for the
+    boundary.
+    """
     node = table["kind"] == "node"
     x, y = table["x_hat"][node], table["y_hat"][node]
     return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
 
 
-def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float = 0.45, density: float = 0.75) -> Any:
+def field(
+    ax: Axes,
+    rows: Rows,
+    cmap: Colormap,
+    norm: Normalize,
+    line_pt: float = 0.45,
+    density: float = 0.75,
+) -> Any:
     """Draw one panel and hand back what a colour bar needs."""
     node = select(rows, rows["kind"] == "node")
     x, y, value = grid(node, "value_m_s")
@@ -55,14 +68,34 @@ def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float 
     shade = ax.pcolormesh(x, y, value, cmap=cmap, norm=norm, shading="nearest", rasterized=True)
     _, _, vx = grid(node, "vx_m_s")
     _, _, vy = grid(node, "vy_m_s")
-    ax.streamplot(x, y, vx, vy, color=LINES, linewidth=line_pt, arrowsize=0.45, density=density, broken_streamlines=True, zorder=2)
+    ax.streamplot(
+        x,
+        y,
+        vx,
+        vy,
+        color=LINES,
+        linewidth=line_pt,
+        arrowsize=0.45,
+        density=density,
+        broken_streamlines=True,
+        zorder=2,
+    )
     _as_one(ax)
     for end in pairs(select(rows, rows["kind"] == "rotor")):
         ax.plot(*end, color="black", linewidth=2.0, solid_capstyle="butt", zorder=4)
     wall = select(rows, rows["kind"] == "boundary")
     if len(wall["x_hat"]):
         outside = -50.0 if wall["flag"][0] > 0 else 50.0
-        ax.fill_between(wall["x_hat"], wall["y_hat"], outside, facecolor="white", edgecolor="0.55", hatch="/////", linewidth=0, zorder=3)
+        ax.fill_between(
+            wall["x_hat"],
+            wall["y_hat"],
+            outside,
+            facecolor="white",
+            edgecolor="0.55",
+            hatch="/////",
+            linewidth=0,
+            zorder=3,
+        )
         ax.plot(wall["x_hat"], wall["y_hat"], color="black", linewidth=1.0, zorder=3.5)
     ax.set_aspect("equal")
     ax.xaxis.set_major_locator(MultipleLocator(2))
@@ -71,7 +104,9 @@ def field(ax: Axes, rows: Rows, cmap: Colormap, norm: Normalize, line_pt: float 
 
 
 def _as_one(ax: Axes) -> None:
-    """The hundreds of arrow heads of the streamlines as one artist, which is laid out and drawn in a fraction of the time."""
+    """The hundreds of arrow heads of the streamlines as one artist, which is laid out and drawn in
+    a fraction of the time.
+    """
     arrows: list[Any] = list(ax.patches)
     ends = np.array([arrow._posA_posB for arrow in arrows]).reshape(-1, 2, 2)
     for arrow in arrows:
@@ -80,13 +115,33 @@ def _as_one(ax: Axes) -> None:
     length = np.hypot(along[:, 0], along[:, 1])
     seen = length > 0
     along = along[seen] / length[seen, None]
-    style: dict[str, Any] = {"units": "inches", "width": 0.009, "headwidth": 4.5, "headlength": 5, "headaxislength": 5, "minlength": 0}
-    ax.quiver(*ends[seen, 0].T, *along.T, angles="xy", scale_units="inches", scale=18, pivot="mid", color=LINES, zorder=2.1, **style)
+    style: dict[str, Any] = {
+        "units": "inches",
+        "width": 0.009,
+        "headwidth": 4.5,
+        "headlength": 5,
+        "headaxislength": 5,
+        "minlength": 0,
+    }
+    ax.quiver(
+        *ends[seen, 0].T,
+        *along.T,
+        angles="xy",
+        scale_units="inches",
+        scale=18,
+        pivot="mid",
+        color=LINES,
+        zorder=2.1,
+        **style,
+    )
 
 
 def pairs(rows: Rows) -> list[tuple[Any, Any]]:
     """Line segments from rows that come two by two."""
-    return [(rows["x_hat"][i : i + 2], rows["y_hat"][i : i + 2]) for i in range(0, len(rows["x_hat"]), 2)]
+    return [
+        (rows["x_hat"][i : i + 2], rows["y_hat"][i : i + 2])
+        for i in range(0, len(rows["x_hat"]), 2)
+    ]
 
 
 def highest(table: Rows) -> float:

@@ -31,7 +31,16 @@ def draw(table: Rows, look: Style) -> Figure:
             own = select(mine, mine["label"] == label)
             bars = np.abs(np.stack([own["value"] - own["lo90"], own["hi90"] - own["value"]]))
             x = own["tilt_deg"] + (shift if len(labels) > 1 else 0.0)
-            ax.errorbar(x, own["value"], bars, fmt=marker, color=colour, markerfacecolor="white", elinewidth=0.8, label=label or None)
+            ax.errorbar(
+                x,
+                own["value"],
+                bars,
+                fmt=marker,
+                color=colour,
+                markerfacecolor="white",
+                elinewidth=0.8,
+                label=label or None,
+            )
         if len(labels) > 1:
             ax.legend(loc="best")
             ax.margins(y=0.3)

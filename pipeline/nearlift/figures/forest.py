@@ -1,4 +1,6 @@
-"""The forest plot: a panel for each coefficient, a line for each campaign, the population beneath them."""
+"""The forest plot: a panel for each coefficient, a line for each campaign, the population beneath
+them.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +19,23 @@ from nearlift.figures.style import BAND, SERIES, Style, plain_text
 
 Rows = Mapping[str, Any]
 LINE_IN = 0.17
-#: What the loop said of the campaign decides the symbol: only an open one has structure that nobody could name.
+#: What the loop said of the campaign decides the symbol: only an open one has structure that nobody
+#: could name.
 MARKERS = {"effect": "s"}
 
 
 def draw(table: Rows, look: Style) -> Figure:
     """Campaigns from top to bottom in the order given."""
-    keys = list(dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)))
+    keys = list(
+        dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True))
+    )
     panels = [_select(table, (table["panel"] == b) & (table["coefficient"] == c)) for b, c in keys]
     lines = [len(rows["value"]) for rows in panels]
     height = min(LINE_IN * (sum(lines) + 3.2 * len(panels)) + 0.3, look.height_in)
     figure = Figure(figsize=(look.single_in * 1.25, height), layout="constrained")
-    axes = figure.subplots(len(panels), 1, squeeze=False, gridspec_kw={"height_ratios": [n + 1.5 for n in lines]})[:, 0]
+    axes = figure.subplots(
+        len(panels), 1, squeeze=False, gridspec_kw={"height_ratios": [n + 1.5 for n in lines]}
+    )[:, 0]
     for ax, (boundary, coefficient), rows in zip(axes, keys, panels, strict=True):
         _panel(ax, rows)
         ax.set_title(boundary, loc="left", fontsize=look.text_pt)
@@ -51,7 +58,14 @@ def _panel(ax: Axes, rows: Rows) -> None:
         else:
             ax.plot(span, [y[i]] * 2, color=colour, zorder=2)
             filled = "white" if rows["verdict"][i] == "unexplained" else colour
-            ax.plot(rows["value"][i], y[i], MARKERS.get(rows["verdict"][i], "o"), color=colour, markerfacecolor=filled, zorder=3)
+            ax.plot(
+                rows["value"][i],
+                y[i],
+                MARKERS.get(rows["verdict"][i], "o"),
+                color=colour,
+                markerfacecolor=filled,
+                zorder=3,
+            )
     ax.set_yticks(y, [plain_text(label) for label in rows["label"]])
     ax.tick_params(axis="y", length=0, right=False)
     ax.set_ylim(y[-1] - 0.7, 0.7)
@@ -77,7 +91,14 @@ def _legend(figure: Figure, table: Rows) -> None:
     colour = SERIES[0][0]
     seen = set(table["verdict"][table["kind"] == "campaign"].tolist())
     handles = [
-        Line2D([], [], color=colour, marker=MARKERS.get(v, "o"), markerfacecolor="white" if v == "unexplained" else colour, label=word)
+        Line2D(
+            [],
+            [],
+            color=colour,
+            marker=MARKERS.get(v, "o"),
+            markerfacecolor="white" if v == "unexplained" else colour,
+            label=word,
+        )
         for v, word in nomenclature.VERDICTS.items()
         if v in seen
     ]

@@ -13,7 +13,8 @@ from nearlift.errors import UsageError
 from nearlift.figures.style import BAND, FIT, Style, plain_text
 
 Rows = Mapping[str, Any]
-#: The axis runs this far beyond the prior's interval at most; what lies farther is marked at the edge.
+#: The axis runs this far beyond the prior's interval at most; what lies farther is marked at the
+#: edge.
 BEYOND = 0.6
 
 
@@ -28,8 +29,17 @@ def draw(table: Rows, look: Style) -> Figure:
     high = min(max(1.05, float(table["high"].max()) + 0.05), 1 + BEYOND)
     for letter, panel, ax in zip("abc", panels, axes, strict=False):
         _panel(ax, {k: v[table["panel"] == panel] for k, v in table.items()}, low, high)
-        ax.set_title(f"{letter}) {panel}" if len(panels) > 1 else panel, loc="left", fontsize=look.text_pt)
-    axes[0].annotate("width ratio", (1, 1), xycoords="axes fraction", xytext=(4, 5), textcoords="offset points", fontsize=look.text_pt - 1)
+        ax.set_title(
+            f"{letter}) {panel}" if len(panels) > 1 else panel, loc="left", fontsize=look.text_pt
+        )
+    axes[0].annotate(
+        "width ratio",
+        (1, 1),
+        xycoords="axes fraction",
+        xytext=(4, 5),
+        textcoords="offset points",
+        fontsize=look.text_pt - 1,
+    )
     axes[-1].set_xlabel("in units of the prior's central 90 %")
     return figure
 
@@ -39,13 +49,34 @@ def _panel(ax: Axes, rows: Rows, low: float, high: float) -> None:
     places = range(n)
     ax.barh(places, [1.0] * n, height=0.62, color=BAND, linewidth=0)
     ax.hlines(places, rows["low"], rows["high"], color=FIT, linewidth=2.2)
-    ax.plot(rows["middle"], places, "o", color=FIT, markerfacecolor="white", markersize=3.4, markeredgewidth=0.8)
+    ax.plot(
+        rows["middle"],
+        places,
+        "o",
+        color=FIT,
+        markerfacecolor="white",
+        markersize=3.4,
+        markeredgewidth=0.8,
+    )
     for i in places:
-        for end, edge, mark in ((rows["middle"][i] < low, low, "<"), (rows["middle"][i] > high, high, ">")):
+        for end, edge, mark in (
+            (rows["middle"][i] < low, low, "<"),
+            (rows["middle"][i] > high, high, ">"),
+        ):
             if end:
                 ax.plot(edge, i, mark, color=FIT, clip_on=False)
-        ax.annotate(_ratio(rows["ratio"][i]), (1, i), xycoords=("axes fraction", "data"), xytext=(4, 0), textcoords="offset points", va="center")
-    labels = [f"{plain_text(m)}: {_name(p)}" for m, p in zip(rows["model"], rows["parameter"], strict=True)]
+        ax.annotate(
+            _ratio(rows["ratio"][i]),
+            (1, i),
+            xycoords=("axes fraction", "data"),
+            xytext=(4, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    labels = [
+        f"{plain_text(m)}: {_name(p)}"
+        for m, p in zip(rows["model"], rows["parameter"], strict=True)
+    ]
     ax.set_yticks(list(places), labels)
     for label, base in zip(ax.get_yticklabels(), rows["base"], strict=True):
         label.set_fontweight("bold" if base else "normal")

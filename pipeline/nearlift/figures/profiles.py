@@ -1,4 +1,6 @@
-"""Profiles: chi2 against one coefficient, a panel each, the parabola dashed, the intervals marked."""
+"""Profiles: chi2 against one coefficient, a panel each, the parabola dashed, the
+intervals marked.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +20,21 @@ TOP = 6.5
 
 def draw(table: Rows, look: Style) -> Figure:
     """Panels in rows of four, one axis of chi2."""
-    panels = list(dict.fromkeys(zip(table["panel"].tolist(), table["parameter"].tolist(), strict=True)))
+    panels = list(
+        dict.fromkeys(zip(table["panel"].tolist(), table["parameter"].tolist(), strict=True))
+    )
     columns = min(len(panels), COLUMNS)
     rows = -(-len(panels) // columns)
     width = look.single_in if columns == 1 else look.double_in
-    figure = Figure(figsize=(width, min(1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4), look.height_in)), layout="constrained")
+    figure = Figure(
+        figsize=(
+            width,
+            min(
+                1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4), look.height_in
+            ),
+        ),
+        layout="constrained",
+    )
     axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for i, ax in enumerate(axes.flat):
         if i >= len(panels):
@@ -37,20 +49,38 @@ def draw(table: Rows, look: Style) -> Figure:
     for line in axes:
         line[0].set_ylabel(r"rise of $\chi^2$")
     handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels) if columns > 1 else 3)
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=len(labels) if columns > 1 else 3
+    )
     return figure
 
 
 def _panel(ax: Axes, rows: Rows, look: Style) -> None:
     curve = rows["kind"] == "profile"
-    ax.plot(rows["x"][curve], rows["quadratic"][curve], color=REFERENCES[0][0], linestyle=REFERENCES[0][1], label="parabola", zorder=1)
+    ax.plot(
+        rows["x"][curve],
+        rows["quadratic"][curve],
+        color=REFERENCES[0][0],
+        linestyle=REFERENCES[0][1],
+        label="parabola",
+        zorder=1,
+    )
     ax.plot(rows["x"][curve], rows["rise"][curve], color=SERIES[0][0], label="profile", zorder=2)
-    for level, (colour, marker) in zip(("68", "90", "95"), (SERIES[2], SERIES[4], SERIES[1]), strict=True):
+    for level, (colour, marker) in zip(
+        ("68", "90", "95"), (SERIES[2], SERIES[4], SERIES[1]), strict=True
+    ):
         mine = rows["kind"] == level
         ax.plot(
-            rows["x"][mine], rows["rise"][mine], marker, color=colour, markersize=look.marker_pt + 0.6, markeredgecolor="white",
-            markeredgewidth=0.4, label=f"{level} %", zorder=3,
-        )  # fmt: skip
+            rows["x"][mine],
+            rows["rise"][mine],
+            marker,
+            color=colour,
+            markersize=look.marker_pt + 0.6,
+            markeredgecolor="white",
+            markeredgewidth=0.4,
+            label=f"{level} %",
+            zorder=3,
+        )
         ax.vlines(rows["x"][mine], 0, rows["rise"][mine], color=colour, linewidth=0.6, zorder=1)
     ax.set_ylim(0, TOP)
     shown = curve & (rows["rise"] < TOP)

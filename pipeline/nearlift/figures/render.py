@@ -1,4 +1,6 @@
-"""A drawn figure as bytes: PDF and PNG for print, a light PNG for the page. The same table gives the same bytes."""
+"""A drawn figure as bytes: PDF and PNG for print, a light PNG for the page. The same table gives
+the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from PIL import Image
 from nearlift.figures.style import Style, context
 
 Draw = Callable[[Mapping[str, Any], Style], Figure]
-#: Width in pixels of the pictures in index.html, and their colours: what is drawn here has few, and so a fifth of the bytes.
+#: Width in pixels of the pictures in index.html, and their colours: what is drawn here has few, and
+#: so a fifth of the bytes.
 PAGE_WIDTH = 1500
 COLOURS = 256
 #: Of what is a raster inside a PDF: clouds of thousands of dots.
@@ -21,7 +24,9 @@ RASTER_DPI = 300
 
 
 def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes]:
-    """Draw once and encode: ``{"pdf": ..., "png": ..., "page": ...}``, free of dates and of the software's name."""
+    """Draw once and encode: ``{"pdf": ..., "png": ..., "page": ...}``, free of dates and of the
+    software's name.
+    """
     with context(look):
         figure = draw(table, look)
         FigureCanvasAgg(figure)
@@ -29,7 +34,13 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
         figure.draw_without_rendering()
         figure.set_layout_engine(None)
         png = _encode(figure, "png", look.dpi, {"Software": None})
-        return {"pdf": _encode(figure, "pdf", RASTER_DPI, {"CreationDate": None, "Producer": None, "Creator": None}), "png": png, "page": light(png)}
+        return {
+            "pdf": _encode(
+                figure, "pdf", RASTER_DPI, {"CreationDate": None, "Producer": None, "Creator": None}
+            ),
+            "png": png,
+            "page": light(png),
+        }
 
 
 def _encode(figure: Figure, kind: str, dpi: int, metadata: dict[str, Any]) -> bytes:

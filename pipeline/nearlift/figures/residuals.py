@@ -1,4 +1,6 @@
-"""Residuals as small multiples: one covariate each; one boundary fills a grid, several stand side by side in columns."""
+"""Residuals as small multiples: one covariate each; one boundary fills a grid, several stand side
+by side in columns.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +26,17 @@ def draw(table: Rows, look: Style) -> Figure:
     rows, columns = len(grid), len(grid[0])
     height = min(1.25 * look.double_in / 6.75 * rows + 0.3, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharey="col" if len(boundaries) > 1 else True)
+    axes = figure.subplots(
+        rows, columns, squeeze=False, sharey="col" if len(boundaries) > 1 else True
+    )
     shades = []
     for line, places in zip(axes, grid, strict=True):
         for ax, place in zip(line, places, strict=True):
-            chosen = None if place is None else _select(table, (table["panel"] == place[0]) & (table["covariate"] == place[1]))
+            chosen = (
+                None
+                if place is None
+                else _select(table, (table["panel"] == place[0]) & (table["covariate"] == place[1]))
+            )
             if place is None or chosen is None or not len(chosen["x"]):
                 ax.set_axis_off()
                 continue
@@ -36,7 +44,15 @@ def draw(table: Rows, look: Style) -> Figure:
     for ax, noise in shades:
         # the trials decide the limits; a noise model gone astray is cut off rather than hiding them
         ax.set_ylim(ax.get_ylim())
-        ax.fill_between(noise["x"], -noise["u_residual_percent"], noise["u_residual_percent"], color="0.88", linewidth=0, step="mid", zorder=0)
+        ax.fill_between(
+            noise["x"],
+            -noise["u_residual_percent"],
+            noise["u_residual_percent"],
+            color="0.88",
+            linewidth=0,
+            step="mid",
+            zorder=0,
+        )
     for j, boundary in enumerate(boundaries):
         if len(boundaries) > 1:
             axes[0][j].set_title(boundary, fontsize=look.text_pt)
@@ -58,10 +74,22 @@ def _select(table: Rows, rows: Any) -> dict[str, Any]:
 
 
 def _panel(ax: Axes, rows: Rows, covariate: str) -> Rows:
-    """Dots and means; the rows of the noise band are handed back, to be drawn when all limits are known."""
-    trials, means, noise = (_select(rows, rows["kind"] == kind) for kind in ("trial", "bin", "noise"))
+    """Dots and means; the rows of the noise band are handed back, to be drawn when all limits are
+    known.
+    """
+    trials, means, noise = (
+        _select(rows, rows["kind"] == kind) for kind in ("trial", "bin", "noise")
+    )
     ax.plot(
-        trials["x"], trials["residual_percent"], ".", color=SERIES[0][0], markersize=2.0, markeredgewidth=0, alpha=0.45, zorder=1, rasterized=True
+        trials["x"],
+        trials["residual_percent"],
+        ".",
+        color=SERIES[0][0],
+        markersize=2.0,
+        markeredgewidth=0,
+        alpha=0.45,
+        zorder=1,
+        rasterized=True,
     )
     ax.axhline(0, color="0.3", linewidth=0.6, zorder=2)
     ax.errorbar(

@@ -31,7 +31,9 @@ def draw(table: Rows, look: Style) -> Figure:
     colours = matplotlib.colormaps[SEQUENTIAL]
     for i in np.flatnonzero(table["kind"] == "box"):
         x, y, x2, y2 = (float(table[k][i]) for k in ("x", "y", "x2", "y2"))
-        left.add_patch(Rectangle((x, y), x2 - x, y2 - y, facecolor="0.8", edgecolor="0.4", linewidth=0.6))
+        left.add_patch(
+            Rectangle((x, y), x2 - x, y2 - y, facecolor="0.8", edgecolor="0.4", linewidth=0.6)
+        )
     room = int(np.flatnonzero(table["kind"] == "room")[0])
     for height in (0.0, float(table["y2"][room])):
         left.axhline(height, color="0.35", linewidth=2.0)
@@ -45,20 +47,51 @@ def draw(table: Rows, look: Style) -> Figure:
         turns = [0, *(np.flatnonzero(np.diff(seen)) + 1).tolist(), len(x)]
         for a, b in itertools.pairwise(turns):
             style = "-" if seen[a] else (0, (3, 1.5))
-            left.plot(x[a : b + 1], y[a : b + 1], color=colours(norm(max(risk[way], least))), linewidth=1.3, linestyle=style, zorder=4 if bold else 2)
+            left.plot(
+                x[a : b + 1],
+                y[a : b + 1],
+                color=colours(norm(max(risk[way], least))),
+                linewidth=1.3,
+                linestyle=style,
+                zorder=4 if bold else 2,
+            )
     ends = table["kind"] == "end"
     left.plot(table["x"][ends], table["y"][ends], "o", color=FIT, markerfacecolor="white", zorder=5)
     left.set_xlim(0, float(table["x2"][room]))
     left.set_xlabel("along the corridor (m)")
     left.set_ylabel("height of rotor plane (m)")
     left.set_title("a) ways", loc="left", fontsize=look.text_pt)
-    figure.colorbar(ScalarMappable(norm, colours), ax=left, label="risk of a crash", pad=0.02, aspect=20)
+    figure.colorbar(
+        ScalarMappable(norm, colours), ax=left, label="risk of a crash", pad=0.02, aspect=20
+    )
     right.set_yscale("log")
     y, low, high = (np.maximum(front[k], 1e-12) for k in ("y", "x2", "y2"))
-    right.errorbar(front["x"], y, yerr=(y - low, high - y), color=FIT, marker=".", markersize=3, elinewidth=0.6, capsize=1.2)
+    right.errorbar(
+        front["x"],
+        y,
+        yerr=(y - low, high - y),
+        color=FIT,
+        marker=".",
+        markersize=3,
+        elinewidth=0.6,
+        capsize=1.2,
+    )
     best = front["chosen"] == 1
-    right.plot(front["x"][best], front["y"][best], SERIES[1][1], color=SERIES[1][0], markerfacecolor="white", markersize=5, zorder=4)
-    right.axhline(float(table["y"][table["kind"] == "bound"][0]), color="0.45", linestyle=(0, (4, 2)), linewidth=0.8)
+    right.plot(
+        front["x"][best],
+        front["y"][best],
+        SERIES[1][1],
+        color=SERIES[1][0],
+        markerfacecolor="white",
+        markersize=5,
+        zorder=4,
+    )
+    right.axhline(
+        float(table["y"][table["kind"] == "bound"][0]),
+        color="0.45",
+        linestyle=(0, (4, 2)),
+        linewidth=0.8,
+    )
     # an interval that reaches far below all risks leaves the frame
     right.set_ylim(bottom=0.3 * least)
     right.set_xlabel("relative energy")

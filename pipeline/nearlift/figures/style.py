@@ -1,4 +1,5 @@
-"""How figures look, as data: column widths, type and resolution of each journal; colours and markers for all of them.
+"""How figures look, as data: column widths, type and resolution of each journal; colours and
+markers for all of them.
 
 Fonts are those that matplotlib brings, so that a figure has the same bytes wherever it is made.
 """
@@ -98,7 +99,8 @@ STYLES = (
     ),
 )
 
-#: Okabe and Ito's colours that stand out on white, each with its own marker, so that greyscale keeps them apart.
+#: Okabe and Ito's colours that stand out on white, each with its own marker, so that greyscale
+#: keeps them apart.
 SERIES = (
     ("#0072B2", "o"),
     ("#D55E00", "s"),
@@ -110,7 +112,11 @@ SERIES = (
 #: Size of each series' symbols over the style's.
 NESTED = (1.3, 1.15, 1.0, 0.85, 0.7, 0.6)
 #: Theory in grey and black, told apart by dashes.
-REFERENCES = (("#555555", (0, (5, 2))), ("#111111", (0, (1, 1.2))), ("#777777", (0, (6, 1.5, 1, 1.5))))
+REFERENCES = (
+    ("#555555", (0, (5, 2))),
+    ("#111111", (0, (1, 1.2))),
+    ("#777777", (0, (6, 1.5, 1, 1.5))),
+)
 FIT = "#000000"
 BAND = "#C2C2C2"
 OVERLAYS = ("x", "+", "1", "2", "*")
@@ -123,13 +129,19 @@ def style(name: str) -> Style:
     known = {s.name: s for s in STYLES}
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)
-        raise ManifestError("report.style", f"there is no style {name!r}", f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}")
+        raise ManifestError(
+            "report.style",
+            f"there is no style {name!r}",
+            f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}",
+        )
     return known[name]
 
 
 @contextmanager
 def context(look: Style) -> Iterator[None]:
-    """The settings of matplotlib for one look, put back afterwards; the user's own settings have no part in it."""
+    """The settings of matplotlib for one look, put back afterwards; the user's own settings have no
+    part in it.
+    """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         current: Any = matplotlib.rcParams
@@ -179,18 +191,24 @@ def settings(look: Style) -> dict[str, Any]:
 def log_distance(ax: Axes) -> None:
     """Plain numbers along a logarithmic axis of distance: 0.1, 0.2, 0.5, 1, ..."""
     low, high = ax.get_xlim()
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high > 20 * low else (1.0, 2.0, 3.0, 5.0)))
+    ax.xaxis.set_major_locator(
+        LogLocator(subs=(1.0, 2.0, 5.0) if high > 20 * low else (1.0, 2.0, 3.0, 5.0))
+    )
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def plain_text(text: str) -> str:
-    """Text from a user, with nothing in it that matplotlib would set as mathematics; control characters left out."""
+    """Text from a user, with nothing in it that matplotlib would set as mathematics; control
+    characters left out.
+    """
     return "".join(c for c in text if c.isprintable()).replace("$", r"\$")
 
 
 def coefficient(name: str) -> str:
-    """A fitted coefficient as mathematics: K_b, alpha, lambda_, and what else is a letter with an index."""
+    """A fitted coefficient as mathematics: K_b, alpha, lambda_, and what else is a letter with an
+    index.
+    """
     known = {"alpha": r"$\alpha$", "lambda_": r"$\lambda$", "inverse_K_b": "$1/K_b$"}
     head, _, index = name.partition("_")
     if name in known:
@@ -199,7 +217,9 @@ def coefficient(name: str) -> str:
 
 
 def quantity(name: str, unit: str | None = None) -> str:
-    """An axis label: the word and the symbol of a column such as `supply_V`; what has no symbol is set as it is named."""
+    """An axis label: the word and the symbol of a column such as `supply_V`; what has no symbol is
+    set as it is named.
+    """
     try:
         symbol = nomenclature.symbol(name)
     except UsageError:

@@ -1,1 +1,3 @@
-"""Models against trials: the likelihood, least squares, posteriors. Pure: arrays in, frozen results out."""
+"""Models against trials: the likelihood, least squares, posteriors. Pure: arrays in, frozen results
+out.
+"""

@@ -1,4 +1,6 @@
-"""Whether two ways to the same posterior agree: shares below quantiles, in units of their Monte Carlo error."""
+"""Whether two ways to the same posterior agree: shares below quantiles, in units of their Monte
+Carlo error.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ APART = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judge:
-    """Another way to the same posterior: the share of it that lies below a value of a parameter, worth `ess` draws, off by `error` at most."""
+    """Another way to the same posterior: the share of it that lies below a value of a parameter,
+    worth `ess` draws, off by `error` at most.
+    """
 
     name: str
     below: Callable[[int, float], float]
@@ -30,7 +34,9 @@ class Judge:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """A judge's finding: the largest distance in Monte Carlo standard errors, and where; `unfit` says why it could not judge."""
+    """A judge's finding: the largest distance in Monte Carlo standard errors, and where; `unfit`
+    says why it could not judge.
+    """
 
     by: str
     apart: float
@@ -45,7 +51,11 @@ class Check:
 
 def of_grid(lattice: Grid) -> Judge:
     """A grid as judge."""
-    unfit = "" if lattice.resolved else f"too coarse for this shape: half the resolution moves shares by {lattice.error:.3f}"
+    unfit = (
+        ""
+        if lattice.resolved
+        else f"too coarse for this shape: half the resolution moves shares by {lattice.error:.3f}"
+    )
     return Judge(name="grid", below=lattice.below, error=lattice.error, unfit=unfit)
 
 
@@ -61,11 +71,17 @@ def compare(names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Ju
     worst, where = 0.0, ""
     for i, name in enumerate(names):
         for probability, value, worth in zip(PROBABILITIES, values[i], ess[i], strict=True):
-            error = math.sqrt(probability * (1 - probability) * (1 / worth + 1 / judge.ess)) + judge.error / APART
+            error = (
+                math.sqrt(probability * (1 - probability) * (1 / worth + 1 / judge.ess))
+                + judge.error / APART
+            )
             share = judge.below(i, float(value))
             if abs(share - probability) > worst * error:
                 worst = abs(share - probability) / error
-                where = f"{100 * probability:.0f} % of {name} lie below {value:.5g} by one, {100 * share:.1f} % by the other"
+                where = (
+                    f"{100 * probability:.0f} % of {name} lie below {value:.5g} by one,"
+                    f" {100 * share:.1f} % by the other"
+                )
     return Check(by=judge.name, apart=worst, where=where, unfit=judge.unfit)
 
 
@@ -75,6 +91,7 @@ def insist(model: str, sampler: str, checks: Sequence[Check], remedy: str) -> No
         if check.failed:
             raise NotConverged(
                 f"posterior of {model}",
-                f"{sampler} and the {check.by} disagree: {check.where}, {check.apart:.1f} Monte Carlo standard errors apart (at most {APART:g})",
+                f"{sampler} and the {check.by} disagree: {check.where}, {check.apart:.1f} Monte"
+                f" Carlo standard errors apart (at most {APART:g})",
                 remedy,
             )

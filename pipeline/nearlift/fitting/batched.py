@@ -1,7 +1,8 @@
-"""Many small least-squares problems at once: Levenberg and Marquardt's method on a stack, with bounds and with some parameters held.
+"""Many small least-squares problems at once: Levenberg and Marquardt's method on a stack, with
+bounds and with some parameters held.
 
-Profiles, integrals over an unknown height, resampled and left-out trials ask for the same minimum at dozens or thousands of nearby
-settings; one call of the model serves them all.
+Profiles, integrals over an unknown height, resampled and left-out trials ask for the same minimum
+at dozens or thousands of nearby settings; one call of the model serves them all.
 """
 
 from __future__ import annotations
@@ -17,16 +18,21 @@ from nearlift.declare import FloatArray
 ROUNDS = 60
 #: A step smaller than this part of a parameter's scale ends the search.
 STILL = 1e-7
-#: Below this the derivatives are not taken anew: residuals do not vanish at the minimum, so older ones would put it elsewhere by as much.
+#: Below this the derivatives are not taken anew: residuals do not vanish at the minimum, so older
+#: ones would put it elsewhere by as much.
 NEAR = 1e-6
-#: Damping relative to the diagonal: at first hardly any, this much after a step that failed, and what ends the search.
+#: Damping relative to the diagonal: at first hardly any, this much after a step that failed, and
+#: what ends the search.
 DAMPING_MIN, DAMPING, DAMPING_MAX = 1e-8, 1e-3, 1e10
-#: A problem counts as converged where an undamped step would be smaller than this part of every parameter's scale.
+#: A problem counts as converged where an undamped step would be smaller than this part of every
+#: parameter's scale.
 CONVERGED = 1e-4
-#: Last steps at most, and the least ratio of singular values of a direction in which they go by the slopes alone.
+#: Last steps at most, and the least ratio of singular values of a direction in which they go by the
+#: slopes alone.
 LAST_STEPS, DETERMINED = 20, 1e-9
-#: Step of the differences that give chi2's curvature, in units of what moves chi2 by 1, and the least curvature, in units of that without
-#: misfit, that is a minimum's: rounding puts 1e-11 into it.
+#: Step of the differences that give chi2's curvature, in units of what moves chi2 by 1, and the
+#: least curvature, in units of that without misfit, that is a minimum's: rounding puts 1e-11 into
+#: it.
 CURVATURE_STEP, CURVED = 1e-3, 1e-6
 
 IntArray = NDArray[np.int64]
@@ -65,7 +71,8 @@ def minimise(
     Parameters
     ----------
     residuals : callable
-        Parameters (k, p) and which problems (k,) they belong to, to residuals (k, n); nan where the model has no value.
+        Parameters (k, p) and which problems (k,) they belong to, to residuals (k, n); nan where the
+        model has no value.
     start : (m, p)
     bounds : pair of (p,)
     scale : (p,)
@@ -73,7 +80,8 @@ def minimise(
     free : (p,) bool
         What is optimised; the rest is held at its start.
     linearised : callable, optional
-        The same arguments, to residuals (k, n) and their derivatives (k, p, n); without it, differences are taken.
+        The same arguments, to residuals (k, n) and their derivatives (k, p, n); without it,
+        differences are taken.
     """
     theta = np.clip(np.array(start, dtype=float), *bounds)
     which = np.flatnonzero(free)
@@ -82,9 +90,15 @@ def minimise(
         return Minima(theta=theta, chi2=chi2, converged=np.isfinite(chi2))
 
     def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        r, slopes = _differences(residuals, theta, rows, bounds, scale, which) if linearised is None else _chosen(linearised(theta, rows), which)
+        r, slopes = (
+            _differences(residuals, theta, rows, bounds, scale, which)
+            if linearised is None
+            else _chosen(linearised(theta, rows), which)
+        )
         slopes = slopes * scale[which][:, None]
-        return r, slopes if np.isfinite(slopes.sum()) else np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+        return r, slopes if np.isfinite(slopes.sum()) else np.nan_to_num(
+            slopes, posinf=0.0, neginf=0.0
+        )
 
     r, slopes = at(theta, np.arange(len(theta)))
     chi2 = _chi2(r)
@@ -95,7 +109,16 @@ def minimise(
         if not len(rows):
             break
         step = np.zeros((len(rows), theta.shape[1]))
-        step[:, which] = _step(theta[rows][:, which], r[rows], slopes[rows], [b[which] for b in bounds], damping[rows]) * scale[which]
+        step[:, which] = (
+            _step(
+                theta[rows][:, which],
+                r[rows],
+                slopes[rows],
+                [b[which] for b in bounds],
+                damping[rows],
+            )
+            * scale[which]
+        )
         trial = np.clip(theta[rows] + step, *bounds)
         moved = np.abs((trial - theta[rows]) / scale).max(axis=1)
         # so near the end the derivatives stay what they are
@@ -105,26 +128,50 @@ def minimise(
             own = rows[some]
             if not len(own):
                 continue
-            new_r, new_slopes = at(trial[some], own) if anew else (residuals(trial[some], own), slopes[own])
+            new_r, new_slopes = (
+                at(trial[some], own) if anew else (residuals(trial[some], own), slopes[own])
+            )
             new = _chi2(new_r)
             good = new <= chi2[own]
             ahead, better[some] = own[good], good
-            theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = trial[some][good], new[good], new_r[good], new_slopes[good]
-        damping[rows] = np.where(better, damping[rows] / 10, np.maximum(damping[rows] * 10, DAMPING))
+            theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = (
+                trial[some][good],
+                new[good],
+                new_r[good],
+                new_slopes[good],
+            )
+        damping[rows] = np.where(
+            better, damping[rows] / 10, np.maximum(damping[rows] * 10, DAMPING)
+        )
         active[rows] = (moved > STILL) & (damping[rows] < DAMPING_MAX)
     whole = np.isfinite(chi2)
     left = np.full((len(theta), len(which)), np.inf)
-    left[whole] = _step(theta[whole][:, which], r[whole], slopes[whole], [b[which] for b in bounds], np.zeros(int(whole.sum())))
+    left[whole] = _step(
+        theta[whole][:, which],
+        r[whole],
+        slopes[whole],
+        [b[which] for b in bounds],
+        np.zeros(int(whole.sum())),
+    )
     # what a bound stops is as good as still
     reached = np.clip(theta[:, which] + left * scale[which], *(b[which] for b in bounds))
-    return Minima(theta=theta, chi2=chi2, converged=whole & (np.abs((reached - theta[:, which]) / scale[which]).max(axis=1) <= CONVERGED))
+    return Minima(
+        theta=theta,
+        chi2=chi2,
+        converged=whole
+        & (np.abs((reached - theta[:, which]) / scale[which]).max(axis=1) <= CONVERGED),
+    )
 
 
-def settled(linearised: Linearised, theta: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Newton's steps from each of m minima to where the gradient of chi2 vanishes, until they shrink no more.
+def settled(
+    linearised: Linearised, theta: FloatArray, bounds: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """Newton's steps from each of m minima to where the gradient of chi2 vanishes, until they
+    shrink no more.
 
-    A search by trial stops where chi2, a large number, no longer falls: at a step of 1e-8 of its root, and where exactly depends on the
-    processor. Gauss and Newton's steps, which leave the residuals' own curvature out, hardly shrink beside a large misfit, so that is taken by
+    A search by trial stops where chi2, a large number, no longer falls: at a step of 1e-8 of its
+    root, and where exactly depends on the processor. Gauss and Newton's steps, which leave the
+    residuals' own curvature out, hardly shrink beside a large misfit, so that is taken by
     differences; where it shows no minimum (a direction that the data do not determine), they serve.
 
     Parameters
@@ -151,7 +198,11 @@ def settled(linearised: Linearised, theta: FloatArray, bounds: tuple[FloatArray,
     least, size = _chi2(r), np.linalg.norm(slopes, axis=2)
     unit = np.where(size > 0, 1 / np.where(size > 0, size, 1.0), 0.0)
     moves = np.eye(theta.shape[1])[:, None, :] * CURVATURE_STEP * unit
-    bent = np.stack([at(theta + h, every)[2] - at(theta - h, every)[2] for h in moves], axis=2) * unit[:, :, None] / (2 * CURVATURE_STEP)
+    bent = (
+        np.stack([at(theta + h, every)[2] - at(theta - h, every)[2] for h in moves], axis=2)
+        * unit[:, :, None]
+        / (2 * CURVATURE_STEP)
+    )
     bent = (bent + bent.swapaxes(1, 2)) / 2
     r, best, before, active = r.copy(), theta, np.full(len(theta), np.inf), np.isfinite(least)
     for _ in range(LAST_STEPS):
@@ -161,30 +212,46 @@ def settled(linearised: Linearised, theta: FloatArray, bounds: tuple[FloatArray,
         step = np.zeros((len(rows), theta.shape[1]))
         for k, row in enumerate(rows):
             g = gradient[row]
-            free = (size[row] > 0) & ~((best[row] <= low) & (g > 0)) & ~((best[row] >= high) & (g < 0))
+            free = (
+                (size[row] > 0) & ~((best[row] <= low) & (g > 0)) & ~((best[row] >= high) & (g < 0))
+            )
             own, down = bent[row][np.ix_(free, free)], -(g * unit[row])[free]
             if np.linalg.eigvalsh(own).min(initial=np.inf) > CURVED:
                 step[k, free] = np.linalg.solve(own, down) * unit[row, free]
             else:
-                step[k, free] = np.linalg.lstsq((slopes[row, free] * unit[row, free, None]).T, -r[row], rcond=DETERMINED)[0] * unit[row, free]
+                step[k, free] = (
+                    np.linalg.lstsq(
+                        (slopes[row, free] * unit[row, free, None]).T, -r[row], rcond=DETERMINED
+                    )[0]
+                    * unit[row, free]
+                )
         trial = np.clip(best[rows] + step, low, high)
         moved = np.max(np.abs(trial - best[rows]) * size[rows], axis=1, initial=0.0)
         new_r, new_slopes, new_gradient = at(trial, rows)
         good = (moved < before[rows] / 2) & (_chi2(new_r) <= (1 + 1e-9) * least[rows])
         ahead = rows[good]
         best = best.copy()
-        best[ahead], before[ahead], r[ahead], slopes[ahead], gradient[ahead] = (x[good] for x in (trial, moved, new_r, new_slopes, new_gradient))
+        best[ahead], before[ahead], r[ahead], slopes[ahead], gradient[ahead] = (
+            x[good] for x in (trial, moved, new_r, new_slopes, new_gradient)
+        )
         active[rows] = good & (moved > 0)
     return best
 
 
-def _chosen(found: tuple[FloatArray, FloatArray], which: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+def _chosen(
+    found: tuple[FloatArray, FloatArray], which: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
     r, slopes = found
     return r, slopes if len(which) == slopes.shape[1] else slopes[:, which]
 
 
 def _differences(
-    residuals: Residuals, theta: FloatArray, rows: IntArray, bounds: tuple[FloatArray, FloatArray], scale: FloatArray, which: NDArray[np.intp]
+    residuals: Residuals,
+    theta: FloatArray,
+    rows: IntArray,
+    bounds: tuple[FloatArray, FloatArray],
+    scale: FloatArray,
+    which: NDArray[np.intp],
 ) -> tuple[FloatArray, FloatArray]:
     """Residuals and their derivatives with respect to what is free, by differences in one call."""
     # towards the middle, so that the derivative never asks beyond a bound
@@ -197,8 +264,16 @@ def _differences(
     return r[:, 0], (r[:, 1:] - r[:, :1]) / h[:, :, None]
 
 
-def _step(theta: FloatArray, r: FloatArray, slopes: FloatArray, bounds: list[FloatArray], damping: FloatArray) -> FloatArray:
-    """A damped Newton step for each problem, in units of the scale; none for what stands at a bound and would leave it."""
+def _step(
+    theta: FloatArray,
+    r: FloatArray,
+    slopes: FloatArray,
+    bounds: list[FloatArray],
+    damping: FloatArray,
+) -> FloatArray:
+    """A damped Newton step for each problem, in units of the scale; none for what stands at a bound
+    and would leave it.
+    """
     gradient = (slopes @ r[:, :, None])[..., 0]
     curved = slopes @ slopes.swapaxes(-1, -2)
     low, high = bounds

@@ -1,4 +1,6 @@
-"""What is believed of the parameters before the data: the declared priors, cut off at the declared bounds."""
+"""What is believed of the parameters before the data: the declared priors, cut off at the declared
+bounds.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,17 @@ class Belief:
         """Cumulative probability and its inverse, before cutting off."""
         prior = self.parameter.prior
         if prior.distribution == "norm":
-            # scipy.stats takes half a second to import, more than everything else that a posterior takes
+            # scipy.stats takes half a second to import, more than everything else that a posterior
+            # takes
             from scipy.special import ndtr, ndtri
 
-            return lambda x: ndtr((x - prior.loc) / prior.scale), lambda p: prior.loc + prior.scale * ndtri(p)
+            return lambda x: ndtr(
+                (x - prior.loc) / prior.scale
+            ), lambda p: prior.loc + prior.scale * ndtri(p)
         if prior.distribution == "uniform":
-            return lambda x: np.clip((x - prior.loc) / prior.scale, 0.0, 1.0), lambda p: prior.loc + prior.scale * p
+            return lambda x: np.clip(
+                (x - prior.loc) / prior.scale, 0.0, 1.0
+            ), lambda p: prior.loc + prior.scale * p
         whole = prior.frozen()
         return whole.cdf, whole.ppf
 
@@ -49,11 +56,16 @@ class Belief:
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log of the density, -inf outside the bounds, (m,)."""
         prior, (low, high) = self.parameter.prior, self.parameter.bounds
-        # scipy's general machinery costs as much as the likelihood; the two common families are a line each
+        # scipy's general machinery costs as much as the likelihood; the two common families are a
+        # line each
         if prior.distribution == "norm":
-            inside = -0.5 * ((x - prior.loc) / prior.scale) ** 2 - math.log(prior.scale * math.sqrt(2 * math.pi))
+            inside = -0.5 * ((x - prior.loc) / prior.scale) ** 2 - math.log(
+                prior.scale * math.sqrt(2 * math.pi)
+            )
         elif prior.distribution == "uniform":
-            inside = np.where((x >= prior.loc) & (x <= prior.loc + prior.scale), -math.log(prior.scale), -np.inf)
+            inside = np.where(
+                (x >= prior.loc) & (x <= prior.loc + prior.scale), -math.log(prior.scale), -np.inf
+            )
         else:
             inside = np.asarray(prior.frozen().logpdf(x), dtype=float)
         return np.where((x >= low) & (x <= high), inside - self._log_mass, -np.inf)
@@ -97,21 +109,35 @@ class Beliefs:
 
     @cached_property
     def _logarithmic(self) -> NDArray[np.bool_]:
-        """Which parameters are scales, believed in to within factors: those with a log-normal prior."""
-        return np.array([b.parameter.prior.distribution == "lognorm" for b in self.each], dtype=bool)
+        """Which parameters are scales, believed in to within factors: those with a log-normal
+        prior.
+        """
+        return np.array(
+            [b.parameter.prior.distribution == "lognorm" for b in self.each], dtype=bool
+        )
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
-        """Theta (..., p) in coordinates in which shapes are plainer: logarithms of scales, the rest as it is."""
+        """Theta (..., p) in coordinates in which shapes are plainer: logarithms of scales, the rest
+        as it is.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self._logarithmic, np.log(np.where(self._logarithmic, theta, 1.0)), theta)
+            return np.where(
+                self._logarithmic, np.log(np.where(self._logarithmic, theta, 1.0)), theta
+            )
 
     def parameters(self, coordinates: FloatArray) -> FloatArray:
         """Theta from its coordinates."""
         with np.errstate(over="ignore"):
-            return np.where(self._logarithmic, np.exp(np.where(self._logarithmic, coordinates, 0.0)), coordinates)
+            return np.where(
+                self._logarithmic,
+                np.exp(np.where(self._logarithmic, coordinates, 0.0)),
+                coordinates,
+            )
 
     def log_stretch(self, theta: FloatArray) -> FloatArray:
-        """Log of how much longer coordinates are than theta, (...): what a density in coordinates is multiplied by to be one in theta."""
+        """Log of how much longer coordinates are than theta, (...): what a density in coordinates
+        is multiplied by to be one in theta.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):
             each: FloatArray = -np.log(np.where(self._logarithmic, theta, 1.0)).sum(axis=-1)
         return each

@@ -1,8 +1,9 @@
 """Errors that repeats do not show: each declared component as shared unknowns in the likelihood.
 
-A component is one unknown per element of its scope. In log lift a gain error counts 1, a force error 1 / L, a height error the
-slope d log ratio / dz, an error of a model's input the model's own derivative (`fitting.inputs`). Scopes `sample` and `trial` are
-independent from trial to trial and only widen each trial's variance; every other scope is a column (or several) of `shared`, and no
+A component is one unknown per element of its scope. In log lift a gain error counts 1, a force
+error 1 / L, a height error the slope d log ratio / dz, an error of a model's input the model's own
+derivative (`fitting.inputs`). Scopes `sample` and `trial` are independent from trial to trial and
+only widen each trial's variance; every other scope is a column (or several) of `shared`, and no
 number of repeats averages it down.
 """
 
@@ -25,9 +26,11 @@ GROUPED = ("distance", "throttle", "session", "boundary", "campaign")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
-    """One line of the budget: `standard` is m on height, N on force, a fraction on gain and inputs; `range_N` bends a cell's line.
+    """One line of the budget: `standard` is m on height, N on force, a fraction on gain and inputs;
+    `range_N` bends a cell's line.
 
-    An input has its `derivative` from `inputs.acting`; `moves` are the geometries that go with a rotor spacing.
+    An input has its `derivative` from `inputs.acting`; `moves` are the geometries that go with a
+    rotor spacing.
     """
 
     name: str
@@ -46,7 +49,8 @@ class Component:
         if self.on == "force":
             return self.standard / data.lift_N
         if self.on == "linearity":
-            # zero at zero force, `standard` at full range: the lowest such departure from a straight line is quadratic
+            # zero at zero force, `standard` at full range: the lowest such departure from a
+            # straight line is quadratic
             assert self.range_N is not None
             return self.standard * data.lift_N / self.range_N**2
         if self.on in INPUTS:
@@ -56,7 +60,9 @@ class Component:
 
 
 def components(campaign: Campaign) -> tuple[Component, ...]:
-    """The budget of a campaign: its `[[uncertainty]]` list, the load cell's accuracy, and an offset where nothing was tared."""
+    """The budget of a campaign: its `[[uncertainty]]` list, the load cell's accuracy, and an offset
+    where nothing was tared.
+    """
     listed = [_declared(u, campaign) for u in campaign.uncertainty]
     cell = campaign.load_cell
     if cell.accuracy is not None and cell.range is not None:
@@ -71,7 +77,15 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
             )
         )
     if cell.tare == "none" and cell.accuracy is not None:
-        listed.append(Component(name="untared zero", on="force", standard=cell.accuracy / np.sqrt(3), distribution="uniform", scope="session"))
+        listed.append(
+            Component(
+                name="untared zero",
+                on="force",
+                standard=cell.accuracy / np.sqrt(3),
+                distribution="uniform",
+                scope="session",
+            )
+        )
     return tuple(listed)
 
 
@@ -82,7 +96,14 @@ def _declared(u: Uncertainty, campaign: Campaign) -> Component:
         standard /= campaign.nominal(u.on) or math.nan
     given = {"diagonal_hat": vehicle.rotor_diagonal, "layout_hat": vehicle.rotor_positions}
     moves = ("spacing_hat", *(name for name, value in given.items() if value is None))
-    return Component(name=u.name, on=u.on, standard=standard, distribution=u.distribution, scope=u.scope, moves=moves)
+    return Component(
+        name=u.name,
+        on=u.on,
+        standard=standard,
+        distribution=u.distribution,
+        scope=u.scope,
+        moves=moves,
+    )
 
 
 def groups(data: Observations, scope: str) -> IntArray:
@@ -108,7 +129,9 @@ def own_variance(data: Observations, parts: tuple[Component, ...], slope: FloatA
 
 
 def columns(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
-    """Sensitivities (n, m) to the m shared unknowns of one component; (n, 0) for an independent one."""
+    """Sensitivities (n, m) to the m shared unknowns of one component; (n, 0) for an independent
+    one.
+    """
     if part.scope not in GROUPED:
         return np.zeros((data.n, 0))
     group = groups(data, part.scope)

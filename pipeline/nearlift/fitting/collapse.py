@@ -1,8 +1,10 @@
-"""Does relative lift depend on throttle? The claim that Delta L collapses is tested, and bounded, never assumed.
+"""Does relative lift depend on throttle? The claim that Delta L collapses is tested, and bounded,
+never assumed.
 
-Three tests against the full covariance of the trials, the budget's shared errors included: one headline coefficient per throttle
-against a common one; one scale of the curve per throttle against a common curve; and, with no model at all, an interaction of distance and
-throttle between cells. L_inf is free per throttle in all of them.
+Three tests against the full covariance of the trials, the budget's shared errors included: one
+headline coefficient per throttle against a common one; one scale of the curve per throttle against
+a common curve; and, with no model at all, an interaction of distance and throttle between cells.
+L_inf is free per throttle in all of them.
 """
 
 from __future__ import annotations
@@ -29,10 +31,12 @@ Freedom = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FTest:
-    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]` degrees of freedom.
+    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]`
+    degrees of freedom.
 
-    A gain so small that noise would leave it once in `1 / SUSPECT` such tests is no confirmation: the noise was then put too large for
-    what is tested, or in another shape than trials have it (`quiet`).
+    A gain so small that noise would leave it once in `1 / SUSPECT` such tests is no confirmation:
+    the noise was then put too large for what is tested, or in another shape than trials have it
+    (`quiet`).
     """
 
     statistic: float
@@ -47,7 +51,9 @@ class FTest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Departure:
-    """The two throttles that may differ most: their difference as a fraction, its uncertainty, and what `CONFIDENCE` cannot exclude."""
+    """The two throttles that may differ most: their difference as a fraction, its uncertainty, and
+    what `CONFIDENCE` cannot exclude.
+    """
 
     between: tuple[float, float]
     value: float
@@ -68,11 +74,13 @@ class Collapse:
     values, u : (K,)
         That coefficient fitted per throttle, the model's others in common.
     u_apart : (K,)
-        Standard uncertainty of what each differs from the mean over throttles: without what all of them share.
+        Standard uncertainty of what each differs from the mean over throttles: without what all of
+        them share.
     coefficient, curve, cells : FTest or None
         A coefficient per throttle; a scale of log ratio per throttle; no model.
     of_coefficient, of_curve : Departure or None
-        Simultaneous over all pairs of throttles (Bonferroni), relative to the common value and to the common change of lift.
+        Simultaneous over all pairs of throttles (Bonferroni), relative to the common value and to
+        the common change of lift.
     """
 
     throttles: FloatArray
@@ -94,8 +102,9 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
     ----------
     problem : Problem
     freedom : callable
-        How well the variance of a linear estimator is known, as `gum.freedom` gives it: contrasts between throttles of one visit do not
-        feel what the visit's trials share, so that their degrees of freedom are others than the coefficient's.
+        How well the variance of a linear estimator is known, as `gum.freedom` gives it: contrasts
+        between throttles of one visit do not feel what the visit's trials share, so that their
+        degrees of freedom are others than the coefficient's.
     """
     throttles, name = problem.data.levels, problem.names[0] if problem.names else ""
     found = Collapse(
@@ -134,13 +143,16 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
         coefficient=f_test(gain, int(known.sum()) - 1, dof),
         curve=curve,
         cells=found.cells,
-        of_coefficient=largest(throttles[known], values[known], covariance[inner], abs(float(theta[0])), dof),
+        of_coefficient=largest(
+            throttles[known], values[known], covariance[inner], abs(float(theta[0])), dof
+        ),
         of_curve=of_curve,
     )
 
 
 def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """The headline coefficient of each throttle (K,), their covariance (K, K) with the others free, and chi2.
+    """The headline coefficient of each throttle (K,), their covariance (K, K) with the others free,
+    and chi2.
 
     What the trials of a throttle do not determine has an infinite variance.
     """
@@ -148,7 +160,10 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
 
     data, k = problem.data, len(problem.data.levels)
     declared, target = problem.model.parameters, problem.project(np.log(data.lift_N))
-    low, high = (np.array([*[p.bounds[i] for p in declared[:1]] * k, *[p.bounds[i] for p in declared[1:]]]) for i in (0, 1))
+    low, high = (
+        np.array([*[p.bounds[i] for p in declared[:1]] * k, *[p.bounds[i] for p in declared[1:]]])
+        for i in (0, 1)
+    )
 
     def log_ratio(x: FloatArray) -> FloatArray:
         each = np.column_stack([x[:k], np.broadcast_to(x[k:], (k, len(x) - k))])
@@ -168,32 +183,52 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
-    found = least_squares(residuals, start, jac="3-point", bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
+    found = least_squares(
+        residuals,
+        start,
+        jac="3-point",
+        bounds=(low, high),
+        x_scale=size,
+        xtol=1e-10,
+        ftol=1e-10,
+        gtol=1e-10,
+    )
     best = batched.settled(linearised, found.x[None], (low, high))
     _, slopes = linearised(best, np.zeros(1, dtype=np.int64))
     whole = np.zeros(len(start))
     for i in range(len(start)):
         step = np.zeros(len(start))
         step[i] = 1e-4 * size[i]
-        whole[i] = np.linalg.norm(problem.covariance.whiten(log_ratio(start + step) - log_ratio(start))) / step[i]
+        whole[i] = (
+            np.linalg.norm(problem.covariance.whiten(log_ratio(start + step) - log_ratio(start)))
+            / step[i]
+        )
     covariance, determined = parameter_covariance(np.nan_to_num(slopes[0]), whole)
     covariance[~determined, ~determined] = np.inf
     return best[0, :k], covariance[:k, :k], float(np.sum(residuals(best[0]) ** 2))
 
 
 def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> FloatArray:
-    """Orthonormal whitened directions (n, m) of a column (n, 1) of its own size per throttle beside theta and L_inf."""
+    """Orthonormal whitened directions (n, m) of a column (n, 1) of its own size per throttle beside
+    theta and L_inf.
+    """
     k = len(problem.data.levels)
     contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
     each = ((np.eye(k)[problem.data.level] * column) @ contrast).T
     q, _ = np.linalg.qr(problem.project(problem.jacobian(theta).T).T)
     free = problem.project(each).T
     u, size, _ = np.linalg.svd(free - q @ (q.T @ free), full_matrices=False)
-    return u[:, size > 1e-6 * np.linalg.norm(problem.covariance.whiten(each), axis=1).max(initial=0.0)]
+    return u[
+        :, size > 1e-6 * np.linalg.norm(problem.covariance.whiten(each), axis=1).max(initial=0.0)
+    ]
 
 
-def scale_per_throttle(problem: Problem, theta: FloatArray, freedom: Freedom) -> tuple[FTest | None, Departure | None]:
-    """Whether log ratio has another size at each throttle, theta free in common; to first order about `theta`."""
+def scale_per_throttle(
+    problem: Problem, theta: FloatArray, freedom: Freedom
+) -> tuple[FTest | None, Departure | None]:
+    """Whether log ratio has another size at each throttle, theta free in common; to first order
+    about `theta`.
+    """
     data, k = problem.data, len(problem.data.levels)
     common = problem.project(problem.jacobian(theta).T).T
     residual = problem.residuals(theta)
@@ -203,32 +238,46 @@ def scale_per_throttle(problem: Problem, theta: FloatArray, freedom: Freedom) ->
     free = problem.project((each @ contrast).T).T
     free = free - q @ (q.T @ free)
     residual = residual - q @ (q.T @ residual)
-    covariance, determined = parameter_covariance(free.T, np.linalg.norm(problem.covariance.whiten((each @ contrast).T), axis=1))
+    covariance, determined = parameter_covariance(
+        free.T, np.linalg.norm(problem.covariance.whiten((each @ contrast).T), axis=1)
+    )
     if not determined.all():
         return None, None
     scale = covariance @ (free.T @ residual)
     gain = float(residual @ residual - (residual - free @ scale) @ (residual - free @ scale))
     dof = student.several(freedom(problem.covariance.unwhiten(np.linalg.qr(free)[0].T)))
-    return f_test(gain, k - 1, dof), largest(data.levels, contrast @ scale, contrast @ covariance @ contrast.T, 1.0, dof)
+    return f_test(gain, k - 1, dof), largest(
+        data.levels, contrast @ scale, contrast @ covariance @ contrast.T, 1.0, dof
+    )
 
 
 def cells(problem: Problem, freedom: Freedom) -> FTest | None:
-    """Interaction of distance and throttle between cells: no model but that of how trials scatter."""
+    """Interaction of distance and throttle between cells: no model but that of how trials
+    scatter.
+    """
     data = problem.data
     distance = np.unique(data.z_hat, return_inverse=True)[1]
     both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
     if len(data.levels) < 2 or both.max() + 1 >= min(data.n, MOST_MEANS + 1):
         return None
-    (common, left), (each, rest) = (_left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both))
+    (common, left), (each, rest) = (
+        _left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both)
+    )
     extra = each.shape[1] - common.shape[1]
     if extra <= 0:
         return None
-    apart = framed(np.linalg.svd(each - common @ (common.T @ each), full_matrices=False)[0][:, :extra])
-    return f_test(left - rest, extra, student.several(freedom(problem.covariance.unwhiten(apart.T))))
+    apart = framed(
+        np.linalg.svd(each - common @ (common.T @ each), full_matrices=False)[0][:, :extra]
+    )
+    return f_test(
+        left - rest, extra, student.several(freedom(problem.covariance.unwhiten(apart.T)))
+    )
 
 
 def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
-    """Orthonormal directions (n, m) that an indicator's columns span beside a free L_inf, and the chi2 left beside both."""
+    """Orthonormal directions (n, m) that an indicator's columns span beside a free L_inf, and the
+    chi2 left beside both.
+    """
     white = problem.project(indicator.T).T
     u, size, _ = np.linalg.svd(white, full_matrices=False)
     # an indicator's column that L_inf spans leaves only rounding
@@ -239,7 +288,9 @@ def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
 
 
 def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
-    """The F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square where the noise is known."""
+    """The F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square where the noise is
+    known.
+    """
     from scipy.stats import chi2, f
 
     if extra < 1:
@@ -249,7 +300,9 @@ def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
     return FTest(statistic=gain / extra, dof=(extra, float(noise_dof)), p_value=float(p))
 
 
-def largest(throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float) -> Departure | None:
+def largest(
+    throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float
+) -> Departure | None:
     """The pair of throttles with the largest difference that the data allow, over `unit`."""
     i, j = np.triu_indices(len(throttles), 1)
     if not len(i) or not unit > 0:

@@ -1,7 +1,9 @@
-"""Effective sample size and R-hat of chains: rank-normalised and split, as Vehtari et al., Bayesian Analysis 16 (2021), define them.
+"""Effective sample size and R-hat of chains: rank-normalised and split, as Vehtari et al., Bayesian
+Analysis 16 (2021), define them.
 
-Those take the chains for independent. Walkers of an ensemble are not: each proposes from where the others stand. `worth` therefore also looks
-at the ensemble's mean from step to step, whose wander is the true error of an average.
+Those take the chains for independent. Walkers of an ensemble are not: each proposes from where the
+others stand. `worth` therefore also looks at the ensemble's mean from step to step, whose wander is
+the true error of an average.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ def _normal_scores(chains: FloatArray) -> FloatArray:
 
 
 def r_hat(chains: FloatArray) -> float:
-    """Greater of the R-hats of location and of spread, chains (m, n); 1 for a parameter without spread."""
+    """Greater of the R-hats of location and of spread, chains (m, n); 1 for a parameter without
+    spread.
+    """
     if np.ptp(chains) == 0:
         return 1.0
     folded = np.abs(chains - np.median(chains))
@@ -48,7 +52,9 @@ def ess(chains: FloatArray) -> float:
 
 
 def worth(chains: FloatArray) -> float:
-    """Independent draws that an ensemble's steps (m, n) are worth: the lesser of `ess` and what the wander of the ensemble's mean says."""
+    """Independent draws that an ensemble's steps (m, n) are worth: the lesser of `ess` and what the
+    wander of the ensemble's mean says.
+    """
     if np.ptp(chains) == 0 or chains.shape[1] < 8:
         return float(chains.size)
     mean = chains.mean(axis=0, keepdims=True)
@@ -57,7 +63,9 @@ def worth(chains: FloatArray) -> float:
 
 
 def tail(chains: FloatArray) -> float:
-    """What they are worth at the ends of a 90 % interval: `worth` of lying below the 5 % and 95 % quantiles, the lesser."""
+    """What they are worth at the ends of a 90 % interval: `worth` of lying below the 5 % and 95 %
+    quantiles, the lesser.
+    """
     return min(worth((chains <= q).astype(float)) for q in np.quantile(chains, [0.05, 0.95]))
 
 
@@ -71,7 +79,8 @@ def _ess(z: FloatArray) -> float:
     total = covariance[0] + (z.mean(axis=1).var(ddof=1) if m > 1 else 0.0)
     rho = 1 - (within - covariance * n / (n - 1)) / total
     rho[0] = 1.0
-    # sums of neighbouring pairs are positive and fall in theory (Geyer): cut and smooth what the noise adds
+    # sums of neighbouring pairs are positive and fall in theory (Geyer): cut and smooth what the
+    # noise adds
     pairs = rho[: n - n % 2].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs < 0)
     last = int(negative[0]) if len(negative) else len(pairs)

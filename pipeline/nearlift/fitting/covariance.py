@@ -1,8 +1,10 @@
-"""The covariance of the trials' log lift, held as what it is made of, and an inverse square root of it applied in O(n).
+"""The covariance of the trials' log lift, held as what it is made of, and an inverse square root of
+it applied in O(n).
 
-Layers: a variance of each trial's own; what a trial shares with those before it in run order (the height of a visit of the traverse, what
-else its trials have in common, slow drift); and a few shared unknowns (a budget's components), each with its column of
-sensitivities. Nothing n x n is ever formed.
+Layers: a variance of each trial's own; what a trial shares with those before it in run order (the
+height of a visit of the traverse, what else its trials have in common, slow drift); and a few
+shared unknowns (a budget's components), each with its column of sensitivities. Nothing n x n is
+ever formed.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, kw_only=True)
 class Covariance:
-    """``diag(variance) + sum_v (h_v h_v' + common^2 1_v 1_v') + sum_k drift_k^2 M_k + shared shared'``, `h_v` and `1_v` of visit v.
+    """``diag(variance) + sum_v (h_v h_v' + common^2 1_v 1_v') + sum_k drift_k^2 M_k + shared
+    shared'``, `h_v` and `1_v` of visit v.
 
     Trials are in run order; those of one visit are taken together.
 
@@ -47,7 +50,8 @@ class Covariance:
     drift : (k,)
         Standard deviations of k drifts.
     age : (n, k)
-        When a trial was run, in units of the time over which each drift forgets: ``M_k[i, j] = exp(-|age_i - age_j|)``.
+        When a trial was run, in units of the time over which each drift forgets: ``M_k[i, j] =
+        exp(-|age_i - age_j|)``.
     """
 
     variance: FloatArray
@@ -66,24 +70,34 @@ class Covariance:
 
     @cached_property
     def processes(self) -> tuple[FloatArray, FloatArray]:
-        """Amplitude and memory, (n, J) each, in `order`: the height of a visit, what it has in common, the drifts."""
+        """Amplitude and memory, (n, J) each, in `order`: the height of a visit, what it has in
+        common, the drifts.
+        """
         order = self.order
         drifts = [np.full(len(order), float(size)) for size in self.drift]
-        amplitude = np.stack([self.per_visit[order], np.full(len(order), self.common), *drifts], axis=1)
+        amplitude = np.stack(
+            [self.per_visit[order], np.full(len(order), self.common), *drifts], axis=1
+        )
         same = self.visit[order][1:] == self.visit[order][:-1]
         fades = [np.exp(-np.abs(np.diff(self.age[order, k]))) for k in range(len(self.drift))]
-        memory = np.vstack([np.zeros((1, amplitude.shape[1])), np.stack([same, same, *fades], axis=1)])
+        memory = np.vstack(
+            [np.zeros((1, amplitude.shape[1])), np.stack([same, same, *fades], axis=1)]
+        )
         kept = np.flatnonzero(np.abs(amplitude).max(axis=0, initial=0.0) > 0)
         return np.ascontiguousarray(amplitude[:, kept]), np.ascontiguousarray(memory[:, kept])
 
     @cached_property
     def _factor(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         amplitude, memory = self.processes
-        d, w = semiseparable.factor(np.ascontiguousarray(self.variance[self.order]), amplitude, memory)
+        d, w = semiseparable.factor(
+            np.ascontiguousarray(self.variance[self.order]), amplitude, memory
+        )
         return d, w, amplitude, memory
 
     def _own(self, x: FloatArray, transposed: bool = False) -> FloatArray:
-        """The whitener of all but the shared unknowns, or its transpose, along the last axis of x (..., n); trials in `order` once whitened."""
+        """The whitener of all but the shared unknowns, or its transpose, along the last axis of x
+        (..., n); trials in `order` once whitened.
+        """
         x = np.broadcast_to(x, np.broadcast_shapes(x.shape, self.variance.shape))
         rows = x.reshape(math.prod(x.shape[:-1]), x.shape[-1]).T
         if transposed:
@@ -94,11 +108,15 @@ class Covariance:
         return np.asarray(solved.T.reshape(x.shape), dtype=np.float64)
 
     def solve_own(self, x: FloatArray) -> FloatArray:
-        """Apply the inverse covariance that trials would have were the shared unknowns known, along the last axis of x (..., n)."""
+        """Apply the inverse covariance that trials would have were the shared unknowns known, along
+        the last axis of x (..., n).
+        """
         return self._own(self._own(x), transposed=True)
 
     def precision_blocks(self) -> tuple[tuple[IntArray, FloatArray], ...]:
-        """Trials (m, b) and their block (m, b, b) of that inverse for each visit; one pair for each size b."""
+        """Trials (m, b) and their block (m, b, b) of that inverse for each visit; one pair for each
+        size b.
+        """
         place = np.empty(len(self.order), dtype=np.int64)
         place[self.order] = np.arange(len(self.order))
         blocks = visits_by_size(self.visit)
@@ -117,7 +135,9 @@ class Covariance:
 
     @cached_property
     def _shared_part(self) -> tuple[FloatArray, FloatArray]:
-        """Orthonormal directions (n, k) of the whitened shared unknowns, and their squared lengths."""
+        """Orthonormal directions (n, k) of the whitened shared unknowns, and their
+        squared lengths.
+        """
         basis, length, _ = np.linalg.svd(self._own(self.shared.T).T, full_matrices=False)
         return basis, length**2
 
@@ -126,7 +146,9 @@ class Covariance:
         return self._less_shared(self._own(x))
 
     def unwhiten(self, x: FloatArray) -> FloatArray:
-        """Apply W' of the same W along the last axis, shape (..., n): after `whiten`, the inverse covariance."""
+        """Apply W' of the same W along the last axis, shape (..., n): after `whiten`, the inverse
+        covariance.
+        """
         return self._own(self._less_shared(x), transposed=True)
 
     def _less_shared(self, x: FloatArray) -> FloatArray:
@@ -137,8 +159,12 @@ class Covariance:
 
     @property
     def sigma(self) -> FloatArray:
-        """Standard deviation of each trial, what is shared beyond visits and drifts left out, (n,)."""
-        result: FloatArray = np.sqrt(self.variance + self.per_visit**2 + self.common**2 + np.sum(self.drift**2))
+        """Standard deviation of each trial, what is shared beyond visits and drifts left
+        out, (n,).
+        """
+        result: FloatArray = np.sqrt(
+            self.variance + self.per_visit**2 + self.common**2 + np.sum(self.drift**2)
+        )
         return result
 
     @cached_property
@@ -152,7 +178,11 @@ class Covariance:
     def dense(self) -> FloatArray:
         """The (n, n) matrix, for tests and small reports."""
         same = self.visit[:, None] == self.visit
-        result = np.diag(self.variance) + self.shared @ self.shared.T + same * (np.outer(self.per_visit, self.per_visit) + self.common**2)
+        result = (
+            np.diag(self.variance)
+            + self.shared @ self.shared.T
+            + same * (np.outer(self.per_visit, self.per_visit) + self.common**2)
+        )
         for size, age in zip(self.drift, self.age.T, strict=False):
             result += size**2 * np.exp(-np.abs(age[:, None] - age))
         return np.asarray(result, dtype=np.float64)
@@ -167,7 +197,9 @@ def visits_by_size(visit: IntArray) -> list[NDArray[np.int64]]:
 
 
 def group_sums(x: FloatArray, label: IntArray) -> FloatArray:
-    """Sums of x (..., n) over the trials of each group, (..., groups); labels are 0, 1, ... without a gap."""
+    """Sums of x (..., n) over the trials of each group, (..., groups); labels are 0, 1, ... without
+    a gap.
+    """
     order = np.argsort(label, kind="stable")
     first = np.flatnonzero(np.diff(label[order], prepend=-1))
     result: FloatArray = np.add.reduceat(x[..., order], first, axis=-1)

@@ -1,9 +1,12 @@
-"""Deletion diagnostics of a fit: what a trial or a visit looks like from all the others, and what the coefficients would be without it.
+"""Deletion diagnostics of a fit: what a trial or a visit looks like from all the others, and what
+the coefficients would be without it.
 
-For a model that is linear near its optimum, no refit is needed. With P the inverse covariance freed of coefficients and L_inf, y the log
-lift less the model's and G the estimator (``theta = G y``), leaving block B out moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``;
-the error of predicting B from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact for a given covariance:
-the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (leverage, influence and residuals in generalised least squares).
+For a model that is linear near its optimum, no refit is needed. With P the inverse covariance freed
+of coefficients and L_inf, y the log lift less the model's and G the estimator (``theta = G y``),
+leaving block B out moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``; the error of predicting B
+from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact for a given
+covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (leverage,
+influence and residuals in generalised least squares).
 """
 
 from __future__ import annotations
@@ -25,7 +28,8 @@ if TYPE_CHECKING:
     from nearlift.fitting.least_squares import Fit
     from nearlift.fitting.problem import Problem
 
-#: What keeps less than this part of its information when L_inf and coefficients are freed cannot be foretold from the rest.
+#: What keeps less than this part of its information when L_inf and coefficients are freed cannot be
+#: foretold from the rest.
 DETERMINED = 1e-8
 
 
@@ -42,9 +46,11 @@ class Deletion:
     weighed : (m, b)
         (P y)_B.
     gain : (m, p, b)
-        Change of each coefficient per unit change of a trial's log lift; 0 for one at its bound or without finite uncertainty.
+        Change of each coefficient per unit change of a trial's log lift; 0 for one at its bound or
+        without finite uncertainty.
     whole : (m,)
-        The largest information that a combination of the visit's trials has before anything is freed.
+        The largest information that a combination of the visit's trials has before anything is
+        freed.
     """
 
     index: IntArray
@@ -57,7 +63,8 @@ class Deletion:
 def visits(fit: Fit) -> tuple[Deletion, ...]:
     """Every visit of a fit as the others see it, those of one size together.
 
-    Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the other visits as far as those tell.
+    Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the
+    other visits as far as those tell.
     """
     problem, offset, slope = gum.linearised(fit)
     return visits_of(problem, fit.theta, _free(fit), offset, slope)
@@ -68,8 +75,15 @@ def _free(fit: Fit) -> list[int]:
     return [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
 
 
-def visits_of(problem: Problem, theta: FloatArray, free: Sequence[int], offset: float = 0.0, slope: FloatArray | float = 0.0) -> tuple[Deletion, ...]:
-    """The same of any likelihood at its optimum `theta` (p,), of which the coefficients `free` may move.
+def visits_of(
+    problem: Problem,
+    theta: FloatArray,
+    free: Sequence[int],
+    offset: float = 0.0,
+    slope: FloatArray | float = 0.0,
+) -> tuple[Deletion, ...]:
+    """The same of any likelihood at its optimum `theta` (p,), of which the coefficients `free` may
+    move.
 
     `offset` in m is the height error at which it stands, which `slope` carries.
     """
@@ -105,7 +119,8 @@ def visits_of(problem: Problem, theta: FloatArray, free: Sequence[int], offset: 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Influence:
-    """What each coefficient would be without one trial, or without one visit, less what it is; in the coefficient's unit.
+    """What each coefficient would be without one trial, or without one visit, less what it is; in
+    the coefficient's unit.
 
     Attributes
     ----------
@@ -114,15 +129,18 @@ class Influence:
     trial : (n,) object array of str
         Ids, as in the observations.
     of_trial : (n, p)
-        nan where the others do not determine what the trial should be, or the coefficient is at its bound.
+        nan where the others do not determine what the trial should be, or the coefficient is at its
+        bound.
     residual : (n,)
-        Error of predicting the trial's log lift from all others, over its standard deviation; nan likewise.
+        Error of predicting the trial's log lift from all others, over its standard deviation; nan
+        likewise.
     visit : (v,) int array
         Labels, ascending.
     of_visit : (v, p)
         As `of_trial`.
     chi2 : (v,)
-        Squared error of predicting the visit's trials from all others, in units of its covariance; nan likewise.
+        Squared error of predicting the visit's trials from all others, in units of its covariance;
+        nan likewise.
     """
 
     names: tuple[str, ...]
@@ -135,11 +153,15 @@ class Influence:
 
 
 def influence(fit: Fit) -> Influence:
-    """How far each trial and each visit moves each coefficient, in closed form from the fit, its scatter held fixed."""
+    """How far each trial and each visit moves each coefficient, in closed form from the fit, its
+    scatter held fixed.
+    """
     return influence_on(fit.problem.data, fit.names, _free(fit), visits(fit))
 
 
-def influence_on(data: Observations, names: tuple[str, ...], free: Sequence[int], blocks: Sequence[Deletion]) -> Influence:
+def influence_on(
+    data: Observations, names: tuple[str, ...], free: Sequence[int], blocks: Sequence[Deletion]
+) -> Influence:
     """The same from what visits look like to the others."""
     p = len(names)
     fixed = [i for i in range(p) if i not in free]

@@ -1,12 +1,16 @@
-"""The posterior density of a model's parameters: likelihood with L_inf and the noise's scale integrated out, times the priors.
+"""The posterior density of a model's parameters: likelihood with L_inf and the noise's scale
+integrated out, times the priors.
 
 Conventions, the same as those of least squares:
 
-- L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form; its constant is part of the evidence.
-- The noise was learnt from repeats, so the scale of the coefficients' covariance is uncertain by a scaled inverse chi-square of `dof`,
-  their effective degrees of freedom: one number here, the fewest of any coefficient. Integrated out, the likelihood's exp(-D / 2),
-  D = chi2 - its least, becomes Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly the t intervals of least squares. How
-  well the model fits has no say in the noise; only repeats have, and how visits scatter about the base model's curve where they are few.
+- L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form; its
+  constant is part of the evidence.
+- The noise was learnt from repeats, so the scale of the coefficients' covariance is uncertain by a
+  scaled inverse chi-square of `dof`, their effective degrees of freedom: one number here, the
+  fewest of any coefficient. Integrated out, the likelihood's exp(-D / 2), D = chi2 - its least,
+  becomes Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly the t intervals of
+  least squares. How well the model fits has no say in the noise; only repeats have, and how visits
+  scatter about the base model's curve where they are few.
 - The covariance, budget included, is that of the least-squares fit.
 """
 
@@ -26,7 +30,9 @@ from nearlift.fitting.stations import Stations
 
 @dataclass(frozen=True, kw_only=True)
 class Density:
-    """Log posterior of theta (m, p), not normalised; `centre` (p,) is the least-squares theta, `dof` of the noise (inf: known)."""
+    """Log posterior of theta (m, p), not normalised; `centre` (p,) is the least-squares theta,
+    `dof` of the noise (inf: known).
+    """
 
     problem: Problem
     centre: FloatArray
@@ -49,20 +55,33 @@ class Density:
 
     @cached_property
     def _constant(self) -> float:
-        """Log of the likelihood at the centre, L_inf integrated out, and of what keeps its integral that of the normal one."""
+        """Log of the likelihood at the centre, L_inf integrated out, and of what keeps its integral
+        that of the normal one.
+        """
         levels, log_det = self.problem.levels_log_det
-        at_centre = float(self.problem.log_likelihood(self.centre)) + 0.5 * levels * math.log(2 * math.pi) - 0.5 * log_det
+        at_centre = (
+            float(self.problem.log_likelihood(self.centre))
+            + 0.5 * levels * math.log(2 * math.pi)
+            - 0.5 * log_det
+        )
         p = len(self.centre)
         if not math.isfinite(self.dof):
             return at_centre
-        return at_centre + math.lgamma((self.dof + p) / 2) - math.lgamma(self.dof / 2) - 0.5 * p * math.log(self.dof / 2)
+        return (
+            at_centre
+            + math.lgamma((self.dof + p) / 2)
+            - math.lgamma(self.dof / 2)
+            - 0.5 * p * math.log(self.dof / 2)
+        )
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log of the marginal likelihood, -inf where the model has no value."""
         departure = self.stations.chi2(theta) - self.least
         if not math.isfinite(self.dof):
             return self._constant - 0.5 * departure
-        return self._constant - 0.5 * (self.dof + len(self.centre)) * np.log1p(np.maximum(departure / self.dof, -1 + 1e-12))
+        return self._constant - 0.5 * (self.dof + len(self.centre)) * np.log1p(
+            np.maximum(departure / self.dof, -1 + 1e-12)
+        )
 
     def __call__(self, theta: FloatArray) -> FloatArray:
         """Log prior and log likelihood together; the model is asked only within the bounds."""
@@ -74,7 +93,9 @@ class Density:
         return result
 
     def spread(self) -> FloatArray:
-        """Covariance (p, p) near the centre, to first order: the data's information and that of priors as wide as theirs."""
+        """Covariance (p, p) near the centre, to first order: the data's information and that of
+        priors as wide as theirs.
+        """
         jacobian = np.nan_to_num(self.problem.project(self.problem.jacobian(self.centre).T))
         information = jacobian @ jacobian.T
         sd = np.array([b.width90 / 3.3 for b in self.beliefs.each])

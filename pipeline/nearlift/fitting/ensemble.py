@@ -1,7 +1,9 @@
-"""emcee, called directly: an ensemble of walkers with differential-evolution and snooker moves, all of them evaluated at once.
+"""emcee, called directly: an ensemble of walkers with differential-evolution and snooker moves, all
+of them evaluated at once.
 
-The chain grows in blocks. A block carries the state that the next one starts from, the generator's included, so a chain that was
-interrupted and goes on from its last block is bit for bit the chain that was not.
+The chain grows in blocks. A block carries the state that the next one starts from, the generator's
+included, so a chain that was interrupted and goes on from its last block is bit for bit the chain
+that was not.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ TAIL = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """Steps (t, w, p) with their log_prob (t, w), moves accepted per walker (w,), and the generator's state after them: `keys` and `place`."""
+    """Steps (t, w, p) with their log_prob (t, w), moves accepted per walker (w,), and the
+    generator's state after them: `keys` and `place`.
+    """
 
     theta: FloatArray
     log_prob: FloatArray
@@ -47,7 +51,9 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class Chain:
-    """What is kept of a converged ensemble: thinned draws (w, n, p), log_prob (w, n), and how it went."""
+    """What is kept of a converged ensemble: thinned draws (w, n, p), log_prob (w, n), and how it
+    went.
+    """
 
     theta: FloatArray
     log_prob: FloatArray
@@ -59,22 +65,31 @@ class Chain:
 
 
 def walkers(p: int, wanted: int) -> int:
-    """Enough that a chain just long enough for its autocorrelation time to be believed yields `wanted` independent draws."""
+    """Enough that a chain just long enough for its autocorrelation time to be believed yields
+    `wanted` independent draws.
+    """
     return max(2 * math.ceil(1.25 * wanted / LENGTHS / 2), 2 * (p + 1), 32)
 
 
 def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
-    """Where the walkers start, (w, p): twice as widely spread about the peak as the posterior is to first order.
+    """Where the walkers start, (w, p): twice as widely spread about the peak as the posterior is to
+    first order.
 
-    On a lattice: walkers move by each other's differences, so a last bit of where they start grows until it moves them all.
+    On a lattice: walkers move by each other's differences, so a last bit of where they start grows
+    until it moves them all.
     """
     spread = density.spread()
-    root, step = 2 * np.linalg.cholesky(spread), 2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE
+    root, step = (
+        2 * np.linalg.cholesky(spread),
+        2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE,
+    )
     mean = peak(density)
     p = len(mean)
     found = np.empty((0, p))
     for attempt in range(200):
-        some = step * np.round((mean + rng.standard_normal((count, p)) @ root.T / (1 + attempt / 10)) / step)
+        some = step * np.round(
+            (mean + rng.standard_normal((count, p)) @ root.T / (1 + attempt / 10)) / step
+        )
         found = np.vstack([found, some[np.isfinite(density(some))]])
         if len(found) >= count:
             return found[:count]
@@ -94,17 +109,20 @@ def run(
     keep: Callable[[Block], None],
     least: int = 0,
 ) -> Chain:
-    """Sample until `wanted` effective draws of every parameter are there, and half as many at the ends of its 90 % interval.
+    """Sample until `wanted` effective draws of every parameter are there, and half as many at the
+    ends of its 90 % interval.
 
     Parameters
     ----------
     density : Density
     rng : Generator
-        Places the walkers and seeds emcee; a resumed chain needs it in the same state as the first time.
+        Places the walkers and seeds emcee; a resumed chain needs it in the same state as the first
+        time.
     wanted, longest : int
         Bulk effective sample size, and the most steps that may be spent on it.
     stored : sequence of Block
-        What an interrupted run had kept, in order. Each is judged as if it came now, so that the chain ends where it would have.
+        What an interrupted run had kept, in order. Each is judged as if it came now, so that the
+        chain ends where it would have.
     keep : callable
         Given each new block as soon as it is done.
     least : int
@@ -123,7 +141,9 @@ def run(
     count = walkers(p, wanted)
     start = begin(density, rng, count)
     seed = int(rng.integers(2**32))
-    sampler = emcee.EnsembleSampler(count, p, density, moves=[(emcee.moves.DEMove(), 0.8), (SnookerMove(), 0.2)], vectorize=True)
+    sampler = emcee.EnsembleSampler(
+        count, p, density, moves=[(emcee.moves.DEMove(), 0.8), (SnookerMove(), 0.2)], vectorize=True
+    )
     known = [b for b in stored if b.theta.shape[1:] == (count, p)]
     blocks: list[Block] = []
     state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
@@ -181,13 +201,36 @@ def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> Chain | tuple
     bulk, tail, mixed = 0.0, 0.0, math.inf
     if steps >= need:
         chains = [kept[:, :, i] for i in range(theta.shape[2])]
-        bulk, mixed = min(convergence.worth(c) for c in chains), max(convergence.r_hat(c) for c in chains)
+        bulk, mixed = (
+            min(convergence.worth(c) for c in chains),
+            max(convergence.r_hat(c) for c in chains),
+        )
         tail = min(convergence.tail(c) for c in chains)
         if bulk >= wanted and tail >= TAIL * wanted and mixed < MIXED:
             accepted = sum(b.accepted for b in blocks) / steps
             log_prob = np.concatenate([b.log_prob for b in blocks])[burn::thin].T
-            return Chain(theta=kept, log_prob=log_prob, tau=tau, acceptance=float(np.mean(accepted)), steps=steps, burn=burn, thin=thin)
-        short = [asked / max(worth, 1.0) for asked, worth in ((wanted, bulk), (TAIL * wanted, tail)) if worth < asked]
+            return Chain(
+                theta=kept,
+                log_prob=log_prob,
+                tau=tau,
+                acceptance=float(np.mean(accepted)),
+                steps=steps,
+                burn=burn,
+                thin=thin,
+            )
+        short = [
+            asked / max(worth, 1.0)
+            for asked, worth in ((wanted, bulk), (TAIL * wanted, tail))
+            if worth < asked
+        ]
         need = math.ceil(steps * max([1.2, *(1.1 * s for s in short)]))
-    found = f", effective draws {bulk:.0f} of {wanted}, in the tails {tail:.0f} of {TAIL * wanted:.0f}, R-hat {mixed:.3f}" if bulk else ""
-    return f"{steps} steps of {count} walkers, tau = {slowest:.3g}{found}", f"run at least {need}: `steps = {need}` in [fit] (now {longest})"
+    found = (
+        f", effective draws {bulk:.0f} of {wanted}, in the tails {tail:.0f} of {TAIL * wanted:.0f},"
+        f" R-hat {mixed:.3f}"
+        if bulk
+        else ""
+    )
+    return (
+        f"{steps} steps of {count} walkers, tau = {slowest:.3g}{found}",
+        f"run at least {need}: `steps = {need}` in [fit] (now {longest})",
+    )

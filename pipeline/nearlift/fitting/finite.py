@@ -1,4 +1,6 @@
-"""Linear maps of rows some of which have no value: BLAS kernels differ in what they make of inf and nan, so none is shown any."""
+"""Linear maps of rows some of which have no value: BLAS kernels differ in what they make of inf and
+nan, so none is shown any.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from nearlift.declare import FloatArray
 
 
 def where_finite(linear: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
-    """`linear` of `x` row by row, (..., n) to (..., m); nan throughout where a row holds inf or nan."""
+    """`linear` of `x` row by row, (..., n) to (..., m); nan throughout where a row holds inf or
+    nan.
+    """
     whole = np.isfinite(x).all(axis=-1, keepdims=True)
     if whole.all():
         return linear(x)

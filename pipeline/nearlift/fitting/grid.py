@@ -1,4 +1,6 @@
-"""The posterior of one or two parameters on a grid: no randomness, and its own resolution checked."""
+"""The posterior of one or two parameters on a grid: no randomness, and its own resolution
+checked.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ COARSE = 0.005
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Points (n, p), their probabilities (n,), the width of their cells (p,); `error` is how far half the resolution moves any marginal share."""
+    """Points (n, p), their probabilities (n,), the width of their cells (p,); `error` is how far
+    half the resolution moves any marginal share.
+    """
 
     theta: FloatArray
     mass: FloatArray
@@ -43,17 +47,25 @@ class Grid:
     def quantiles(self, probability: FloatArray) -> FloatArray:
         """Quantiles of the only parameter; its points' cells lie side by side."""
         order = np.argsort(self.theta[:, 0])
-        ends = np.append(self.theta[order, 0] - self.width[0] / 2, self.theta[order[-1], 0] + self.width[0] / 2)
-        return np.asarray(np.interp(probability, np.append(0.0, np.cumsum(self.mass[order])), ends), dtype=np.float64)
+        ends = np.append(
+            self.theta[order, 0] - self.width[0] / 2, self.theta[order[-1], 0] + self.width[0] / 2
+        )
+        return np.asarray(
+            np.interp(probability, np.append(0.0, np.cumsum(self.mass[order])), ends),
+            dtype=np.float64,
+        )
 
 
 def _below(x: FloatArray, mass: FloatArray, width: float, value: float) -> float:
-    """Cumulative probability; each point stands for its cell, which is `width` wide along this parameter."""
+    """Cumulative probability; each point stands for its cell, which is `width` wide along this
+    parameter.
+    """
     return float(mass @ np.clip(0.5 + (value - x) / width, 0.0, 1.0))
 
 
 def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> Grid:
-    """Cover the posterior by a lattice along the principal axes of `covariance`, widened until its edges hold nothing.
+    """Cover the posterior by a lattice along the principal axes of `covariance`, widened until its
+    edges hold nothing.
 
     `mean` (p,) and `covariance` (p, p) only place the lattice; p is 1 or 2.
     """
@@ -71,8 +83,14 @@ def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> Grid:
             nodes = np.linspace(float(reach[axis, 0]), float(reach[axis, 1]), lattice[axis])
             step = nodes[1] - nodes[0]
             # widen a side that still holds something, draw in one that holds nothing
-            grown[axis, 0] = nodes[0] - (nodes[-1] - nodes[0]) if held[0] == 0 else nodes[held[0]] - step
-            grown[axis, 1] = nodes[-1] + (nodes[-1] - nodes[0]) if held[-1] == len(nodes) - 1 else nodes[held[-1]] + step
+            grown[axis, 0] = (
+                nodes[0] - (nodes[-1] - nodes[0]) if held[0] == 0 else nodes[held[0]] - step
+            )
+            grown[axis, 1] = (
+                nodes[-1] + (nodes[-1] - nodes[0])
+                if held[-1] == len(nodes) - 1
+                else nodes[held[-1]] + step
+            )
         settled = np.allclose(grown, reach, atol=0.05 * np.ptp(reach))
         reach = grown
         if settled:
@@ -82,18 +100,29 @@ def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> Grid:
     weight = np.exp(log - log.max())
     mass = weight / weight.sum()
     half = (slice(None, None, 2),) * p
-    coarse, few = weight.reshape(lattice)[half].ravel(), theta.reshape(*lattice, p)[half].reshape(-1, p)
+    coarse, few = (
+        weight.reshape(lattice)[half].ravel(),
+        theta.reshape(*lattice, p)[half].reshape(-1, p),
+    )
     coarse = coarse / coarse.sum()
     width = np.abs(axes) @ (np.ptp(reach, axis=1) / (POINTS[p] - 1))
     error = 0.0
     for i in range(p):
         held = theta[mass > 0.05 * mass.max(), i]
         for place in np.linspace(float(held.min()), float(held.max()), 9).tolist():
-            error = max(error, abs(_below(theta[:, i], mass, width[i], place) - _below(few[:, i], coarse, 2 * width[i], place)))
+            error = max(
+                error,
+                abs(
+                    _below(theta[:, i], mass, width[i], place)
+                    - _below(few[:, i], coarse, 2 * width[i], place)
+                ),
+            )
     return Grid(theta=theta, mass=mass, width=width, error=error)
 
 
-def _lattice(mean: FloatArray, axes: FloatArray, reach: FloatArray, points: int) -> tuple[tuple[int, ...], FloatArray]:
+def _lattice(
+    mean: FloatArray, axes: FloatArray, reach: FloatArray, points: int
+) -> tuple[tuple[int, ...], FloatArray]:
     nodes = [np.linspace(low, high, points) for low, high in reach]
     mesh = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1)
     return mesh.shape[:-1], (mean + mesh @ axes.T).reshape(-1, len(mean))

@@ -1,11 +1,15 @@
-"""Height errors where the slope of the curve does not carry them: how to tell, and what to do instead.
+"""Height errors where the slope of the curve does not carry them: how to tell, and what to do
+instead.
 
-The covariance takes a height error e as ``e f'``, f the log ratio. What that leaves out is the even part, ``(f(z + e) + f(z - e)) / 2 - f(z)``:
-it does not average to zero. Sent through the estimator's gain it is a shift of each coefficient, and where that shift exceeds `LIMIT` of
-the coefficient's uncertainty the slope is not good enough. Then
+The covariance takes a height error e as ``e f'``, f the log ratio. What that leaves out is the even
+part, ``(f(z + e) + f(z - e)) / 2 - f(z)``: it does not average to zero. Sent through the
+estimator's gain it is a shift of each coefficient, and where that shift exceeds `LIMIT` of the
+coefficient's uncertainty the slope is not good enough. Then
 
-- an error that all trials share (a datum) becomes an unknown with its declared distribution, and is integrated over by quadrature;
-- errors of several elements (of each stop, each station) keep their covariance, and the prediction becomes its mean over them.
+- an error that all trials share (a datum) becomes an unknown with its declared distribution, and is
+  integrated over by quadrature;
+- errors of several elements (of each stop, each station) keep their covariance, and the prediction
+  becomes its mean over them.
 """
 
 from __future__ import annotations
@@ -23,9 +27,11 @@ from nearlift.fitting.finite import where_finite
 from nearlift.fitting.problem import Problem
 from nearlift.results import Noise, Observations
 
-#: A shift beyond this part of a coefficient's standard uncertainty calls for more than the slope; it costs a 90 % interval 0.2 % of coverage.
+#: A shift beyond this part of a coefficient's standard uncertainty calls for more than the slope;
+#: it costs a 90 % interval 0.2 % of coverage.
 LIMIT = 0.1
-#: A scatter of heights whose logarithm has a larger standard deviation than this is not known well enough to correct for.
+#: A scatter of heights whose logarithm has a larger standard deviation than this is not known well
+#: enough to correct for.
 VAGUE = 0.5
 NODES = 41
 #: Nodes less likely than the best by this much (natural logarithm) count for nothing.
@@ -45,10 +51,11 @@ class Nonlinearity:
     ratio : float
         Second order over first order in that coefficient.
     shift : float
-        Second order in that coefficient over its standard uncertainty: what the decision goes by; inf where an error of this size reaches
-        a height at which the model has no value.
+        Second order in that coefficient over its standard uncertainty: what the decision goes by;
+        inf where an error of this size reaches a height at which the model has no value.
     treatment : str
-        ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"`` (prediction averaged over the errors).
+        ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"``
+        (prediction averaged over the errors).
     """
 
     component: str
@@ -61,14 +68,22 @@ class Nonlinearity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What is carried otherwise than by the slope: shared unknowns to integrate over, and the spread to average the prediction over."""
+    """What is carried otherwise than by the slope: shared unknowns to integrate over, and the
+    spread to average the prediction over.
+    """
 
     shared: tuple[Component, ...] = ()
     blur_m: float = 0.0
     measures: tuple[Nonlinearity, ...] = ()
 
 
-def measure(problem: Problem, theta: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray) -> Plan:
+def measure(
+    problem: Problem,
+    theta: FloatArray,
+    parts: Sequence[Component],
+    scatter: Noise,
+    slope: FloatArray,
+) -> Plan:
     """Judge every height error of a fit, and plan for those that the slope does not carry."""
     data = problem.data
     heights = [c for c in parts if c.on == "height" and c.standard > 0]
@@ -76,7 +91,10 @@ def measure(problem: Problem, theta: FloatArray, parts: Sequence[Component], sca
         return Plan()
     g = gum.gain(problem, theta)
     u = np.sqrt(np.diag(np.linalg.pinv(_information(problem, theta), hermitian=True)))
-    first: dict[str, FloatArray] = {line.component: np.sqrt(np.diag(line.covariance)) for line in gum.lines(problem, g, parts, scatter, slope)}
+    first: dict[str, FloatArray] = {
+        line.component: np.sqrt(np.diag(line.covariance))
+        for line in gum.lines(problem, g, parts, scatter, slope)
+    }
     alone = [c for c in heights if shared_by_all(data, c)]
     several = [(c.name, c.standard) for c in heights if c not in alone]
     if scatter.height_m:
@@ -86,10 +104,15 @@ def measure(problem: Problem, theta: FloatArray, parts: Sequence[Component], sca
     guessed = index is not None and scatter.log_covariance[index][index] > VAGUE**2
     found: list[Nonlinearity] = []
 
-    def judge(name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float) -> Nonlinearity:
-        """Both orders in the coefficient that suffers most; errors of one kind are judged together."""
+    def judge(
+        name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float
+    ) -> Nonlinearity:
+        """Both orders in the coefficient that suffers most; errors of one kind are judged
+        together.
+        """
         moved = np.abs(where_finite(lambda x: g @ x, _even(problem, theta, size_of_all)))
-        # what the trials do not determine has nothing to lose; where the model has no value so far off, the rest have everything
+        # what the trials do not determine has nothing to lose; where the model has no value so far
+        # off, the rest have everything
         shift = np.where(u > 0, np.nan_to_num(moved, nan=np.inf) / np.where(u > 0, u, 1.0), 0.0)
         worst = int(np.argmax(shift))
         own = float(shift[worst]) * (standard / size_of_all) ** 2
@@ -105,14 +128,26 @@ def measure(problem: Problem, theta: FloatArray, parts: Sequence[Component], sca
 
     nothing = np.zeros(len(theta))
     together = float(np.sqrt(sum(c.standard**2 for c in alone)))
-    found += [judge(c.name, c.standard, first.get(c.name, nothing), "exact", together) for c in alone]
+    found += [
+        judge(c.name, c.standard, first.get(c.name, nothing), "exact", together) for c in alone
+    ]
     spread = float(np.sqrt(sum(s**2 for _, s in several)))
-    # nor is there a mean over heights at which the model has no value; a single lift that is wrong can make the scatter so large
-    mean = bool(several) and not guessed and bool(np.isfinite(replace(problem, blur_m=spread).log_ratio(theta)).all())
-    found += [judge(name, s, first.get(name, nothing), "mean" if mean else "slope", spread) for name, s in several]
+    # nor is there a mean over heights at which the model has no value; a single lift that is wrong
+    # can make the scatter so large
+    mean = (
+        bool(several)
+        and not guessed
+        and bool(np.isfinite(replace(problem, blur_m=spread).log_ratio(theta)).all())
+    )
+    found += [
+        judge(name, s, first.get(name, nothing), "mean" if mean else "slope", spread)
+        for name, s in several
+    ]
     exact = {m.component for m in found if m.treatment == "exact"}
     return Plan(
-        shared=tuple(c for c in alone if c.name in exact), blur_m=spread if any(m.treatment == "mean" for m in found) else 0.0, measures=tuple(found)
+        shared=tuple(c for c in alone if c.name in exact),
+        blur_m=spread if any(m.treatment == "mean" for m in found) else 0.0,
+        measures=tuple(found),
     )
 
 
@@ -127,14 +162,17 @@ def shared_by_all(data: Observations, part: Component) -> bool:
 
 
 def _even(problem: Problem, theta: FloatArray, size_m: float) -> FloatArray:
-    """What an error of this size does to the prediction whatever its sign, (n,); nan where the model has no value so far off."""
+    """What an error of this size does to the prediction whatever its sign, (n,); nan where the
+    model has no value so far off.
+    """
     up, here, down = (problem.log_ratio(theta, e) for e in (size_m, 0.0, -size_m))
     return (up + down) / 2 - here
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marginal:
-    """A fit with a shared height error integrated over: a mixture with one normal distribution per node.
+    """A fit with a shared height error integrated over: a mixture with one normal distribution per
+    node.
 
     Attributes
     ----------
@@ -147,7 +185,8 @@ class Marginal:
     chi2 : float
         Least chi2, the declared distribution's part included.
     log_integral : float
-        Log of the integral of ``exp(-chi2 / 2)`` over the declared distribution, the coefficients at their mean.
+        Log of the integral of ``exp(-chi2 / 2)`` over the declared distribution, the coefficients
+        at their mean.
     """
 
     offset_m: FloatArray
@@ -197,7 +236,9 @@ class Marginal:
 
 
 def density(parts: Sequence[Component]) -> tuple[Callable[[FloatArray], FloatArray], float]:
-    """Density of the sum of shared height errors, per metre, and the half-width beyond which it is nothing."""
+    """Density of the sum of shared height errors, per metre, and the half-width beyond which it is
+    nothing.
+    """
     from scipy.stats import norm
 
     sd = float(np.sqrt(sum(c.standard**2 for c in parts if c.distribution == "normal")))
@@ -210,23 +251,35 @@ def density(parts: Sequence[Component]) -> tuple[Callable[[FloatArray], FloatArr
             return np.asarray(norm.pdf(x, scale=sd), dtype=np.float64)
         first, rest = boxes[0], boxes[1:]
         if rest:
-            return np.asarray(sum(w / 2 * of(x - first * n, rest) for n, w in zip(nodes, weights, strict=True)), dtype=np.float64)
+            return np.asarray(
+                sum(w / 2 * of(x - first * n, rest) for n, w in zip(nodes, weights, strict=True)),
+                dtype=np.float64,
+            )
         if sd:
-            return np.asarray((norm.cdf((x + first) / sd) - norm.cdf((x - first) / sd)) / (2 * first), dtype=np.float64)
+            return np.asarray(
+                (norm.cdf((x + first) / sd) - norm.cdf((x - first) / sd)) / (2 * first),
+                dtype=np.float64,
+            )
         return np.where(np.abs(x) <= first, 1 / (2 * first), 0.0)
 
     return lambda x: of(np.asarray(x, dtype=float), half), reach
 
 
-def integrate(problem: Problem, theta: FloatArray, u: FloatArray, parts: Sequence[Component]) -> Marginal:
+def integrate(
+    problem: Problem, theta: FloatArray, u: FloatArray, parts: Sequence[Component]
+) -> Marginal:
     """Integrate over a height error that all trials share; `problem` must not carry it already.
 
-    The range is narrowed to where the posterior is, since the trials may know the error far better than it was declared.
+    The range is narrowed to where the posterior is, since the trials may know the error far better
+    than it was declared.
     """
     from scipy.integrate import trapezoid
 
     prior, reach = density(parts)
-    bounds = (np.array([q.bounds[0] for q in problem.model.parameters]), np.array([q.bounds[1] for q in problem.model.parameters]))
+    bounds = (
+        np.array([q.bounds[0] for q in problem.model.parameters]),
+        np.array([q.bounds[1] for q in problem.model.parameters]),
+    )
     free = np.ones(len(theta), dtype=bool)
     low, high, start = -reach, reach, np.tile(theta, (NODES, 1))
     for _ in range(5):
@@ -235,7 +288,9 @@ def integrate(problem: Problem, theta: FloatArray, u: FloatArray, parts: Sequenc
         def residuals(at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes) -> FloatArray:
             return problem.residuals(at, nodes[rows, None])
 
-        def linearised(at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes) -> tuple[FloatArray, FloatArray]:
+        def linearised(
+            at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes
+        ) -> tuple[FloatArray, FloatArray]:
             return problem.linearised(at, nodes[rows, None])
 
         minima = batched.minimise(residuals, start, bounds, u, free, linearised)
@@ -253,7 +308,13 @@ def integrate(problem: Problem, theta: FloatArray, u: FloatArray, parts: Sequenc
             start[:, i] = np.interp(np.linspace(low, high, NODES), nodes[whole], found[whole, i])
     covariance = np.zeros((NODES, len(theta), len(theta)))
     for k in kept:
-        white = problem.project((problem.jacobian(found[k], nodes[k]) if len(theta) else np.zeros((problem.data.n, 0))).T)
+        white = problem.project(
+            (
+                problem.jacobian(found[k], nodes[k])
+                if len(theta)
+                else np.zeros((problem.data.n, 0))
+            ).T
+        )
         covariance[k] = np.linalg.pinv(white @ white.T, hermitian=True)
     size = np.linalg.slogdet(covariance[kept])[1] / 2
     weight = np.zeros(NODES)
@@ -281,13 +342,22 @@ def integrate(problem: Problem, theta: FloatArray, u: FloatArray, parts: Sequenc
 
 
 def with_unknown(problem: Problem, parts: Sequence[Component]) -> Problem:
-    """The same likelihood with the shared height error as one more parameter, `offset_m`, with its declared distribution as prior: for samplers.
+    """The same likelihood with the shared height error as one more parameter, `offset_m`, with its
+    declared distribution as prior: for samplers.
 
-    Several errors that all trials share act as their sum; a sum that is not all normal is given the normal of the same variance.
+    Several errors that all trials share act as their sum; a sum that is not all normal is given the
+    normal of the same variance.
     """
     _, reach = density(parts)
     sd = float(np.sqrt(sum(c.standard**2 for c in parts)))
     flat = len(parts) == 1 and parts[0].distribution == "uniform"
-    unknown = replace(EFFECT.parameters[0], bounds=(-reach, reach), prior=uniform(-reach, reach) if flat else normal(0.0, sd))
-    model = compose(problem.model, replace(EFFECT, name="height_error", title="height error", parameters=(unknown,)))
+    unknown = replace(
+        EFFECT.parameters[0],
+        bounds=(-reach, reach),
+        prior=uniform(-reach, reach) if flat else normal(0.0, sd),
+    )
+    model = compose(
+        problem.model,
+        replace(EFFECT, name="height_error", title="height error", parameters=(unknown,)),
+    )
     return replace(problem, model=model)

@@ -1,10 +1,12 @@
 """What a trial holds constant, and what that does to the coefficient.
 
-Every published ratio is at constant something: a model of the flow gives g, and lift goes as g^n. n = 1 is how the paper and Cheeseman
-and Bennett use it; momentum theory at constant power gives 2/3, blade-element theory at constant speed 0.60 to 0.82 for a rotor
-of this size. Lift alone hardly tells n from the coefficient. What was logged beside it can: a quantity q that follows the change of
-load as q ~ (L / L_inf)^s was not held, and s turns the exponent that theory gives at constant q into the one at constant throttle,
-since lift goes as speed squared and, at fixed flow, as power to 2/3:
+Every published ratio is at constant something: a model of the flow gives g, and lift goes as g^n. n
+= 1 is how the paper and Cheeseman and Bennett use it; momentum theory at constant power gives 2/3,
+blade-element theory at constant speed 0.60 to 0.82 for a rotor of this size. Lift alone hardly
+tells n from the coefficient. What was logged beside it can: a quantity q that follows the change of
+load as q ~ (L / L_inf)^s was not held, and s turns the exponent that theory gives at constant q
+into the one at constant throttle, since lift goes as speed squared and, at fixed flow, as power to
+2/3:
 
     n = n_speed / (1 - 2 s_speed)        n = (2/3) / (1 - (2/3) s_power)
 """
@@ -24,7 +26,12 @@ from nearlift.fitting.problem import Problem
 from nearlift.results import IntArray, Observations
 
 #: Exponent -> what it supposes.
-PLAUSIBLE = {1.0: "the ratio as published", 0.82: "constant speed, at most", 2 / 3: "constant power", 0.6: "constant speed, at least"}
+PLAUSIBLE = {
+    1.0: "the ratio as published",
+    0.82: "constant speed, at most",
+    2 / 3: "constant power",
+    0.6: "constant speed, at least",
+}
 SPEED = (0.6, 0.82)
 POWER = 2 / 3
 #: Where the curve of the coefficient against the exponent is drawn.
@@ -54,7 +61,9 @@ class Raised(Problem):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AtExponent:
-    """The headline coefficient with the ratio raised to `n`; `p_value` of that n against the one that fits best."""
+    """The headline coefficient with the ratio raised to `n`; `p_value` of that n against the one
+    that fits best.
+    """
 
     n: float
     value: float
@@ -72,7 +81,8 @@ class Response:
     quantity : str
         Column, such as `speed_Hz`.
     slope, u : float
-        d log quantity / d log (L / L_inf), with an uncertainty that lets the trials of a visit err together.
+        d log quantity / d log (L / L_inf), with an uncertainty that lets the trials of a visit err
+        together.
     p_value : float
         Of slope 0: the quantity was held.
     spread : float
@@ -95,12 +105,16 @@ class Response:
         return self.p_value >= NOT_HELD
 
     def exponents(self) -> tuple[float, float] | None:
-        """The exponent at constant throttle that theory at constant speed or power implies, least and most over 90 % of the slope.
+        """The exponent at constant throttle that theory at constant speed or power implies, least
+        and most over 90 % of the slope.
 
-        None for other quantities, and where lift would follow the quantity's own change alone: theory then says nothing.
+        None for other quantities, and where lift would follow the quantity's own change alone:
+        theory then says nothing.
         """
         ends = self.slope + np.array([-1.645, 1.645]) * self.u
-        at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(self.quantity, ((), 1.0))
+        at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(
+            self.quantity, ((), 1.0)
+        )
         if not at_constant or (left := 1 - follows * ends).min() < LEAST_LEFT:
             return None
         found = np.outer(at_constant, 1 / left)
@@ -118,7 +132,8 @@ class Held:
     curve : tuple of AtExponent
         At those of `CURVE`.
     n, u_n : float
-        Exponent that fits best with the coefficient free, from lift alone; nan where it cannot be estimated.
+        Exponent that fits best with the coefficient free, from lift alone; nan where it cannot be
+        estimated.
     responses : tuple of Response
         Of what was logged.
     supported : (least, most) or None
@@ -137,9 +152,15 @@ class Held:
 
 
 def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
-    """Ask at the optimum `theta` (p,) of the model as published what other exponents would make of its first coefficient."""
+    """Ask at the optimum `theta` (p,) of the model as published what other exponents would make of
+    its first coefficient.
+    """
     n, u_n, least = free_exponent(problem, theta)
-    responses = tuple(r for q in logged(problem.data) if (r := response(problem.data, problem.log_ratio(theta), q)) is not None)
+    responses = tuple(
+        r
+        for q in logged(problem.data)
+        if (r := response(problem.data, problem.log_ratio(theta), q)) is not None
+    )
     supported = _supported(responses)
 
     def at(exponents: Sequence[float]) -> tuple[AtExponent, ...]:
@@ -156,8 +177,12 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
     )
 
 
-def at_exponents(problem: Problem, theta: FloatArray, exponents: Sequence[float]) -> tuple[AtExponent, ...]:
-    """The first coefficient refitted at each exponent, all at once; exponents at which no fit converges are left out."""
+def at_exponents(
+    problem: Problem, theta: FloatArray, exponents: Sequence[float]
+) -> tuple[AtExponent, ...]:
+    """The first coefficient refitted at each exponent, all at once; exponents at which no fit
+    converges are left out.
+    """
     n = np.asarray(exponents, dtype=float)
     target = problem.project(np.log(problem.data.lift_N))
     low, high = (np.array([p.bounds[end] for p in problem.model.parameters]) for end in (0, 1))
@@ -171,20 +196,31 @@ def at_exponents(problem: Problem, theta: FloatArray, exponents: Sequence[float]
     jacobian = problem.slopes(theta)
     u = np.sqrt(np.diag(parameter_covariance(problem.project(jacobian))[0]))
     found = batched.minimise(
-        residuals, np.tile(theta, (len(n), 1)), (low, high), np.where(u > 0, u, 1.0), np.ones(len(theta), dtype=bool), linearised
+        residuals,
+        np.tile(theta, (len(n), 1)),
+        (low, high),
+        np.where(u > 0, u, 1.0),
+        np.ones(len(theta), dtype=bool),
+        linearised,
     )
     best = batched.settled(linearised, found.theta, (low, high))
     answers = []
     for k in np.flatnonzero(found.converged):
         jacobian = n[k] * problem.slopes(best[k])
-        covariance, determined = parameter_covariance(problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1))
+        covariance, determined = parameter_covariance(
+            problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
+        )
         own = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
-        answers.append(AtExponent(n=float(n[k]), value=float(best[k, 0]), u=own, chi2=float(found.chi2[k])))
+        answers.append(
+            AtExponent(n=float(n[k]), value=float(best[k, 0]), u=own, chi2=float(found.chi2[k]))
+        )
     return tuple(answers)
 
 
 def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, float]:
-    """Exponent that fits best, its standard uncertainty with theta free, and chi2 there; nan, nan, chi2 at 1 where the two cannot be told apart."""
+    """Exponent that fits best, its standard uncertainty with theta free, and chi2 there; nan, nan,
+    chi2 at 1 where the two cannot be told apart.
+    """
     from scipy.optimize import least_squares
 
     declared = problem.model.parameters
@@ -205,7 +241,16 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
 
     size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
-    found = least_squares(residuals, start, jac="3-point", bounds=(low, high), x_scale=size, xtol=1e-10, ftol=1e-10, gtol=1e-10)
+    found = least_squares(
+        residuals,
+        start,
+        jac="3-point",
+        bounds=(low, high),
+        x_scale=size,
+        xtol=1e-10,
+        ftol=1e-10,
+        gtol=1e-10,
+    )
     best = batched.settled(linearised, found.x[None], (low, high))
     r, slopes = (x[0] for x in linearised(best, np.zeros(1, dtype=np.int64)))
     best, chi2 = best[0], min(float(r @ r), float(problem.chi2(theta)))
@@ -217,7 +262,9 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
 
 
 def logged(data: Observations) -> dict[str, FloatArray]:
-    """What was logged of speed, power and supply, positive in every trial; power from supply and current where it was not logged itself."""
+    """What was logged of speed, power and supply, positive in every trial; power from supply and
+    current where it was not logged itself.
+    """
     known = dict(data.covariates)
     if "power_W" not in known and {"supply_V", "current_A"} <= known.keys():
         known["power_W"] = known["supply_V"] * known["current_A"]
@@ -226,10 +273,12 @@ def logged(data: Observations) -> dict[str, FloatArray]:
 
 
 def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Response | None:
-    """How `quantity` answers to the change of lift, at a throttle and in a session; None where these trials cannot say.
+    """How `quantity` answers to the change of lift, at a throttle and in a session; None where
+    these trials cannot say.
 
-    Least squares of its logarithm on `log_ratio` (n,), a level per throttle and one per session; the covariance is the sandwich over
-    visits, since what drifts (a battery) is common to a visit's trials.
+    Least squares of its logarithm on `log_ratio` (n,), a level per throttle and one per session;
+    the covariance is the sandwich over visits, since what drifts (a battery) is common to a visit's
+    trials.
     """
     from scipy.stats import t
 
@@ -241,7 +290,9 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     visits = np.unique(data.visit, return_inverse=True)[1]
     dof = visits.max() + 1 - sessions - 1
     # distance and session changed together: nothing of the change is left within a session
-    if dof < ENOUGH - 2 or not own @ own > 1e-4 * (log_ratio - log_ratio.mean()) @ (log_ratio - log_ratio.mean()):
+    if dof < ENOUGH - 2 or not own @ own > 1e-4 * (log_ratio - log_ratio.mean()) @ (
+        log_ratio - log_ratio.mean()
+    ):
         return None
     # sessions about their mean, so that a throttle's level is that of the whole campaign
     about = columns[1] - columns[1].mean(axis=0)
@@ -268,7 +319,9 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
 
 
 def _supported(responses: tuple[Response, ...]) -> tuple[float, float] | None:
-    """Exponents that speed leaves, else power: speed is what lift follows, power adds the motor's efficiency."""
+    """Exponents that speed leaves, else power: speed is what lift follows, power adds the motor's
+    efficiency.
+    """
     by_name = {r.quantity: r.exponents() for r in responses}
     return by_name.get("speed_Hz") or by_name.get("power_W")
 
@@ -276,7 +329,9 @@ def _supported(responses: tuple[Response, ...]) -> tuple[float, float] | None:
 def _raised(problem: Problem, n: float) -> Raised:
     import dataclasses
 
-    return Raised(**{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}, exponent=n)
+    return Raised(
+        **{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}, exponent=n
+    )
 
 
 def _with_p(found: AtExponent, least: float, noise_dof: float) -> AtExponent:

@@ -1,4 +1,6 @@
-"""Adaptive importance sampling from the posterior's peak: the fast path, the cross-check and the evidence."""
+"""Adaptive importance sampling from the posterior's peak: the fast path, the cross-check and the
+evidence.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ GENEROUS = 40
 
 @dataclass(frozen=True, kw_only=True)
 class Weighted:
-    """Draws `theta` (n, p) with `log_weight` (n,) = log posterior - log proposal, and their `log_prob` (n,)."""
+    """Draws `theta` (n, p) with `log_weight` (n,) = log posterior - log proposal, and their
+    `log_prob` (n,).
+    """
 
     theta: FloatArray
     log_weight: FloatArray
@@ -69,7 +73,9 @@ class Weighted:
 
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean (p,) and covariance (p, p)."""
-        return self.weight @ self.theta, np.atleast_2d(np.cov(self.theta.T, aweights=self.weight, ddof=0))
+        return self.weight @ self.theta, np.atleast_2d(
+            np.cov(self.theta.T, aweights=self.weight, ddof=0)
+        )
 
     def below(self, parameter: int, value: float) -> float:
         """Share of the posterior in which a parameter lies below `value`."""
@@ -79,10 +85,14 @@ class Weighted:
         """Values that so much of the posterior lies below."""
         order = np.argsort(self.theta[:, parameter])
         cumulative = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
-        return np.asarray(np.interp(probabilities, cumulative, self.theta[order, parameter]), dtype=np.float64)
+        return np.asarray(
+            np.interp(probabilities, cumulative, self.theta[order, parameter]), dtype=np.float64
+        )
 
     def picked(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Indices of `n` draws of equal weight, (n,): systematic resampling, so that none stands twice unless its weight exceeds 1 / n."""
+        """Indices of `n` draws of equal weight, (n,): systematic resampling, so that none stands
+        twice unless its weight exceeds 1 / n.
+        """
         places = (np.arange(n) + rng.random()) / n
         return np.minimum(np.searchsorted(np.cumsum(self.weight), places), len(self.weight) - 1)
 
@@ -90,7 +100,8 @@ class Weighted:
 def peak(density: Density) -> FloatArray:
     """About where the posterior is highest, (p,), from the least-squares theta on.
 
-    To a sixteenth of the spread: proposals need no more, and a search ends a little elsewhere on another processor, with all its draws.
+    To a sixteenth of the spread: proposals need no more, and a search ends a little elsewhere on
+    another processor, with all its draws.
     """
     from scipy.optimize import minimize
 
@@ -102,7 +113,10 @@ def peak(density: Density) -> FloatArray:
         value = float(density(np.clip(start + x * scale, bounds[:, 0], bounds[:, 1])[None, :])[0])
         return -value if np.isfinite(value) else 1e10
 
-    ends = [((low - s) / w, (high - s) / w) for (low, high), s, w in zip(bounds, start, scale, strict=True)]
+    ends = [
+        ((low - s) / w, (high - s) / w)
+        for (low, high), s, w in zip(bounds, start, scale, strict=True)
+    ]
     found = minimize(cost, np.zeros(len(start)), method="L-BFGS-B", jac="3-point", bounds=ends)
     near = np.round(16 * found.x) / 16
     x = near if cost(near) < 1e10 else found.x
@@ -113,19 +127,28 @@ def weigh(density: Density, proposal: Mixture, rng: np.random.Generator, n: int)
     """`n` draws from the proposal with their weights."""
     theta = proposal.draw(rng, n)
     log_prob = density(theta)
-    return Weighted(theta=theta, log_weight=log_prob - proposal.log_density(theta), log_prob=log_prob)
+    return Weighted(
+        theta=theta, log_weight=log_prob - proposal.log_density(theta), log_prob=log_prob
+    )
 
 
 def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted]:
     """A proposal that has learnt the posterior's shape, and its last round of draws.
 
-    Every round is learnt from together with all before it, weighed against the average of their proposals (adaptive multiple importance
-    sampling), so that a region found once is not forgotten.
+    Every round is learnt from together with all before it, weighed against the average of their
+    proposals (adaptive multiple importance sampling), so that a region found once is not forgotten.
     """
     top = peak(density)
     stretch = np.where(np.isclose(top, density.beliefs.coordinates(top)), 1.0, top)
     spread, mean = density.spread() / np.outer(stretch, stretch), density.beliefs.coordinates(top)
-    proposals = [Mixture(beliefs=density.beliefs, share=np.array([0.6, 0.3]), mean=np.stack([mean, mean]), scale=np.stack([spread, 6 * spread]))]
+    proposals = [
+        Mixture(
+            beliefs=density.beliefs,
+            share=np.array([0.6, 0.3]),
+            mean=np.stack([mean, mean]),
+            scale=np.stack([spread, 6 * spread]),
+        )
+    ]
     rounds: list[Weighted] = []
     for i in range(ROUNDS):
         # a rare draw of great weight shows only among many: later rounds are larger
@@ -134,18 +157,27 @@ def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted
             return proposals[-1], rounds[-1]
         theta, weight = _together(rounds, proposals)
         # one peak that is no ellipse, or several: more components, placed where the weights are
-        learnt = proposals[-1].split(rng, theta, weight, COMPONENTS) if i == PATIENCE else proposals[-1]
+        learnt = (
+            proposals[-1].split(rng, theta, weight, COMPONENTS) if i == PATIENCE else proposals[-1]
+        )
         for _ in range(STEPS):
             learnt = learnt.learn(theta, weight)
         proposals.append(learnt)
-    best = max(range(ROUNDS), key=lambda i: (rounds[i].pareto_k < LIMIT, rounds[i].ess / len(rounds[i].theta)))
+    best = max(
+        range(ROUNDS),
+        key=lambda i: (rounds[i].pareto_k < LIMIT, rounds[i].ess / len(rounds[i].theta)),
+    )
     return proposals[best], rounds[best]
 
 
 def _together(rounds: list[Weighted], proposals: list[Mixture]) -> tuple[FloatArray, FloatArray]:
-    """All draws so far (n, p) and their weights (n,), the largest cut off so that no single draw teaches alone."""
+    """All draws so far (n, p) and their weights (n,), the largest cut off so that no single draw
+    teaches alone.
+    """
     theta = np.concatenate([r.theta for r in rounds])
-    log = np.concatenate([r.log_prob for r in rounds]) - np.logaddexp.reduce([p.log_density(theta) for p in proposals], axis=0)
+    log = np.concatenate([r.log_prob for r in rounds]) - np.logaddexp.reduce(
+        [p.log_density(theta) for p in proposals], axis=0
+    )
     weight = np.exp(log - log.max())
     return theta, np.minimum(weight, np.sqrt(len(weight)) * weight.mean())
 
@@ -162,8 +194,11 @@ def sample(density: Density, rng: np.random.Generator, wanted: int) -> Weighted:
     for _ in range(AGAIN):
         if drawn.pareto_k < LIMIT:
             break
-        # so many draws have found what the rounds before had missed: learn from them and draw afresh
+        # so many draws have found what the rounds before had missed: learn from them and draw
+        # afresh
         for _ in range(STEPS):
-            proposal = proposal.learn(drawn.theta, np.minimum(drawn.weight, len(drawn.weight) ** -0.5))
+            proposal = proposal.learn(
+                drawn.theta, np.minimum(drawn.weight, len(drawn.weight) ** -0.5)
+            )
         drawn = weigh(density, proposal, rng, size)
     return drawn

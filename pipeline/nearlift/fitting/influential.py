@@ -1,7 +1,9 @@
-"""Influential trials and visits: those without which the headline coefficient would be another, and what it would be.
+"""Influential trials and visits: those without which the headline coefficient would be another, and
+what it would be.
 
-The closed form (`fitting.deletion`) says where to look; a fit without the trial, scatter and all, decides. Outliers widen the scatter that
-they are judged by, and two can hide each other, so the search goes forward: what stands out is left aside, and the rest looked at again.
+The closed form (`fitting.deletion`) says where to look; a fit without the trial, scatter and all,
+decides. Outliers widen the scatter that they are judged by, and two can hide each other, so the
+search goes forward: what stands out is left aside, and the rest looked at again.
 """
 
 from __future__ import annotations
@@ -22,10 +24,12 @@ from nearlift.results import Estimate
 
 #: Relative variance of a trial that is no scatter but the floor under none.
 EXACT = 1.1e-12
-#: A trial is fitted without if the closed form says that the headline would move by this part of its standard uncertainty.
+#: A trial is fitted without if the closed form says that the headline would move by this part of
+#: its standard uncertainty.
 LOOK = 0.6
-#: The part of its standard uncertainty by which a trial must move the headline to be named. Below one, since a glitch moves the headline by
-#: more than leaving the trial out does: what the trial would have said is lost too.
+#: The part of its standard uncertainty by which a trial must move the headline to be named. Below
+#: one, since a glitch moves the headline by more than leaving the trial out does: what the trial
+#: would have said is lost too.
 MOVES = 0.8
 #: The same for a visit that stands off as a whole.
 LOOK_AT_ODD = 0.25
@@ -85,7 +89,8 @@ def screen(
     odd: Collection[str] = (),
     odd_visits: Collection[int] | NDArray[np.int64] = (),
 ) -> Screening:
-    """Name the trials that are outlying or move the headline by `MOVES` of its standard uncertainty, and the visits that do the latter.
+    """Name the trials that are outlying or move the headline by `MOVES` of its standard
+    uncertainty, and the visits that do the latter.
 
     Parameters
     ----------
@@ -96,10 +101,12 @@ def screen(
     outlying : collection of str
         Trials that repeats and neighbours contradict (`reduction.outliers`).
     odd : collection of str
-        Trials that stand far off, if not farther than noise allows. Together they may hide each other, so they are left out together, too.
+        Trials that stand far off, if not farther than noise allows. Together they may hide each
+        other, so they are left out together, too.
 
     odd_visits : collection of int
-        Visits that stand far off: as a visit's scatter is learnt from few visits, the closed form says too little of them.
+        Visits that stand far off: as a visit's scatter is learnt from few visits, the closed form
+        says too little of them.
 
     Returns
     -------
@@ -110,7 +117,11 @@ def screen(
     if not found.names:
         return Screening(why_not=f"{found.model.name} has no free coefficient")
     if np.median(found.problem.covariance.variance) <= EXACT:
-        return Screening(why_not="the trials repeat exactly, so nothing shows how far noise may move a coefficient")
+        return Screening(
+            why_not=(
+                "the trials repeat exactly, so nothing shows how far noise may move a coefficient"
+            )
+        )
     search = _Search(found=found, parts=parts)
     kept = ~np.isin(data.trial, list(outlying))
     named = np.flatnonzero(~kept).tolist()
@@ -126,7 +137,9 @@ def screen(
         named.append(i)
     suspects = [search.alone(i, str(data.trial[i]) in outlying) for i in named[:MOST]]
     suspects += search.visits(clean, kept, odd_visits)
-    return Screening(suspects=tuple(suspects), without_all=_headline(clean) if len(named) > 1 else None)
+    return Screening(
+        suspects=tuple(suspects), without_all=_headline(clean) if len(named) > 1 else None
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,13 +157,17 @@ class _Search:
         key = out.tobytes()
         if key not in self.made:
             try:
-                self.made[key] = fit(self.found.model, self.found.problem.data.take(~out), self.parts)
+                self.made[key] = fit(
+                    self.found.model, self.found.problem.data.take(~out), self.parts
+                )
             except NotConverged:
                 self.made[key] = None
         return self.made[key]
 
     def next_trial(self, clean: Fit, kept: NDArray[np.bool_]) -> tuple[int, Fit] | None:
-        """The trial that moves the headline most, by more than its standard uncertainty, and the fit without it; None if there is none."""
+        """The trial that moves the headline most, by more than its standard uncertainty, and the
+        fit without it; None if there is none.
+        """
         at = np.flatnonzero(kept)
         moved = influence(clean)
         for j in _far(moved.of_trial[:, 0], moved.residual**2, clean):
@@ -161,8 +178,12 @@ class _Search:
                 return int(at[j]), again
         return None
 
-    def together(self, clean: Fit, kept: NDArray[np.bool_], odd: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Those odd trials that move the headline by more than its standard uncertainty where the others are left out; all, if only all do."""
+    def together(
+        self, clean: Fit, kept: NDArray[np.bool_], odd: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Those odd trials that move the headline by more than its standard uncertainty where the
+        others are left out; all, if only all do.
+        """
         odd = odd & kept
         base = self.without(~kept | odd) if odd.any() else None
         if base is None or not _moves(clean, base):
@@ -175,8 +196,12 @@ class _Search:
             single[i] = again is None or _moves(base, again)
         return single if single.any() else odd
 
-    def visits(self, clean: Fit, kept: NDArray[np.bool_], odd: Collection[int] | NDArray[np.int64]) -> list[Suspect]:
-        """The visits of several trials that move the headline by more than its standard uncertainty, the trials named left aside."""
+    def visits(
+        self, clean: Fit, kept: NDArray[np.bool_], odd: Collection[int] | NDArray[np.int64]
+    ) -> list[Suspect]:
+        """The visits of several trials that move the headline by more than its standard
+        uncertainty, the trials named left aside.
+        """
         data, moved, suspects = self.found.problem.data, influence(clean), []
         look = np.where(np.isin(moved.visit, list(odd)), LOOK_AT_ODD, LOOK)
         for j in _far(moved.of_visit[:, 0], moved.chi2, clean, look):
@@ -185,7 +210,16 @@ class _Search:
             if again and _moves(clean, again):
                 shift = float(again.theta[0] - clean.theta[0])
                 ids = tuple(str(t) for t in data.trial[members])
-                suspects.append(Suspect(kind="visit", id=str(moved.visit[j]), trials=ids, outlying=False, without=_headline(again), shift=shift))
+                suspects.append(
+                    Suspect(
+                        kind="visit",
+                        id=str(moved.visit[j]),
+                        trials=ids,
+                        outlying=False,
+                        without=_headline(again),
+                        shift=shift,
+                    )
+                )
         return suspects
 
     def alone(self, i: int, outlying: bool) -> Suspect:
@@ -206,10 +240,13 @@ def _headline(found: Fit) -> Estimate:
     return found.estimates[found.names[0]]
 
 
-def _far(shift: FloatArray, chi2: FloatArray, clean: Fit, look: FloatArray | float = LOOK) -> list[int]:
+def _far(
+    shift: FloatArray, chi2: FloatArray, clean: Fit, look: FloatArray | float = LOOK
+) -> list[int]:
     """The few largest shifts of the headline that are worth a fit, the largest first.
 
-    What an outlier adds to the scatter widens the uncertainty that it is held against; its part of chi2 says by how much.
+    What an outlier adds to the scatter widens the uncertainty that it is held against; its part of
+    chi2 says by how much.
     """
     narrower = np.sqrt(np.clip(1 - chi2 / max(clean.chi2, clean.dof), 0.0, 1.0))
     ratio = np.abs(shift) / (look * _headline(clean).u * np.maximum(narrower, 1e-3))
@@ -218,5 +255,9 @@ def _far(shift: FloatArray, chi2: FloatArray, clean: Fit, look: FloatArray | flo
 
 
 def _moves(clean: Fit, again: Fit) -> bool:
-    """Whether the headline differs by more than `MOVES` of the smaller of its standard uncertainties."""
-    return bool(abs(again.theta[0] - clean.theta[0]) > MOVES * min(_headline(clean).u, _headline(again).u))
+    """Whether the headline differs by more than `MOVES` of the smaller of its standard
+    uncertainties.
+    """
+    return bool(
+        abs(again.theta[0] - clean.theta[0]) > MOVES * min(_headline(clean).u, _headline(again).u)
+    )

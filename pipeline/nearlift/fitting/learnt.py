@@ -1,4 +1,6 @@
-"""What the data said and what they did not: the posterior of a parameter beside its prior and its bounds."""
+"""What the data said and what they did not: the posterior of a parameter beside its prior and its
+bounds.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +11,22 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fitting.belief import Belief
 
-#: A 90 % interval that keeps this much of the prior's width is the prior's; above the second, the prior still has a say.
+#: A 90 % interval that keeps this much of the prior's width is the prior's; above the second, the
+#: prior still has a say.
 SAME, SHAPED = 0.8, 0.3
-#: Share of the bounded range that counts as lying at a bound, and how much of the posterior must lie there to be mentioned.
+#: Share of the bounded range that counts as lying at a bound, and how much of the posterior must
+#: lie there to be mentioned.
 EDGE, CROWD = 0.005, 0.02
-#: Outside these, a 90 % interval over that of least squares wants a reason; a prior less than this many times as wide as the latter is one.
+#: Outside these, a 90 % interval over that of least squares wants a reason; a prior less than this
+#: many times as wide as the latter is one.
 NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Learnt:
-    """One parameter after the data: `ratio` of the 90 % widths after and before, share of draws at either bound, and words where they matter."""
+    """One parameter after the data: `ratio` of the 90 % widths after and before, share of draws at
+    either bound, and words where they matter.
+    """
 
     prior: str
     prior_lo90: float
@@ -41,12 +48,20 @@ def learnt(belief: Belief, draws: FloatArray) -> Learnt:
     name = belief.parameter.name
     words = []
     if ratio > SAME:
-        words.append(f"the data say nothing about {name}: its interval is the prior's ({belief.parameter.prior}), not a result")
+        words.append(
+            f"the data say nothing about {name}: its interval is the prior's"
+            f" ({belief.parameter.prior}), not a result"
+        )
     elif ratio > SHAPED:
-        words.append(f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width ({belief.parameter.prior})")
+        words.append(
+            f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width"
+            f" ({belief.parameter.prior})"
+        )
     for share, bound in ((at_low, low), (at_high, high)):
         if share > CROWD:
-            words.append(f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}")
+            words.append(
+                f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}"
+            )
     return Learnt(
         prior=str(belief.parameter.prior),
         prior_lo90=float(before[0]),
@@ -59,7 +74,9 @@ def learnt(belief: Belief, draws: FloatArray) -> Learnt:
 
 
 def beside_fit(belief: Belief, draws: FloatArray, lo90: float, hi90: float) -> tuple[float, str]:
-    """The posterior's 90 % width over that of least squares from `lo90` to `hi90`, and why where they are far apart; nan where that has none."""
+    """The posterior's 90 % width over that of least squares from `lo90` to `hi90`, and why where
+    they are far apart; nan where that has none.
+    """
     wide = hi90 - lo90
     if not (np.isfinite(wide) and wide > 0):
         return float("nan"), ""
@@ -68,12 +85,21 @@ def beside_fit(belief: Belief, draws: FloatArray, lo90: float, hi90: float) -> t
         return ratio, ""
     low, high = belief.parameter.bounds
     edge = EDGE * (high - low)
-    reasons = [f"the bound {b:g} cuts it off" for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge)) if out and ratio < NARROW]
+    reasons = [
+        f"the bound {b:g} cuts it off"
+        for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge))
+        if out and ratio < NARROW
+    ]
     if ratio < NARROW and float(np.ptp(belief.quantile([0.05, 0.95]))) < CLOSE * wide:
         reasons.append("the prior narrows it")
-    reasons = reasons or ["the curve is not straight over the interval, as least squares takes it for"]
+    reasons = reasons or [
+        "the curve is not straight over the interval, as least squares takes it for"
+    ]
     name = belief.parameter.name
-    return ratio, (
-        f"the 90 % interval of {name} is {ratio:.2g} times as wide as that of least squares, probably because {' and '.join(reasons)}; "
-        "see its profile"
+    return (
+        ratio,
+        (
+            f"the 90 % interval of {name} is {ratio:.2g} times as wide as that of least squares,"
+            f" probably because {' and '.join(reasons)}; see its profile"
+        ),
     )

@@ -17,7 +17,8 @@ from nearlift.fitting.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
 
 NEAR_GROUND = (1.0, 3.0)
-#: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say nothing of it.
+#: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say
+#: nothing of it.
 VAGUE = 1e6
 
 
@@ -25,12 +26,14 @@ VAGUE = 1e6
 class Fit:
     """A model fitted to the trials of one boundary.
 
-    `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle. `rmse` is the root mean square
-    of relative lift residuals over trials; `r2` is of cell means of Delta L, `r2_near` the same over 1 < z_hat < 3.
-    `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model, not the noise, is at fault. `problem` is
-    the likelihood, `slope` and `parts` what its covariance was assembled from; `plan` says which height errors are not in
-    it, and `marginal` is the integral over those. `effective` (p,) are each coefficient's effective degrees of freedom (`gum`), which its
-    interval, its profile and U95 share; 0 where visits are too few to tell what their trials share, and the interval has no end.
+    `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle. `rmse` is
+    the root mean square of relative lift residuals over trials; `r2` is of cell means of Delta L,
+    `r2_near` the same over 1 < z_hat < 3. `chi2` uses the scatter of repeats, so chi2 well above
+    `dof` means that the model, not the noise, is at fault. `problem` is the likelihood, `slope` and
+    `parts` what its covariance was assembled from; `plan` says which height errors are not in it,
+    and `marginal` is the integral over those. `effective` (p,) are each coefficient's effective
+    degrees of freedom (`gum`), which its interval, its profile and U95 share; 0 where visits are
+    too few to tell what their trials share, and the interval has no end.
     """
 
     model: LiftModel
@@ -64,7 +67,9 @@ class Fit:
 
     @property
     def dof_of_all(self) -> float:
-        """Degrees of freedom for all coefficients at once: the fewest of any, 1 where one has none."""
+        """Degrees of freedom for all coefficients at once: the fewest of any, 1 where one
+        has none.
+        """
         return max(float(self.effective.min(initial=np.inf)), gum.LEAST_DOF)
 
 
@@ -74,7 +79,8 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     Raises
     ------
     NotConverged
-        lmfit stopped for another reason than convergence, or the model has no value for some trial wherever it may start.
+        lmfit stopped for another reason than convergence, or the model has no value for some trial
+        wherever it may start.
     """
     # it imports matplotlib
     lmfit = isolation.library("lmfit")
@@ -85,7 +91,12 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     parameters = lmfit.Parameters()
     for p, value in zip(declared, first, strict=True):
         inset = 1e-9 * (p.bounds[1] - p.bounds[0])
-        parameters.add(p.name, value=float(np.clip(value, p.bounds[0] + inset, p.bounds[1] - inset)), min=p.bounds[0], max=p.bounds[1])
+        parameters.add(
+            p.name,
+            value=float(np.clip(value, p.bounds[0] + inset, p.bounds[1] - inset)),
+            min=p.bounds[0],
+            max=p.bounds[1],
+        )
 
     def at(values: Any) -> FloatArray:
         return np.array([values[n].value for n in problem.names])
@@ -98,15 +109,29 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     def derivatives(values: Any) -> FloatArray:
         return _finite_derivatives(problem, at(values)).T
 
-    scale = np.array([max(abs(p.value), 0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10))) for p in declared])
+    scale = np.array(
+        [
+            max(
+                abs(p.value),
+                0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10)),
+            )
+            for p in declared
+        ]
+    )
     stop = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12, "max_nfev": 2000}
-    found = lmfit.minimize(residuals, parameters, method="least_squares", jac=derivatives, x_scale=scale, **stop)
+    found = lmfit.minimize(
+        residuals, parameters, method="least_squares", jac=derivatives, x_scale=scale, **stop
+    )
     if not found.success:
         raise NotConverged(
-            f"fit of {problem.model.name}", f"lmfit stopped: {found.message}", "look at the residuals, or tighten the parameters' bounds"
+            f"fit of {problem.model.name}",
+            f"lmfit stopped: {found.message}",
+            "look at the residuals, or tighten the parameters' bounds",
         )
     bounds = np.array([p.bounds[0] for p in declared]), np.array([p.bounds[1] for p in declared])
-    best: FloatArray = batched.settled(lambda theta, rows: problem.linearised(theta), at(found.params)[None], bounds)[0]
+    best: FloatArray = batched.settled(
+        lambda theta, rows: problem.linearised(theta), at(found.params)[None], bounds
+    )[0]
     return best
 
 
@@ -116,7 +141,8 @@ def _finite_derivatives(problem: Problem, theta: FloatArray) -> FloatArray:
 
 
 def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
-    """Where to start: as given if the model has a value there for all trials, else at its declared values, else at what the bounds hold.
+    """Where to start: as given if the model has a value there for all trials, else at its declared
+    values, else at what the bounds hold.
 
     Raises
     ------
@@ -126,28 +152,57 @@ def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
     declared = problem.model.parameters
     low, high = (np.array([p.bounds[end] for p in declared]) for end in (0, 1))
     usual: FloatArray = np.array([p.value for p in declared], dtype=np.float64)
-    inner: list[FloatArray] = [usual + share * (end - usual) for end in (low, high) for share in (0.05, 0.2, 0.5) if np.isfinite(end).all()]
+    inner: list[FloatArray] = [
+        usual + share * (end - usual)
+        for end in (low, high)
+        for share in (0.05, 0.2, 0.5)
+        if np.isfinite(end).all()
+    ]
     for first in ([] if start is None else [start]) + [usual, *inner]:
         if np.isfinite(problem.chi2(first)):
             return first
-    at = ", ".join(f"{n} = {v:g}" for n, v in zip(problem.names, usual if start is None else start, strict=True))
+    at = ", ".join(
+        f"{n} = {v:g}"
+        for n, v in zip(problem.names, usual if start is None else start, strict=True)
+    )
     bad, z_hat = ~np.isfinite(problem.log_ratio(usual)), problem.data.z_hat
     if bad.all() or z_hat[bad].max() > z_hat[~bad].min():
         remedy = "choose another model: the trials to blame are not those nearest to the boundary"
     else:
-        remedy = f"leave out the {bad.sum()} trials nearest to the boundary (z_hat up to {z_hat[bad].max():.3g}), or choose another model"
+        remedy = (
+            f"leave out the {bad.sum()} trials nearest to the boundary (z_hat up to"
+            f" {z_hat[bad].max():.3g}), or choose another model"
+        )
     raise NotConverged(
-        f"fit of {problem.model.name}", f"the model has no value at its start, {at}, for some of the {problem.data.n} trials, nor elsewhere", remedy
+        f"fit of {problem.model.name}",
+        f"the model has no value at its start, {at}, for some of the {problem.data.n} trials, nor"
+        " elsewhere",
+        remedy,
     )
 
 
 def assemble(
-    model: LiftModel, data: Observations, parts: tuple[budget.Component, ...], scatter: Noise, theta: FloatArray, slope: FloatArray | None = None
+    model: LiftModel,
+    data: Observations,
+    parts: tuple[budget.Component, ...],
+    scatter: Noise,
+    theta: FloatArray,
+    slope: FloatArray | None = None,
 ) -> Problem:
-    """The likelihood with every height error carried by `slope` (n,), or by the model's own at `theta`."""
+    """The likelihood with every height error carried by `slope` (n,), or by the model's own at
+    `theta`.
+    """
     if slope is None:
-        slope = height_slope(model, data, dict(zip((p.name for p in model.parameters), theta, strict=True)))
-    covariance = noise.trial_covariance(data, scatter, slope, budget.shared(data, parts, slope), budget.own_variance(data, parts, slope))
+        slope = height_slope(
+            model, data, dict(zip((p.name for p in model.parameters), theta, strict=True))
+        )
+    covariance = noise.trial_covariance(
+        data,
+        scatter,
+        slope,
+        budget.shared(data, parts, slope),
+        budget.own_variance(data, parts, slope),
+    )
     return Problem(model=model, data=data, covariance=covariance)
 
 
@@ -171,11 +226,11 @@ def fit(
     scatter : Noise or None
         Variance components of trials; estimated from the repeats if None.
     slope : (n,) or None
-        d log ratio / dz that carries height errors. Give every rival the base model's: with its own, a flat curve would claim less
-        noise, and their likelihoods could not be compared.
+        d log ratio / dz that carries height errors. Give every rival the base model's: with its
+        own, a flat curve would claim less noise, and their likelihoods could not be compared.
     plan : Plan or None
-        Which height errors the slope does not carry; judged anew if None. Give every rival the base model's, for the same reason;
-        ``Plan()`` leaves all to the slope.
+        Which height errors the slope does not carry; judged anew if None. Give every rival the base
+        model's, for the same reason; ``Plan()`` leaves all to the slope.
 
     Raises
     ------
@@ -193,7 +248,11 @@ def fit(
     data = data.take(keep)
     p, levels = len(model.parameters), len(data.levels)
     if data.n < p + levels + 2:
-        raise NotConverged(f"fit of {model.name}", f"{data.n} usable trials for {p + levels} unknowns", f"at least {p + levels + 2} are wanted")
+        raise NotConverged(
+            f"fit of {model.name}",
+            f"{data.n} usable trials for {p + levels} unknowns",
+            f"at least {p + levels + 2} are wanted",
+        )
     theta = np.array([q.value for q in model.parameters])
     settled = scatter or Noise(relative=0.01)
     declared_parts = parts
@@ -201,13 +260,22 @@ def fit(
     for _ in range(3):
         parts = inputs.acting(declared_parts, model, theta)
         if scatter is None:
-            trial = Problem(model=model, data=data, covariance=noise.trial_covariance(data, settled, np.zeros(data.n)))
+            trial = Problem(
+                model=model,
+                data=data,
+                covariance=noise.trial_covariance(data, settled, np.zeros(data.n)),
+            )
             declared = trial.height_slope(theta)
             lacking, source = noise.curves(data)
             settled, _ = noise.estimate(
                 data,
                 np.log(data.lift_N) - trial.log_ratio(theta),
-                np.hstack([np.eye(levels)[data.level], trial.jacobian(theta) if p else np.zeros((data.n, 0))]),
+                np.hstack(
+                    [
+                        np.eye(levels)[data.level],
+                        trial.jacobian(theta) if p else np.zeros((data.n, 0)),
+                    ]
+                ),
                 lacking,
                 declared,
                 budget.shared(data, parts, declared),
@@ -215,7 +283,9 @@ def fit(
                 settled if settled.sizes else None,
                 source,
             )
-        problem = assemble(model, data, parts, settled, theta, None if slope is None else slope[keep])
+        problem = assemble(
+            model, data, parts, settled, theta, None if slope is None else slope[keep]
+        )
         before, theta = theta, minimise(problem, theta)
         if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
             break
@@ -240,14 +310,28 @@ def _integrated(found: Fit) -> Fit:
     estimates = {}
     for i, q in enumerate(found.model.parameters):
         dof = float(effective[i])
-        plain = _estimate(theta[i], float(np.sqrt(covariance[i, i])), student.quantile(0.95, dof), q.unit, q.bounds)
+        plain = _estimate(
+            theta[i],
+            float(np.sqrt(covariance[i, i])),
+            student.quantile(0.95, dof),
+            q.unit,
+            q.bounds,
+        )
         bounded = plain.u > 0 and dof > 0
-        estimates[q.name] = replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof)) if bounded else plain
+        estimates[q.name] = (
+            replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof))
+            if bounded
+            else plain
+        )
     logs, spread = np.zeros((len(over.weight), len(data.levels))), np.zeros(len(data.levels))
     for node in np.flatnonzero(over.weight > 0):
         at, offset = over.theta[node], over.offset_m[node]
         logs[node], given = problem.log_levels(at, offset)
-        toll = problem.level_sensitivity(problem.jacobian(at, offset)) if p else np.zeros((len(data.levels), 0))
+        toll = (
+            problem.level_sensitivity(problem.jacobian(at, offset))
+            if p
+            else np.zeros((len(data.levels), 0))
+        )
         spread += over.weight[node] * np.diag(given + toll @ over.covariance[node] @ toll.T)
     log_levels = over.weight @ logs
     spread += over.weight @ (logs - log_levels) ** 2
@@ -255,7 +339,8 @@ def _integrated(found: Fit) -> Fit:
     # the quantiles of the linear fit serve: what its levels rest on is the same
     quantiles = {t: (e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for t, e in found.levels.items()}
     levels = {
-        float(t): _estimate(v, v * w, quantiles[float(t)], "N", (0.0, np.inf)) for t, v, w in zip(data.levels, values, np.sqrt(spread), strict=True)
+        float(t): _estimate(v, v * w, quantiles[float(t)], "N", (0.0, np.inf))
+        for t, v, w in zip(data.levels, values, np.sqrt(spread), strict=True)
     }
     rmse, r2, r2_near = _closeness(problem, theta, log_levels, over.offset()[0])
     gained = float(over.log_integral + problem.chi2(theta) / 2)
@@ -291,7 +376,9 @@ def _describe(
     data, model = problem.data, problem.model
     p, k = len(theta), len(data.levels)
     jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
-    covariance, determined = parameter_covariance(problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1))
+    covariance, determined = parameter_covariance(
+        problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1)
+    )
     g = gum.gain(problem, theta) if p else np.zeros((0, data.n))
     lines = gum.lines(problem, g, parts, scatter, slope)
     effective = gum.total(lines, scatter, p).dof
@@ -305,7 +392,13 @@ def _describe(
     level_dof = gum.freedom(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope)
     levels = {
         float(t): _estimate(v, v * u, student.quantile(0.95, dof), "N", (0.0, np.inf))
-        for t, v, u, dof in zip(data.levels, np.exp(log_levels), np.sqrt(np.diag(level_covariance)), level_dof, strict=True)
+        for t, v, u, dof in zip(
+            data.levels,
+            np.exp(log_levels),
+            np.sqrt(np.diag(level_covariance)),
+            level_dof,
+            strict=True,
+        )
     }
     chi2 = float(problem.chi2(theta))
     log_likelihood = float(problem.log_likelihood(theta))
@@ -336,11 +429,15 @@ def _describe(
     )
 
 
-def parameter_covariance(white: FloatArray, whole: FloatArray | None = None) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and which of them the trials determine at all.
+def parameter_covariance(
+    white: FloatArray, whole: FloatArray | None = None
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and which of them
+    the trials determine at all.
 
-    What they do not determine takes no part: its variance is 0 here, and its uncertainty is infinite. `whole` (p,) is each parameter's
-    size before L_inf took its share: what keeps nothing of that, as all of it does where every trial is at one distance, is not determined.
+    What they do not determine takes no part: its variance is 0 here, and its uncertainty is
+    infinite. `whole` (p,) is each parameter's size before L_inf took its share: what keeps nothing
+    of that, as all of it does where every trial is at one distance, is not determined.
     """
     seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)
     white = np.where(seen[:, None], white, 0.0)
@@ -354,20 +451,37 @@ def parameter_covariance(white: FloatArray, whole: FloatArray | None = None) -> 
     return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
 
 
-def interval90(model: LiftModel, theta: FloatArray, sd: FloatArray, dof: FloatArray) -> dict[str, Estimate]:
-    """Each parameter with its standard uncertainty and 90 % interval by Student's t at its effective degrees of freedom."""
+def interval90(
+    model: LiftModel, theta: FloatArray, sd: FloatArray, dof: FloatArray
+) -> dict[str, Estimate]:
+    """Each parameter with its standard uncertainty and 90 % interval by Student's t at its
+    effective degrees of freedom.
+    """
     each = zip(model.parameters, theta, sd, dof, strict=True)
-    return {q.name: _estimate(t, u, student.quantile(0.95, d), q.unit, q.bounds) for q, t, u, d in each}
+    return {
+        q.name: _estimate(t, u, student.quantile(0.95, d), q.unit, q.bounds) for q, t, u, d in each
+    }
 
 
-def _estimate(value: float, u: float, quantile: float, unit: str, bounds: tuple[float, float]) -> Estimate:
+def _estimate(
+    value: float, u: float, quantile: float, unit: str, bounds: tuple[float, float]
+) -> Estimate:
     width = bounds[1] - bounds[0]
     at_bound = bool(np.isfinite(width) and min(value - bounds[0], bounds[1] - value) < 1e-6 * width)
     reach = quantile * u if u > 0 else 0.0
-    return Estimate(value=float(value), u=float(u), lo90=float(value - reach), hi90=float(value + reach), unit=unit, at_bound=at_bound)
+    return Estimate(
+        value=float(value),
+        u=float(u),
+        lo90=float(value - reach),
+        hi90=float(value + reach),
+        unit=unit,
+        at_bound=at_bound,
+    )
 
 
-def _closeness(problem: Problem, theta: FloatArray, log_levels: FloatArray, offset_m: float = 0.0) -> tuple[float, float, float | None]:
+def _closeness(
+    problem: Problem, theta: FloatArray, log_levels: FloatArray, offset_m: float = 0.0
+) -> tuple[float, float, float | None]:
     """`rmse`, `r2` and `r2_near` of a fit, the heights moved by `offset_m`."""
     data = problem.data
     log_ratio = problem.log_ratio(theta, offset_m)
@@ -375,7 +489,11 @@ def _closeness(problem: Problem, theta: FloatArray, log_levels: FloatArray, offs
     measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
     near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
     rmse = float(np.sqrt(np.mean((log_lift - log_ratio) ** 2)))
-    close = _r2(measured[near], predicted[near], cell[near]) if data.boundary == "ground" and near.any() else None
+    close = (
+        _r2(measured[near], predicted[near], cell[near])
+        if data.boundary == "ground" and near.any()
+        else None
+    )
     return rmse, _r2(measured, predicted, cell), close
 
 

@@ -1,4 +1,6 @@
-"""A mixture of Student's t distributions and the prior: what importance sampling draws from, and how it learns."""
+"""A mixture of Student's t distributions and the prior: what importance sampling draws from, and
+how it learns.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +13,21 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fitting.belief import Beliefs
 
-#: Of the t components: tails far heavier than a posterior's cost little, and find what lies off its main body.
+#: Of the t components: tails far heavier than a posterior's cost little, and find what lies off its
+#: main body.
 DOF = 2.5
-#: Least share of draws that come from the prior: with it no weight can exceed the greatest likelihood over this, so the tail is bounded.
+#: Least share of draws that come from the prior: with it no weight can exceed the greatest
+#: likelihood over this, so the tail is bounded.
 DEFENCE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mixture:
-    """`share` (k,) of the t components with `mean` (k, p) and scale matrix `scale` (k, p, p); the rest, to 1, is the prior's.
+    """`share` (k,) of the t components with `mean` (k, p) and scale matrix `scale` (k, p, p); the
+    rest, to 1, is the prior's.
 
-    Means and scales are in the coordinates of `Beliefs.coordinates`; draws and densities in the parameters themselves.
+    Means and scales are in the coordinates of `Beliefs.coordinates`; draws and densities in the
+    parameters themselves.
     """
 
     beliefs: Beliefs
@@ -51,13 +57,22 @@ class Mixture:
         return theta
 
     def _parts(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log density in coordinates of each t component, share included, (k, n), and the squared distances from its mean."""
+        """Log density in coordinates of each t component, share included, (k, n), and the squared
+        distances from its mean.
+        """
         p = at.shape[1]
-        constant = math.lgamma((DOF + p) / 2) - math.lgamma(DOF / 2) - 0.5 * p * math.log(DOF * math.pi)
+        constant = (
+            math.lgamma((DOF + p) / 2) - math.lgamma(DOF / 2) - 0.5 * p * math.log(DOF * math.pi)
+        )
         away = np.linalg.solve(self._root, np.swapaxes(at[None] - self.mean[:, None], 1, 2))
         square = np.einsum("kpn,kpn->kn", away, away)
         log_det = np.log(np.diagonal(self._root, axis1=1, axis2=2)).sum(axis=1)
-        log = constant - log_det[:, None] - 0.5 * (DOF + p) * np.log1p(square / DOF) + np.log(self.share)[:, None]
+        log = (
+            constant
+            - log_det[:, None]
+            - 0.5 * (DOF + p) * np.log1p(square / DOF)
+            + np.log(self.share)[:, None]
+        )
         return log, square
 
     def log_density(self, theta: FloatArray) -> FloatArray:
@@ -69,7 +84,9 @@ class Mixture:
         return result
 
     def learn(self, theta: FloatArray, weight: FloatArray) -> Mixture:
-        """One step of weighted expectation and maximisation: nearer to what the weighted draws (n, p), (n,) stand for."""
+        """One step of weighted expectation and maximisation: nearer to what the weighted draws (n,
+        p), (n,) stand for.
+        """
         p = theta.shape[1]
         weight = weight / weight.sum()
         at = self.beliefs.coordinates(theta)
@@ -85,17 +102,31 @@ class Mixture:
         away = at[None] - mean[:, None]
         scale = np.einsum("kn,knp,knq->kpq", near[alive], away, away) / share[alive][:, None, None]
         jitter = 1e-10 * np.maximum(np.diagonal(scale, axis1=1, axis2=2), 1e-300)
-        return replace(self, share=_leave(share[alive]), mean=mean, scale=scale + jitter[:, :, None] * np.eye(p))
+        return replace(
+            self,
+            share=_leave(share[alive]),
+            mean=mean,
+            scale=scale + jitter[:, :, None] * np.eye(p),
+        )
 
-    def split(self, rng: np.random.Generator, theta: FloatArray, weight: FloatArray, k: int) -> Mixture:
-        """K components at draws picked by weight, as wide as their share of the whole: a start for shapes that one cannot follow."""
+    def split(
+        self, rng: np.random.Generator, theta: FloatArray, weight: FloatArray, k: int
+    ) -> Mixture:
+        """K components at draws picked by weight, as wide as their share of the whole: a start for
+        shapes that one cannot follow.
+        """
         p = theta.shape[1]
         at = self.beliefs.coordinates(theta[weight > 0])
         weight = weight[weight > 0]
         picked = at[rng.choice(len(at), size=k, p=weight / weight.sum())]
         whole = np.atleast_2d(np.cov(at.T, aweights=weight)) / k ** (2 / p)
         whole += 1e-10 * np.diag(np.maximum(np.diag(whole), 1e-300))
-        return replace(self, share=_leave(np.full(k, 0.9 / k)), mean=picked, scale=np.broadcast_to(whole, (k, p, p)))
+        return replace(
+            self,
+            share=_leave(np.full(k, 0.9 / k)),
+            mean=picked,
+            scale=np.broadcast_to(whole, (k, p, p)),
+        )
 
 
 def _leave(share: FloatArray) -> FloatArray:

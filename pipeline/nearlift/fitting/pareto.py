@@ -1,7 +1,8 @@
 """How heavy the tail of importance weights is: the shape k of a generalised Pareto distribution.
 
-Below 0.5 the weights have a finite variance; up to 0.7 their averages can be used; beyond, they cannot be trusted however many there
-are. Fit: Zhang and Stephens, Technometrics 51 (2009); what to fit, and the limits: Vehtari, Simpson, Gelman, Yao and Gabry, JMLR 25 (2024).
+Below 0.5 the weights have a finite variance; up to 0.7 their averages can be used; beyond, they
+cannot be trusted however many there are. Fit: Zhang and Stephens, Technometrics 51 (2009); what to
+fit, and the limits: Vehtari, Simpson, Gelman, Yao and Gabry, JMLR 25 (2024).
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ LIMIT = 0.7
 
 
 def shape(excess: FloatArray) -> float:
-    """Shape k of a generalised Pareto distribution from excesses over a threshold, ascending and not all zero; (n,)."""
+    """Shape k of a generalised Pareto distribution from excesses over a threshold, ascending and
+    not all zero; (n,).
+    """
     n = len(excess)
     m = 30 + int(np.sqrt(n))
     quartile = max(excess[int(n / 4 + 0.5) - 1], 1e-12 * excess[-1])
@@ -30,7 +33,9 @@ def shape(excess: FloatArray) -> float:
 
 
 def pareto_k(log_weights: FloatArray) -> float:
-    """Shape of the upper tail of importance weights, drawn a little towards 0.5 as few tail weights tell little; 0 without a tail."""
+    """Shape of the upper tail of importance weights, drawn a little towards 0.5 as few tail weights
+    tell little; 0 without a tail.
+    """
     n = len(log_weights)
     size = int(np.ceil(min(0.2 * n, 3 * np.sqrt(n))))
     weights = np.sort(np.exp(log_weights - np.max(log_weights)))

@@ -1,8 +1,9 @@
-"""Many campaigns' values of one coefficient: their mean, how much vehicles and labs differ, and what to expect of the next.
+"""Many campaigns' values of one coefficient: their mean, how much vehicles and labs differ, and
+what to expect of the next.
 
-``y = mu + spread * e + error``: the errors have each campaign's own uncertainty, and what campaigns share (one load cell, say) is
-common to them. The spread is not known from a few campaigns, so it is integrated over and never set to its best value, which
-is zero far too often; `mu` has a flat prior.
+``y = mu + spread * e + error``: the errors have each campaign's own uncertainty, and what campaigns
+share (one load cell, say) is common to them. The spread is not known from a few campaigns, so it is
+integrated over and never set to its best value, which is zero far too often; `mu` has a flat prior.
 """
 
 from __future__ import annotations
@@ -72,17 +73,23 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
 
     Notes
     -----
-    The spread's prior is half-Cauchy (Gelman 2006) with the typical uncertainty or the values' own spread as its scale, whichever is
-    larger: it lets zero through and never forbids a large one.
+    The spread's prior is half-Cauchy (Gelman 2006) with the typical uncertainty or the values' own
+    spread as its scale, whichever is larger: it lets zero through and never forbids a large one.
     """
     from scipy.stats import chi2
 
     n = len(value)
     if n < FEWEST:
-        raise InputRefused("compare", f"{n} campaigns cannot tell how much campaigns differ", f"give at least {FEWEST}")
+        raise InputRefused(
+            "compare",
+            f"{n} campaigns cannot tell how much campaigns differ",
+            f"give at least {FEWEST}",
+        )
     u = np.sqrt(np.diag(covariance))
     if not (np.isfinite(value).all() and np.isfinite(u).all() and (u > 0).all()):
-        raise InputRefused("compare", "a value has no uncertainty", "leave that campaign out, or fit it again")
+        raise InputRefused(
+            "compare", "a value has no uncertainty", "leave that campaign out, or fit it again"
+        )
     scale = float(max(np.median(u), np.std(value, ddof=1)))
     # errors' principal axes: there the spread only adds to each variance
     length, axes = np.linalg.eigh(covariance)
@@ -118,9 +125,17 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
 
 
 def _campaigns(
-    y: FloatArray, ones: FloatArray, axes: FloatArray, weight: FloatArray, spread: FloatArray, mean: FloatArray, u_mean: FloatArray
+    y: FloatArray,
+    ones: FloatArray,
+    axes: FloatArray,
+    weight: FloatArray,
+    spread: FloatArray,
+    mean: FloatArray,
+    u_mean: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Each campaign's true value and its standard deviation at every spread, (g, n); `y`, `ones` along the principal axes."""
+    """Each campaign's true value and its standard deviation at every spread, (g, n); `y`, `ones`
+    along the principal axes.
+    """
     kept = spread[:, None] ** 2 * weight
     at = mean[:, None] + (kept * (y - mean[:, None] * ones)) @ axes.T
     # what is not pulled out of the data comes from the mean, with the mean's own uncertainty
@@ -140,7 +155,14 @@ def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) 
 
     def quantile(p: float) -> float:
         low, high = float((centre - 9 * safe).min()), float((centre + 9 * safe).max())
-        return float(brentq(lambda x: float(weight @ ndtr((x - centre) / safe)) - p, low, high, xtol=1e-12 * max(abs(low), abs(high))))
+        return float(
+            brentq(
+                lambda x: float(weight @ ndtr((x - centre) / safe)) - p,
+                low,
+                high,
+                xtol=1e-12 * max(abs(low), abs(high)),
+            )
+        )
 
     return Estimate(value=mean, u=u, lo90=quantile(TAIL), hi90=quantile(1 - TAIL), unit=unit)
 
@@ -150,4 +172,10 @@ def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> Estimate:
     below = np.cumsum(weight) - 0.5 * weight
     low, median, high = np.interp([TAIL, 0.5, 1 - TAIL], below, x)
     mean = weight @ x
-    return Estimate(value=float(median), u=float(np.sqrt(weight @ (x - mean) ** 2)), lo90=float(low), hi90=float(high), unit=unit)
+    return Estimate(
+        value=float(median),
+        u=float(np.sqrt(weight @ (x - mean) ** 2)),
+        lo90=float(low),
+        hi90=float(high),
+        unit=unit,
+    )

@@ -1,9 +1,10 @@
 """The likelihood of one model at one boundary.
 
-Forces are measured, ratios are not: the unit is the trial, ``log lift = a[throttle] + log ratio(z_hat; theta) + error``. The
-levels a = log L_inf are nuisances, one per throttle; they are linear, so they are eliminated in closed form and never divided
-by. Working in the logarithm makes a gain error additive and lets one covariance serve all throttles; trials scatter by
-a percent or less, so the difference to a likelihood in force is of second order in that percent.
+Forces are measured, ratios are not: the unit is the trial, ``log lift = a[throttle] + log
+ratio(z_hat; theta) + error``. The levels a = log L_inf are nuisances, one per throttle; they are
+linear, so they are eliminated in closed form and never divided by. Working in the logarithm makes a
+gain error additive and lets one covariance serve all throttles; trials scatter by a percent or
+less, so the difference to a likelihood in force is of second order in that percent.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from nearlift.fitting.covariance import Covariance
 from nearlift.fitting.finite import where_finite
 from nearlift.results import Observations
 
-#: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never far from the recorded height.
+#: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never
+#: far from the recorded height.
 BLUR = ((-(3.0**0.5), 1 / 6), (0.0, 2 / 3), (3.0**0.5, 1 / 6))
 
 
@@ -35,7 +37,8 @@ class Problem:
     model: LiftModel
     data: Observations
     covariance: Covariance
-    #: Standard deviation in m of height errors that are independent from stop to stop: the prediction is its mean over them.
+    #: Standard deviation in m of height errors that are independent from stop to stop: the
+    #: prediction is its mean over them.
     blur_m: float = 0.0
     #: Added to the log ratio whatever the parameters, a number or (n,).
     shift: FloatArray | float = 0.0
@@ -64,7 +67,10 @@ class Problem:
         z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
-            log: FloatArray = np.log(np.where((ratio > 0) & (ratio < np.inf) & (z_hat > 0), ratio, np.nan)) + self.shift
+            log: FloatArray = (
+                np.log(np.where((ratio > 0) & (ratio < np.inf) & (z_hat > 0), ratio, np.nan))
+                + self.shift
+            )
         return np.broadcast_to(log, (*np.shape(theta)[:-1], self.data.n))
 
     @cached_property
@@ -76,23 +82,31 @@ class Problem:
 
     @property
     def levels_log_det(self) -> tuple[int, float]:
-        """How many levels there are, and the log determinant of their information: what integrating them out leaves behind."""
+        """How many levels there are, and the log determinant of their information: what integrating
+        them out leaves behind.
+        """
         _, r = self._levels
         return len(r), 2 * float(np.log(np.abs(np.diag(r))).sum())
 
     @property
     def level_mean(self) -> FloatArray:
-        """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds `level_sensitivity` of its logarithm."""
+        """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds
+        `level_sensitivity` of its logarithm.
+        """
         return self.best_levels(np.log(self.data.lift_N))
 
     @property
     def level_gain(self) -> FloatArray:
-        """Change of log L_inf of each throttle per unit change of each trial's log lift, theta held, (K, n)."""
+        """Change of log L_inf of each throttle per unit change of each trial's log lift, theta
+        held, (K, n).
+        """
         q, r = self._levels
         return np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
 
     def project(self, x: FloatArray) -> FloatArray:
-        """Whiten along the last axis and remove what a free L_inf per throttle absorbs; a row with a value that is not finite is nan."""
+        """Whiten along the last axis and remove what a free L_inf per throttle absorbs; a row with
+        a value that is not finite is nan.
+        """
         q, _ = self._levels
 
         def projected(x: FloatArray) -> FloatArray:
@@ -121,11 +135,17 @@ class Problem:
 
     def log_likelihood(self, theta: FloatArray) -> FloatArray:
         """Log likelihood, L_inf at its best value given theta."""
-        constant = self.covariance.log_det + self.data.n * np.log(2 * np.pi) + 2 * np.log(self.data.lift_N).sum()
+        constant = (
+            self.covariance.log_det
+            + self.data.n * np.log(2 * np.pi)
+            + 2 * np.log(self.data.lift_N).sum()
+        )
         result: FloatArray = -0.5 * (self.chi2(theta) + constant)
         return result
 
-    def log_levels(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
+    def log_levels(
+        self, theta: FloatArray, offset_m: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
         """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
         _, r = self._levels
         inverse = np.linalg.inv(r)
@@ -133,16 +153,29 @@ class Problem:
         return self.best_levels(rest), np.asarray(inverse @ inverse.T, dtype=np.float64)
 
     def best_levels(self, x: FloatArray) -> FloatArray:
-        """The level per throttle that fits rows of trials (..., n) best, (..., K); nan where a row has a value that is not finite."""
+        """The level per throttle that fits rows of trials (..., n) best, (..., K); nan where a row
+        has a value that is not finite.
+        """
         q, r = self._levels
-        return where_finite(lambda x: np.asarray(np.linalg.solve(r, q.T @ self.covariance.whiten(x).T).T, dtype=np.float64), x)
+        return where_finite(
+            lambda x: np.asarray(
+                np.linalg.solve(r, q.T @ self.covariance.whiten(x).T).T, dtype=np.float64
+            ),
+            x,
+        )
 
     def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
-        """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p) of log ratio."""
+        """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p)
+        of log ratio.
+        """
         return -self.best_levels(jacobian.T).T
 
-    def linearised(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter (..., p, n)."""
+    def linearised(
+        self, theta: FloatArray, offset_m: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter
+        (..., p, n).
+        """
         return self.residuals(theta, offset_m), self.derivatives(theta, offset_m)
 
     def derivatives(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
@@ -155,7 +188,8 @@ class Problem:
         return result
 
     def slopes(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """D log ratio / d theta, shape (..., p, n): the declared derivatives where the model has them, else central differences.
+        """D log ratio / d theta, shape (..., p, n): the declared derivatives where the model has
+        them, else central differences.
 
         Whoever makes `log_ratio` another function must make this its derivative.
         """
@@ -172,7 +206,10 @@ class Problem:
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
             inside = np.where((ratio > 0) & (z_hat > 0), ratio, np.nan)
-            each = [derivative / inside for derivative in self.model.gradient(z_hat, **columns, **self.known)]
+            each = [
+                derivative / inside
+                for derivative in self.model.gradient(z_hat, **columns, **self.known)
+            ]
         shape = (*np.shape(theta)[:-1], self.data.n)
         return np.stack([np.broadcast_to(e, shape) for e in each], axis=-2)
 
@@ -182,16 +219,27 @@ class Problem:
         steps = 1e-4 * np.maximum(np.maximum(np.abs(theta), 1e-2 * (high - low)), 1e-6)
         p = len(low)
         own = np.eye(p, dtype=bool)
-        up, down = np.minimum(theta + steps, high)[..., None, :], np.maximum(theta - steps, low)[..., None, :]
+        up, down = (
+            np.minimum(theta + steps, high)[..., None, :],
+            np.maximum(theta - steps, low)[..., None, :],
+        )
         here = theta[..., None, :]
         at = np.concatenate([np.where(own, up, here), np.where(own, down, here)], axis=-2)
         shift = np.asarray(offset_m)[..., None] if np.ndim(offset_m) else offset_m
         value = self.log_ratio(at, shift)
-        return np.asarray((value[..., :p, :] - value[..., p:, :]) / (up - down).swapaxes(-1, -2), dtype=np.float64)
+        return np.asarray(
+            (value[..., :p, :] - value[..., p:, :]) / (up - down).swapaxes(-1, -2), dtype=np.float64
+        )
 
     def height_slope(self, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
-        """D log ratio / d z at one theta, per metre, shape (n,), every height moved by `offset_m`; 0 in free air."""
-        data = replace(self.data, z_hat=self.data.z_hat + offset_m / self.data.radius_m) if offset_m else self.data
+        """D log ratio / d z at one theta, per metre, shape (n,), every height moved by `offset_m`;
+        0 in free air.
+        """
+        data = (
+            replace(self.data, z_hat=self.data.z_hat + offset_m / self.data.radius_m)
+            if offset_m
+            else self.data
+        )
         return height_slope(self.model, data, dict(zip(self.names, np.asarray(theta), strict=True)))
 
 
@@ -199,13 +247,20 @@ def need(data: Observations, name: str, model: str) -> Any:
     """Geometry or covariate `name` of the trials, or a refusal that says what to record."""
     if name in data.geometry:
         return data.geometry[name]
-    own = {"radius_m": data.radius_m, "throttle": data.throttle, "session": data.session, "z_hat": data.z_hat}
+    own = {
+        "radius_m": data.radius_m,
+        "throttle": data.throttle,
+        "session": data.session,
+        "z_hat": data.z_hat,
+    }
     if name in own:
         return own[name]
     if name in data.covariates:
         return data.covariates[name]
     raise InputRefused(
-        f"model {model}", f"needs {name}, which this campaign does not know", "add it to [vehicle] or to the schedule, or choose another model"
+        f"model {model}",
+        f"needs {name}, which this campaign does not know",
+        "add it to [vehicle] or to the schedule, or choose another model",
     )
 
 
@@ -223,6 +278,8 @@ def height_slope(model: LiftModel, data: Observations, parameters: dict[str, flo
 
 
 def usable(model: LiftModel, data: Observations) -> NDArray[np.bool_]:
-    """Which trials the model can speak about: inside `valid_z_hat` (its lower end excluded), or in free air."""
+    """Which trials the model can speak about: inside `valid_z_hat` (its lower end excluded), or in
+    free air.
+    """
     low, high = model.valid_z_hat
     return (data.z_hat > low) & ((data.z_hat <= high) | np.isinf(data.z_hat))

@@ -1,9 +1,10 @@
 """Profile likelihoods: each coefficient held at a row of values, everything else at its best there.
 
-The quadratic approximation behind ``value ± u`` is right where the profile is a parabola; the profile says where it is not, and its
-interval stands where a model's curve saturates, at a bound, or where two coefficients trade places. L_inf is eliminated, the other
-coefficients are optimised again from where the quadratic approximation puts them, all values in one stack; a shared height error that
-the slope does not carry is optimised too, under its declared distribution.
+The quadratic approximation behind ``value ± u`` is right where the profile is a parabola; the
+profile says where it is not, and its interval stands where a model's curve saturates, at a bound,
+or where two coefficients trade places. L_inf is eliminated, the other coefficients are optimised
+again from where the quadratic approximation puts them, all values in one stack; a shared height
+error that the slope does not carry is optimised too, under its declared distribution.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ if TYPE_CHECKING:
 
 LEVELS = (68, 90, 95)
 POINTS = 33
-#: Within this many standard uncertainties of the optimum the grid is finer, so that a drawn profile has no corners where it is most bent.
+#: Within this many standard uncertainties of the optimum the grid is finer, so that a drawn profile
+#: has no corners where it is most bent.
 NEAR, NEAR_POINTS = 1.5, 31
-#: First reach in standard uncertainties; widened while the profile stays below what the widest interval wants.
+#: First reach in standard uncertainties; widened while the profile stays below what the widest
+#: interval wants.
 REACH = 4.0
 WIDENINGS = 5
 #: Values nearer than this part of a standard uncertainty are one.
@@ -34,7 +37,9 @@ SAME = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """An interval of one level; an end is nan and named in `open` where the profile does not rise enough before it stops."""
+    """An interval of one level; an end is nan and named in `open` where the profile does not rise
+    enough before it stops.
+    """
 
     low: float
     high: float
@@ -68,7 +73,9 @@ class Profile:
 
     @property
     def skew(self) -> float:
-        """Upper over lower part of the 90 % interval about the least chi2; nan where an end is open."""
+        """Upper over lower part of the 90 % interval about the least chi2; nan where an end is
+        open.
+        """
         best, found = float(self.value[np.argmin(self.rise)]), self.intervals[90]
         below = best - found.low
         return (found.high - best) / below if below > 0 else float("nan")
@@ -92,14 +99,18 @@ def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
     chi2 = _along(fit, i, value, sd)
     if fit.marginal:
         # the mean over the height error is not where the profile is lowest
-        value, chi2 = _with(fit, i, sd, value, chi2, np.array([np.clip(_vertex(value, chi2), *ends)]))
+        value, chi2 = _with(
+            fit, i, sd, value, chi2, np.array([np.clip(_vertex(value, chi2), *ends)])
+        )
     for _ in range(WIDENINGS):
         rise = chi2 - chi2.min()
         further = []
         if rise[0] < wanted and value[0] > low:
             further.append(np.linspace(max(2 * value[0] - centre, low), value[0], POINTS // 2)[:-1])
         if rise[-1] < wanted and value[-1] < high:
-            further.append(np.linspace(value[-1], min(2 * value[-1] - centre, high), POINTS // 2)[1:])
+            further.append(
+                np.linspace(value[-1], min(2 * value[-1] - centre, high), POINTS // 2)[1:]
+            )
         if not further:
             break
         value, chi2 = _with(fit, i, sd, value, chi2, np.concatenate(further))
@@ -115,14 +126,18 @@ def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
     )
 
 
-def _with(fit: Fit, i: int, sd: FloatArray, value: FloatArray, chi2: FloatArray, more: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _with(
+    fit: Fit, i: int, sd: FloatArray, value: FloatArray, chi2: FloatArray, more: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """The profile with further values, ascending."""
     whole, first = _apart(np.r_[value, more], sd[i])
     return whole, np.r_[chi2, _along(fit, i, more, sd)][first]
 
 
 def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Values in ascending order and their indices; of those that only rounding parts, between which a parabola would be noise, one."""
+    """Values in ascending order and their indices; of those that only rounding parts, between which
+    a parabola would be noise, one.
+    """
     order = np.argsort(value, kind="stable")
     kept = order[np.diff(value[order], prepend=-np.inf) > SAME * sd]
     return value[kept], kept
@@ -157,11 +172,20 @@ def _along(fit: Fit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
         over = fit.marginal
         assert over is not None
         mean, left = over.offset()
-        bend = (over.weight * (over.theta[:, i] - over.mean[i])) @ (over.offset_m - mean) / fit.covariance[i, i]
+        bend = (
+            (over.weight * (over.theta[:, i] - over.mean[i]))
+            @ (over.offset_m - mean)
+            / fit.covariance[i, i]
+        )
         edge = reach / unit * (1 - 1e-9)
         offset = np.clip((mean + bend * (value - fit.theta[i])) / unit, -edge, edge)
         start = np.hstack([start, offset[:, None]])
-        low, high, scale, free = np.r_[low, -edge], np.r_[high, edge], np.r_[scale, left / unit], np.r_[free, True]
+        low, high, scale, free = (
+            np.r_[low, -edge],
+            np.r_[high, edge],
+            np.r_[scale, left / unit],
+            np.r_[free, True],
+        )
         top = float(prior(np.zeros(1))[0])
 
     def residuals(theta: FloatArray, rows: np.ndarray) -> FloatArray:
@@ -176,14 +200,25 @@ def _along(fit: Fit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
     def linearised(theta: FloatArray, rows: np.ndarray) -> tuple[FloatArray, FloatArray]:
         return problem.linearised(theta)
 
-    return batched.minimise(residuals, start, (low, high), scale, free, None if shared else linearised).chi2
+    return batched.minimise(
+        residuals, start, (low, high), scale, free, None if shared else linearised
+    ).chi2
 
 
 def _interval(value: FloatArray, rise: FloatArray, best: int, wanted: float) -> Interval:
-    """Where the signed root of the profile, which is nearly a straight line, passes the threshold's."""
+    """Where the signed root of the profile, which is nearly a straight line, passes the
+    threshold's.
+    """
     root = np.sqrt(np.maximum(rise, 0.0))
-    low, high = _crossing(value[best::-1], root[best::-1], wanted**0.5), _crossing(value[best:], root[best:], wanted**0.5)
-    return Interval(low=low, high=high, open=tuple(end for end, x in (("low", low), ("high", high)) if not np.isfinite(x)))
+    low, high = (
+        _crossing(value[best::-1], root[best::-1], wanted**0.5),
+        _crossing(value[best:], root[best:], wanted**0.5),
+    )
+    return Interval(
+        low=low,
+        high=high,
+        open=tuple(end for end, x in (("low", low), ("high", high)) if not np.isfinite(x)),
+    )
 
 
 def _crossing(value: FloatArray, root: FloatArray, wanted: float) -> float:

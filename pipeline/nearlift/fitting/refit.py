@@ -1,7 +1,8 @@
 """The same problem fitted again and again, to resampled lifts.
 
-All refits advance together (`fitting.batched`), with the model's own derivatives, on residuals whitened once. The trials stay, so the
-prediction takes one value per station, and a triangle of the stations' size stands for all trials.
+All refits advance together (`fitting.batched`), with the model's own derivatives, on residuals
+whitened once. The trials stay, so the prediction takes one value per station, and a triangle of the
+stations' size stands for all trials.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from nearlift.fitting.stations import distinct
 from nearlift.results import IntArray
 
 Found = TypeVar("Found")
-#: Numbers that one batch of residuals and derivatives may hold: what stays in a processor's own cache.
+#: Numbers that one batch of residuals and derivatives may hold: what stays in a processor's own
+#: cache.
 BATCH = 200_000
 #: More stations than this part of the trials are not worth a triangle.
 WORTH = 0.5
@@ -57,12 +59,19 @@ class Refits:
         """
         failed = int((~self.converged).sum())
         if failed > 0.01 * len(self.theta):
-            raise NotConverged("refit", f"{failed} of {len(self.theta)} did not converge", "look at the residuals, or tighten the parameters' bounds")
+            raise NotConverged(
+                "refit",
+                f"{failed} of {len(self.theta)} did not converge",
+                "look at the residuals, or tighten the parameters' bounds",
+            )
         return self.theta[self.converged]
 
 
-def refit(problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: FloatArray) -> Refits:
-    """Fit each row of `log_lift` as if it had been measured in the trials' place, the covariance as it is.
+def refit(
+    problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: FloatArray
+) -> Refits:
+    """Fit each row of `log_lift` as if it had been measured in the trials' place, the covariance as
+    it is.
 
     Parameters
     ----------
@@ -70,7 +79,8 @@ def refit(problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: F
     start : (p,)
         Such as the fit to the measured lifts.
     scale : (p,)
-        Standard uncertainties, or whatever else a coefficient may be expected to change by; positive.
+        Standard uncertainties, or whatever else a coefficient may be expected to change by;
+        positive.
     log_lift : (m, n)
         Natural logarithm of lift in N.
     """
@@ -102,7 +112,11 @@ def refit(problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: F
     parts = []
     for first in range(0, len(target), size):
         own = np.tile(start, (min(size, len(target) - first), 1))
-        parts.append(batched.minimise(_from(residuals, first), own, (low, high), scale, free, _from(linearised, first)))
+        parts.append(
+            batched.minimise(
+                _from(residuals, first), own, (low, high), scale, free, _from(linearised, first)
+            )
+        )
     return Refits(
         names=problem.names,
         theta=np.concatenate([np.zeros((0, len(start))), *(p.theta for p in parts)]),
@@ -111,6 +125,8 @@ def refit(problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: F
     )
 
 
-def _from(function: Callable[[FloatArray, IntArray], Found], first: int) -> Callable[[FloatArray, IntArray], Found]:
+def _from(
+    function: Callable[[FloatArray, IntArray], Found], first: int
+) -> Callable[[FloatArray, IntArray], Found]:
     """The same function for a batch that begins with problem `first`."""
     return lambda theta, rows: function(theta, rows + first)

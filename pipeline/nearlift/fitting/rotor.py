@@ -2,9 +2,10 @@
 
     L_inf = rotors C_L rho f^2 r^4        f in turns per second
 
-Carter, Bouchard and Quinn 2021 hold C_L at 1.6 at every speed. With a logged speed, or a map from throttle to speed, it is estimated per
-throttle and its trend with speed is tested. For one rotor in air of one viscosity the Reynolds number is in proportion to speed, so
-the exponent of C_L ~ f^m is that of the Reynolds number.
+Carter, Bouchard and Quinn 2021 hold C_L at 1.6 at every speed. With a logged speed, or a map from
+throttle to speed, it is estimated per throttle and its trend with speed is tested. For one rotor in
+air of one viscosity the Reynolds number is in proportion to speed, so the exponent of C_L ~ f^m is
+that of the Reynolds number.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ class Trend:
     p_trend : float or None
         Of m = 0.
     excess : float
-        Root of chi2 over its degrees of freedom about the power law where above 1, when it has widened `u_exponent`; else 1.
+        Root of chi2 over its degrees of freedom about the power law where above 1, when it has
+        widened `u_exponent`; else 1.
     """
 
     mean: float
@@ -55,7 +57,9 @@ class Trend:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rotor:
-    """C_L per throttle with one standard uncertainty, that of the speed in it (all of shape (K,)), and its trend."""
+    """C_L per throttle with one standard uncertainty, that of the speed in it (all of shape (K,)),
+    and its trend.
+    """
 
     throttle: FloatArray
     speed_Hz: FloatArray
@@ -64,8 +68,17 @@ class Rotor:
     trend: Trend
 
 
-def coefficient(lift_N: FloatArray, speed_Hz: FloatArray, *, air_density: FloatArray | float, radius_m: float, rotors: int) -> FloatArray:
-    """C_L of the whole vehicle's lift, all rotors at one speed in turns per second (their root mean square where they differ). Shapes broadcast."""
+def coefficient(
+    lift_N: FloatArray,
+    speed_Hz: FloatArray,
+    *,
+    air_density: FloatArray | float,
+    radius_m: float,
+    rotors: int,
+) -> FloatArray:
+    """C_L of the whole vehicle's lift, all rotors at one speed in turns per second (their root mean
+    square where they differ). Shapes broadcast.
+    """
     return np.asarray(lift_N / (rotors * air_density * speed_Hz**2 * radius_m**4), dtype=np.float64)
 
 
@@ -94,7 +107,13 @@ def examine(
     C_L = coefficient(lift_N, speed_Hz, air_density=air_density, radius_m=radius_m, rotors=rotors)
     covariance = log_covariance + np.diag((2 * u_log_speed) ** 2)
     found = trend(np.log(C_L), covariance, np.log(speed_Hz))
-    return Rotor(throttle=throttle, speed_Hz=speed_Hz, C_L=C_L, u=C_L * np.sqrt(np.diag(covariance)), trend=found)
+    return Rotor(
+        throttle=throttle,
+        speed_Hz=speed_Hz,
+        C_L=C_L,
+        u=C_L * np.sqrt(np.diag(covariance)),
+        trend=found,
+    )
 
 
 def trend(log_C: FloatArray, covariance: FloatArray, log_f: FloatArray) -> Trend:
@@ -115,7 +134,8 @@ def trend(log_C: FloatArray, covariance: FloatArray, log_f: FloatArray) -> Trend
     inverse = np.linalg.inv(x.T @ x)
     beta = inverse @ (x.T @ y)
     residual = y - x @ beta
-    # scatter about the power law beyond what the uncertainties grant widens the interval, and costs its degrees of freedom
+    # scatter about the power law beyond what the uncertainties grant widens the interval, and costs
+    # its degrees of freedom
     excess = float(np.sqrt(residual @ residual / (k - 2))) if k > 2 else 1.0
     wide = excess > 1
     dof = float(k - 2) if wide else np.inf

@@ -1,11 +1,15 @@
-"""A covariance of noise that trials pass on in run order, factored and applied in time linear in the trials.
+"""A covariance of noise that trials pass on in run order, factored and applied in time linear in
+the trials.
 
-``K = diag(variance) + sum_k A_k M_k A_k``: process k has an amplitude at every trial, and keeps the part `memory[i, k]` of itself from trial
-i - 1 to trial i (0 where it begins anew), so that two trials share the product of the memories between them. An Ornstein-Uhlenbeck drift keeps
-exp(-dt / tau); what a visit has in common is kept whole within it. Such a matrix has a Cholesky factor ``L = 1 + tril(A W')`` of
-the same kind, found in one pass. Source: Foreman-Mackey 2018, Res. Notes AAS 2, 31 (celerite's recursions), with memories of any kind.
+``K = diag(variance) + sum_k A_k M_k A_k``: process k has an amplitude at every trial, and keeps the
+part `memory[i, k]` of itself from trial i - 1 to trial i (0 where it begins anew), so that two
+trials share the product of the memories between them. An Ornstein-Uhlenbeck drift keeps exp(-dt /
+tau); what a visit has in common is kept whole within it. Such a matrix has a Cholesky factor ``L =
+1 + tril(A W')`` of the same kind, found in one pass. Source: Foreman-Mackey 2018, Res. Notes AAS 2,
+31 (celerite's recursions), with memories of any kind.
 
-All arrays are in run order, C-contiguous: `variance` (n,), `amplitude` and `memory` (n, J), right-hand sides (n, m).
+All arrays are in run order, C-contiguous: `variance` (n,), `amplitude` and `memory` (n, J),
+right-hand sides (n, m).
 """
 
 from __future__ import annotations
@@ -30,7 +34,11 @@ def _factor(variance: Any, amplitude: Any, memory: Any) -> Any:
         if i:
             for j in range(count):
                 for k in range(j + 1):
-                    value = memory[i, j] * memory[i, k] * (state[j, k] + d[i - 1] * w[i - 1, j] * w[i - 1, k])
+                    value = (
+                        memory[i, j]
+                        * memory[i, k]
+                        * (state[j, k] + d[i - 1] * w[i - 1, j] * w[i - 1, k])
+                    )
                     state[j, k] = value
                     state[k, j] = value
         for j in range(count):
@@ -116,14 +124,20 @@ def _product(amplitude: Any, memory: Any, x: Any) -> Any:
 
 
 def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> Any:
-    """The inverse's entries [i, i + k] as [i, k], for k up to `reach[i]`; nan beyond, (n, widest + 1)."""
+    """The inverse's entries [i, i + k] as [i, k], for k up to `reach[i]`; nan beyond, (n, widest +
+    1).
+    """
     n, count = amplitude.shape
     widest = 0
     for i in range(n):
         widest = max(widest, reach[i])
     found = np.full((n, widest + 1), np.nan)
     # what the trials after i make of a unit of each process that reaches them: their sum of squares
-    after, step, half = np.zeros((n + 1, count, count)), np.zeros((count, count)), np.zeros((count, count))
+    after, step, half = (
+        np.zeros((n + 1, count, count)),
+        np.zeros((count, count)),
+        np.zeros((count, count)),
+    )
     for back in range(n):
         i = n - 1 - back
         for j in range(count):
@@ -172,4 +186,6 @@ def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> An
     return found
 
 
-factor, forward, backward, product, near_inverse = (compiled(f) for f in (_factor, _forward, _backward, _product, _near_inverse))
+factor, forward, backward, product, near_inverse = (
+    compiled(f) for f in (_factor, _forward, _backward, _product, _near_inverse)
+)

@@ -1,8 +1,10 @@
-"""The snooker move of ter Braak and Vrugt (Statistics and Computing 18, 2008) for emcee's ensembles.
+"""The snooker move of ter Braak and Vrugt (Statistics and Computing 18, 2008) for emcee's
+ensembles.
 
-emcee has one, but up to and including 3.1.6 it leaves another distribution than the one asked for: its direction is not of unit length, so the
-size of a step depends on where it starts, and the acceptance takes the wrong power of the distance (mended in dfm/emcee#531, not yet
-released). Alone it makes the variance of a standard normal 1.08 and leaves a tail of 5 % with 5.6 %.
+emcee has one, but up to and including 3.1.6 it leaves another distribution than the one asked for:
+its direction is not of unit length, so the size of a step depends on where it starts, and the
+acceptance takes the wrong power of the distance (mended in dfm/emcee#531, not yet released). Alone
+it makes the variance of a standard normal 1.08 and leaves a tail of 5 % with 5.6 %.
 """
 
 from __future__ import annotations
@@ -14,21 +16,30 @@ from emcee.moves import RedBlueMove
 
 from nearlift.declare import FloatArray
 
-#: Length of a step in units of the difference of two walkers along the line, as the paper recommends.
+#: Length of a step in units of the difference of two walkers along the line, as the paper
+#: recommends.
 GAMMA = 1.7
 
 
 class SnookerMove(RedBlueMove):  # type: ignore[misc]
-    """A walker moves along its line to another, by as far as two more lie apart in that direction."""
+    """A walker moves along its line to another, by as far as two more lie apart in that
+    direction.
+    """
 
     def __init__(self) -> None:
         super().__init__(nsplits=4)
 
-    def get_proposal(self, s: FloatArray, c: list[FloatArray], random: Any) -> tuple[FloatArray, FloatArray]:
-        """Proposals for walkers `s` (n, p) from the three other parts of the ensemble, and the log of the ratio of volumes, (n,)."""
+    def get_proposal(
+        self, s: FloatArray, c: list[FloatArray], random: Any
+    ) -> tuple[FloatArray, FloatArray]:
+        """Proposals for walkers `s` (n, p) from the three other parts of the ensemble, and the log
+        of the ratio of volumes, (n,).
+        """
         n, p = s.shape
         # which part is aimed at changes from step to step, so that none has a role of its own
-        centre, first, second = (c[i][random.randint(len(c[i]), size=n)] for i in random.permutation(3))
+        centre, first, second = (
+            c[i][random.randint(len(c[i]), size=n)] for i in random.permutation(3)
+        )
         line = s - centre
         distance = np.linalg.norm(line, axis=1)
         # two walkers at one place have no line between them: the walker stays

@@ -1,4 +1,6 @@
-"""Student's t at the degrees of freedom that an uncertainty has: none (no interval at all) to infinitely many (the normal)."""
+"""Student's t at the degrees of freedom that an uncertainty has: none (no interval at all) to
+infinitely many (the normal).
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ def quantile(probability: float, dof: float) -> float:
 def several(dof: FloatArray) -> float:
     """Degrees of freedom of the denominator of an F test over directions of so many each (m,).
 
-    Fai & Cornelius 1996 (J. Stat. Comput. Simul. 54, 363): the F distribution whose mean is that of the sum of squared t.
+    Fai & Cornelius 1996 (J. Stat. Comput. Simul. 54, 363): the F distribution whose mean is that of
+    the sum of squared t.
     """
     m = len(dof)
     if not np.all(dof > 2):

@@ -1,1 +1,3 @@
-"""Velocity grids to downwash: fields, averages, cuts, contrasts to the control, topology. Pure: no file, no table, no figure."""
+"""Velocity grids to downwash: fields, averages, cuts, contrasts to the control, topology. Pure: no
+file, no table, no figure.
+"""

@@ -1,7 +1,9 @@
-"""Mean, variance and count of a stream of fields, its correlation in time, and how far the mean has converged.
+"""Mean, variance and count of a stream of fields, its correlation in time, and how far the mean has
+converged.
 
-One pass: a batch of fields is in memory, never the set. Batches are merged by Chan's formula, of which Welford's update is the
-case of one. Correlation in time is measured on a sample of nodes with a ring of the latest fields.
+One pass: a batch of fields is in memory, never the set. Batches are merged by Chan's formula, of
+which Welford's update is the case of one. Correlation in time is measured on a sample of nodes with
+a ring of the latest fields.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ class Convergence:
     n : (k,) int
         Numbers of fields, doubling, the last one all of them.
     moved : (k,)
-        Root mean square change of the mean since half as many fields, over the mean's own root mean square; nan for the first.
+        Root mean square change of the mean since half as many fields, over the mean's own root mean
+        square; nan for the first.
     error : float
         Root mean square standard error of the mean over the mean's own root mean square.
     needed : float
@@ -54,7 +57,8 @@ class Average:
     Attributes
     ----------
     mean : Field
-        nan where no field has a vector. `u_m_s` is the correlating software's own uncertainty of a mean vector, where it gave one.
+        nan where no field has a vector. `u_m_s` is the correlating software's own uncertainty of a
+        mean vector, where it gave one.
     var_x, var_y : (ny, nx)
         Variance of one field's component in (m/s)^2; nan where fewer than two fields have a vector.
     count : (ny, nx)
@@ -104,7 +108,11 @@ class Moments:
     def add(self, batch: FloatArray) -> None:
         """Merge rows (k, columns)."""
         # about the present mean, or about the first rows: sums of squares then lose no digits
-        shift = np.where(self.count > 0, self.mean, _first(batch)) if self.count.min() == 0 else self.mean
+        shift = (
+            np.where(self.count > 0, self.mean, _first(batch))
+            if self.count.min() == 0
+            else self.mean
+        )
         away = batch - shift
         known = np.isfinite(away)
         n = known.sum(axis=0)
@@ -113,14 +121,18 @@ class Moments:
         own = total / np.maximum(n, 1)
         apart = own + shift - self.mean
         whole = np.maximum(self.count + n, 1)
-        self.squares += np.where(n > 0, squares - own * total + apart**2 * self.count * n / whole, 0.0)
+        self.squares += np.where(
+            n > 0, squares - own * total + apart**2 * self.count * n / whole, 0.0
+        )
         self.mean += np.where(n > 0, apart * n / whole, 0.0)
         self.count += n
 
     def variance(self) -> FloatArray:
         """Unbiased, nan for fewer than two observations."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            result: FloatArray = np.where(self.count > 1, np.maximum(self.squares, 0) / (self.count - 1), np.nan)
+            result: FloatArray = np.where(
+                self.count > 1, np.maximum(self.squares, 0) / (self.count - 1), np.nan
+            )
         return result
 
     def known_mean(self) -> FloatArray:
@@ -134,7 +146,9 @@ def _first(batch: FloatArray) -> FloatArray:
 
 
 class Lags:
-    """Autocovariance of some columns at lags up to `LAGS`, from the latest rows and each new batch of them."""
+    """Autocovariance of some columns at lags up to `LAGS`, from the latest rows and each new batch
+    of them.
+    """
 
     def __init__(self, columns: int) -> None:
         self.latest = np.full((LAGS, columns), np.nan)
@@ -153,7 +167,10 @@ class Lags:
         filled = np.where(known, all_rows, 0.0)
         late, late_known = filled[LAGS:], known[LAGS:]
         for lag in range(LAGS + 1):
-            early, both = filled[LAGS - lag : len(filled) - lag], known[LAGS - lag : len(filled) - lag] & late_known
+            early, both = (
+                filled[LAGS - lag : len(filled) - lag],
+                known[LAGS - lag : len(filled) - lag] & late_known,
+            )
             self.products[lag] += np.einsum("ij,ij->j", late, early)
             self.heads[lag] += np.einsum("ij,ij->j", both, early)
             self.tails[lag] += np.einsum("ij,ij->j", late, both)
@@ -163,17 +180,22 @@ class Lags:
     def tau(self) -> float:
         """Fields per independent one: `integrated` of the autocovariance pooled over columns."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            covariance = self.products / self.pairs - (self.heads / self.pairs) * (self.tails / self.pairs)
-        pooled = np.array([c[np.isfinite(c)].sum() if np.isfinite(c).any() else math.nan for c in covariance])
+            covariance = self.products / self.pairs - (self.heads / self.pairs) * (
+                self.tails / self.pairs
+            )
+        pooled = np.array(
+            [c[np.isfinite(c)].sum() if np.isfinite(c).any() else math.nan for c in covariance]
+        )
         n = float(self.pairs[0].max(initial=0.0))
         return integrated(pooled[np.isfinite(pooled)], n)
 
 
 def integrated(autocovariance: FloatArray, n: float) -> float:
-    """1 + 2 sum of autocorrelations, summed in pairs of lags as long as they are positive (Geyer 1992); at least 1.
+    """1 + 2 sum of autocorrelations, summed in pairs of lags as long as they are positive (Geyer
+    1992); at least 1.
 
-    `n` observations of a series whose mean was taken from them lower every autocovariance by var(mean) = var tau / n; that is put
-    back to first order.
+    `n` observations of a series whose mean was taken from them lower every autocovariance by
+    var(mean) = var tau / n; that is put back to first order.
     """
     if len(autocovariance) < 3 or not autocovariance[0] > 0 or n < 8:
         return 1.0
@@ -237,7 +259,11 @@ def average(fields: Iterable[Field], where: str = "fields") -> Average:
         if before is not None:
             both = np.isfinite(now) & np.isfinite(before)
             size = math.sqrt(float(np.mean(now[both] ** 2))) if both.any() else 0.0
-            moved = math.sqrt(float(np.mean((now - before)[both] ** 2))) / size if size > 0 else math.nan
+            moved = (
+                math.sqrt(float(np.mean((now - before)[both] ** 2))) / size
+                if size > 0
+                else math.nan
+            )
         before = now
         steps.append((n, moved))
 
@@ -249,7 +275,11 @@ def average(fields: Iterable[Field], where: str = "fields") -> Average:
             sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
             lags = Lags(len(sample))
         elif not same_grid(first, field):
-            raise InputRefused(where, f"field {n + 1} stands on another grid than the first", "one case has one grid; list others as another case")
+            raise InputRefused(
+                where,
+                f"field {n + 1} stands on another grid than the first",
+                "one case has one grid; list others as another case",
+            )
         batch[held, :size], batch[held, size:] = field.vx_m_s.ravel(), field.vy_m_s.ravel()
         held += 1
         if field.u_m_s is not None:
@@ -268,18 +298,33 @@ def average(fields: Iterable[Field], where: str = "fields") -> Average:
     return _finish(first, moments, noise, n, lags.tau(), steps)
 
 
-def _finish(first: Field, moments: Moments, noise: Moments, n: int, tau: float, steps: list[tuple[int, float]]) -> Average:
+def _finish(
+    first: Field,
+    moments: Moments,
+    noise: Moments,
+    n: int,
+    tau: float,
+    steps: list[tuple[int, float]],
+) -> Average:
     shape, size = first.shape, first.vx_m_s.size
     mean, variance = moments.known_mean(), moments.variance()
     given = noise.known_mean()
     with np.errstate(invalid="ignore", divide="ignore"):
-        own = np.sqrt(given / noise.count).reshape(shape) if noise.count.max(initial=0) > 0 else None
+        own = (
+            np.sqrt(given / noise.count).reshape(shape) if noise.count.max(initial=0) > 0 else None
+        )
         error2 = variance * tau / moments.count
     both = np.isfinite(error2)
     level = float(np.mean(mean[both] ** 2)) if both.any() else 0.0
     error = math.sqrt(float(np.mean(error2[both])) / level) if level > 0 else math.nan
     return Average(
-        mean=Field(x_m=first.x_m, y_m=first.y_m, vx_m_s=mean[:size].reshape(shape), vy_m_s=mean[size:].reshape(shape), u_m_s=own),
+        mean=Field(
+            x_m=first.x_m,
+            y_m=first.y_m,
+            vx_m_s=mean[:size].reshape(shape),
+            vy_m_s=mean[size:].reshape(shape),
+            u_m_s=own,
+        ),
         var_x=variance[:size].reshape(shape),
         var_y=variance[size:].reshape(shape),
         count=moments.count[:size].reshape(shape),

@@ -1,4 +1,6 @@
-"""Resampled mean fields from one pass over the fields: each block of fields enters each resample a Poisson number of times."""
+"""Resampled mean fields from one pass over the fields: each block of fields enters each resample a
+Poisson number of times.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,9 @@ from nearlift.declare import FloatArray
 class Resamples:
     """Sums and counts of `size` resamples of columns; flat in memory however many fields there are.
 
-    Fields next to each other in time are drawn together, `block` at a time, so that their correlation stays in the resamples. Of few
-    blocks a resample may come out empty (e^-6 of them, of six blocks); it is no resample and is left out.
+    Fields next to each other in time are drawn together, `block` at a time, so that their
+    correlation stays in the resamples. Of few blocks a resample may come out empty (e^-6 of them,
+    of six blocks); it is no resample and is left out.
     """
 
     def __init__(self, size: int, columns: int, block: int, rng: np.random.Generator) -> None:
@@ -40,11 +43,16 @@ class Resamples:
         self.held = []
 
     def means(self) -> FloatArray:
-        """Resampled means, a row each, at most `size` of them; nan where a resample has no observation of a column."""
+        """Resampled means, a row each, at most `size` of them; nan where a resample has no
+        observation of a column.
+        """
         self._draw()
         drawn = self.fields > 0
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.where(self.count[drawn] > 0, self.total[drawn] / self.count[drawn], np.nan), dtype=np.float64)
+            return np.asarray(
+                np.where(self.count[drawn] > 0, self.total[drawn] / self.count[drawn], np.nan),
+                dtype=np.float64,
+            )
 
 
 def block_length(n: int) -> int:

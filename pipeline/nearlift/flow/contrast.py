@@ -9,7 +9,9 @@ from nearlift.flow.field import Field, take_columns
 
 
 def at(values: FloatArray, source: Field, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-    """A map (ny, nx) of `source` at other nodes, linear between its own; nan outside and beside missing vectors."""
+    """A map (ny, nx) of `source` at other nodes, linear between its own; nan outside and beside
+    missing vectors.
+    """
     across = _inside(values, (x_m - source.x_m[0]) / source.dx_m)
     return _inside(across.T, (y_m - source.y_m[0]) / source.dy_m).T
 

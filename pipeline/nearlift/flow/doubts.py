@@ -1,4 +1,6 @@
-"""Mean fields that cannot be true: flow along thrust, one component flipped, speeds far from a hovering wake's, a cut outside the picture."""
+"""Mean fields that cannot be true: flow along thrust, one component flipped, speeds far from a
+hovering wake's, a cut outside the picture.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +13,40 @@ from nearlift.flow.downwash import Cut, along_cut, over_span, span_weights
 from nearlift.flow.field import Field, sign_doubt
 from nearlift.flow.scene import Scene
 
-#: A wake's speed may be this factor above or below that of the hovering vehicle (a quarter to full throttle is a factor of 2.3).
+#: A wake's speed may be this factor above or below that of the hovering vehicle (a quarter to full
+#: throttle is a factor of 2.3).
 FACTOR = 10.0
 
 
-def wake_speed_m_s(mass_kg: float, gravity_m_s2: float, density_kg_m3: float, rotors: int, radius_m: float) -> float:
+def wake_speed_m_s(
+    mass_kg: float, gravity_m_s2: float, density_kg_m3: float, rotors: int, radius_m: float
+) -> float:
     """Speed of the hovering vehicle's far wake by momentum theory, twice the induced velocity."""
-    return 2 * math.sqrt(mass_kg * gravity_m_s2 / rotors / (2 * density_kg_m3 * math.pi * radius_m**2))
+    return 2 * math.sqrt(
+        mass_kg * gravity_m_s2 / rotors / (2 * density_kg_m3 * math.pi * radius_m**2)
+    )
 
 
-def refuse_what_cannot_be(mean: Field, scene: Scene, cut: Cut, expected_m_s: float, where: str) -> None:
-    """Raise `InputRefused` with the reason and the key that would mend it; returns if there is none."""
+def refuse_what_cannot_be(
+    mean: Field, scene: Scene, cut: Cut, expected_m_s: float, where: str
+) -> None:
+    """Raise `InputRefused` with the reason and the key that would mend it; returns if there is
+    none.
+    """
     x0, x1, y0, y1 = (1e3 * v for v in (mean.x_m[0], mean.x_m[-1], mean.y_m[0], mean.y_m[-1]))
-    spans = f"the field spans x = {x0:.4g} to {x1:.4g} mm and y = {y0:.4g} to {y1:.4g} mm about the rotors' midpoint"
-    _, covered = over_span(along_cut(mean.vy_m_s, mean.y_m, cut.below_m), span_weights(mean.x_m, cut.centres_m, cut.half_span_m))
+    spans = (
+        f"the field spans x = {x0:.4g} to {x1:.4g} mm and y = {y0:.4g} to {y1:.4g} mm about the"
+        " rotors' midpoint"
+    )
+    _, covered = over_span(
+        along_cut(mean.vy_m_s, mean.y_m, cut.below_m),
+        span_weights(mean.x_m, cut.centres_m, cut.half_span_m),
+    )
     ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
-    meets = scene.boundary == "ground" and float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min()) <= 0
+    meets = (
+        scene.boundary == "ground"
+        and float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min()) <= 0
+    )
     if covered == 0 and not meets:
         raise InputRefused(
             where,
@@ -38,18 +58,30 @@ def refuse_what_cannot_be(mean: Field, scene: Scene, cut: Cut, expected_m_s: flo
         ratio = speed / expected_m_s
         raise InputRefused(
             where,
-            f"its fastest air moves at {speed:.3g} m/s, {ratio:.2g} times the {expected_m_s:.3g} m/s of the hovering vehicle's wake",
-            "check velocity_unit, scale and frame_time" + (" (mm/s written as m/s?)" if 300 < ratio < 3000 else ""),
+            f"its fastest air moves at {speed:.3g} m/s, {ratio:.2g} times the {expected_m_s:.3g}"
+            " m/s of the hovering vehicle's wake",
+            "check velocity_unit, scale and frame_time"
+            + (" (mm/s written as m/s?)" if 300 < ratio < 3000 else ""),
         )
     doubt = sign_doubt(mean)
     if doubt:
-        raise InputRefused(where, f"{doubt}: it creates air out of nothing", "say v_sign = -1 under [piv], or turn thrust or across round")
-    wake = (mean.y_m[:, None] < -0.25 * scene.radius_m) & (mean.y_m[:, None] > -1.5 * scene.radius_m) & scene.beneath(mean.x_m, 0.7)[None, :]
+        raise InputRefused(
+            where,
+            f"{doubt}: it creates air out of nothing",
+            "say v_sign = -1 under [piv], or turn thrust or across round",
+        )
+    wake = (
+        (mean.y_m[:, None] < -0.25 * scene.radius_m)
+        & (mean.y_m[:, None] > -1.5 * scene.radius_m)
+        & scene.beneath(mean.x_m, 0.7)[None, :]
+    )
     above_boundary = scene.height_m(mean.x_m[None, :], mean.y_m[:, None]) > 0.3 * scene.radius_m
     seen = wake & above_boundary & mean.valid
     if seen.sum() >= 6 and float(np.mean(mean.vy_m_s[seen])) > 0:
         raise InputRefused(
             where,
-            f"air beneath the rotors moves along thrust, at {float(np.mean(mean.vy_m_s[seen])):.3g} m/s",
-            'turn `thrust` round ("+y" for "-y"), or say v_sign = -1 where the software counts v downwards',
+            "air beneath the rotors moves along thrust, at"
+            f" {float(np.mean(mean.vy_m_s[seen])):.3g} m/s",
+            'turn `thrust` round ("+y" for "-y"), or say v_sign = -1 where the software counts v'
+            " downwards",
         )

@@ -1,8 +1,8 @@
 """Downwash through a cut across the wake beneath each rotor, and its reduction against the control.
 
-The cut is a line one rotor diameter below the rotor plane unless said otherwise: that is the wake, not the inflow at the disk. Far
-from boundaries the two are in proportion; where the cut stands in the zone in which the ground turns the jet, they are not,
-and the result says so.
+The cut is a line one rotor diameter below the rotor plane unless said otherwise: that is the wake,
+not the inflow at the disk. Far from boundaries the two are in proportion; where the cut stands in
+the zone in which the ground turns the jet, they are not, and the result says so.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from nearlift.declare import FloatArray
 from nearlift.flow.average import Average, series_tau
 from nearlift.flow.scene import Scene
 
-#: Clearances below this many radii lie in the zone in which an impinging jet is turned (about one jet diameter above the plate).
+#: Clearances below this many radii lie in the zone in which an impinging jet is turned (about one
+#: jet diameter above the plate).
 DEFLECTION_HAT = 2.0
-#: Below a ceiling a cut further than this many radii beneath the disk measures the wake. By momentum the wake keeps its speed at equal thrust
-#: while the inflow at the disk falls, so one says nothing of the other (../shared/physics.md, A6).
+#: Below a ceiling a cut further than this many radii beneath the disk measures the wake. By
+#: momentum the wake keeps its speed at equal thrust while the inflow at the disk falls, so one says
+#: nothing of the other (../shared/physics.md, A6).
 WAKE_HAT = 0.5
 #: Part of the span that must have vectors.
 COVERED = 0.9
@@ -28,9 +30,17 @@ COVERED = 0.9
 STAGNANT = 0.1
 WARNINGS = {
     "meets_boundary": "the cut meets the boundary",
-    "deflection_zone": "the cut stands less than one rotor diameter above the boundary, where the jet turns: it is not the inflow at the disk",
-    "stagnation_zone": "the cut passes through the stagnation zone: it is not the inflow at the disk",
-    "wake": "the cut stands in the wake: below a ceiling its speed does not follow the inflow at the disk",
+    "deflection_zone": (
+        "the cut stands less than one rotor diameter above the boundary, where the jet turns: it is"
+        " not the inflow at the disk"
+    ),
+    "stagnation_zone": (
+        "the cut passes through the stagnation zone: it is not the inflow at the disk"
+    ),
+    "wake": (
+        "the cut stands in the wake: below a ceiling its speed does not follow the inflow at the"
+        " disk"
+    ),
     "partly_covered": "a tenth or more of the cut has no vectors",
     "no_scatter": "one field and no uncertainty in it: noise is unknown",
 }
@@ -40,7 +50,9 @@ NOT_AT_THE_DISK = ("meets_boundary", "deflection_zone", "stagnation_zone", "wake
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cut:
-    """A cut: `below_m` under the rotor plane, `half_span_m` to both sides of each axis in `centres_m`, whose place is known to `u_position_m`."""
+    """A cut: `below_m` under the rotor plane, `half_span_m` to both sides of each axis in
+    `centres_m`, whose place is known to `u_position_m`.
+    """
 
     below_m: float
     half_span_m: float
@@ -58,10 +70,11 @@ class Downwash:
     value, u : float
         Mean over the span, positive against thrust; standard uncertainty, all parts together.
     u_noise, u_mask, u_position, u_scale : float
-        From the scatter of fields, correlation in time included; from the part without vectors; from the place of the cut; from
-        the velocity scale.
+        From the scatter of fields, correlation in time included; from the part without vectors;
+        from the place of the cut; from the velocity scale.
     span : float
-        Signed change where the cut is longer by the uncertainty of its place; case and control share it.
+        Signed change where the cut is longer by the uncertainty of its place; case and control
+        share it.
     covered : float
         Part of the span with vectors.
     n_eff : float
@@ -87,7 +100,9 @@ class Downwash:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reduction:
-    """1 - downwash / control's downwash, with standard uncertainty and 90 % interval; the velocity scale cancels."""
+    """1 - downwash / control's downwash, with standard uncertainty and 90 % interval; the velocity
+    scale cancels.
+    """
 
     value: float
     u: float
@@ -96,7 +111,9 @@ class Reduction:
 
 
 def along_cut(vy: FloatArray, y_m: FloatArray, below_m: float) -> FloatArray:
-    """Downwash (..., nx) of vy (..., ny, nx) at y = -below_m, linear between rows; nan outside the grid or beside a missing vector."""
+    """Downwash (..., nx) of vy (..., ny, nx) at y = -below_m, linear between rows; nan outside the
+    grid or beside a missing vector.
+    """
     position = (-below_m - y_m[0]) / (y_m[1] - y_m[0])
     low = math.floor(position + 1e-9)
     if low < 0 or position > len(y_m) - 1 + 1e-9:
@@ -109,7 +126,9 @@ def along_cut(vy: FloatArray, y_m: FloatArray, below_m: float) -> FloatArray:
 
 
 def span_weights(x_m: FloatArray, centres_m: tuple[float, ...], half_span_m: float) -> FloatArray:
-    """Share of the span that each node (nx,) stands for; sums to 1 over a grid that holds the whole span."""
+    """Share of the span that each node (nx,) stands for; sums to 1 over a grid that holds the whole
+    span.
+    """
     dx = x_m[1] - x_m[0]
     total = np.zeros(len(x_m))
     for centre in centres_m:
@@ -127,7 +146,13 @@ def over_span(profile: FloatArray, weights: FloatArray) -> tuple[float, float]:
     return (float(weights[known] @ profile[known]) / covered if covered > 0 else math.nan), covered
 
 
-def measure(found: Average, series: FloatArray, cut: Cut, scene: Scene, stagnant: NDArray[np.bool_] | None = None) -> Downwash:
+def measure(
+    found: Average,
+    series: FloatArray,
+    cut: Cut,
+    scene: Scene,
+    stagnant: NDArray[np.bool_] | None = None,
+) -> Downwash:
     """Downwash through one cut.
 
     Parameters
@@ -150,10 +175,25 @@ def measure(found: Average, series: FloatArray, cut: Cut, scene: Scene, stagnant
     spread = float(np.std(profile[inside & np.isfinite(profile)])) if covered > 0 else math.nan
     shift = cut.u_position_m
     u_position = math.hypot(
-        _half_difference(over_span(along_cut(vy, y, cut.below_m + shift), weights)[0], over_span(along_cut(vy, y, cut.below_m - shift), weights)[0]),
-        _half_difference(*(over_span(profile, span_weights(x, tuple(c + s for c in cut.centres_m), cut.half_span_m))[0] for s in (shift, -shift))),
+        _half_difference(
+            over_span(along_cut(vy, y, cut.below_m + shift), weights)[0],
+            over_span(along_cut(vy, y, cut.below_m - shift), weights)[0],
+        ),
+        _half_difference(
+            *(
+                over_span(
+                    profile, span_weights(x, tuple(c + s for c in cut.centres_m), cut.half_span_m)
+                )[0]
+                for s in (shift, -shift)
+            )
+        ),
     )
-    span = _signed(*(over_span(profile, span_weights(x, cut.centres_m, cut.half_span_m + s))[0] for s in (shift, -shift)))
+    span = _signed(
+        *(
+            over_span(profile, span_weights(x, cut.centres_m, cut.half_span_m + s))[0]
+            for s in (shift, -shift)
+        )
+    )
     u_mask = max(1 - covered, 0.0) * spread
     u_scale = cut.u_scale * abs(value)
     ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
@@ -173,7 +213,9 @@ def measure(found: Average, series: FloatArray, cut: Cut, scene: Scene, stagnant
     )
 
 
-def _noise(found: Average, series: FloatArray, profile: FloatArray, weights: FloatArray, cut: Cut) -> tuple[float, float]:
+def _noise(
+    found: Average, series: FloatArray, profile: FloatArray, weights: FloatArray, cut: Cut
+) -> tuple[float, float]:
     """Standard error of the span's mean and the independent fields behind it."""
     known = np.isfinite(profile) & (weights > 0)
     if not known.any():
@@ -185,7 +227,8 @@ def _noise(found: Average, series: FloatArray, profile: FloatArray, weights: Flo
             return math.nan, 1.0
         own = along_cut(found.mean.u_m_s, found.mean.y_m, cut.below_m)[known]
         return float(np.sqrt(np.nansum((share * own) ** 2))), 1.0
-    # a vector that is missing in one field counts as that node's mean there, and the scatter is that of those present
+    # a vector that is missing in one field counts as that node's mean there, and the scatter is
+    # that of those present
     away = series[:, known] - profile[known]
     present = np.isfinite(away)
     means = np.where(present, away, 0.0) @ share
@@ -204,7 +247,14 @@ def _half_difference(a: float, b: float) -> float:
 
 
 def _warnings(
-    scene: Scene, clearance: float, covered: float, u_noise: float, stagnant: NDArray[np.bool_] | None, weights: FloatArray, y_m: FloatArray, cut: Cut
+    scene: Scene,
+    clearance: float,
+    covered: float,
+    u_noise: float,
+    stagnant: NDArray[np.bool_] | None,
+    weights: FloatArray,
+    y_m: FloatArray,
+    cut: Cut,
 ) -> tuple[str, ...]:
     found = []
     if scene.boundary == "ground":
@@ -228,7 +278,9 @@ def _warnings(
 
 
 def reduction(case: Downwash, control: Downwash) -> Reduction:
-    """How much less downwash a case has than its control; intervals with the effective degrees of freedom of Welch and Satterthwaite."""
+    """How much less downwash a case has than its control; intervals with the effective degrees of
+    freedom of Welch and Satterthwaite.
+    """
     from scipy.stats import t
 
     ratio = case.value / control.value
@@ -246,4 +298,6 @@ def reduction(case: Downwash, control: Downwash) -> Reduction:
     dof = variance**2 / small if small > 0 else math.inf
     u = math.sqrt(variance)
     quantile = float(t.ppf(0.95, min(dof, 1e6)))
-    return Reduction(value=1 - ratio, u=u, lo90=1 - ratio - quantile * u, hi90=1 - ratio + quantile * u)
+    return Reduction(
+        value=1 - ratio, u=u, lo90=1 - ratio - quantile * u, hi90=1 - ratio + quantile * u
+    )

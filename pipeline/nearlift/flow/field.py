@@ -1,7 +1,7 @@
 """A velocity field on a rectangular grid, and its way from a picture's axes into the vehicle's.
 
-Vehicle axes: origin midway between the rotors in the rotor plane, x along the light sheet, y along thrust. Downwash is -vy.
-A node without a vector is nan in both components, never zero.
+Vehicle axes: origin midway between the rotors in the rotor plane, x along the light sheet, y along
+thrust. Downwash is -vy. A node without a vector is nan in both components, never zero.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from nearlift.errors import InputRefused
 Direction = Literal["+x", "-x", "+y", "-y"]
 #: Neighbouring nodes may be this much more or less apart than the grid's spacing.
 EVEN = 0.02
-#: A sign is doubted where both components' divergences go together this much, and by so many standard errors.
+#: A sign is doubted where both components' divergences go together this much, and by so many
+#: standard errors.
 DOUBT, ERRORS = 0.2, 8.0
 
 
@@ -80,8 +81,11 @@ def same_grid(a: Field, b: Field) -> bool:
     return all(abs(p[k] - q[k]) < 1e-3 * step for p, q, step in ends for k in (0, -1))
 
 
-def on_grid(x: FloatArray, y: FloatArray, values: tuple[FloatArray, ...], where: str) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
-    """Scattered rows (n,) that fill a rectangular grid in any order, as axes (nx,), (ny,) and arrays (ny, nx); missing nodes are nan.
+def on_grid(
+    x: FloatArray, y: FloatArray, values: tuple[FloatArray, ...], where: str
+) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
+    """Scattered rows (n,) that fill a rectangular grid in any order, as axes (nx,), (ny,) and
+    arrays (ny, nx); missing nodes are nan.
 
     Raises
     ------
@@ -94,7 +98,9 @@ def on_grid(x: FloatArray, y: FloatArray, values: tuple[FloatArray, ...], where:
         raise InputRefused(where, "has two vectors at one place", "export one field per file")
     if len(x) < 0.5 * len(across) * len(up):
         raise InputRefused(
-            where, f"has {len(x)} vectors on a grid of {len(across)} x {len(up)} nodes", "a rectangular grid with at least half its nodes is wanted"
+            where,
+            f"has {len(x)} vectors on a grid of {len(across)} x {len(up)} nodes",
+            "a rectangular grid with at least half its nodes is wanted",
         )
     out = []
     for column in values:
@@ -107,28 +113,50 @@ def on_grid(x: FloatArray, y: FloatArray, values: tuple[FloatArray, ...], where:
 def _axis(values: FloatArray, name: str, where: str) -> tuple[FloatArray, NDArray[np.int64]]:
     """Nodes along one axis, ascending and even, and the node of each row."""
     if not np.isfinite(values).all():
-        raise InputRefused(where, f"has a vector whose {name} is no number", "export the positions of masked vectors too")
+        raise InputRefused(
+            where,
+            f"has a vector whose {name} is no number",
+            "export the positions of masked vectors too",
+        )
     found = np.unique(values)
     if len(found) > 1:
-        # positions are printed with few digits: nodes a hundredth of the usual spacing apart are one
+        # positions are printed with few digits: nodes a hundredth of the usual spacing apart are
+        # one
         usual = np.median(np.diff(found)[np.diff(found) > 1e-3 * (found[-1] - found[0])])
         found = found[np.concatenate([[True], np.diff(found) > 0.3 * usual])]
     if len(found) < 3:
-        raise InputRefused(where, f"has {len(found)} distinct {name}", "a field has at least 3 x 3 nodes")
+        raise InputRefused(
+            where, f"has {len(found)} distinct {name}", "a field has at least 3 x 3 nodes"
+        )
     step = (found[-1] - found[0]) / (len(found) - 1)
     even = found[0] + step * np.arange(len(found))
-    if np.abs(found - even).max() > max(EVEN * len(found), 0.3) * step or np.abs(np.diff(found) / step - 1).max() > 0.3:
-        raise InputRefused(where, f"has nodes that are not evenly spaced along {name}", "export on the correlation's own rectangular grid")
+    if (
+        np.abs(found - even).max() > max(EVEN * len(found), 0.3) * step
+        or np.abs(np.diff(found) / step - 1).max() > 0.3
+    ):
+        raise InputRefused(
+            where,
+            f"has nodes that are not evenly spaced along {name}",
+            "export on the correlation's own rectangular grid",
+        )
     return even, np.rint((values - found[0]) / step).astype(np.int64)
 
 
-def orient(field: Field, *, thrust: Direction, across: Direction | None = None, origin_m: tuple[float, float] = (0.0, 0.0), v_sign: int = 1) -> Field:
+def orient(
+    field: Field,
+    *,
+    thrust: Direction,
+    across: Direction | None = None,
+    origin_m: tuple[float, float] = (0.0, 0.0),
+    v_sign: int = 1,
+) -> Field:
     """The same field in vehicle axes.
 
     Parameters
     ----------
     thrust, across : str
-        The picture's directions of thrust (+y of the vehicle) and of the vehicle's +x; `across` is the picture's other axis if None.
+        The picture's directions of thrust (+y of the vehicle) and of the vehicle's +x; `across` is
+        the picture's other axis if None.
     origin_m : (float, float)
         Where the vehicle's origin stands in the picture.
     v_sign : int
@@ -143,7 +171,12 @@ def orient(field: Field, *, thrust: Direction, across: Direction | None = None, 
     if right[1] == "y":
         vx, vy, noise = vx.T, vy.T, None if noise is None else noise.T
     if right[0] == "-":
-        x, vx, vy, noise = -x[::-1], -vx[:, ::-1], vy[:, ::-1], None if noise is None else noise[:, ::-1]
+        x, vx, vy, noise = (
+            -x[::-1],
+            -vx[:, ::-1],
+            vy[:, ::-1],
+            None if noise is None else noise[:, ::-1],
+        )
     if thrust[0] == "-":
         y, vx, vy, noise = -y[::-1], vx[::-1], -vy[::-1], None if noise is None else noise[::-1]
     return Field(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy, u_m_s=noise)
@@ -155,12 +188,21 @@ def masked(field: Field, rectangles: list[tuple[float, float, float, float]]) ->
         return field
     hidden = np.zeros(field.shape, dtype=bool)
     for x0, x1, y0, y1 in rectangles:
-        hidden |= np.outer((field.y_m >= y0) & (field.y_m <= y1), (field.x_m >= x0) & (field.x_m <= x1))
-    return replace(field, vx_m_s=np.where(hidden, np.nan, field.vx_m_s), vy_m_s=np.where(hidden, np.nan, field.vy_m_s))
+        hidden |= np.outer(
+            (field.y_m >= y0) & (field.y_m <= y1), (field.x_m >= x0) & (field.x_m <= x1)
+        )
+    return replace(
+        field,
+        vx_m_s=np.where(hidden, np.nan, field.vx_m_s),
+        vy_m_s=np.where(hidden, np.nan, field.vy_m_s),
+    )
 
 
-def mirrored(x_m: FloatArray, half: Literal["left", "right"]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """An even grid that is symmetric about x = 0, where each of its nodes is found in the measured half, and the sign of vx there.
+def mirrored(
+    x_m: FloatArray, half: Literal["left", "right"]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """An even grid that is symmetric about x = 0, where each of its nodes is found in the measured
+    half, and the sign of vx there.
 
     Returns
     -------
@@ -177,7 +219,9 @@ def mirrored(x_m: FloatArray, half: Literal["left", "right"]) -> tuple[FloatArra
 
 
 def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
-    """Values (..., nx) at fractional columns, linear between neighbours; the last half spacing before an edge takes the edge's."""
+    """Values (..., nx) at fractional columns, linear between neighbours; the last half spacing
+    before an edge takes the edge's.
+    """
     nx = values.shape[-1]
     near = np.where((position < 0) & (position >= -1), 0.0, position)
     low = np.clip(np.floor(near + 1e-9), 0, nx - 1).astype(np.int64)
@@ -194,8 +238,8 @@ def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
 def sign_doubt(field: Field) -> str:
     """Which component's sign the field itself contradicts, ``""`` if none.
 
-    Mass is conserved: dvx/dx and dvy/dy oppose each other, in a plane jet wholly, in a round one for the most part. With one
-    component flipped they go together.
+    Mass is conserved: dvx/dx and dvy/dy oppose each other, in a plane jet wholly, in a round one
+    for the most part. With one component flipped they go together.
     """
     gx = np.gradient(field.vx_m_s, field.dx_m, axis=1)
     gy = np.gradient(field.vy_m_s, field.dy_m, axis=0)

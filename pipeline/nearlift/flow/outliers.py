@@ -1,4 +1,6 @@
-"""Spurious vectors in an instantaneous field: the normalised median test of Westerweel and Scarano (2005)."""
+"""Spurious vectors in an instantaneous field: the normalised median test of Westerweel and Scarano
+(2005).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,8 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 
-#: What a component's residual is divided by at least: this share of the field's own typical residual.
+#: What a component's residual is divided by at least: this share of the field's own typical
+#: residual.
 FLOOR = 1.0
 NEIGHBOURS = tuple((dj, di) for dj in (-1, 0, 1) for di in (-1, 0, 1) if (dj, di) != (0, 0))
 #: Of a pixel's eight neighbours at least so many must have a vector.
@@ -17,10 +20,12 @@ ENOUGH = 4
 
 
 def spurious(vx: FloatArray, vy: FloatArray, threshold: float) -> NDArray[np.bool_]:
-    """Vectors (ny, nx) that stray from the median of their neighbours by more than `threshold` of those neighbours' own scatter.
+    """Vectors (ny, nx) that stray from the median of their neighbours by more than `threshold` of
+    those neighbours' own scatter.
 
-    The scatter has a floor, the field's median scatter, in place of the usual 0.1 pixel, since exported fields seldom say what a
-    pixel is. Nodes with fewer than four neighbours are left alone.
+    The scatter has a floor, the field's median scatter, in place of the usual 0.1 pixel, since
+    exported fields seldom say what a pixel is. Nodes with fewer than four neighbours are left
+    alone.
     """
     bad = np.zeros(vx.shape, dtype=bool)
     if threshold <= 0:
@@ -28,7 +33,12 @@ def spurious(vx: FloatArray, vy: FloatArray, threshold: float) -> NDArray[np.boo
     total = np.zeros(vx.shape)
     for v in (vx, vy):
         padded = np.pad(v, 1, constant_values=np.nan)
-        around = np.stack([padded[1 + dj : 1 + dj + v.shape[0], 1 + di : 1 + di + v.shape[1]] for dj, di in NEIGHBOURS])
+        around = np.stack(
+            [
+                padded[1 + dj : 1 + dj + v.shape[0], 1 + di : 1 + di + v.shape[1]]
+                for dj, di in NEIGHBOURS
+            ]
+        )
         middle = _median(around)
         scatter = _median(np.abs(around - middle))
         enough = np.isfinite(around).sum(axis=0) >= ENOUGH
@@ -40,13 +50,18 @@ def spurious(vx: FloatArray, vy: FloatArray, threshold: float) -> NDArray[np.boo
 
 
 def _median(stack: FloatArray) -> FloatArray:
-    """Median along the first axis of what is there: of eight sorted neighbours, where nan sorts last."""
+    """Median along the first axis of what is there: of eight sorted neighbours, where nan sorts
+    last.
+    """
     ordered = np.sort(stack, axis=0)
     count = np.isfinite(ordered).sum(axis=0)
     low = np.maximum((count - 1) // 2, 0)
     high = np.minimum(count // 2, stack.shape[0] - 1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
-        middle = 0.5 * (np.take_along_axis(ordered, low[None], 0)[0] + np.take_along_axis(ordered, high[None], 0)[0])
+        middle = 0.5 * (
+            np.take_along_axis(ordered, low[None], 0)[0]
+            + np.take_along_axis(ordered, high[None], 0)[0]
+        )
     result: FloatArray = np.where(count > 0, middle, np.nan)
     return result

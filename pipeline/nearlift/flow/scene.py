@@ -36,19 +36,27 @@ class Scene:
     radius_m: float
 
     def height_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        """Distance to the boundary along its normal, positive on the vehicle's side, inf without one; shapes broadcast."""
+        """Distance to the boundary along its normal, positive on the vehicle's side, inf without
+        one; shapes broadcast.
+        """
         if self.boundary == "none":
             return np.full(np.broadcast_shapes(np.shape(x_m), np.shape(y_m)), np.inf)
         side = 1.0 if self.boundary == "ground" else -1.0
-        result: FloatArray = self.distance_m + side * y_m * math.cos(self.tilt_rad) + x_m * math.sin(self.tilt_rad)
+        result: FloatArray = (
+            self.distance_m + side * y_m * math.cos(self.tilt_rad) + x_m * math.sin(self.tilt_rad)
+        )
         return result
 
     def boundary_y_m(self, x_m: FloatArray) -> FloatArray:
         """Where the boundary stands at `x_m`."""
         side = 1.0 if self.boundary == "ground" else -1.0
-        result: FloatArray = -side * (self.distance_m + x_m * math.sin(self.tilt_rad)) / math.cos(self.tilt_rad)
+        result: FloatArray = (
+            -side * (self.distance_m + x_m * math.sin(self.tilt_rad)) / math.cos(self.tilt_rad)
+        )
         return result
 
     def beneath(self, x_m: FloatArray, reach: float = 1.0) -> NDArray[np.bool_]:
         """Whether `x_m` lies within `reach` radii of a rotor axis."""
-        return np.asarray(np.any([np.abs(x_m - c) <= reach * self.radius_m for c in self.rotors_m], axis=0))
+        return np.asarray(
+            np.any([np.abs(x_m - c) <= reach * self.radius_m for c in self.rotors_m], axis=0)
+        )

@@ -1,8 +1,10 @@
-"""The wake between rotors and ground as numbers: vortices, stagnation zone, the angle at which jets split, left and right.
+"""The wake between rotors and ground as numbers: vortices, stagnation zone, the angle at which jets
+split, left and right.
 
-A vortex is a core where Gamma_2 (Graftieaux, Michard and Grosjean 2001) exceeds 2/pi in size: there rotation outweighs strain. It
-looks at directions over a window, not at derivatives, and is unmoved by a uniform stream. So is a jet that merely bends; what is
-counted is a standing vortex, about which the mean flow itself turns: Gamma_1, which sees the stream, must be large there too.
+A vortex is a core where Gamma_2 (Graftieaux, Michard and Grosjean 2001) exceeds 2/pi in size: there
+rotation outweighs strain. It looks at directions over a window, not at derivatives, and is unmoved
+by a uniform stream. So is a jet that merely bends; what is counted is a standing vortex, about
+which the mean flow itself turns: Gamma_1, which sees the stream, must be large there too.
 """
 
 from __future__ import annotations
@@ -51,7 +53,8 @@ class Topology:
     stagnant : (ny, nx) bool
         The stagnation zone.
     numbers : dict of str to float
-        `vortices_ccw`, `vortices_cw`, `vortex_pairs`, `stagnation_area_hat2`, `stagnation_height_hat`, `split_angle_deg`, `asymmetry`.
+        `vortices_ccw`, `vortices_cw`, `vortex_pairs`, `stagnation_area_hat2`,
+        `stagnation_height_hat`, `split_angle_deg`, `asymmetry`.
     """
 
     vortices: tuple[Vortex, ...]
@@ -71,10 +74,11 @@ QUANTITIES = (
 
 
 def gamma(field: Field, radius_m: float, *, moving: bool = True) -> FloatArray:
-    """Mean sine of the angle between a neighbour's direction and its velocity, (ny, nx): Gamma_2, or Gamma_1 if not `moving`.
+    """Mean sine of the angle between a neighbour's direction and its velocity, (ny, nx): Gamma_2,
+    or Gamma_1 if not `moving`.
 
-    Gamma_2 takes velocities less the neighbourhood's mean. Neighbours lie within `radius_m`; nan where fewer than half of them, or
-    the node itself, have vectors.
+    Gamma_2 takes velocities less the neighbourhood's mean. Neighbours lie within `radius_m`; nan
+    where fewer than half of them, or the node itself, have vectors.
     """
     dx, dy = field.dx_m, field.dy_m
     reach_x, reach_y = int(radius_m / dx + 1e-9), int(radius_m / dy + 1e-9)
@@ -92,10 +96,17 @@ def gamma(field: Field, radius_m: float, *, moving: bool = True) -> FloatArray:
     def shifted(a: NDArray[Any], j: int, i: int) -> NDArray[Any]:
         return a[reach_y + j : reach_y + j + ny, reach_x + i : reach_x + i + nx]
 
-    count = sum((shifted(known, j, i).astype(float) for j, i in offsets), np.zeros((ny, nx))) + field.valid
+    count = (
+        sum((shifted(known, j, i).astype(float) for j, i in offsets), np.zeros((ny, nx)))
+        + field.valid
+    )
     safe = np.maximum(count, 1)
-    mean_x = (sum((shifted(vx, j, i) for j, i in offsets), np.zeros((ny, nx))) + shifted(vx, 0, 0)) / safe
-    mean_y = (sum((shifted(vy, j, i) for j, i in offsets), np.zeros((ny, nx))) + shifted(vy, 0, 0)) / safe
+    mean_x = (
+        sum((shifted(vx, j, i) for j, i in offsets), np.zeros((ny, nx))) + shifted(vx, 0, 0)
+    ) / safe
+    mean_y = (
+        sum((shifted(vy, j, i) for j, i in offsets), np.zeros((ny, nx))) + shifted(vy, 0, 0)
+    ) / safe
     total = np.zeros((ny, nx))
     for j, i in offsets:
         px, py = i * dx, j * dy
@@ -119,7 +130,9 @@ def vortices(field: Field, scene: Scene, reference_m_s: float) -> tuple[Vortex, 
     height = scene.height_m(xx, yy)
     outer = max(abs(c) for c in scene.rotors_m) + 0.25 * scene.radius_m
     where = (yy < -0.25 * scene.radius_m) & (height > 0.5 * radius) & (np.abs(xx) <= outer)
-    curl = np.gradient(field.vy_m_s, field.dx_m, axis=1) - np.gradient(field.vx_m_s, field.dy_m, axis=0)
+    curl = np.gradient(field.vy_m_s, field.dx_m, axis=1) - np.gradient(
+        field.vx_m_s, field.dy_m, axis=0
+    )
     cell = field.dx_m * field.dy_m
     found = []
     for sign in (1.0, -1.0):
@@ -128,7 +141,10 @@ def vortices(field: Field, scene: Scene, reference_m_s: float) -> tuple[Vortex, 
             core = labels == k
             area = float(core.sum() * cell)
             circulation = float(np.nansum(curl[core]) * cell)
-            if area < LEAST_AREA * scene.radius_m**2 or sign * circulation < LEAST_CIRCULATION * reference_m_s * scene.radius_m:
+            if (
+                area < LEAST_AREA * scene.radius_m**2
+                or sign * circulation < LEAST_CIRCULATION * reference_m_s * scene.radius_m
+            ):
                 continue
             if still is None:
                 still = np.nan_to_num(gamma(field, radius, moving=False))
@@ -162,16 +178,25 @@ def stagnation(field: Field, scene: Scene, reference_m_s: float) -> NDArray[np.b
     lowest = seen <= seen.min(axis=0) + 1.5 * field.dy_m
     resting = np.unique(labels[slow & lowest & np.isfinite(seen)])
     least = LEAST_AREA * scene.radius_m**2 / (field.dx_m * field.dy_m)
-    return np.asarray(np.isin(labels, [k for k in resting if k > 0 and (labels == k).sum() >= least]))
+    return np.asarray(
+        np.isin(labels, [k for k in resting if k > 0 and (labels == k).sum() >= least])
+    )
 
 
 def split_angle_deg(field: Field, scene: Scene, reference_m_s: float) -> float:
-    """Angle between the two streams into which a rotor's jet parts, mean over rotors: 0 unsplit, 180 along the ground; nan if unseen."""
+    """Angle between the two streams into which a rotor's jet parts, mean over rotors: 0 unsplit,
+    180 along the ground; nan if unseen.
+    """
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
     found = []
     for centre in scene.rotors_m:
-        near = (np.abs(xx - centre) <= 2 * scene.radius_m) & (yy < -0.5 * scene.radius_m) & (height > 0) & (height < 2 * scene.radius_m)
+        near = (
+            (np.abs(xx - centre) <= 2 * scene.radius_m)
+            & (yy < -0.5 * scene.radius_m)
+            & (height > 0)
+            & (height < 2 * scene.radius_m)
+        )
         fast = near & field.valid & (np.nan_to_num(field.speed_m_s) > FAST * reference_m_s)
         angles = []
         for side in (-1, 1):
@@ -179,14 +204,20 @@ def split_angle_deg(field: Field, scene: Scene, reference_m_s: float) -> float:
             if stream.sum() < 3:
                 break
             flux = field.speed_m_s[stream]
-            angles.append(math.atan2(side * float(flux @ field.vx_m_s[stream]), -float(flux @ field.vy_m_s[stream])))
+            angles.append(
+                math.atan2(
+                    side * float(flux @ field.vx_m_s[stream]), -float(flux @ field.vy_m_s[stream])
+                )
+            )
         if len(angles) == 2:
             found.append(math.degrees(sum(angles)))
     return float(np.mean(found)) if found else math.nan
 
 
 def asymmetry(field: Field, scene: Scene) -> float:
-    """(Right-going less left-going momentum) over both, beneath the rotor plane: +1 all to the right."""
+    """(Right-going less left-going momentum) over both, beneath the rotor plane: +1 all to the
+    right.
+    """
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     half = min(-field.x_m[0], field.x_m[-1])
     # as much of the left as of the right
@@ -208,7 +239,9 @@ def describe(field: Field, scene: Scene, reference_m_s: float) -> Topology:
         "vortices_cw": cw,
         "vortex_pairs": min(ccw, cw),
         "stagnation_area_hat2": float(zone.sum()) * field.dx_m * field.dy_m / r**2,
-        "stagnation_height_hat": float(scene.height_m(xx, yy)[zone].max()) / r if zone.any() else 0.0,
+        "stagnation_height_hat": float(scene.height_m(xx, yy)[zone].max()) / r
+        if zone.any()
+        else 0.0,
         "split_angle_deg": split_angle_deg(field, scene, reference_m_s),
         "asymmetry": asymmetry(field, scene),
     }

@@ -1,6 +1,7 @@
 """Lift models, one file each: prose, function, and one frozen `MODEL` that says everything else.
 
-To add a model, write its file and name it here; a model of another package is found by its entry point instead (`catalogue`).
+To add a model, write its file and name it here; a model of another package is found by its entry
+point instead (`catalogue`).
 """
 
 from nearlift.declare import LiftModel

@@ -4,11 +4,11 @@
 
 published with c = 1 / K_1 and e = K_2 / R.
 
-Convention: c > 0 gains lift; e > 0 moves the pole behind the ceiling, so that the lift stays finite at contact while
-sqrt(c) < e. z_hat is rotor plane to ceiling over rotor radius.
+Convention: c > 0 gains lift; e > 0 moves the pole behind the ceiling, so that the lift stays finite
+at contact while sqrt(c) < e. z_hat is rotor plane to ceiling over rotor radius.
 
-Approximation: empirical, after the image of a ground; any number of rotors. The strength is c rather than K_1 because K_1
-runs to infinity where there is no effect.
+Approximation: empirical, after the image of a ground; any number of rotors. The strength is c
+rather than K_1 because K_1 runs to infinity where there is no effect.
 
 Refusal: nan at and below the pole z_hat = sqrt(c) - e, and where z_hat is not positive.
 
@@ -51,33 +51,48 @@ MODEL = LiftModel(
     gradient=gradient,
     boundary="ceiling",
     parameters=(
-        Parameter(name="c", unit="1", value=0.04, bounds=(-0.5, 2.0), prior=normal(0.04, 0.25), meaning="strength, 1 / K_1; positive gains lift"),
+        Parameter(
+            name="c",
+            unit="1",
+            value=0.04,
+            bounds=(-0.5, 2.0),
+            prior=normal(0.04, 0.25),
+            meaning="strength, 1 / K_1; positive gains lift",
+        ),
         Parameter(
             name="e",
             unit="1",
             value=0.25,
             bounds=(0.0, 2.0),
             prior=Prior(distribution="expon", scale=0.5),
-            meaning="shift of the pole behind the ceiling in rotor radii, K_2 / R; at least sqrt(c) where lift is finite at contact",
+            meaning=(
+                "shift of the pole behind the ceiling in rotor radii, K_2 / R; at least sqrt(c)"
+                " where lift is finite at contact"
+            ),
         ),
     ),
     source=Source(
         citation=(
-            "Jimenez-Cano, A. E., Sanchez-Cuevas, P. J., et al., Contact-Based Bridge Inspection Multirotors, IEEE RA-L "
-            "4(4), 2019; Sanchez-Cuevas et al., ICUAS 2017"
+            "Jimenez-Cano, A. E., Sanchez-Cuevas, P. J., et al., Contact-Based Bridge Inspection"
+            " Multirotors, IEEE RA-L 4(4), 2019; Sanchez-Cuevas et al., ICUAS 2017"
         ),
         doi="10.1109/LRA.2019.2928206",
         doubts=(
             "The form is from memory and was not verified against the original.",
             (
-                "K_1 and K_2 are unknown: the values here are a start for a fit, in the middle of what the theory of gamma "
-                "predicts, and not published numbers."
+                "K_1 and K_2 are unknown: the values here are a start for a fit, in the middle of"
+                " what the theory of gamma predicts, and not published numbers."
             ),
         ),
     ),
     checks=(
         Check(x=0.15, expected=4 / 3, quoted_by="own arithmetic: 1 / (1 - 0.04 / 0.16)"),
-        Check(x=1.0, expected=1.333333, arguments={"c": 0.25, "e": 0.0}, quoted_by="own arithmetic: a bare image of strength 1/4"),
+        Check(
+            x=1.0,
+            expected=1.333333,
+            arguments={"c": 0.25, "e": 0.0},
+            quoted_by="own arithmetic: a bare image of strength 1/4",
+        ),
     ),
     notes=__doc__ or "",
 )

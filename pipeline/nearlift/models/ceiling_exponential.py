@@ -2,9 +2,11 @@
 
     L / L_inf = 1 + a exp(-b z_hat)
 
-Convention: a > 0 gains lift; b > 0 is the decay per rotor radius. z_hat is rotor plane to ceiling over rotor radius.
+Convention: a > 0 gains lift; b > 0 is the decay per rotor radius. z_hat is rotor plane to ceiling
+over rotor radius.
 
-Approximation: empirical; finite at contact, unlike gamma. Its default values pass through gamma at z_hat = 0.3 and 0.7.
+Approximation: empirical; finite at contact, unlike gamma. Its default values pass through gamma at
+z_hat = 0.3 and 0.7.
 
 Traps: as the ground's `exponential`.
 """
@@ -23,7 +25,12 @@ MODEL = LiftModel(
     boundary="ceiling",
     parameters=(
         Parameter(
-            name="a", unit="1", value=0.85, bounds=(-1.0, 10.0), prior=normal(0.85, 2.0), meaning="relative lift gained if the form held to contact"
+            name="a",
+            unit="1",
+            value=0.85,
+            bounds=(-1.0, 10.0),
+            prior=normal(0.85, 2.0),
+            meaning="relative lift gained if the form held to contact",
         ),
         Parameter(
             name="b",
@@ -35,8 +42,16 @@ MODEL = LiftModel(
         ),
     ),
     source=Source(
-        citation="Form after Del Cont Bernard et al. 2017-18 (ground and ceiling); values set to pass through Hsiao and Chirarattananon's gamma",
-        doubts=("The form is known from abstracts only; no published constants for a ceiling were seen.",),
+        citation=(
+            "Form after Del Cont Bernard et al. 2017-18 (ground and ceiling); values set to pass"
+            " through Hsiao and Chirarattananon's gamma"
+        ),
+        doubts=(
+            (
+                "The form is known from abstracts only; no published constants for a ceiling were"
+                " seen."
+            ),
+        ),
     ),
     checks=(
         Check(x=0.3, expected=1.273, tolerance=2e-3, quoted_by="gamma at z_hat = 0.3, own table"),

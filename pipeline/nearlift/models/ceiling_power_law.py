@@ -4,8 +4,8 @@
 
 Convention: a > 0 gains lift, p > 0. z_hat is rotor plane to ceiling over rotor radius.
 
-Approximation: empirical. gamma goes from p = 2, a = alpha / 4 far away to p = 1, a = sqrt(alpha) / 2 close to the ceiling;
-one power fits either range and not both.
+Approximation: empirical. gamma goes from p = 2, a = alpha / 4 far away to p = 1, a = sqrt(alpha) /
+2 close to the ceiling; one power fits either range and not both.
 
 Refusal: nan where z_hat is not positive.
 
@@ -25,7 +25,14 @@ MODEL = LiftModel(
     gradient=gradient,
     boundary="ceiling",
     parameters=(
-        Parameter(name="a", unit="1", value=0.03125, bounds=(-1.0, 2.0), prior=normal(0.03125, 0.25), meaning="relative lift gained at z_hat = 1"),
+        Parameter(
+            name="a",
+            unit="1",
+            value=0.03125,
+            bounds=(-1.0, 2.0),
+            prior=normal(0.03125, 0.25),
+            meaning="relative lift gained at z_hat = 1",
+        ),
         Parameter(
             name="p",
             unit="1",

@@ -2,17 +2,20 @@
 
     L / L_inf = 1 / (1 - k / (16 z_hat^2))
 
-Convention: z_hat is rotor plane to ground over rotor radius; k > 0 gains lift, k = 1 is the theory, k < 0 loses lift. The
-theory holds power constant and leaves the induced velocity v_i as it was without the image. What a trial holds constant
-matters as much as k does: see `cheeseman_bennett_constant_power`.
+Convention: z_hat is rotor plane to ground over rotor radius; k > 0 gains lift, k = 1 is the theory,
+k < 0 loses lift. The theory holds power constant and leaves the induced velocity v_i as it was
+without the image. What a trial holds constant matters as much as k does: see
+`cheeseman_bennett_constant_power`.
 
-Approximation: potential flow; one point source for the image; inflow uniform over an infinitely thin disk; hover.
+Approximation: potential flow; one point source for the image; inflow uniform over an infinitely
+thin disk; hover.
 
-Refusal: at and below the pole, z_hat = sqrt(k) / 4, the ratio is nan. A fit must treat that as impossible; a finite
-stand-in would let it step over the pole and come back with a k that no station allows.
+Refusal: at and below the pole, z_hat = sqrt(k) / 4, the ratio is nan. A fit must treat that as
+impossible; a finite stand-in would let it step over the pole and come back with a k that no station
+allows.
 
-Quadrotors: the same form with k fitted is the "coefficient on Cheeseman-Bennett" of Danjun et al.; Nobahari and Sharifi's
-equivalent radius of 2.5 R is k = 6.25, whose pole stands at z_hat = 0.625.
+Quadrotors: the same form with k fitted is the "coefficient on Cheeseman-Bennett" of Danjun et al.;
+Nobahari and Sharifi's equivalent radius of 2.5 R is k = 6.25, whose pole stands at z_hat = 0.625.
 """
 
 from __future__ import annotations
@@ -51,7 +54,10 @@ COEFFICIENT = Parameter(
     value=1.0,
     bounds=(-8.0, 15.0),
     prior=normal(1.0, 4.0),
-    meaning="strength of the image over the theory's; positive gains lift, 1 is the theory, 0 no ground effect",
+    meaning=(
+        "strength of the image over the theory's; positive gains lift, 1 is the theory, 0 no ground"
+        " effect"
+    ),
 )
 
 MODEL = LiftModel(
@@ -66,24 +72,37 @@ MODEL = LiftModel(
     valid_z_hat=(0.25, float("inf")),
     source=Source(
         citation=(
-            "Cheeseman, I. C., and Bennett, W. E., The Effect of the Ground on a Helicopter Rotor in Forward Flight, ARC "
-            "R&M 3021, written 1955, issued 1957"
+            "Cheeseman, I. C., and Bennett, W. E., The Effect of the Ground on a Helicopter Rotor"
+            " in Forward Flight, ARC R&M 3021, written 1955, issued 1957"
         ),
         equation="hover limit; Eq. 1 of Carter, Bouchard and Quinn 2021",
         doubts=(
-            "Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant, and leave 'in Forward Flight' out of the title.",
             (
-                "The coefficient is Danjun et al. 2015 (10.1109/ChiCC.2015.7260521): its role is confirmed by a thesis that cites it; "
-                "the value 8.6 often quoted is from memory and unverified, and is not used here."
+                "Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant, and leave 'in Forward"
+                " Flight' out of the title."
             ),
-            "The equivalent radius 2.5 R of Nobahari and Sharifi 2014 (10.1016/j.engappai.2014.03.004) was read in a secondary transcription only.",
+            (
+                "The coefficient is Danjun et al. 2015 (10.1109/ChiCC.2015.7260521): its role is"
+                " confirmed by a thesis that cites it; the value 8.6 often quoted is from memory"
+                " and unverified, and is not used here."
+            ),
+            (
+                "The equivalent radius 2.5 R of Nobahari and Sharifi 2014"
+                " (10.1016/j.engappai.2014.03.004) was read in a secondary transcription only."
+            ),
         ),
     ),
     checks=(
         Check(x=1.0, expected=1.066667, quoted_by="golden value, exact from the formula"),
         Check(x=0.5, expected=1.333333, quoted_by="golden value, exact from the formula"),
         Check(x=2.0, expected=1.015873, quoted_by="golden value, exact from the formula"),
-        Check(x=1.0, expected=1.641, arguments={"k": 6.25}, tolerance=5e-4, quoted_by="Nobahari and Sharifi's R_eq = 2.5 R, secondary transcription"),
+        Check(
+            x=1.0,
+            expected=1.641,
+            arguments={"k": 6.25},
+            tolerance=5e-4,
+            quoted_by="Nobahari and Sharifi's R_eq = 2.5 R, secondary transcription",
+        ),
         Check(x=2.0, expected=1.108, arguments={"k": 6.25}, tolerance=5e-4, quoted_by="the same"),
         Check(x=3.0, expected=1.045, arguments={"k": 6.25}, tolerance=5e-4, quoted_by="the same"),
     ),

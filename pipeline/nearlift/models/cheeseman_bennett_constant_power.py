@@ -2,12 +2,13 @@
 
     L / L_inf = (1 - k / (16 z_hat^2))^(-2/3)
 
-Convention: as in `cheeseman_bennett`. The image takes the fraction s = k / (16 z_hat^2) from the inflow, so the power ratio
-at constant thrust is 1 - s; thrust grows as power to the 2/3, hence the exponent. Cheeseman and Bennett instead leave v_i
-as it was, which gives the exponent 1.
+Convention: as in `cheeseman_bennett`. The image takes the fraction s = k / (16 z_hat^2) from the
+inflow, so the power ratio at constant thrust is 1 - s; thrust grows as power to the 2/3, hence the
+exponent. Cheeseman and Bennett instead leave v_i as it was, which gives the exponent 1.
 
-Approximation: momentum theory; all power is induced power. At constant rpm the exponent lies near 0.6 to 0.8 and falls as
-the gain grows; at constant throttle it is neither. The exponent is all but indistinguishable from k in a fit of thrust alone.
+Approximation: momentum theory; all power is induced power. At constant rpm the exponent lies near
+0.6 to 0.8 and falls as the gain grows; at constant throttle it is neither. The exponent is all but
+indistinguishable from k in a fit of thrust alone.
 
 Refusal: nan at and below the pole, z_hat = sqrt(k) / 4.
 """
@@ -48,7 +49,10 @@ MODEL = LiftModel(
     parameters=(cheeseman_bennett.COEFFICIENT,),
     valid_z_hat=(0.25, float("inf")),
     source=Source(
-        citation="Own derivation from momentum theory and the image of Cheeseman and Bennett (ARC R&M 3021)",
+        citation=(
+            "Own derivation from momentum theory and the image of Cheeseman and Bennett (ARC R&M"
+            " 3021)"
+        ),
         doubts=("Not published in this form; derived here.",),
     ),
     checks=(Check(x=0.5, expected=1.211414, quoted_by="(4/3)^(2/3), own arithmetic"),),

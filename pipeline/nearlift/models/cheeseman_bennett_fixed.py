@@ -2,9 +2,9 @@
 
     L / L_inf = 1 / (1 - 1 / (16 z_hat^2))
 
-The theory curve: what a fit of `cheeseman_bennett` has to beat, and what the paper calls "classic helicopter theory".
-Convention, approximation and refusal are those of `cheeseman_bennett` with k = 1; the pole stands at z_hat = 0.25, and
-below z_hat = 0.5 the theory is not to be trusted.
+The theory curve: what a fit of `cheeseman_bennett` has to beat, and what the paper calls "classic
+helicopter theory". Convention, approximation and refusal are those of `cheeseman_bennett` with k =
+1; the pole stands at z_hat = 0.25, and below z_hat = 0.5 the theory is not to be trusted.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ MODEL = LiftModel(
     valid_z_hat=(0.25, float("inf")),
     source=Source(
         citation=(
-            "Cheeseman, I. C., and Bennett, W. E., The Effect of the Ground on a Helicopter Rotor in Forward Flight, ARC "
-            "R&M 3021, written 1955, issued 1957"
+            "Cheeseman, I. C., and Bennett, W. E., The Effect of the Ground on a Helicopter Rotor"
+            " in Forward Flight, ARC R&M 3021, written 1955, issued 1957"
         ),
         equation="hover limit; Eq. 1 of Carter, Bouchard and Quinn 2021",
         doubts=("Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant.",),

@@ -2,13 +2,16 @@
 
     L / L_inf = 1 + a exp(-b z_hat)
 
-Convention: a > 0 gains lift; b > 0 is the decay per rotor radius. z_hat is rotor plane to ground over rotor radius.
+Convention: a > 0 gains lift; b > 0 is the decay per rotor radius. z_hat is rotor plane to ground
+over rotor radius.
 
-Approximation: empirical. It decays faster than any sum of images (which falls as 1 / z_hat^2), so it fits near stations well
-and far ones badly; and it is finite at contact, where the images are not.
+Approximation: empirical. It decays faster than any sum of images (which falls as 1 / z_hat^2), so
+it fits near stations well and far ones badly; and it is finite at contact, where the images are
+not.
 
-Traps: published fits carry a constant other than 1 (1.028 in a flight fit), which is an error of datum or of the lift far
-away; here L_inf takes that part. Amplitude and decay are strongly correlated where no station lies below z_hat = 1 / b.
+Traps: published fits carry a constant other than 1 (1.028 in a flight fit), which is an error of
+datum or of the lift far away; here L_inf takes that part. Amplitude and decay are strongly
+correlated where no station lies below z_hat = 1 / b.
 """
 
 from __future__ import annotations
@@ -60,22 +63,27 @@ MODEL = LiftModel(
     ),
     source=Source(
         citation=(
-            "Form after Del Cont Bernard et al. 2017-18, He and Leang 2020 and Appius 2022; values fitted here to the "
-            "coplanar pair of Garofano-Soldado et al."
+            "Form after Del Cont Bernard et al. 2017-18, He and Leang 2020 and Appius 2022; values"
+            " fitted here to the coplanar pair of Garofano-Soldado et al."
         ),
         doubts=(
             (
-                "The default values are an own fit to open data of a rotor pair, R = 165 mm, with the lift far away left free; "
-                "that fit is rejected by the data (chi2 150 on 7)."
+                "The default values are an own fit to open data of a rotor pair, R = 165 mm, with"
+                " the lift far away left free; that fit is rejected by the data (chi2 150 on 7)."
             ),
             (
-                "The form of Del Cont Bernard et al. is known from abstracts only; that of He and Leang, 1 / (1 - C_a exp(-C_b "
-                "z_hat)), is from memory and not this one."
+                "The form of Del Cont Bernard et al. is known from abstracts only; that of He and"
+                " Leang, 1 / (1 - C_a exp(-C_b z_hat)), is from memory and not this one."
             ),
         ),
     ),
     checks=(
-        Check(x=1.0, expected=1.087, tolerance=1e-3, quoted_by="Garofano-Soldado et al., measured at z/R = 1 over z/R = 5"),
+        Check(
+            x=1.0,
+            expected=1.087,
+            tolerance=1e-3,
+            quoted_by="Garofano-Soldado et al., measured at z/R = 1 over z/R = 5",
+        ),
         Check(
             x=1.0,
             expected=1 + 0.114 * float(np.exp(-5.388 * 0.12)),

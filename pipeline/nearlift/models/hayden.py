@@ -3,12 +3,14 @@
     P / P_inf = 1 / (A + B (D/z)^2) at constant thrust,   A = 0.9926, B = 0.0379, D = 2 R
     L / L_inf = (A + B (2 / z_hat)^2)^(2/3)               at constant power
 
-Convention: z_hat is rotor plane to ground over rotor radius; the ratio is a thrust at constant power.
+Convention: z_hat is rotor plane to ground over rotor radius; the ratio is a thrust at constant
+power.
 
-Approximation: a regression, not a theory, and not an extension of the images; helicopters, one rotor, hover. Nothing is free.
+Approximation: a regression, not a theory, and not an extension of the images; helicopters, one
+rotor, hover. Nothing is free.
 
-Traps: it does not tend to 1 far away but to A^(2/3) = 0.9951, so a free L_inf absorbs half a percent; the ratio crosses 1
-near z_hat = 4.5. B multiplies the square of *diameter* over height.
+Traps: it does not tend to 1 far away but to A^(2/3) = 0.9951, so a free L_inf absorbs half a
+percent; the ratio crosses 1 near z_hat = 4.5. B multiplies the square of *diameter* over height.
 """
 
 from __future__ import annotations
@@ -37,11 +39,20 @@ MODEL = LiftModel(
     rotors="one",
     tends_to_one=False,
     source=Source(
-        citation="Hayden, J. S., The Effect of the Ground on Helicopter Hovering Power Required, Proc. AHS 32nd Annual Forum, 1976",
+        citation=(
+            "Hayden, J. S., The Effect of the Ground on Helicopter Hovering Power Required, Proc."
+            " AHS 32nd Annual Forum, 1976"
+        ),
         doubts=(
-            "Read in a secondary transcription (code); the thesis that goes with it prints D/z inverted, taken as a misprint.",
+            (
+                "Read in a secondary transcription (code); the thesis that goes with it prints D/z"
+                " inverted, taken as a misprint."
+            ),
             "B is transcribed as 0.0379 and as 0.03794.",
-            "Carter et al. say that Hayden 'later added power to the model'; it is an independent correlation.",
+            (
+                "Carter et al. say that Hayden 'later added power to the model'; it is an"
+                " independent correlation."
+            ),
         ),
     ),
     checks=(

@@ -2,19 +2,23 @@
 
     L / L_inf = gamma = 1/2 + 1/2 sqrt(1 + alpha / z_hat^2)
 
-Convention: z_hat is rotor plane to ceiling over rotor radius; alpha > 0 gains lift, alpha = 1/8 is the plain theory.
+Convention: z_hat is rotor plane to ceiling over rotor radius; alpha > 0 gains lift, alpha = 1/8 is
+the plain theory.
 
-Approximation: radial inflow between ceiling and disk, uniform through the disk; inviscid, incompressible; blade-element
-momentum theory and one control volume. Each rotor by itself: no rotor-rotor term, so one rotor or several.
+Approximation: radial inflow between ceiling and disk, uniform through the disk; inviscid,
+incompressible; blade-element momentum theory and one control volume. Each rotor by itself: no
+rotor-rotor term, so one rotor or several.
 
-What is held: gamma is the ratio of *powers* at the same thrust, P_inf / P. As a ratio of thrusts it is right to the power 2/3
-at constant power, and to a falling power below 0.8 at constant rpm. The paper and others use the power 1, the default here;
-`hsiao_chirarattananon_constant_power` and `_free_exponent` are its rivals. A power of 1 overpredicts close to the
-ceiling, which the paper puts down to viscosity; alpha, n, the height datum and a viscous gap nearly trade places.
+What is held: gamma is the ratio of *powers* at the same thrust, P_inf / P. As a ratio of thrusts it
+is right to the power 2/3 at constant power, and to a falling power below 0.8 at constant rpm. The
+paper and others use the power 1, the default here; `hsiao_chirarattananon_constant_power` and
+`_free_exponent` are its rivals. A power of 1 overpredicts close to the ceiling, which the paper
+puts down to viscosity; alpha, n, the height datum and a viscous gap nearly trade places.
 
 Refusal: nan where z_hat is not positive, or alpha so negative that the root has no value.
 
-Traps: the coefficient is often written alpha_0 / 8; here alpha = alpha_0 / 8. A further factor alpha_1 (recirculation) is left out.
+Traps: the coefficient is often written alpha_0 / 8; here alpha = alpha_0 / 8. A further factor
+alpha_1 (recirculation) is left out.
 """
 
 from __future__ import annotations
@@ -60,21 +64,36 @@ COEFFICIENT = Parameter(
     value=0.125,
     bounds=(0.0, 4.0),
     prior=normal(0.125, 0.25),
-    meaning="strength of the ceiling's effect on the inflow; positive gains lift, 0.125 is the theory, 0 no effect",
+    meaning=(
+        "strength of the ceiling's effect on the inflow; positive gains lift, 0.125 is the theory,"
+        " 0 no effect"
+    ),
 )
 
 SOURCE = Source(
     citation=(
-        "Hsiao, Y. H., and Chirarattananon, P., Ceiling Effects for Hybrid Aerial-Surface Locomotion of Small "
-        "Rotorcraft, IEEE/ASME Trans. Mechatronics, 2019"
+        "Hsiao, Y. H., and Chirarattananon, P., Ceiling Effects for Hybrid Aerial-Surface"
+        " Locomotion of Small Rotorcraft, IEEE/ASME Trans. Mechatronics, 2019"
     ),
     equation="(6), (7), (10) as transcribed; Eq. 3 of Carter, Bouchard and Quinn 2021",
     doi="10.1109/TMECH.2019.2929589",
     doubts=(
-        "Read in a transcription that cites the equations by number; the function and its meaning as a power ratio were derived again independently.",
-        "Fitted alpha_0 up to 1.60 (alpha 0.20) for a single 23 mm propeller; the full tables of alpha_0 and alpha_1 were not seen.",
-        "Carter et al. call this the first near-ceiling model; Rossow 1985 (NASA TM-86754) is earlier.",
-        "The authors' own measurements are said to fall below the theory closer than half a radius.",
+        (
+            "Read in a transcription that cites the equations by number; the function and its"
+            " meaning as a power ratio were derived again independently."
+        ),
+        (
+            "Fitted alpha_0 up to 1.60 (alpha 0.20) for a single 23 mm propeller; the full tables"
+            " of alpha_0 and alpha_1 were not seen."
+        ),
+        (
+            "Carter et al. call this the first near-ceiling model; Rossow 1985 (NASA TM-86754) is"
+            " earlier."
+        ),
+        (
+            "The authors' own measurements are said to fall below the theory closer than half a"
+            " radius."
+        ),
     ),
 )
 

@@ -2,13 +2,16 @@
 
     L / L_inf = gamma^(2/3),   gamma = 1/2 + 1/2 sqrt(1 + alpha / z_hat^2)
 
-Convention: as `hsiao_chirarattananon`. gamma is P_inf / P at the same thrust; thrust grows as power to the 2/3.
+Convention: as `hsiao_chirarattananon`. gamma is P_inf / P at the same thrust; thrust grows as power
+to the 2/3.
 
-Approximation: all power is induced power. The ratio is the consistent one for a rig that holds power.
+Approximation: all power is induced power. The ratio is the consistent one for a rig that holds
+power.
 
 Refusal: nan where z_hat is not positive.
 
-Traps: alpha fitted here is not alpha fitted with the power 1; far away alpha_here = 1.5 alpha_there fits the same data.
+Traps: alpha fitted here is not alpha fitted with the power 1; far away alpha_here = 1.5 alpha_there
+fits the same data.
 """
 
 from __future__ import annotations
@@ -33,7 +36,10 @@ def gradient(z_hat: Any, /, *, alpha: Any) -> tuple[Any, ...]:
 MODEL = LiftModel(
     name="hsiao_chirarattananon_constant_power",
     title="Hsiao-Chirarattananon, constant power",
-    formula=r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha / \hat{z}^2}\right)^{2/3}",
+    formula=(
+        r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha /"
+        r" \hat{z}^2}\right)^{2/3}"
+    ),
     evaluate=evaluate,
     gradient=gradient,
     downwash=hsiao_chirarattananon.downwash,

@@ -1,10 +1,12 @@
 """From the inflow that images cancel to the lift gained: what every image model shares.
 
-A boundary mirrors each rotor. Seen from above, the mirrored rotor is a source whose flow opposes the induced inflow at the
-real one; the fraction `s` of the inflow that all images cancel together turns into lift as 1 / (1 - s).
+A boundary mirrors each rotor. Seen from above, the mirrored rotor is a source whose flow opposes
+the induced inflow at the real one; the fraction `s` of the inflow that all images cancel together
+turns into lift as 1 / (1 - s).
 
-Lengths are scaled by rotor radius. A rotor plane on or behind the boundary has no lift ratio: nan, never a wrong number.
-Written in 1/height, so that a height of infinity (free air) gives exactly no image and a ratio of exactly 1.
+Lengths are scaled by rotor radius. A rotor plane on or behind the boundary has no lift ratio: nan,
+never a wrong number. Written in 1/height, so that a height of infinity (free air) gives exactly no
+image and a ratio of exactly 1.
 """
 
 from __future__ import annotations
@@ -26,8 +28,8 @@ def clear_of_boundary(z_hat: Any) -> FloatArray:
 def image(height_hat: Any, separation_hat: Any = 0.0) -> Any:
     """Fraction of a rotor's induced inflow cancelled by one image, positive where lift is gained.
 
-    Shapes broadcast. Approximation: a point source at the image's centre, strength (rotor area) x (induced velocity), its
-    velocity taken at the rotor's centre and along the boundary's normal.
+    Shapes broadcast. Approximation: a point source at the image's centre, strength (rotor area) x
+    (induced velocity), its velocity taken at the rotor's centre and along the boundary's normal.
 
     Parameters
     ----------
@@ -42,7 +44,9 @@ def image(height_hat: Any, separation_hat: Any = 0.0) -> Any:
 
 
 def gain(cancelled: Any) -> FloatArray:
-    """Lift over lift far away, 1 / (1 - s); nan at and beyond the pole s = 1, where the theory has no answer."""
+    """Lift over lift far away, 1 / (1 - s); nan at and beyond the pole s = 1, where the theory has
+    no answer.
+    """
     left = 1.0 - np.asarray(cancelled, dtype=float)
     result: FloatArray = np.divide(1.0, left, out=np.full(left.shape, np.nan), where=left > 0)
     return result

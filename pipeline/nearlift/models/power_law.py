@@ -4,13 +4,15 @@
 
 Convention: a > 0 gains lift, p > 0. z_hat is rotor plane to ground over rotor radius.
 
-Approximation: empirical. p = 2 and a = 1/16 is Cheeseman and Bennett to first order; a quadrotor's images add up to a = 1/4
-with p = 2 far away and less near by, so a single power fits either range and not both. No pole above contact.
+Approximation: empirical. p = 2 and a = 1/16 is Cheeseman and Bennett to first order; a quadrotor's
+images add up to a = 1/4 with p = 2 far away and less near by, so a single power fits either range
+and not both. No pole above contact.
 
 Refusal: nan where z_hat is not positive.
 
-Traps: a and p are strongly correlated; a is the gain at z_hat = 1, wherever the stations are. The ground term of a widely
-used simulator is this form with p = 2 and a = 11.36859 / 16, some 3.5 times the gain that the paper measures.
+Traps: a and p are strongly correlated; a is the gain at z_hat = 1, wherever the stations are. The
+ground term of a widely used simulator is this form with p = 2 and a = 11.36859 / 16, some 3.5 times
+the gain that the paper measures.
 """
 
 from __future__ import annotations
@@ -46,7 +48,14 @@ MODEL = LiftModel(
     gradient=gradient,
     boundary="ground",
     parameters=(
-        Parameter(name="a", unit="1", value=0.0625, bounds=(-1.0, 5.0), prior=normal(0.0625, 0.5), meaning="relative lift gained at z_hat = 1"),
+        Parameter(
+            name="a",
+            unit="1",
+            value=0.0625,
+            bounds=(-1.0, 5.0),
+            prior=normal(0.0625, 0.5),
+            meaning="relative lift gained at z_hat = 1",
+        ),
         Parameter(
             name="p",
             unit="1",
@@ -58,20 +67,27 @@ MODEL = LiftModel(
     ),
     source=Source(
         citation=(
-            "Carter, Bouchard and Quinn 2021 ('power law dependencies between lift and ground proximity'); defaults: "
-            "Cheeseman and Bennett to first order"
+            "Carter, Bouchard and Quinn 2021 ('power law dependencies between lift and ground"
+            " proximity'); defaults: Cheeseman and Bennett to first order"
         ),
         doubts=(
             "The paper states no power and no amplitude.",
             (
-                "The simulator's coefficient 11.36859 (gym-pybullet-drones) is said to be inspired by a published model; its "
-                "height is clipped, and a fork disables it for want of data."
+                "The simulator's coefficient 11.36859 (gym-pybullet-drones) is said to be inspired"
+                " by a published model; its height is clipped, and a fork disables it for want of"
+                " data."
             ),
         ),
     ),
     checks=(
         Check(x=2.0, expected=1.015625, quoted_by="1 + 1/64, Cheeseman and Bennett to first order"),
-        Check(x=1.0, expected=1.71, arguments=_SIMULATOR, tolerance=1e-3, quoted_by="gym-pybullet-drones' ground term"),
+        Check(
+            x=1.0,
+            expected=1.71,
+            arguments=_SIMULATOR,
+            tolerance=1e-3,
+            quoted_by="gym-pybullet-drones' ground term",
+        ),
         Check(x=2.0, expected=1.178, arguments=_SIMULATOR, tolerance=5e-4, quoted_by="the same"),
         Check(x=3.0, expected=1.079, arguments=_SIMULATOR, tolerance=5e-4, quoted_by="the same"),
     ),

@@ -1,21 +1,27 @@
 """Ground, quadrotor: Sanchez-Cuevas, Heredia and Ollero, as they published it.
 
     L / L_inf = 1 / (1 - s)
-    s = 1 / (16 z^2) + z / (d^2 + 4 z^2)^(3/2) + z / (2 (2 d^2 + 4 z^2)^(3/2)) + 2 K_b z / (b^2 + 4 z^2)^(3/2)
+    s = 1 / (16 z^2) + z / (d^2 + 4 z^2)^(3/2) + z / (2 (2 d^2 + 4 z^2)^(3/2)) + 2 K_b z / (b^2 + 4
+    z^2)^(3/2)
 
-with z = z_hat, d = `spacing_hat` the distance of ADJACENT rotor axes and b = `diagonal_hat` the distance of OPPOSITE ones.
+with z = z_hat, d = `spacing_hat` the distance of ADJACENT rotor axes and b = `diagonal_hat` the
+distance of OPPOSITE ones.
 
-Convention: K_b > 0 gains lift (the fountain pushes on the body), K_b < 0 loses it (the fountain is drawn in again), K_b = 0
-leaves the images of four rotors in a square. The fountain term is K_b times four images at the distance b.
+Convention: K_b > 0 gains lift (the fountain pushes on the body), K_b < 0 loses it (the fountain is
+drawn in again), K_b = 0 leaves the images of four rotors in a square. The fountain term is K_b
+times four images at the distance b.
 
-Approximation: potential flow, point sources, uniform inflow, four rotors in a square. K_b is empirical. The paper takes the
-ratio at constant throttle, the theory at constant power with v_i unchanged; the exponent n in (L / L_inf)^n, K_b and an
-error of the height datum nearly trade places, so no K_b is evidence for a fountain unless datum and n are pinned otherwise.
+Approximation: potential flow, point sources, uniform inflow, four rotors in a square. K_b is
+empirical. The paper takes the ratio at constant throttle, the theory at constant power with v_i
+unchanged; the exponent n in (L / L_inf)^n, K_b and an error of the height datum nearly trade
+places, so no K_b is evidence for a fountain unless datum and n are pinned otherwise.
 
-Refusal: nan where the images cancel the whole inflow (z_hat just above 0.25). Measured curves start near z_hat = 0.5.
+Refusal: nan where the images cancel the whole inflow (z_hat just above 0.25). Measured curves start
+near z_hat = 0.5.
 
-Traps: the paper prints this equation with K_b in the denominator and one spacing throughout (`sanchez_cuevas_as_printed`),
-and calls 90 mm the spacing; a Crazyflie's rotors are 65 mm apart, 92 mm across the diagonal.
+Traps: the paper prints this equation with K_b in the denominator and one spacing throughout
+(`sanchez_cuevas_as_printed`), and calls 90 mm the spacing; a Crazyflie's rotors are 65 mm apart, 92
+mm across the diagonal.
 """
 
 from __future__ import annotations
@@ -32,12 +38,18 @@ from nearlift.models.inflow import clear_of_boundary, gain, image
 def four_images(z_hat: Any, spacing_hat: Any) -> Any:
     """Fraction of inflow that the images of four rotors in a square cancel at each of them."""
     height = 2.0 * clear_of_boundary(z_hat)
-    return image(height) + 2.0 * image(height, spacing_hat) + image(height, math.sqrt(2.0) * spacing_hat)
+    return (
+        image(height)
+        + 2.0 * image(height, spacing_hat)
+        + image(height, math.sqrt(2.0) * spacing_hat)
+    )
 
 
 def cancelled(z_hat: Any, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
     """Fraction of inflow cancelled by images and fountain."""
-    return four_images(z_hat, spacing_hat) + 4.0 * K_b * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)
+    return four_images(z_hat, spacing_hat) + 4.0 * K_b * image(
+        2.0 * clear_of_boundary(z_hat), diagonal_hat
+    )
 
 
 def evaluate(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
@@ -62,22 +74,41 @@ FOUNTAIN = Parameter(
     value=2.0,
     bounds=(-10.0, 20.0),
     prior=normal(2.0, 4.0),
-    meaning="strength of the fountain beneath the body; positive gains lift, negative where the fountain is drawn in again (plausible: -2 to 6)",
+    meaning=(
+        "strength of the fountain beneath the body; positive gains lift, negative where the"
+        " fountain is drawn in again (plausible: -2 to 6)"
+    ),
 )
 
 SOURCE = Source(
     citation=(
-        "Sanchez-Cuevas, P., Heredia, G., and Ollero, A., Characterization of the Aerodynamic Ground Effect and Its "
-        "Influence in Multirotor Control, Int. J. Aerospace Engineering, 2017"
+        "Sanchez-Cuevas, P., Heredia, G., and Ollero, A., Characterization of the Aerodynamic"
+        " Ground Effect and Its Influence in Multirotor Control, Int. J. Aerospace Engineering,"
+        " 2017"
     ),
     equation="(4)",
     doi="10.1155/2017/1823056",
     doubts=(
-        "Read in transcriptions that cite the equation by number, not in the original; four that were written independently agree.",
-        "One thesis writes the fountain term with d in place of b; taken as its slip, since only b makes the term four diagonal images.",
-        "Eq. 2 of Carter, Bouchard and Quinn 2021 differs (K_b in the denominator, one spacing); see sanchez_cuevas_as_printed.",
-        "K_b about 2 is the value of the original authors; Carter et al. quote the same 2 as an original and as a new fit, without uncertainty.",
-        "Derived for four rotors in a square; for other numbers of rotors `images` is the consistent form.",
+        (
+            "Read in transcriptions that cite the equation by number, not in the original; four"
+            " that were written independently agree."
+        ),
+        (
+            "One thesis writes the fountain term with d in place of b; taken as its slip, since"
+            " only b makes the term four diagonal images."
+        ),
+        (
+            "Eq. 2 of Carter, Bouchard and Quinn 2021 differs (K_b in the denominator, one"
+            " spacing); see sanchez_cuevas_as_printed."
+        ),
+        (
+            "K_b about 2 is the value of the original authors; Carter et al. quote the same 2 as an"
+            " original and as a new fit, without uncertainty."
+        ),
+        (
+            "Derived for four rotors in a square; for other numbers of rotors `images` is the"
+            " consistent form."
+        ),
     ),
 )
 
@@ -88,8 +119,10 @@ MODEL = LiftModel(
     name="sanchez_cuevas",
     title="Sanchez-Cuevas",
     formula=(
-        r"\frac{L}{L_\infty} = \left[1 - \frac{1}{16 \hat{z}^2} - \frac{\hat{z}}{(\hat{d}^2 + 4 \hat{z}^2)^{3/2}}"
-        r" - \frac{\hat{z}}{2 (2 \hat{d}^2 + 4 \hat{z}^2)^{3/2}} - \frac{2 K_b \hat{z}}{(\hat{b}^2 + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
+        r"\frac{L}{L_\infty} = \left[1 - \frac{1}{16 \hat{z}^2} - \frac{\hat{z}}{(\hat{d}^2 + 4"
+        r" \hat{z}^2)^{3/2}}"
+        r" - \frac{\hat{z}}{2 (2 \hat{d}^2 + 4 \hat{z}^2)^{3/2}} - \frac{2 K_b \hat{z}}{(\hat{b}^2"
+        r" + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
     ),
     evaluate=evaluate,
     gradient=gradient,
@@ -101,11 +134,33 @@ MODEL = LiftModel(
     valid_z_hat=(0.25, float("inf")),
     source=SOURCE,
     checks=(
-        Check(x=1.0, expected=1.1586, arguments=_CRAZYFLIE, tolerance=5e-5, quoted_by="own table of the original form, Crazyflie 65 / 92 mm"),
-        Check(x=0.5, expected=1.4299, arguments=_CRAZYFLIE, tolerance=5e-5, quoted_by="the same table"),
-        Check(x=5.0, expected=1.0256, arguments=_CRAZYFLIE, tolerance=5e-5, quoted_by="the same table"),
-        Check(x=1.0, expected=1.1066, arguments=_PAPER, tolerance=5e-5, quoted_by="own table of the original form, d = 90 mm"),
-        Check(x=1.0, expected=1.0831, arguments={**_PAPER, "K_b": 0.0}, tolerance=5e-5, quoted_by="own table, images only"),
+        Check(
+            x=1.0,
+            expected=1.1586,
+            arguments=_CRAZYFLIE,
+            tolerance=5e-5,
+            quoted_by="own table of the original form, Crazyflie 65 / 92 mm",
+        ),
+        Check(
+            x=0.5, expected=1.4299, arguments=_CRAZYFLIE, tolerance=5e-5, quoted_by="the same table"
+        ),
+        Check(
+            x=5.0, expected=1.0256, arguments=_CRAZYFLIE, tolerance=5e-5, quoted_by="the same table"
+        ),
+        Check(
+            x=1.0,
+            expected=1.1066,
+            arguments=_PAPER,
+            tolerance=5e-5,
+            quoted_by="own table of the original form, d = 90 mm",
+        ),
+        Check(
+            x=1.0,
+            expected=1.0831,
+            arguments={**_PAPER, "K_b": 0.0},
+            tolerance=5e-5,
+            quoted_by="own table, images only",
+        ),
     ),
     notes=__doc__ or "",
 )

@@ -2,12 +2,14 @@
 
     L / L_inf = 1
 
-The image of a rotor in a wall stands beside it at the same height; a source there moves no air along the rotor's axis, so at
-first order lift does not change. A sidewall model that cannot beat this one has found nothing.
+The image of a rotor in a wall stands beside it at the same height; a source there moves no air
+along the rotor's axis, so at first order lift does not change. A sidewall model that cannot beat
+this one has found nothing.
 
 Convention: z_hat is the gap between the wall and the nearest blade tip over rotor radius.
 
-Approximation: potential flow; wake, entrainment and recirculation are left out, and they are what a measured loss must come from.
+Approximation: potential flow; wake, entrainment and recirculation are left out, and they are what a
+measured loss must come from.
 """
 
 from __future__ import annotations
@@ -30,7 +32,10 @@ MODEL = LiftModel(
     formula=r"\frac{L}{L_\infty} = 1",
     evaluate=evaluate,
     boundary="sidewall",
-    source=Source(citation="Own derivation from the image source of Cheeseman and Bennett", doubts=("First order only.",)),
+    source=Source(
+        citation="Own derivation from the image source of Cheeseman and Bennett",
+        doubts=("First order only.",),
+    ),
     checks=(Check(x=0.3, expected=1.0, tolerance=0.0, quoted_by="own derivation"),),
     notes=__doc__ or "",
 )

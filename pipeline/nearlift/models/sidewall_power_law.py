@@ -2,8 +2,8 @@
 
     L / L_inf = 1 - a (1 + z_hat)^(-p)
 
-Convention: z_hat is the gap between the wall and the nearest blade tip over rotor radius, so 1 + z_hat is the distance of the
-rotor axis; a > 0 loses lift, and is the loss at contact; p > 0.
+Convention: z_hat is the gap between the wall and the nearest blade tip over rotor radius, so 1 +
+z_hat is the distance of the rotor axis; a > 0 loses lift, and is the loss at contact; p > 0.
 
 Approximation: empirical, the rival of `sidewall_decay` with a longer reach; finite at contact.
 
@@ -41,7 +41,12 @@ MODEL = LiftModel(
     boundary="sidewall",
     parameters=(
         Parameter(
-            name="a", unit="1", value=0.05, bounds=(-0.5, 0.9), prior=normal(0.05, 0.15), meaning="relative lift lost with the blade tip at the wall"
+            name="a",
+            unit="1",
+            value=0.05,
+            bounds=(-0.5, 0.9),
+            prior=normal(0.05, 0.15),
+            meaning="relative lift lost with the blade tip at the wall",
         ),
         Parameter(
             name="p",

@@ -11,15 +11,29 @@ from nearlift.products import FIT
 from nearlift.summaries.assumptions import entry
 from nearlift.summaries.evidence import Evidence
 
-TESTS = {"coefficient": "one coefficient", "curve": "one curve", "cells": "same ΔL per cell, no model"}
+TESTS = {
+    "coefficient": "one coefficient",
+    "curve": "one curve",
+    "cells": "same ΔL per cell, no model",
+}
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:
     """The three questions, each with a line per boundary."""
     return {
-        "collapse": [_collapse(evidence, b) for b in evidence.boundaries if entry(evidence, "throttle_collapse", b)],
-        "held": [_held(evidence, b) for b in evidence.boundaries if entry(evidence, "held_quantity", b)],
-        "rotor": [_rotor(evidence, b) for b in evidence.boundaries if entry(evidence, "rotor_coefficient", b)],
+        "collapse": [
+            _collapse(evidence, b)
+            for b in evidence.boundaries
+            if entry(evidence, "throttle_collapse", b)
+        ],
+        "held": [
+            _held(evidence, b) for b in evidence.boundaries if entry(evidence, "held_quantity", b)
+        ],
+        "rotor": [
+            _rotor(evidence, b)
+            for b in evidence.boundaries
+            if entry(evidence, "rotor_coefficient", b)
+        ],
         "tests": list(TESTS.values()),
     }
 
@@ -39,12 +53,25 @@ def _collapse(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         if departure is None:
             return None
         digits = 2 if departure["bound95"] < 1 else 3
-        return cite(evidence, FIT, *path, "largest_departure", what, "bound95", digits=digits, scale=100, how="in percent")
+        return cite(
+            evidence,
+            FIT,
+            *path,
+            "largest_departure",
+            what,
+            "bound95",
+            digits=digits,
+            scale=100,
+            how="in percent",
+        )
 
     return {
         "boundary": boundary,
         "text": found["text"],
-        "p": [None if found["tests"][t] is None else _chance(evidence, *path, "tests", t, "p_value") for t in TESTS],
+        "p": [
+            None if found["tests"][t] is None else _chance(evidence, *path, "tests", t, "p_value")
+            for t in TESTS
+        ],
         "name": found["coefficient"],
         "of_coefficient": percent("coefficient"),
         "of_lift": percent("delta_L"),
@@ -65,7 +92,13 @@ def _held(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
         }
         for i, e in enumerate(found["plausible"])
     ]
-    return {"boundary": boundary, "declared": found["declared_text"], "text": found["text"], "name": found["coefficient"], "rows": rows}
+    return {
+        "boundary": boundary,
+        "declared": found["declared_text"],
+        "text": found["text"],
+        "name": found["coefficient"],
+        "rows": rows,
+    }
 
 
 def _rotor(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:

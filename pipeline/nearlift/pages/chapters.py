@@ -6,8 +6,32 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from nearlift.pages import assumptions, diagnosis, flow, ledger, methods, models, posterior, proximity, records, safety, uncertainty, verdict
-from nearlift.products import DETECTION, DIAGNOSIS, FIT, FLOW_PRODUCTS, POSTERIOR, PROXIMITY, QUALITY, SAFETY, TRIALS, Product
+from nearlift.pages import (
+    assumptions,
+    diagnosis,
+    flow,
+    ledger,
+    methods,
+    models,
+    posterior,
+    proximity,
+    records,
+    safety,
+    uncertainty,
+    verdict,
+)
+from nearlift.products import (
+    DETECTION,
+    DIAGNOSIS,
+    FIT,
+    FLOW_PRODUCTS,
+    POSTERIOR,
+    PROXIMITY,
+    QUALITY,
+    SAFETY,
+    TRIALS,
+    Product,
+)
 from nearlift.summaries.evidence import Evidence
 
 
@@ -50,10 +74,29 @@ class Chapter:
 
 CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="verdict", title="Verdict", facts=verdict.facts, needs=(FIT,)),
-    Chapter(name="fig2", title="Lift change near each boundary", needs=(FIT,), figures=("fig2",), charts=("fig2",), template=False),
-    Chapter(name="diagnosis", title="What the residuals say", facts=diagnosis.facts, needs=(DIAGNOSIS,), figures=("diagnosis",), pictures_lead=True),
+    Chapter(
+        name="fig2",
+        title="Lift change near each boundary",
+        needs=(FIT,),
+        figures=("fig2",),
+        charts=("fig2",),
+        template=False,
+    ),
+    Chapter(
+        name="diagnosis",
+        title="What the residuals say",
+        facts=diagnosis.facts,
+        needs=(DIAGNOSIS,),
+        figures=("diagnosis",),
+        pictures_lead=True,
+    ),
     Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
-    Chapter(name="prediction", title="Models compared by prediction", facts=uncertainty.held_out, needs=(FIT,)),
+    Chapter(
+        name="prediction",
+        title="Models compared by prediction",
+        facts=uncertainty.held_out,
+        needs=(FIT,),
+    ),
     Chapter(
         name="posterior",
         title="What is believed after the data",
@@ -61,13 +104,45 @@ CHAPTERS: tuple[Chapter, ...] = (
         needs=(FIT, POSTERIOR),
         figures=("corner", "prior_posterior"),
     ),
-    Chapter(name="budget", title="Uncertainty budget", facts=uncertainty.budget, needs=(FIT,), figures=("budget",), pictures_lead=True),
-    Chapter(name="limits", title="What the data cannot say", facts=uncertainty.limits, needs=(FIT,), figures=("profiles",)),
     Chapter(
-        name="safety", title="Safety", facts=safety.facts, needs=(SAFETY,), figures=("fig6", "safety", "crash_map", "routes"), pictures_lead=True
+        name="budget",
+        title="Uncertainty budget",
+        facts=uncertainty.budget,
+        needs=(FIT,),
+        figures=("budget",),
+        pictures_lead=True,
     ),
-    Chapter(name="proximity", title="Proximity", facts=proximity.facts, needs=(DETECTION, PROXIMITY), figures=("detection",), pictures_lead=True),
-    Chapter(name="residuals", title="Residuals", needs=(FIT, TRIALS), figures=("residuals",), charts=("residuals",), template=False),
+    Chapter(
+        name="limits",
+        title="What the data cannot say",
+        facts=uncertainty.limits,
+        needs=(FIT,),
+        figures=("profiles",),
+    ),
+    Chapter(
+        name="safety",
+        title="Safety",
+        facts=safety.facts,
+        needs=(SAFETY,),
+        figures=("fig6", "safety", "crash_map", "routes"),
+        pictures_lead=True,
+    ),
+    Chapter(
+        name="proximity",
+        title="Proximity",
+        facts=proximity.facts,
+        needs=(DETECTION, PROXIMITY),
+        figures=("detection",),
+        pictures_lead=True,
+    ),
+    Chapter(
+        name="residuals",
+        title="Residuals",
+        needs=(FIT, TRIALS),
+        figures=("residuals",),
+        charts=("residuals",),
+        template=False,
+    ),
     Chapter(
         name="flow",
         title="Flow",
@@ -77,7 +152,13 @@ CHAPTERS: tuple[Chapter, ...] = (
         pictures_lead=True,
     ),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
-    Chapter(name="assumptions", title="What the ratio takes for granted", facts=assumptions.facts, needs=(FIT,), figures=("assumptions",)),
+    Chapter(
+        name="assumptions",
+        title="What the ratio takes for granted",
+        facts=assumptions.facts,
+        needs=(FIT,),
+        figures=("assumptions",),
+    ),
     Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),
     Chapter(name="quality", title="Quality ledger", facts=records.ledger, needs=(TRIALS, FIT)),
     Chapter(name="ledger", title="From raw byte to figure", facts=ledger.facts, needs=(QUALITY,)),

@@ -1,4 +1,6 @@
-"""The page of several campaigns: one coefficient beside another, in one file that fetches nothing."""
+"""The page of several campaigns: one coefficient beside another, in one file that fetches
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from nearlift.summaries.evidence import Columns
 TITLE = "Campaigns compared"
 
 
-def page(table: Columns, png: bytes, reports: Collection[str] = (), remarks: Collection[str] = ()) -> bytes:
+def page(
+    table: Columns, png: bytes, reports: Collection[str] = (), remarks: Collection[str] = ()
+) -> bytes:
     """index.html of a comparison.
 
     Parameters
@@ -33,7 +37,9 @@ def page(table: Columns, png: bytes, reports: Collection[str] = (), remarks: Col
         What to hold against the groups.
     """
     drawn = chart.chart(table)
-    picture = Picture(name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table), png=png)
+    picture = Picture(
+        name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table), png=png
+    )
     run = scripts()
     text = (
         templates()
@@ -53,7 +59,9 @@ def page(table: Columns, png: bytes, reports: Collection[str] = (), remarks: Col
 
 def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:
     groups = []
-    for boundary, coefficient in dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)):
+    for boundary, coefficient in dict.fromkeys(
+        zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)
+    ):
         rows = forest.select(table, boundary, coefficient)
         lines = [
             {

@@ -17,17 +17,27 @@ NAMES = {"none": "free air"}
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:
-    """How much went in and came out at each step, the coefficient with exclusions put back, and a row for every trial."""
+    """How much went in and came out at each step, the coefficient with exclusions put back, and a
+    row for every trial.
+    """
     content = evidence.document(QUALITY)
     files = content["files"]
-    bytes_read = Number(text=size(files["bytes"]), value=float(files["bytes"]), source=pointer(QUALITY, "files", "bytes"))
+    bytes_read = Number(
+        text=size(files["bytes"]),
+        value=float(files["bytes"]),
+        source=pointer(QUALITY, "files", "bytes"),
+    )
     return {
         "bytes": bytes_read,
         "files": _whole(evidence, "files", "number"),
-        "read": _whole(evidence, "samples", "read") if content["samples"]["read"] is not None else None,
+        "read": _whole(evidence, "samples", "read")
+        if content["samples"]["read"] is not None
+        else None,
         "averaged": _whole(evidence, "samples", "averaged"),
         "counts": {name: _whole(evidence, "counts", name) for name in content["counts"]},
-        "back": [_back(evidence, boundary, entry) for boundary, entry in content["put_back"].items()],
+        "back": [
+            _back(evidence, boundary, entry) for boundary, entry in content["put_back"].items()
+        ],
         "trials": [_row(entry) for entry in content["trials"][:MOST_ROWS]],
         "further": max(len(content["trials"]) - MOST_ROWS, 0),
     }
@@ -38,16 +48,40 @@ def _whole(evidence: Evidence, *path: str) -> Number:
 
 
 def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str, Any]:
-    """One boundary's table: by how much the base fit's coefficient changes with exclusions put back."""
+    """One boundary's table: by how much the base fit's coefficient changes with exclusions put
+    back.
+    """
     path = ("put_back", boundary)
     rows = []
     if entry["all"]:
-        rows.append({"what": "all that can be", "code": False, **_change(evidence, entry["all"], *path, "all")})
+        rows.append(
+            {
+                "what": "all that can be",
+                "code": False,
+                **_change(evidence, entry["all"], *path, "all"),
+            }
+        )
     for name, found in entry["codes"].items():
-        rows.append({"what": name, "code": True, "meaning": code(name).meaning, **_change(evidence, found, *path, "codes", name)})
+        rows.append(
+            {
+                "what": name,
+                "code": True,
+                "meaning": code(name).meaning,
+                **_change(evidence, found, *path, "codes", name),
+            }
+        )
     for i, without in enumerate(entry["left_out"]):
-        rows.append({"what": f"{without['what']} left out", "code": False, **_change(evidence, without, *path, "left_out", str(i))})
-    single = [{"what": name, "code": False, **_change(evidence, found, *path, "trials", name)} for name, found in entry["trials"].items()]
+        rows.append(
+            {
+                "what": f"{without['what']} left out",
+                "code": False,
+                **_change(evidence, without, *path, "left_out", str(i)),
+            }
+        )
+    single = [
+        {"what": name, "code": False, **_change(evidence, found, *path, "trials", name)}
+        for name, found in entry["trials"].items()
+    ]
     head, _, sub = entry["parameter"].partition("_")
     return {
         "boundary": boundary,
@@ -62,7 +96,10 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
 
 def _change(evidence: Evidence, found: dict[str, Any], *path: str) -> dict[str, Any]:
     if found["value"] is None:
-        return {"trials": cite(evidence, QUALITY, *path, "trials", places=0), "why_not": found["why_not"]}
+        return {
+            "trials": cite(evidence, QUALITY, *path, "trials", places=0),
+            "why_not": found["why_not"],
+        }
     return {
         "trials": cite(evidence, QUALITY, *path, "trials", places=0),
         "change": cite(evidence, QUALITY, *path, "change", digits=2),
@@ -84,5 +121,8 @@ def _row(entry: dict[str, Any]) -> dict[str, Any]:
         "averaged": entry["averaged"],
         "lift": "\u2013" if lift is None else plain(1e3 * lift, 5),
         "codes": " ".join(entry["codes"]),
-        "figures": ", ".join({"fig2": "Figure 2", "residuals": "residuals"}[name] for name in entry["figures"]) or "none",
+        "figures": ", ".join(
+            {"fig2": "Figure 2", "residuals": "residuals"}[name] for name in entry["figures"]
+        )
+        or "none",
     }

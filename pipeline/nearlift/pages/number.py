@@ -29,7 +29,8 @@ class Number:
     value : float
         In full.
     source : str
-        Product and key: ``fit.json#/boundaries/ground/...`` is a JSON pointer, ``trials.parquet`` a table.
+        Product and key: ``fit.json#/boundaries/ground/...`` is a JSON pointer, ``trials.parquet`` a
+        table.
     how : str
         What was done to what stands there; empty if nothing but rounding.
     """
@@ -47,11 +48,15 @@ class Number:
 
 def pointer(product: Product, *path: str) -> str:
     """Product and JSON pointer (RFC 6901)."""
-    return f"{product.file}#" + "".join("/" + str(p).replace("~", "~0").replace("/", "~1") for p in path)
+    return f"{product.file}#" + "".join(
+        "/" + str(p).replace("~", "~0").replace("/", "~1") for p in path
+    )
 
 
 def follow(content: Any, path: tuple[str, ...]) -> Any:
-    """What stands at a path of keys; list positions are written as digits. None where there is nothing."""
+    """What stands at a path of keys; list positions are written as digits. None where there is
+    nothing.
+    """
     for key in path:
         if isinstance(content, Mapping):
             content = content.get(key)
@@ -72,7 +77,9 @@ def cite(
     like_u: float | None = None,
     places: int | None = None,
 ) -> Number:
-    """The number at `path` of a JSON product: to so many digits, or so many decimal places, or those of an uncertainty `like_u`."""
+    """The number at `path` of a JSON product: to so many digits, or so many decimal places, or
+    those of an uncertainty `like_u`.
+    """
     found = follow(evidence.document(product), path)
     value = math.nan if found is None else float(found)
     if not math.isfinite(value):
@@ -80,13 +87,17 @@ def cite(
     elif places is not None:
         text = fixed(scale * value, places)
     else:
-        text = plain(scale * value, digits) if like_u is None else like(scale * value, scale * like_u)
+        text = (
+            plain(scale * value, digits) if like_u is None else like(scale * value, scale * like_u)
+        )
     return Number(text=text, value=value, source=pointer(product, *path), how=how)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quoted:
-    """An estimate as printed: value, standard uncertainty and 90 % interval, all with the same decimals."""
+    """An estimate as printed: value, standard uncertainty and 90 % interval, all with the same
+    decimals.
+    """
 
     name: str
     head: str
@@ -100,7 +111,9 @@ class Quoted:
 
 
 def quote(evidence: Evidence, product: Product, *path: str, name: str = "") -> Quoted:
-    """The estimate at `path`: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`; of the path's last key, or of `name`."""
+    """The estimate at `path`: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`,
+    `at_bound`; of the path's last key, or of `name`.
+    """
     entry = follow(evidence.document(product), path)
     known = {k: v for k, v in entry.items() if isinstance(v, int | float)}
     # an interval without `u` still says to how many digits its centre is known
@@ -127,11 +140,17 @@ def chance(evidence: Evidence, product: Product, *path: str) -> Number:
     if found.value < LEAST_CHANCE:
         return replace(found, text="< 10⁻¹²")
     digits, _, exponent = found.text.partition("e")
-    return replace(found, text=f"{digits} × 10{str(int(exponent)).translate(RAISED)}") if exponent else found
+    return (
+        replace(found, text=f"{digits} × 10{str(int(exponent)).translate(RAISED)}")
+        if exponent
+        else found
+    )
 
 
 def degrees(evidence: Evidence, product: Product, *path: str) -> Number | None:
-    """Degrees of freedom: one decimal below ten, where it matters; None where there is no end to them."""
+    """Degrees of freedom: one decimal below ten, where it matters; None where there is no end to
+    them.
+    """
     found = cite(evidence, product, *path, places=0)
     if not math.isfinite(found.value):
         return None

@@ -32,9 +32,21 @@ def ledger(evidence: Evidence) -> dict[str, Any]:
             {
                 "boundary": NAMES.get(boundary, boundary),
                 "scheduled": count(TRIALS, int(mine.sum()), f"rows with boundary {boundary}"),
-                "accepted": count(TRIALS, int((mine & ~out).sum()), f"rows with boundary {boundary} and no code in capitals in `quality`"),
-                "rejected": count(TRIALS, int((mine & out).sum()), f"rows with boundary {boundary} and a code in capitals in `quality`"),
-                "noted": count(TRIALS, int((mine & ~out & noted).sum()), f"rows with boundary {boundary} and only lower-case codes in `quality`"),
+                "accepted": count(
+                    TRIALS,
+                    int((mine & ~out).sum()),
+                    f"rows with boundary {boundary} and no code in capitals in `quality`",
+                ),
+                "rejected": count(
+                    TRIALS,
+                    int((mine & out).sum()),
+                    f"rows with boundary {boundary} and a code in capitals in `quality`",
+                ),
+                "noted": count(
+                    TRIALS,
+                    int((mine & ~out & noted).sum()),
+                    f"rows with boundary {boundary} and only lower-case codes in `quality`",
+                ),
             }
         )
     bases = {b: evidence.base(b) for b in evidence.boundaries}
@@ -43,7 +55,13 @@ def ledger(evidence: Evidence) -> dict[str, Any]:
     return {
         "counts": counts,
         "codes": [
-            {"name": c.name, "rejects": c.rejects, "meaning": c.meaning, "n": count(TRIALS, n, f"rows with {c.name} in `quality`")} for c, n in codes
+            {
+                "name": c.name,
+                "rejects": c.rejects,
+                "meaning": c.meaning,
+                "n": count(TRIALS, n, f"rows with {c.name} in `quality`"),
+            }
+            for c, n in codes
         ],
         "rejected": [
             {
@@ -51,16 +69,24 @@ def ledger(evidence: Evidence) -> dict[str, Any]:
                 "boundary": NAMES.get(str(trials["boundary"][i]), str(trials["boundary"][i])),
                 "z_hat": plain(float(trials["z_hat"][i]), 4),
                 "throttle": f"{100 * float(trials['throttle'][i]):.4g} %",
-                "reason": reason(str(trials["quality"][i]), str(trials["fault"][i]) if "fault" in trials else ""),
+                "reason": reason(
+                    str(trials["quality"][i]), str(trials["fault"][i]) if "fault" in trials else ""
+                ),
             }
             for i in np.flatnonzero(out)
         ],
-        "excluded": [{"boundary": b, "model": m.title, "trials": e["excluded"]} for b, (m, e) in bases.items() if e["excluded"]],
+        "excluded": [
+            {"boundary": b, "model": m.title, "trials": e["excluded"]}
+            for b, (m, e) in bases.items()
+            if e["excluded"]
+        ],
     }
 
 
 def provenance(evidence: Evidence) -> dict[str, Any]:
-    """Digests, versions, and the command that makes this again; nothing that changes from one run to the next."""
+    """Digests, versions, and the command that makes this again; nothing that changes from one run
+    to the next.
+    """
     seed = f" --seed {evidence.seed}" if evidence.seed else ""
     return {
         "command": f"nearlift run {shlex.quote(evidence.campaign.name)}{seed}",

@@ -1,4 +1,6 @@
-"""What a campaign's report rests on, as BibTeX: the sources of its models, and the programs that its numbers went through."""
+"""What a campaign's report rests on, as BibTeX: the sources of its models, and the programs that
+its numbers went through.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +12,14 @@ from nearlift.declare import Declaration
 #: Entries by key. Only fields that the publications themselves or the declarations give.
 KNOWN = {
     "carter2021": (
-        "@article{carter2021,\n  author = {Carter, D. J. and Bouchard, L. and Quinn, D. B.},\n"
-        "  title = {Influence of the Ground, Ceiling, and Sidewall on Micro-Quadrotors},\n  journal = {AIAA Journal},\n  year = {2021}\n}"
+        "@article{carter2021,\n  author = {Carter, D. J. and Bouchard, L. and Quinn, D. B.},\n "
+        " title = {Influence of the Ground, Ceiling, and Sidewall on Micro-Quadrotors},\n  journal"
+        " = {AIAA Journal},\n  year = {2021}\n}"
     ),
     "cheeseman1955": (
-        "@techreport{cheeseman1955,\n  author = {Cheeseman, I. C. and Bennett, W. E.},\n"
-        "  title = {The Effect of the Ground on a Helicopter Rotor in Forward Flight},\n  institution = {Aeronautical Research Council},\n"
-        "  number = {R\\&M 3021},\n  year = {1955}\n}"
+        "@techreport{cheeseman1955,\n  author = {Cheeseman, I. C. and Bennett, W. E.},\n  title ="
+        " {The Effect of the Ground on a Helicopter Rotor in Forward Flight},\n  institution ="
+        " {Aeronautical Research Council},\n  number = {R\\&M 3021},\n  year = {1955}\n}"
     ),
     "hayden1976": (
         "@inproceedings{hayden1976,\n  author = {Hayden, J. S.},\n"
@@ -24,55 +27,63 @@ KNOWN = {
         "  booktitle = {Proc. AHS 32nd Annual Forum},\n  year = {1976}\n}"
     ),
     "sanchezcuevas2017": (
-        "@article{sanchezcuevas2017,\n  author = {Sanchez-Cuevas, P. and Heredia, G. and Ollero, A.},\n"
-        "  title = {Characterization of the Aerodynamic Ground Effect and Its Influence in Multirotor Control},\n"
-        "  journal = {International Journal of Aerospace Engineering},\n  year = {2017},\n  doi = {10.1155/2017/1823056}\n}"
+        "@article{sanchezcuevas2017,\n  author = {Sanchez-Cuevas, P. and Heredia, G. and Ollero,"
+        " A.},\n  title = {Characterization of the Aerodynamic Ground Effect and Its Influence in"
+        " Multirotor Control},\n  journal = {International Journal of Aerospace Engineering},\n "
+        " year = {2017},\n  doi = {10.1155/2017/1823056}\n}"
     ),
     "hsiao2019": (
-        "@article{hsiao2019,\n  author = {Hsiao, Y. H. and Chirarattananon, P.},\n"
-        "  title = {Ceiling Effects for Hybrid Aerial-Surface Locomotion of Small Rotorcraft},\n"
-        "  journal = {IEEE/ASME Transactions on Mechatronics},\n  year = {2019},\n  doi = {10.1109/TMECH.2019.2929589}\n}"
+        "@article{hsiao2019,\n  author = {Hsiao, Y. H. and Chirarattananon, P.},\n  title ="
+        " {Ceiling Effects for Hybrid Aerial-Surface Locomotion of Small Rotorcraft},\n  journal ="
+        " {IEEE/ASME Transactions on Mechatronics},\n  year = {2019},\n  doi ="
+        " {10.1109/TMECH.2019.2929589}\n}"
     ),
     "jimenezcano2019": (
-        "@article{jimenezcano2019,\n"
-        "  author = {Jimenez-Cano, A. E. and Sanchez-Cuevas, P. J. and Grau, P. and Ollero, A. and Heredia, G.},\n"
-        "  title = {Contact-Based Bridge Inspection Multirotors: Design, Modeling, and Control Considering the Ceiling Effect},\n"
-        "  journal = {IEEE Robotics and Automation Letters},\n"
-        "  volume = {4},\n  number = {4},\n  pages = {3561--3568},\n  year = {2019},\n  doi = {10.1109/LRA.2019.2928206}\n}"
+        "@article{jimenezcano2019,\n  author = {Jimenez-Cano, A. E. and Sanchez-Cuevas, P. J. and"
+        " Grau, P. and Ollero, A. and Heredia, G.},\n  title = {Contact-Based Bridge Inspection"
+        " Multirotors: Design, Modeling, and Control Considering the Ceiling Effect},\n  journal ="
+        " {IEEE Robotics and Automation Letters},\n  volume = {4},\n  number = {4},\n  pages ="
+        " {3561--3568},\n  year = {2019},\n  doi = {10.1109/LRA.2019.2928206}\n}"
     ),
     "gum2008": (
-        "@techreport{gum2008,\n  author = {{Joint Committee for Guides in Metrology}},\n"
-        "  title = {Evaluation of Measurement Data: Guide to the Expression of Uncertainty in Measurement},\n"
-        "  number = {JCGM 100:2008},\n  institution = {BIPM},\n  year = {2008}\n}"
+        "@techreport{gum2008,\n  author = {{Joint Committee for Guides in Metrology}},\n  title ="
+        " {Evaluation of Measurement Data: Guide to the Expression of Uncertainty in"
+        " Measurement},\n  number = {JCGM 100:2008},\n  institution = {BIPM},\n  year = {2008}\n}"
     ),
     "vehtari2021": (
-        "@article{vehtari2021,\n"
-        '  author = {Vehtari, Aki and Gelman, Andrew and Simpson, Daniel and Carpenter, Bob and B{\\"u}rkner, Paul-Christian},\n'
-        "  title = {Rank-Normalization, Folding, and Localization: An Improved {$\\hat R$} for Assessing Convergence of {MCMC}},\n"
-        "  journal = {Bayesian Analysis},\n  volume = {16},\n  number = {2},\n  year = {2021},\n  doi = {10.1214/20-BA1221}\n}"
+        "@article{vehtari2021,\n  author = {Vehtari, Aki and Gelman, Andrew and Simpson, Daniel and"
+        ' Carpenter, Bob and B{\\"u}rkner, Paul-Christian},\n  title = {Rank-Normalization,'
+        " Folding, and Localization: An Improved {$\\hat R$} for Assessing Convergence of"
+        " {MCMC}},\n  journal = {Bayesian Analysis},\n  volume = {16},\n  number = {2},\n  year ="
+        " {2021},\n  doi = {10.1214/20-BA1221}\n}"
     ),
     "emcee": (
-        "@article{emcee,\n  author = {Foreman-Mackey, Daniel and Hogg, David W. and Lang, Dustin and Goodman, Jonathan},\n"
-        "  title = {emcee: The {MCMC} Hammer},\n  journal = {Publications of the Astronomical Society of the Pacific},\n"
-        "  volume = {125},\n  year = {2013},\n  doi = {10.1086/670067}\n}"
+        "@article{emcee,\n  author = {Foreman-Mackey, Daniel and Hogg, David W. and Lang, Dustin"
+        " and Goodman, Jonathan},\n  title = {emcee: The {MCMC} Hammer},\n  journal = {Publications"
+        " of the Astronomical Society of the Pacific},\n  volume = {125},\n  year = {2013},\n  doi"
+        " = {10.1086/670067}\n}"
     ),
     "numpy": (
-        "@article{numpy,\n  author = {Harris, Charles R. and others},\n  title = {Array Programming with {NumPy}},\n"
-        "  journal = {Nature},\n  volume = {585},\n  pages = {357--362},\n  year = {2020},\n  doi = {10.1038/s41586-020-2649-2}\n}"
+        "@article{numpy,\n  author = {Harris, Charles R. and others},\n  title = {Array Programming"
+        " with {NumPy}},\n  journal = {Nature},\n  volume = {585},\n  pages = {357--362},\n  year ="
+        " {2020},\n  doi = {10.1038/s41586-020-2649-2}\n}"
     ),
     "scipy": (
-        "@article{scipy,\n  author = {Virtanen, Pauli and others},\n"
-        "  title = {{SciPy} 1.0: Fundamental Algorithms for Scientific Computing in {Python}},\n  journal = {Nature Methods},\n"
-        "  volume = {17},\n  pages = {261--272},\n  year = {2020},\n  doi = {10.1038/s41592-019-0686-2}\n}"
+        "@article{scipy,\n  author = {Virtanen, Pauli and others},\n  title = {{SciPy} 1.0:"
+        " Fundamental Algorithms for Scientific Computing in {Python}},\n  journal = {Nature"
+        " Methods},\n  volume = {17},\n  pages = {261--272},\n  year = {2020},\n  doi ="
+        " {10.1038/s41592-019-0686-2}\n}"
     ),
     "lmfit": (
-        "@misc{lmfit,\n  author = {Newville, Matthew and others},\n"
-        "  title = {{LMFIT}: Non-Linear Least-Squares Minimization and Curve-Fitting for {Python}},\n  doi = {10.5281/zenodo.598352}\n}"
+        "@misc{lmfit,\n  author = {Newville, Matthew and others},\n  title = {{LMFIT}: Non-Linear"
+        " Least-Squares Minimization and Curve-Fitting for {Python}},\n  doi ="
+        " {10.5281/zenodo.598352}\n}"
     ),
     "matplotlib": (
-        "@article{matplotlib,\n  author = {Hunter, John D.},\n  title = {Matplotlib: A {2D} Graphics Environment},\n"
-        "  journal = {Computing in Science \\& Engineering},\n  volume = {9},\n  number = {3},\n  pages = {90--95},\n  year = {2007},\n"
-        "  doi = {10.1109/MCSE.2007.55}\n}"
+        "@article{matplotlib,\n  author = {Hunter, John D.},\n  title = {Matplotlib: A {2D}"
+        " Graphics Environment},\n  journal = {Computing in Science \\& Engineering},\n  volume ="
+        " {9},\n  number = {3},\n  pages = {90--95},\n  year = {2007},\n  doi ="
+        " {10.1109/MCSE.2007.55}\n}"
     ),
 }
 #: What in a declaration's citation stands for which entry.
@@ -88,7 +99,9 @@ SIGNS = (
 
 
 def keys(declared: Declaration) -> list[str]:
-    """The entries that a model or an effect rests on; its own name where its source is not among the known."""
+    """The entries that a model or an effect rests on; its own name where its source is not among
+    the known.
+    """
     found = list(dict.fromkeys(key for sign, key in SIGNS if sign in declared.source.citation))
     return found or [declared.name]
 
@@ -100,6 +113,11 @@ def bibtex(cited: Iterable[str], declared: Iterable[Declaration]) -> str:
 
 
 def _declared(of: Declaration) -> str:
-    citation = re.sub(r"[\\{}%#~^]", " ", of.source.citation).replace("&", r"\&").replace("_", r"\_").replace("$", r"\$")
+    citation = (
+        re.sub(r"[\\{}%#~^]", " ", of.source.citation)
+        .replace("&", r"\&")
+        .replace("_", r"\_")
+        .replace("$", r"\$")
+    )
     doi = f",\n  doi = {{{of.source.doi}}}" if of.source.doi else ""
     return f"@misc{{{of.name},\n  title = {{{{{of.title}}}}},\n  note = {{{citation}}}{doi}\n}}"

@@ -42,11 +42,15 @@ def scripts() -> tuple[str, str]:
     here = resources.files("nearlift.pages")
     licence = here.joinpath("vendor", "vega.LICENSE.txt").read_text(encoding="utf-8")
     library = here.joinpath("vendor", "vega.js").read_text(encoding="utf-8")
-    return f"/*! {licence}*/\n{library}", here.joinpath("templates", "report.js").read_text(encoding="utf-8")
+    return f"/*! {licence}*/\n{library}", here.joinpath("templates", "report.js").read_text(
+        encoding="utf-8"
+    )
 
 
 def templates() -> jinja2.Environment:
-    """The templates of all pages: text from files stays text, and a name that is not given is an error."""
+    """The templates of all pages: text from files stays text, and a name that is not given is an
+    error.
+    """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("nearlift.pages", "templates"),
         autoescape=True,
@@ -59,19 +63,43 @@ def templates() -> jinja2.Environment:
 
 
 def policy(allowed: Sequence[str]) -> str:
-    """What a browser may do with the page: these very scripts, pictures and styles within it, and nothing from anywhere else."""
-    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in allowed)
-    return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests or chr(39) + 'none' + chr(39)}"
+    """What a browser may do with the page: these very scripts, pictures and styles within it, and
+    nothing from anywhere else.
+    """
+    digests = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
+        for s in allowed
+    )
+    return (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
+        f" {digests or chr(39) + 'none' + chr(39)}"
+    )
 
 
-def page(evidence: Evidence, pictures: Sequence[Picture], chapters: Sequence[Chapter] = CHAPTERS, charts: Sequence[Chart] = ()) -> bytes:
-    """index.html. Chapters whose products are missing are left out; figures that no chapter names come at the end."""
+def page(
+    evidence: Evidence,
+    pictures: Sequence[Picture],
+    chapters: Sequence[Chapter] = CHAPTERS,
+    charts: Sequence[Chart] = (),
+) -> bytes:
+    """index.html. Chapters whose products are missing are left out; figures that no chapter names
+    come at the end.
+    """
     made = {p.name: p for p in pictures}
     drawn = {c.name: c for c in charts}
     named = {n for c in chapters for n in c.figures}
     further = tuple(n for n in made if n not in named)
     if further:
-        chapters = [*chapters, Chapter(name="further", title="Further figures", facts=nothing, figures=further, template=False)]
+        chapters = [
+            *chapters,
+            Chapter(
+                name="further",
+                title="Further figures",
+                facts=nothing,
+                figures=further,
+                template=False,
+            ),
+        ]
     shown: list[Mapping[str, Any]] = []
     for chapter in chapters:
         own = [made[n] for n in chapter.figures if n in made]

@@ -12,11 +12,13 @@ from nearlift.rounding import fixed, plain
 from nearlift.summaries.budget import fall
 from nearlift.summaries.evidence import Evidence
 
-#: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told by number only; a declared one has its line.
+#: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told
+#: by number only; a declared one has its line.
 LEAST = 0.0005
 #: A size estimated with fewer degrees of freedom than this is no finding.
 TELLING = 2.0
-#: A difference of predictive scores below so many units is none, whatever its interval: there the standard error is no guide.
+#: A difference of predictive scores below so many units is none, whatever its interval: there the
+#: standard error is no guide.
 LEAST_SCORE = 4.0
 #: A difference of AIC beyond this is explained where prediction sees none.
 AIC_APART = 10.0
@@ -24,19 +26,32 @@ AIC_APART = 10.0
 SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
 TREATMENTS = {
     "slope": "enters to first order, as the error times the slope of the curve",
-    "exact": "is an unknown with its declared distribution, integrated over by quadrature, because first order is not enough",
-    "mean": "enters to first order, and the prediction is averaged over it, because the curve bends over so much height",
+    "exact": (
+        "is an unknown with its declared distribution, integrated over by quadrature, because first"
+        " order is not enough"
+    ),
+    "mean": (
+        "enters to first order, and the prediction is averaged over it, because the curve bends"
+        " over so much height"
+    ),
 }
 
 
 def budget(evidence: Evidence) -> dict[str, Any]:
     """A table for each coefficient that is quoted."""
-    tables = [_budget(evidence, b, name, c) for b in evidence.boundaries for name, c in evidence.quoted(b).coefficients.items() if c.budget]
+    tables = [
+        _budget(evidence, b, name, c)
+        for b in evidence.boundaries
+        for name, c in evidence.quoted(b).coefficients.items()
+        if c.budget
+    ]
     heights = [_heights(evidence, b) for b in evidence.boundaries]
     return {"tables": tables, "heights": [h for h in heights if h["lines"]]}
 
 
-def _budget(evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult) -> dict[str, Any]:
+def _budget(
+    evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult
+) -> dict[str, Any]:
     here = ("boundaries", boundary, "coefficients", name)
     rows, small = [], 0
     for i, line in sorted(enumerate(own.budget), key=lambda pair: pair[1].u_without):
@@ -52,9 +67,25 @@ def _budget(evidence: Evidence, boundary: Boundary, name: str, own: CoefficientR
                 "type": line.kind,
                 "distribution": line.distribution,
                 "scope": line.scope,
-                "input": cite(evidence, RESULTS, *at, "u_input", digits=3, scale=scale, how=f"in {unit}") if known else None,
+                "input": (
+                    cite(evidence, RESULTS, *at, "u_input", digits=3, scale=scale, how=f"in {unit}")
+                    if known
+                    else None
+                ),
                 "unit": unit,
-                "sensitivity": cite(evidence, RESULTS, *at, "sensitivity", digits=3, scale=1 / scale, how=f"per {unit}") if known else None,
+                "sensitivity": (
+                    cite(
+                        evidence,
+                        RESULTS,
+                        *at,
+                        "sensitivity",
+                        digits=3,
+                        scale=1 / scale,
+                        how=f"per {unit}",
+                    )
+                    if known
+                    else None
+                ),
                 "u": cite(evidence, RESULTS, *at, "u", digits=2),
                 "u_without": cite(evidence, RESULTS, *at, "u_without", digits=2),
                 "dof": degrees(evidence, RESULTS, *at, "dof"),
@@ -86,16 +117,39 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
             "component": own["component"],
             "words": TREATMENTS[own["treatment"]],
             "coefficient": headline(evidence, boundary, own["coefficient"]),
-            "size": cite(evidence, FIT, *path, "heights", str(i), "standard_m", digits=2, scale=1e3, how="in mm"),
+            "size": cite(
+                evidence,
+                FIT,
+                *path,
+                "heights",
+                str(i),
+                "standard_m",
+                digits=2,
+                scale=1e3,
+                how="in mm",
+            ),
             "shift": cite(evidence, FIT, *path, "heights", str(i), "shift", digits=2),
-            "ratio": cite(evidence, FIT, *path, "heights", str(i), "ratio", digits=2, scale=100, how="in percent"),
+            "ratio": cite(
+                evidence,
+                FIT,
+                *path,
+                "heights",
+                str(i),
+                "ratio",
+                digits=2,
+                scale=100,
+                how="in percent",
+            ),
         }
         for i, own in enumerate(entry.get("heights", []))
     ]
     error = None
     if "height_error" in entry:
         u = float(entry["height_error"]["u"])
-        error = {k: cite(evidence, FIT, *path, "height_error", k, like_u=u, scale=1e3, how="in mm") for k in ("value", "u")}
+        error = {
+            k: cite(evidence, FIT, *path, "height_error", k, like_u=u, scale=1e3, how="in mm")
+            for k in ("value", "u")
+        }
     return {"boundary": boundary, "lines": lines, "error": error}
 
 
@@ -105,7 +159,10 @@ def limits(evidence: Evidence) -> dict[str, Any]:
     for boundary in evidence.boundaries:
         _, entry = evidence.base(boundary)
         halves = [
-            {"texts": [k["text"] for k in own["knowledge"]] + [own["repeats"]["text"]], "coefficient": name}
+            {
+                "texts": [k["text"] for k in own["knowledge"]] + [own["repeats"]["text"]],
+                "coefficient": name,
+            }
             for name, own in entry.get("would_halve", {}).items()
         ]
         bound = [name for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
@@ -114,7 +171,9 @@ def limits(evidence: Evidence) -> dict[str, Any]:
 
 
 def held_out(evidence: Evidence) -> dict[str, Any]:
-    """Each boundary's models by what they foretell of a visit left out, beside the criteria that count parameters, and R²."""
+    """Each boundary's models by what they foretell of a visit left out, beside the criteria that
+    count parameters, and R².
+    """
     found = evidence.document(FIT).get("comparison", {})
     return {"tables": [_held_out(evidence, b, found[b]) for b in evidence.boundaries if b in found]}
 
@@ -125,7 +184,9 @@ def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> di
     visits = models[base]["visits"]
     with_evidence = follow(fits, (base, "log_evidence", "value")) is not None
     rows = []
-    for name in sorted(models, key=lambda n: (models[n]["visits"] != visits, -(models[n]["d_elpd"] or 0.0))):
+    for name in sorted(
+        models, key=lambda n: (models[n]["visits"] != visits, -(models[n]["d_elpd"] or 0.0))
+    ):
         path = ("comparison", boundary, "models", name)
         whole = models[name]["visits"] == visits
         rows.append(
@@ -134,13 +195,31 @@ def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> di
                 "base": name == base,
                 "free": len(fits[name]["parameters"]),
                 "d_elpd": cite(evidence, FIT, *path, "d_elpd", places=1),
-                "u_d_elpd": None if name == base else cite(evidence, FIT, *path, "u_d_elpd", places=1),
+                "u_d_elpd": (
+                    None if name == base else cite(evidence, FIT, *path, "u_d_elpd", places=1)
+                ),
                 "rmse": cite(evidence, FIT, *path, "rmse", places=3, scale=100, how="in percent"),
-                "d_rmse": None if name == base else cite(evidence, FIT, *path, "d_rmse", places=3, scale=100, how="in percent"),
-                "u_d_rmse": None if name == base else cite(evidence, FIT, *path, "u_d_rmse", places=3, scale=100, how="in percent"),
-                "evidence": _excess_evidence(evidence, boundary, name, base) if with_evidence else None,
-                "aic": _excess(evidence, path, "aic", float(models[base]["aic"])) if whole else None,
-                "bic": _excess(evidence, path, "bic", float(models[base]["bic"])) if whole else None,
+                "d_rmse": (
+                    None
+                    if name == base
+                    else cite(evidence, FIT, *path, "d_rmse", places=3, scale=100, how="in percent")
+                ),
+                "u_d_rmse": (
+                    None
+                    if name == base
+                    else cite(
+                        evidence, FIT, *path, "u_d_rmse", places=3, scale=100, how="in percent"
+                    )
+                ),
+                "evidence": (
+                    _excess_evidence(evidence, boundary, name, base) if with_evidence else None
+                ),
+                "aic": (
+                    _excess(evidence, path, "aic", float(models[base]["aic"])) if whole else None
+                ),
+                "bic": (
+                    _excess(evidence, path, "bic", float(models[base]["bic"])) if whole else None
+                ),
                 "r2": cite(evidence, FIT, *path, "r2", places=4),
                 "visits": None if whole else cite(evidence, FIT, *path, "visits", digits=6),
             }
@@ -156,7 +235,12 @@ def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> di
 
 def _excess(evidence: Evidence, path: tuple[str, ...], key: str, reference: float) -> Number:
     value = float(cite(evidence, FIT, *path, key).value) - reference
-    return Number(text=fixed(value, 1), value=value, source=pointer(FIT, *path, key), how="less the base model's")
+    return Number(
+        text=fixed(value, 1),
+        value=value,
+        source=pointer(FIT, *path, key),
+        how="less the base model's",
+    )
 
 
 def _excess_evidence(evidence: Evidence, boundary: str, name: str, base: str) -> Number | None:
@@ -164,8 +248,12 @@ def _excess_evidence(evidence: Evidence, boundary: str, name: str, base: str) ->
     found = follow(evidence.document(FIT), path)
     if found is None:
         return None
-    value = float(found) - float(follow(evidence.document(FIT), ("boundaries", boundary, base, "log_evidence", "value")))
-    return Number(text=fixed(value, 1), value=value, source=pointer(FIT, *path), how="less the base model's")
+    value = float(found) - float(
+        follow(evidence.document(FIT), ("boundaries", boundary, base, "log_evidence", "value"))
+    )
+    return Number(
+        text=fixed(value, 1), value=value, source=pointer(FIT, *path), how="less the base model's"
+    )
 
 
 def _half(own: dict[str, Any]) -> float:
@@ -178,7 +266,10 @@ def _half(own: dict[str, Any]) -> float:
 def _difference(own: dict[str, Any]) -> str:
     """Difference of scores with its 95 % interval."""
     half = _half(own)
-    return f"{fixed(own['d_elpd'], 1)}, 95 %: {fixed(own['d_elpd'] - half, 1)} to {fixed(own['d_elpd'] + half, 1)}"
+    return (
+        f"{fixed(own['d_elpd'], 1)}, 95 %: {fixed(own['d_elpd'] - half, 1)} to"
+        f" {fixed(own['d_elpd'] + half, 1)}"
+    )
 
 
 def _aic(models: dict[str, Any], base: str, name: str) -> float | None:
@@ -189,7 +280,9 @@ def _aic(models: dict[str, Any], base: str, name: str) -> float | None:
 
 
 def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[str]:
-    """Which models foretell worse than the base, which as well, which better; and what R² would have said."""
+    """Which models foretell worse than the base, which as well, which better; and what R² would
+    have said.
+    """
     worse: list[str] = []
     same: list[str] = []
     better: list[str] = []
@@ -207,22 +300,34 @@ def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[
 
     words = []
     if better:
-        words.append(f"Better than the base: {told(better)}. The 95 % interval of the score difference over visits excludes zero.")
+        words.append(
+            f"Better than the base: {told(better)}. The 95 % interval of the score difference over"
+            " visits excludes zero."
+        )
     if same:
         words.append(f"Prediction does not part these from the base: {told(same)}.")
     if worse:
-        words.append(f"Worse: {told(worse)}. The 95 % interval of the score difference over visits excludes zero.")
-    torn = [n for n in same if _aic(models, base, n) is not None and abs(_aic(models, base, n) or 0.0) > AIC_APART]
+        words.append(
+            f"Worse: {told(worse)}. The 95 % interval of the score difference over visits excludes"
+            " zero."
+        )
+    torn = [
+        n
+        for n in same
+        if _aic(models, base, n) is not None and abs(_aic(models, base, n) or 0.0) > AIC_APART
+    ]
     if torn:
         listing = "; ".join(
-            f"{titles[n]} {abs(_aic(models, base, n) or 0.0):.0f} {'behind' if (_aic(models, base, n) or 0.0) > 0 else 'ahead of'} the base"
+            f"{titles[n]} {abs(_aic(models, base, n) or 0.0):.0f}"
+            f" {'behind' if (_aic(models, base, n) or 0.0) > 0 else 'ahead of'} the base"
             for n in torn
         )
         words.append(
-            f"AIC sees it otherwise: {listing}. It asks how well all trials are fitted at once, and charges a model for every shared unknown "
-            "(a datum, a gain) that it must bend from what is declared; the score foretells a visit with those unknowns already learnt from the "
-            "others, so a misfit that looks like a wrong datum costs little. Where a shared error is well declared, believe AIC; where it is not, "
-            "neither decides."
+            f"AIC sees it otherwise: {listing}. It asks how well all trials are fitted at once, and"
+            " charges a model for every shared unknown (a datum, a gain) that it must bend from"
+            " what is declared; the score foretells a visit with those unknowns already learnt"
+            " from the others, so a misfit that looks like a wrong datum costs little. Where a"
+            " shared error is well declared, believe AIC; where it is not, neither decides."
         )
     if not better and not same and worse:
         words.append("No other model foretells as well as the base.")
@@ -230,11 +335,15 @@ def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[
     fooled = [n for n in worse if n in known and known[n] > 0.9]
     if fooled:
         words.append(
-            f"R² cannot decide: it is above 0.9 for {len([n for n in known if known[n] > 0.9])} of {len(known)} models, "
-            f"{listed(fooled)} among them ({plain(known[fooled[0]], 3)}), which prediction rejects."
+            f"R² cannot decide: it is above 0.9 for {len([n for n in known if known[n] > 0.9])} of"
+            f" {len(known)} models, {listed(fooled)} among them ({plain(known[fooled[0]], 3)}),"
+            " which prediction rejects."
         )
     elif same and base in known:
         close = [n for n in same if n in known and abs(known[n] - known[base]) > 0.002]
         if close:
-            words.append(f"R² parts {listed(close)} from the base although prediction does not: it counts the trials' noise in the means as merit.")
+            words.append(
+                f"R² parts {listed(close)} from the base although prediction does not: it counts"
+                " the trials' noise in the means as merit."
+            )
     return words

@@ -1,1 +1,3 @@
-"""A fitted lift model in forms that other programs run: C, Python, JSON, CasADi. Text in, text out: opens no file."""
+"""A fitted lift model in forms that other programs run: C, Python, JSON, CasADi. Text in, text out:
+opens no file.
+"""

@@ -1,4 +1,6 @@
-"""A C99 header for firmware: floats only, no heap, no state; the table form calls no library, the closed form wants math.h."""
+"""A C99 header for firmware: floats only, no heap, no state; the table form calls no library, the
+closed form wants math.h.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,13 @@ def number(value: float) -> str:
 def header(deck: Deck) -> str:
     """The whole header."""
     guard = "NEARLIFT_" + "".join(c.upper() if c.isalnum() else "_" for c in deck.campaign) + "_H"
-    comment = "/*\n" + "".join(f" * {line}".rstrip() + "\n" for line in (*deck.about(), *USE)).replace("*/", "* /") + " */\n"
+    comment = (
+        "/*\n"
+        + "".join(f" * {line}".rstrip() + "\n" for line in (*deck.about(), *USE)).replace(
+            "*/", "* /"
+        )
+        + " */\n"
+    )
     parts = [comment, HEAD.format(guard=guard)]
     if any(card.closed is not None for card in deck.cards):
         parts.append("\n#ifdef NEARLIFT_CLOSED_FORM\n#include <math.h>\n#endif\n")
@@ -92,14 +100,20 @@ def header(deck: Deck) -> str:
 
 USE = (
     "",
-    "nearlift_<boundary>(z_hat) reads a table (cubic pieces in 1 / (1 + z_hat)) and calls nothing. With NEARLIFT_CLOSED_FORM defined",
+    (
+        "nearlift_<boundary>(z_hat) reads a table (cubic pieces in 1 / (1 + z_hat)) and calls"
+        " nothing. With NEARLIFT_CLOSED_FORM defined"
+    ),
     "nearlift_<boundary>_closed(z_hat) evaluates the formula with math.h.",
 )
 
 
 def _card(card: Card) -> str:
     t = card.table
-    rows = ",\n".join(f"        {{{number(v)}, {number(s)}}}" for v, s in zip(t.value.tolist(), t.slope.tolist(), strict=True))
+    rows = ",\n".join(
+        f"        {{{number(v)}, {number(s)}}}"
+        for v, s in zip(t.value.tolist(), t.slope.tolist(), strict=True)
+    )
     names = {"name": card.boundary, "upper": card.boundary.upper()}
     text = TABLE.format(
         **names,

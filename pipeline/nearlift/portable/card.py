@@ -71,23 +71,45 @@ class Deck:
     def about(self) -> list[str]:
         """The comment at the head of a file, line by line."""
         lines = [
-            f"Lift near boundaries, campaign {self.campaign}: L / L_inf as a function of z_hat = z / r, r = {1e3 * self.radius_m:g} mm,",
             (
-                "z from the rotor plane to ground or ceiling, from the nearest blade tip to a sidewall. Written by nearlift "
-                f"{self.nearlift}; do not edit."
+                f"Lift near boundaries, campaign {self.campaign}: L / L_inf as a function of z_hat"
+                f" = z / r, r = {1e3 * self.radius_m:g} mm,"
+            ),
+            (
+                "z from the rotor plane to ground or ceiling, from the nearest blade tip to a"
+                f" sidewall. Written by nearlift {self.nearlift}; do not edit."
             ),
             f"Data: SHA-256 of trials.parquet {self.digest}",
-            f"Date of the newest raw file: {self.date}. Held in each trial: {self.held}. Uncertainty from {self.source}.",
-            "Outside its validity a ratio is that of the nearest end, and flagged: -1 nearer than measured (or not a number), +1 farther.",
+            (
+                f"Date of the newest raw file: {self.date}. Held in each trial: {self.held}."
+                f" Uncertainty from {self.source}."
+            ),
+            (
+                "Outside its validity a ratio is that of the nearest end, and flagged: -1 nearer"
+                " than measured (or not a number), +1 farther."
+            ),
         ]
         for card in self.cards:
             effects = f" with {', '.join(card.effects)}" if card.effects else ""
-            lines += ["", f"{card.boundary}: {card.title}{effects}; valid for {card.table.low:.6g} <= z_hat <= {card.table.high:.6g}"]
             lines += [
-                f"  {name} = {p.value:.6g} {p.unit if p.unit != '1' else ''} (90 %: {p.lo90:.6g} to {p.hi90:.6g})"
+                "",
+                (
+                    f"{card.boundary}: {card.title}{effects}; valid for {card.table.low:.6g} <="
+                    f" z_hat <= {card.table.high:.6g}"
+                ),
+            ]
+            lines += [
+                f"  {name} = {p.value:.6g} {p.unit if p.unit != '1' else ''} (90 %: {p.lo90:.6g} to"
+                f" {p.hi90:.6g})"
                 for name, p in card.parameters.items()
             ]
-            lines += [f"  at z_hat = {z:.4g}: {r.value:.5f} (90 %: {r.lo90:.5f} to {r.hi90:.5f})" for z, r in card.at.items()]
+            lines += [
+                f"  at z_hat = {z:.4g}: {r.value:.5f} (90 %: {r.lo90:.5f} to {r.hi90:.5f})"
+                for z, r in card.at.items()
+            ]
             if card.closed is None:
                 lines.append("  table only: this model has no closed form on record")
-        return [" ".join(line.split()) if not line.startswith("  ") else "  " + " ".join(line.split()) for line in lines]
+        return [
+            " ".join(line.split()) if not line.startswith("  ") else "  " + " ".join(line.split())
+            for line in lines
+        ]

@@ -1,8 +1,9 @@
 """Closed forms in one small language, for programs that know nothing of numpy.
 
-Each is an expression in `z` (z_hat), the model's parameters and geometry, written with + - * / ** and sqrt, exp, log, pow; effects
-stand on `r`, the ratio so far. Nothing is taken on trust: whoever exports one compares it with the declaration over the whole range
-first. A model without an entry (a plug-in) is exported as a table alone.
+Each is an expression in `z` (z_hat), the model's parameters and geometry, written with + - * / **
+and sqrt, exp, log, pow; effects stand on `r`, the ratio so far. Nothing is taken on trust: whoever
+exports one compares it with the declaration over the whole range first. A model without an entry (a
+plug-in) is exported as a table alone.
 """
 
 from __future__ import annotations
@@ -36,8 +37,11 @@ MODELS: Mapping[str, str] = {
 EFFECTS: Mapping[str, str] = {
     "near_wall_saturation": "r + (r - 1)*(pow(1 + gap_hat2/(z*z), -saturation_power) - 1)",
     "held_quantity": "pow(r, held_exponent)",
-    # the power law is held below 0.2 radii: the larger of z and 0.2, in functions that C has in `float` too
-    "airframe_stagnation": "r + stagnation*pow(0.5*(z + 0.2 + sqrt((z - 0.2)*(z - 0.2))), -stagnation_power)",
+    # the power law is held below 0.2 radii: the larger of z and 0.2, in functions that C has in
+    # `float` too
+    "airframe_stagnation": (
+        "r + stagnation*pow(0.5*(z + 0.2 + sqrt((z - 0.2)*(z - 0.2))), -stagnation_power)"
+    ),
     "plate_edge": "r - (r - 1)*edge_share*exp(-edge_width_hat*edge_width_hat/(z*z))",
     "image_strength": "r/(1 - (strength - 1)*(r - 1))",
     # in time, not in height: at its reference the supply changes nothing
@@ -47,7 +51,9 @@ CALLS = ("sqrt", "exp", "log", "pow")
 
 
 def closed_form(model: LiftModel, effects: tuple[str, ...]) -> ast.expr | None:
-    """The expression of a base model with effects added in their order; None where one of them has none."""
+    """The expression of a base model with effects added in their order; None where one of them has
+    none.
+    """
     base = model.name.partition("_with_")[0]
     if base not in MODELS or any(e not in EFFECTS for e in effects):
         return None
@@ -79,15 +85,27 @@ def fold(node: ast.expr, values: Mapping[str, float]) -> ast.expr:
         return ast.Constant(float(node.value))  # type: ignore[arg-type]
     if isinstance(node, ast.UnaryOp):
         inner = fold(node.operand, values)
-        return ast.Constant(-_number(inner)) if isinstance(inner, ast.Constant) else ast.UnaryOp(node.op, inner)
+        return (
+            ast.Constant(-_number(inner))
+            if isinstance(inner, ast.Constant)
+            else ast.UnaryOp(node.op, inner)
+        )
     if isinstance(node, ast.BinOp):
         left, right = fold(node.left, values), fold(node.right, values)
         whole: ast.expr = ast.BinOp(left, node.op, right)
-        return ast.Constant(_evaluate(whole)) if isinstance(left, ast.Constant) and isinstance(right, ast.Constant) else whole
+        return (
+            ast.Constant(_evaluate(whole))
+            if isinstance(left, ast.Constant) and isinstance(right, ast.Constant)
+            else whole
+        )
     assert isinstance(node, ast.Call)
     arguments = [fold(a, values) for a in node.args]
     call = ast.Call(node.func, arguments, [])
-    return ast.Constant(_evaluate(call)) if all(isinstance(a, ast.Constant) for a in arguments) else call
+    return (
+        ast.Constant(_evaluate(call))
+        if all(isinstance(a, ast.Constant) for a in arguments)
+        else call
+    )
 
 
 def _number(node: ast.expr) -> float:
@@ -108,7 +126,13 @@ def evaluate(node: ast.expr, z: FloatArray) -> FloatArray:
     if isinstance(node, ast.UnaryOp):
         return -evaluate(node.operand, z)
     if isinstance(node, ast.BinOp):
-        does = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power}[type(node.op)]
+        does = {
+            ast.Add: np.add,
+            ast.Sub: np.subtract,
+            ast.Mult: np.multiply,
+            ast.Div: np.divide,
+            ast.Pow: np.power,
+        }[type(node.op)]
         binary: FloatArray = does(evaluate(node.left, z), evaluate(node.right, z))
         return binary
     assert isinstance(node, ast.Call)
@@ -119,7 +143,8 @@ def evaluate(node: ast.expr, z: FloatArray) -> FloatArray:
 
 
 def write(node: ast.expr, *, number: str, call: str) -> str:
-    """The expression as source text, fully bracketed; `number` formats a constant (``"{}f"`` for C), `call` a function (``"{}f"``).
+    """The expression as source text, fully bracketed; `number` formats a constant (``"{}f"`` for
+    C), `call` a function (``"{}f"``).
 
     Powers become calls of `pow`, since not every language has an operator; a square is a product.
     """
@@ -129,7 +154,9 @@ def write(node: ast.expr, *, number: str, call: str) -> str:
             return n.id
         if isinstance(n, ast.Constant):
             value = _number(n)
-            written = number.format(repr(value) if "." in repr(value) or "e" in repr(value) else f"{value!r}.0")
+            written = number.format(
+                repr(value) if "." in repr(value) or "e" in repr(value) else f"{value!r}.0"
+            )
             return f"({written})" if value < 0 else written
         if isinstance(n, ast.UnaryOp):
             return f"(-{text(n.operand)})"

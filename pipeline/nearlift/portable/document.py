@@ -12,14 +12,28 @@ SCHEMA_NAME = "nearlift.lift_model/1"
 _INTERVAL = {
     "type": "object",
     "required": ["value", "lo90", "hi90", "unit"],
-    "properties": {"value": {"type": "number"}, "lo90": {"type": "number"}, "hi90": {"type": "number"}, "unit": {"type": "string"}},
+    "properties": {
+        "value": {"type": "number"},
+        "lo90": {"type": "number"},
+        "hi90": {"type": "number"},
+        "unit": {"type": "string"},
+    },
 }
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2}
 SCHEMA: dict[str, Any] = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": SCHEMA_NAME,
     "type": "object",
-    "required": ["schema", "campaign", "nearlift", "trials_sha256", "date", "rotor_radius_m", "held", "boundaries"],
+    "required": [
+        "schema",
+        "campaign",
+        "nearlift",
+        "trials_sha256",
+        "date",
+        "rotor_radius_m",
+        "held",
+        "boundaries",
+    ],
     "properties": {
         "schema": {"const": SCHEMA_NAME},
         "campaign": {"type": "string"},
@@ -32,7 +46,17 @@ SCHEMA: dict[str, Any] = {
             "type": "object",
             "additionalProperties": {
                 "type": "object",
-                "required": ["model", "formula", "effects", "parameters", "known", "valid_z_hat", "ratio", "table", "closed_form"],
+                "required": [
+                    "model",
+                    "formula",
+                    "effects",
+                    "parameters",
+                    "known",
+                    "valid_z_hat",
+                    "ratio",
+                    "table",
+                    "closed_form",
+                ],
                 "properties": {
                     "model": {"type": "string"},
                     "formula": {"type": "string", "description": "LaTeX of the base model"},
@@ -47,7 +71,10 @@ SCHEMA: dict[str, Any] = {
                     },
                     "table": {
                         "type": "object",
-                        "description": "cubic Hermite pieces in w = 1 / (1 + z_hat) from w_low on, per_w to a unit; slope per piece",
+                        "description": (
+                            "cubic Hermite pieces in w = 1 / (1 + z_hat) from w_low on, per_w to a"
+                            " unit; slope per piece"
+                        ),
                         "required": ["w_low", "per_w", "value", "slope", "relative_error"],
                         "properties": {
                             "w_low": {"type": "number"},
@@ -57,7 +84,10 @@ SCHEMA: dict[str, Any] = {
                             "relative_error": {"type": "number"},
                         },
                     },
-                    "closed_form": {"type": ["string", "null"], "description": "in z, with + - * / and sqrt, exp, log, pow"},
+                    "closed_form": {
+                        "type": ["string", "null"],
+                        "description": "in z, with + - * / and sqrt, exp, log, pow",
+                    },
                 },
             },
         },
@@ -91,7 +121,9 @@ def document(deck: Deck) -> dict[str, Any]:
                     "slope": c.table.slope.tolist(),
                     "relative_error": c.table.error,
                 },
-                "closed_form": None if c.closed is None else write(c.closed, number="{}", call="{}"),
+                "closed_form": (
+                    None if c.closed is None else write(c.closed, number="{}", call="{}")
+                ),
             }
             for c in deck.cards
         },

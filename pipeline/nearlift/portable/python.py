@@ -76,7 +76,11 @@ def ratio(boundary, z_hat):
 
 
 def _formulas(deck: Deck) -> str:
-    return "\n".join(f"    {c.boundary!r}: lambda z: {write(c.closed, number='{}', call='{}')}," for c in deck.cards if c.closed is not None)
+    return "\n".join(
+        f"    {c.boundary!r}: lambda z: {write(c.closed, number='{}', call='{}')},"
+        for c in deck.cards
+        if c.closed is not None
+    )
 
 
 def _about(deck: Deck) -> str:
@@ -87,14 +91,21 @@ def _about(deck: Deck) -> str:
 def module(deck: Deck) -> str:
     """Source of the module without dependencies."""
     tables = "\n".join(
-        f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r}, {c.table.w_low!r}, {c.table.per_w!r},\n"
-        f"        {tuple(c.table.value.tolist())!r},\n        {tuple(c.table.slope.tolist())!r}),"
+        f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r}, {c.table.w_low!r},"
+        f" {c.table.per_w!r},\n        {tuple(c.table.value.tolist())!r},\n       "
+        f" {tuple(c.table.slope.tolist())!r}),"
         for c in deck.cards
     )
     return MODULE.format(about=_about(deck), tables=tables, formulas=_formulas(deck))
 
 
 def casadi(deck: Deck) -> str:
-    """Source of the module of expressions; boundaries whose model has no closed form are left out."""
-    ranges = "\n".join(f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r})," for c in deck.cards if c.closed is not None)
+    """Source of the module of expressions; boundaries whose model has no closed form are
+    left out.
+    """
+    ranges = "\n".join(
+        f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r}),"
+        for c in deck.cards
+        if c.closed is not None
+    )
     return CASADI.format(about=_about(deck), ranges=ranges, formulas=_formulas(deck))

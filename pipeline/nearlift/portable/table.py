@@ -1,7 +1,8 @@
 """A table that needs no library: cubic pieces in w = 1 / (1 + z_hat), equally spaced.
 
-w takes any gap to a number between 0 and 1 with one division, and lift, steep near a boundary and flat far from it, is even in it.
-A piece is value and slope at either end (Hermite), so the table is smooth; it is made fine enough for float precision.
+w takes any gap to a number between 0 and 1 with one division, and lift, steep near a boundary and
+flat far from it, is even in it. A piece is value and slope at either end (Hermite), so the table is
+smooth; it is made fine enough for float precision.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 
-#: Largest relative error of the table against the model, less than three units in a float's last place; and most pieces.
+#: Largest relative error of the table against the model, less than three units in a float's last
+#: place; and most pieces.
 ERROR, MOST = 1.5e-7, 2048
 #: Step of the central difference that gives slopes, in w.
 STEP = 1e-5
@@ -22,7 +24,9 @@ STEP = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Values and slopes (per piece) at `pieces + 1` nodes from w_low to w_high, valid for low <= z_hat <= high."""
+    """Values and slopes (per piece) at `pieces + 1` nodes from w_low to w_high, valid for low <=
+    z_hat <= high.
+    """
 
     low: float
     high: float
@@ -67,18 +71,52 @@ def tabulate(ratio: Callable[[FloatArray], FloatArray], low: float, high: float)
     truth = at(probe)
     if not np.isfinite(truth).all():
         bad = 1 / probe[~np.isfinite(truth)].min() - 1
-        raise InputRefused("export", f"the model has no value at z_hat = {bad:.3g}", f"it can be exported above {bad:.3g} only")
+        raise InputRefused(
+            "export",
+            f"the model has no value at z_hat = {bad:.3g}",
+            f"it can be exported above {bad:.3g} only",
+        )
     pieces = 16
     while pieces <= MOST:
         w = np.linspace(w_low, w_high, pieces + 1)
         # one-sided at the ends, where the model may have no value beyond
         up, down = np.minimum(w + STEP, w_high), np.maximum(w - STEP, w_low)
         slope = (at(up) - at(down)) / (up - down) * (w_high - w_low) / pieces
-        slope[0] = (-3 * at(w[:1]) + 4 * at(w[:1] + STEP) - at(w[:1] + 2 * STEP))[0] / (2 * STEP) * (w_high - w_low) / pieces
-        slope[-1] = (3 * at(w[-1:]) - 4 * at(w[-1:] - STEP) + at(w[-1:] - 2 * STEP))[0] / (2 * STEP) * (w_high - w_low) / pieces
-        table = Table(low=low, high=high, w_low=w_low, per_w=pieces / (w_high - w_low), value=at(w), slope=slope, error=0.0)
+        slope[0] = (
+            (-3 * at(w[:1]) + 4 * at(w[:1] + STEP) - at(w[:1] + 2 * STEP))[0]
+            / (2 * STEP)
+            * (w_high - w_low)
+            / pieces
+        )
+        slope[-1] = (
+            (3 * at(w[-1:]) - 4 * at(w[-1:] - STEP) + at(w[-1:] - 2 * STEP))[0]
+            / (2 * STEP)
+            * (w_high - w_low)
+            / pieces
+        )
+        table = Table(
+            low=low,
+            high=high,
+            w_low=w_low,
+            per_w=pieces / (w_high - w_low),
+            value=at(w),
+            slope=slope,
+            error=0.0,
+        )
         error = float(np.max(np.abs(table(1 / probe - 1) / truth - 1)))
         if error <= ERROR:
-            return Table(low=low, high=high, w_low=w_low, per_w=table.per_w, value=table.value, slope=table.slope, error=error)
+            return Table(
+                low=low,
+                high=high,
+                w_low=w_low,
+                per_w=table.per_w,
+                value=table.value,
+                slope=table.slope,
+                error=error,
+            )
         pieces *= 2
-    raise InputRefused("export", f"the model is too steep near z_hat = {low:.3g}: {MOST} pieces leave {error:.1g}", "begin the range farther away")
+    raise InputRefused(
+        "export",
+        f"the model is too steep near z_hat = {low:.3g}: {MOST} pieces leave {error:.1g}",
+        "begin the range farther away",
+    )

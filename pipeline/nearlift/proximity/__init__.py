@@ -1,1 +1,3 @@
-"""Where is the boundary? What a lift ratio, or the throttle needed to hover, says of it. Opens no file, draws nothing."""
+"""Where is the boundary? What a lift ratio, or the throttle needed to hover, says of it. Opens no
+file, draws nothing.
+"""

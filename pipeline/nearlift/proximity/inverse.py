@@ -1,10 +1,12 @@
-"""Height from lift: the posterior of z_hat given a lift ratio, or the throttle at which a vehicle hovers.
+"""Height from lift: the posterior of z_hat given a lift ratio, or the throttle at which a vehicle
+hovers.
 
-The ratio of lift near a boundary to lift far from it falls with distance, so it can be turned round, as far as it falls: where a
-model has the same ratio at two heights, no measurement of lift can tell them apart, and the inversion is refused.
+The ratio of lift near a boundary to lift far from it falls with distance, so it can be turned
+round, as far as it falls: where a model has the same ratio at two heights, no measurement of lift
+can tell them apart, and the inversion is refused.
 
-The posterior is on a grid: prior times the likelihood of the measured ratio, averaged over draws of the model. "Beyond" is the
-possibility that there is no boundary within reach.
+The posterior is on a grid: prior times the likelihood of the measured ratio, averaged over draws of
+the model. "Beyond" is the possibility that there is no boundary within reach.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ Ratio = Callable[[FloatArray], FloatArray]
 NODES = 1200
 #: A change of ratio against the trend that is smaller than this is rounding.
 FLAT = 1e-9
-#: A probability below this is told as being below it: likelihoods are not known so far into their tails.
+#: A probability below this is told as being below it: likelihoods are not known so far into their
+#: tails.
 NONE = 1e-4
 
 
@@ -61,27 +64,36 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
     Raises
     ------
     InputRefused
-        It turns round between `low` and `high`; says where, and from which height upwards it may be inverted.
+        It turns round between `low` and `high`; says where, and from which height upwards it may be
+        inverted.
     """
     z_hat = grid(low, high)
     values = np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape)
     if not np.isfinite(values).all():
         bad = float(z_hat[~np.isfinite(values)].max())
-        raise InputRefused(where, f"the model has no value at z_hat = {bad:.3g}", f"ask above {bad:.3g}")
+        raise InputRefused(
+            where, f"the model has no value at z_hat = {bad:.3g}", f"ask above {bad:.3g}"
+        )
     change = np.diff(values)
     outer = np.sign(change[np.abs(change) > FLAT][-1]) if (np.abs(change) > FLAT).any() else 0.0
     if outer == 0.0:
-        raise InputRefused(where, "the model does not change with distance", "lift says nothing of this boundary")
+        raise InputRefused(
+            where, "the model does not change with distance", "lift says nothing of this boundary"
+        )
     against = np.flatnonzero(np.sign(change) * outer < 0)
     against = against[np.abs(change[against]) > FLAT]
     if len(against):
         turn = float(z_hat[against[-1] + 1])
         raise InputRefused(
-            where, f"the model folds at z_hat = {turn:.3g}: one lift ratio stands for two heights", f"only heights above {turn:.3g} can be told"
+            where,
+            f"the model folds at z_hat = {turn:.3g}: one lift ratio stands for two heights",
+            f"only heights above {turn:.3g} can be told",
         )
 
 
-def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high: float, beyond: float = 0.5) -> Located:
+def locate(
+    measured: float, u: float, ratios: Sequence[Ratio], low: float, high: float, beyond: float = 0.5
+) -> Located:
     """Posterior of z_hat from a measured ratio.
 
     Parameters
@@ -91,35 +103,45 @@ def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high:
     ratios : sequence of callables
         Draws of the model; none of them may fold (`refuse_folds` tells).
     low, high : float
-        Range within which the boundary may be, log-uniformly; nothing outside the range measured is believed.
+        Range within which the boundary may be, log-uniformly; nothing outside the range measured is
+        believed.
     beyond : float
         Prior probability that there is no boundary within the range.
 
     Raises
     ------
     InputRefused
-        The uncertainty is not positive, or the ratio is further from all that the model can give than ten uncertainties.
+        The uncertainty is not positive, or the ratio is further from all that the model can give
+        than ten uncertainties.
     """
     if not u > 0:
-        raise InputRefused("measured ratio", f"has the uncertainty {u:g}", "give a positive standard uncertainty")
+        raise InputRefused(
+            "measured ratio", f"has the uncertainty {u:g}", "give a positive standard uncertainty"
+        )
     z_hat = grid(low, high)
-    values = np.stack([np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios])
+    values = np.stack(
+        [np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
+    )
     deviation = (measured - values) / u
     outside = max(float(values.min()) - measured, measured - float(values.max())) / u
     if min(outside, abs(measured - 1.0) / u) > 10:
         raise InputRefused(
             "measured ratio",
-            f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between {values.min():.4g} and {values.max():.4g}",
+            f"{measured:.4g} is {outside:.0f} standard uncertainties from everything between"
+            f" {values.min():.4g} and {values.max():.4g}",
             "lift has another cause, or its uncertainty is larger than said",
         )
-    # per log z, in which the prior is flat; the evidence of a boundary is the likelihood's mean over it
-    # relative to the likeliest height, and to no boundary, which may be far likelier than any
+    # per log z, in which the prior is flat; the evidence of a boundary is the likelihood's mean
+    # over it relative to the likeliest height, and to no boundary, which may be far likelier than
+    # any
     nearest, alone = float((deviation**2).min()), ((measured - 1.0) / u) ** 2
     likelihood = np.exp(-0.5 * (deviation**2 - nearest)).mean(axis=0)
     log_z = np.log(z_hat)
     width = np.gradient(log_z)
     least = min(nearest, alone)
-    evidence = float(np.sum(likelihood * width) / (log_z[-1] - log_z[0]) * np.exp(-0.5 * (nearest - least)))
+    evidence = float(
+        np.sum(likelihood * width) / (log_z[-1] - log_z[0]) * np.exp(-0.5 * (nearest - least))
+    )
     none = float(np.exp(-0.5 * (alone - least)))
     total = (1 - beyond) * evidence + beyond * none
     mass = likelihood * width
@@ -136,9 +158,16 @@ def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high:
 
 
 def ratio_of_hover(
-    throttle: float, weight_N: float, u_weight: float, levels: Sequence[float], lift_inf_N: Sequence[float], u_lift: float, u_throttle: float = 0.0
+    throttle: float,
+    weight_N: float,
+    u_weight: float,
+    levels: Sequence[float],
+    lift_inf_N: Sequence[float],
+    u_lift: float,
+    u_throttle: float = 0.0,
 ) -> tuple[float, float]:
-    """L / L_inf of a vehicle that hovers at a throttle: weight over the lift that this throttle gives far away; and its uncertainty.
+    """L / L_inf of a vehicle that hovers at a throttle: weight over the lift that this throttle
+    gives far away; and its uncertainty.
 
     Parameters
     ----------
@@ -147,11 +176,13 @@ def ratio_of_hover(
     weight_N, u_weight : float
         Weight, payload included, in N, and its relative standard uncertainty.
     levels, lift_inf_N : sequence of float
-        The throttles measured, ascending, and lift far away at each; between them lift goes as a power of throttle.
+        The throttles measured, ascending, and lift far away at each; between them lift goes as a
+        power of throttle.
     u_lift : float
         Relative standard uncertainty of lift far away: levels, supply.
     u_throttle : float
-        Standard uncertainty of the throttle, as a fraction of full; it counts with the power between the levels beside it.
+        Standard uncertainty of the throttle, as a fraction of full; it counts with the power
+        between the levels beside it.
 
     Raises
     ------
@@ -160,11 +191,20 @@ def ratio_of_hover(
     """
     if not levels[0] <= throttle <= levels[-1]:
         raise InputRefused(
-            "throttle", f"{throttle:.3g} is outside {levels[0]:.3g} to {levels[-1]:.3g}, where lift was measured", "measure lift at that throttle too"
+            "throttle",
+            f"{throttle:.3g} is outside {levels[0]:.3g} to {levels[-1]:.3g}, where lift was"
+            " measured",
+            "measure lift at that throttle too",
         )
     log_levels, log_lift = np.log(levels), np.log(lift_inf_N)
     far = float(np.exp(np.interp(np.log(throttle), log_levels, log_lift)))
     ratio = weight_N / far
     i = int(np.clip(np.searchsorted(levels, throttle), 1, max(len(levels) - 1, 1)))
-    power = float((log_lift[i] - log_lift[i - 1]) / (log_levels[i] - log_levels[i - 1])) if len(levels) > 1 else 0.0
-    return ratio, ratio * float(np.sqrt(u_weight**2 + u_lift**2 + (power * u_throttle / throttle) ** 2))
+    power = (
+        float((log_lift[i] - log_lift[i - 1]) / (log_levels[i] - log_levels[i - 1]))
+        if len(levels) > 1
+        else 0.0
+    )
+    return ratio, ratio * float(
+        np.sqrt(u_weight**2 + u_lift**2 + (power * u_throttle / throttle) ** 2)
+    )

@@ -1,12 +1,15 @@
 """From how far a boundary can be noticed, at given rates of false alarms and misses.
 
-Without a boundary the ratio's estimate scatters about 1 with standard deviation sigma(T). An alarm is raised when it departs, in the
-boundary's direction, by more than k_fa sigma, with k_fa the normal quantile of the false-alarm rate; a boundary that changes lift by
-D is missed with the given rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L/L_inf - 1| is that much.
+Without a boundary the ratio's estimate scatters about 1 with standard deviation sigma(T). An alarm
+is raised when it departs, in the boundary's direction, by more than k_fa sigma, with k_fa the
+normal quantile of the false-alarm rate; a boundary that changes lift by D is missed with the given
+rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L/L_inf - 1| is that
+much.
 
     sigma(T)^2 = short^2 / T + floor^2 + payload^2 + supply^2
 
-short^2 is the noise's density (relative, per second), what averaging takes away; the others it does not touch.
+short^2 is the noise's density (relative, per second), what averaging takes away; the others it does
+not touch.
 """
 
 from __future__ import annotations
@@ -36,8 +39,14 @@ class Sensor:
     floor: float
 
     def sigma(self, averaging_s: float, payload: float = 0.0, supply: float = 0.0) -> float:
-        """Standard deviation of the ratio's estimate; `payload` and `supply` are relative standard uncertainties of weight and lift."""
-        return float(np.sqrt(self.short_per_sqrt_Hz**2 / averaging_s + self.floor**2 + payload**2 + supply**2))
+        """Standard deviation of the ratio's estimate; `payload` and `supply` are relative standard
+        uncertainties of weight and lift.
+        """
+        return float(
+            np.sqrt(
+                self.short_per_sqrt_Hz**2 / averaging_s + self.floor**2 + payload**2 + supply**2
+            )
+        )
 
 
 def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
@@ -47,8 +56,11 @@ def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
     return float(sigma * (-ndtri(false_alarm_rate) - ndtri(miss_rate)))
 
 
-def reach(ratio: Callable[[FloatArray], FloatArray], change: float, low: float, high: float) -> float:
-    """The largest z_hat at which lift differs from L_inf by `change`; nan where it does so nowhere, `high` where it does so everywhere.
+def reach(
+    ratio: Callable[[FloatArray], FloatArray], change: float, low: float, high: float
+) -> float:
+    """The largest z_hat at which lift differs from L_inf by `change`; nan where it does so nowhere,
+    `high` where it does so everywhere.
 
     Nothing is said beyond `high`, the farthest station measured, nor below `low`, the nearest.
     """
@@ -64,8 +76,16 @@ def reach(ratio: Callable[[FloatArray], FloatArray], change: float, low: float, 
     return float(z_hat[last] + (z_hat[last + 1] - z_hat[last]) * (a - change) / (a - b))
 
 
-def reaches(ratios: Sequence[Callable[[FloatArray], FloatArray]], change: float, low: float, high: float) -> tuple[float, float, float]:
-    """Range of the first (the best estimate), and its 90 % interval over the others; an undetectable draw counts as zero."""
+def reaches(
+    ratios: Sequence[Callable[[FloatArray], FloatArray]], change: float, low: float, high: float
+) -> tuple[float, float, float]:
+    """Range of the first (the best estimate), and its 90 % interval over the others; an
+    undetectable draw counts as zero.
+    """
     found = [reach(f, change, low, high) for f in ratios]
-    lo90, hi90 = np.percentile(np.nan_to_num(found[1:], nan=0.0), [5, 95]) if len(found) > 1 else (found[0], found[0])
+    lo90, hi90 = (
+        np.percentile(np.nan_to_num(found[1:], nan=0.0), [5, 95])
+        if len(found) > 1
+        else (found[0], found[0])
+    )
     return found[0], float(lo90), float(hi90)

@@ -1,4 +1,6 @@
-"""Outside formats to records: the only place for foreign units and dialects. One file per format, listed here."""
+"""Outside formats to records: the only place for foreign units and dialects. One file per format,
+listed here.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from nearlift.plugins import gather
 if TYPE_CHECKING:
     from nearlift.readers.seam import Reader
 
-#: Each built-in reader by name: the module that declares it, imported when it is asked for, and what it is called there.
+#: Each built-in reader by name: the module that declares it, imported when it is asked for, and
+#: what it is called there.
 BUILT_IN = {
     "parquet": ("parquet", "PARQUET"),
     "csv": ("csv_trial", "CSV"),
@@ -42,7 +45,9 @@ def built_in(name: str) -> Reader:
 
 @functools.cache
 def readers() -> tuple[Reader, ...]:
-    """Every reader: the built-in ones, then those of installed packages (entry points `nearlift.readers`, one `Reader` each)."""
+    """Every reader: the built-in ones, then those of installed packages (entry points
+    `nearlift.readers`, one `Reader` each).
+    """
     from nearlift.readers.seam import Reader
 
     return gather(GROUP, Reader, map(built_in, BUILT_IN))

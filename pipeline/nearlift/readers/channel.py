@@ -1,4 +1,6 @@
-"""A file as channels: named series with the unit and the rate that the file states. What readers give and `inspect` shows."""
+"""A file as channels: named series with the unit and the rate that the file states. What readers
+give and `inspect` shows.
+"""
 
 from __future__ import annotations
 
@@ -80,12 +82,15 @@ _PRODUCT = str.maketrans({"·": "·", "⋅": "·", "∙": "·", "*": "·", "•"
 
 
 class Malformed(Exception):
-    """A file that contradicts its own structure or check sum: its trial is rejected, the campaign goes on."""
+    """A file that contradicts its own structure or check sum: its trial is rejected, the campaign
+    goes on.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One series: its name, the unit that the file states (empty: none), its samples, and the rate that the file states.
+    """One series: its name, the unit that the file states (empty: none), its samples, and the rate
+    that the file states.
 
     `n` counts the samples where they were not read.
     """
@@ -98,7 +103,9 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What was found in a file: its channels, how its format calls itself, quality codes, and remarks for the user."""
+    """What was found in a file: its channels, how its format calls itself, quality codes, and
+    remarks for the user.
+    """
 
     channels: tuple[Channel, ...]
     kind: str = ""
@@ -108,7 +115,9 @@ class Contents:
 
 @functools.lru_cache(maxsize=1024)
 def fold(text: str) -> str:
-    """A name as it is compared: compatible letters folded (both micro signs, all product signs), lower case, single blanks."""
+    """A name as it is compared: compatible letters folded (both micro signs, all product signs),
+    lower case, single blanks.
+    """
     plain = unicodedata.normalize("NFKC", text).translate(_PRODUCT).casefold()
     return " ".join(plain.split())
 
@@ -124,7 +133,9 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def unit_word(cell: str) -> str | None:
-    """What nearlift calls the unit in a cell, brackets aside; None where the cell is no unit, empty for none."""
+    """What nearlift calls the unit in a cell, brackets aside; None where the cell is no unit, empty
+    for none.
+    """
     plain = fold(cell.strip().strip("()[]"))
     if not plain:
         return ""
@@ -150,21 +161,35 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
         if len(found) == 1:
             return found[0]
         if found:
-            raise InputRefused(where, f"has more than one column {column!r}: {', '.join(repr(c.name) for c in found)}", f"{key} names one of them")
+            raise InputRefused(
+                where,
+                f"has more than one column {column!r}: {', '.join(repr(c.name) for c in found)}",
+                f"{key} names one of them",
+            )
     names = [c.name for c in channels]
     close = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
-    listed = ", ".join(repr(n) for n in names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
-    raise InputRefused(where, f"has no column {column!r}", f'{key} = "{close[0]}"?' if close else f"it has {listed or 'none'}; {key} names it")
+    listed = ", ".join(repr(n) for n in names[:12]) + (
+        f" and {len(names) - 12} more" if len(names) > 12 else ""
+    )
+    raise InputRefused(
+        where,
+        f"has no column {column!r}",
+        f'{key} = "{close[0]}"?' if close else f"it has {listed or 'none'}; {key} names it",
+    )
 
 
 def wanted(name: str, names: Sequence[str]) -> bool:
-    """Whether `pick` may choose this channel for one of these names, so that a reader need not read others."""
+    """Whether `pick` may choose this channel for one of these names, so that a reader need not read
+    others.
+    """
     own = {fold(name), fold(split_unit(name)[0]), fold(re.split(r"[/.]", name)[-1])}
     return any(fold(n) in own for n in names)
 
 
 def rate_of(clock: FloatArray) -> float | None:
-    """The steady rate of a clock in s, Hz: the inverse of its median step; None where it has none."""
+    """The steady rate of a clock in s, Hz: the inverse of its median step; None where it
+    has none.
+    """
     steps = np.diff(clock[np.isfinite(clock)])
     usual = float(np.median(steps)) if len(steps) else 0.0
     return 1 / usual if usual > 0 else None

@@ -1,8 +1,10 @@
-"""Files that a C library parses (HDF5, MATLAB, netCDF, Parquet) or that claim sizes of their own (TDMS) are read in a child process.
+"""Files that a C library parses (HDF5, MATLAB, netCDF, Parquet) or that claim sizes of their own
+(TDMS) are read in a child process.
 
-The child may use so much memory and time, may write no file, loads no code from the folder of the data, and speaks to its parent in
-JSON and plain float64: no pickle, so that even a child taken over by a file could send nothing but numbers. A child takes longer to
-start than to read a hundred files, so it serves many; a crash, or a limit reached, costs the one file that caused it.
+The child may use so much memory and time, may write no file, loads no code from the folder of the
+data, and speaks to its parent in JSON and plain float64: no pickle, so that even a child taken over
+by a file could send nothing but numbers. A child takes longer to start than to read a hundred
+files, so it serves many; a crash, or a limit reached, costs the one file that caused it.
 """
 
 from __future__ import annotations
@@ -39,9 +41,11 @@ if TYPE_CHECKING:
 #: Address space of the child, bytes, and time for one file, s.
 MEMORY = 2 << 30
 TIME_S = 120.0
-#: Files after which a lasting child is let go, and files that it is asked for before their turn, so that it reads while records are reduced.
+#: Files after which a lasting child is let go, and files that it is asked for before their turn, so
+#: that it reads while records are reduced.
 FILES, AHEAD = 1000, 3
-#: Bytes that may wait in the pipe, where the system grants as many: several records, so that the child need not wait at each.
+#: Bytes that may wait in the pipe, where the system grants as many: several records, so that the
+#: child need not wait at each.
 PIPE = 1 << 20
 #: The folder that holds nearlift.
 PACKAGE = str(Path(__file__).parents[2])
@@ -61,16 +65,30 @@ def source(form: Format, time_s: float = TIME_S, memory: int = MEMORY) -> Iterat
         yield functools.partial(_contents, child, form.name)
 
 
-def _contents(child: Child, reader: str, path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def _contents(
+    child: Child, reader: str, path: Path, dialect: Mapping[str, Any], names: Names
+) -> Contents:
     """The contents of one file; raises as `Child.ask` does."""
-    [(answer, values)] = child.ask({"reader": reader, "path": str(path), "dialect": dict(dialect), "names": names})
-    channels = tuple(Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v) for c, v in zip(answer["channels"], values, strict=True))
-    return Contents(channels=channels, kind=answer["kind"], codes=tuple(answer["codes"]), notes=tuple(answer["notes"]))
+    [(answer, values)] = child.ask(
+        {"reader": reader, "path": str(path), "dialect": dict(dialect), "names": names}
+    )
+    channels = tuple(
+        Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v)
+        for c, v in zip(answer["channels"], values, strict=True)
+    )
+    return Contents(
+        channels=channels,
+        kind=answer["kind"],
+        codes=tuple(answer["codes"]),
+        notes=tuple(answer["notes"]),
+    )
 
 
 @contextlib.contextmanager
 def lasting(form: Format) -> Iterator[Reading]:
-    """As `source`, by a child that is kept for whoever asks next; the last ones end with this process."""
+    """As `source`, by a child that is kept for whoever asks next; the last ones end with this
+    process.
+    """
     if not form.child:
         yield form.contents
         return
@@ -79,7 +97,8 @@ def lasting(form: Format) -> Iterator[Reading]:
 
 
 def rows(asked: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
-    """The rows of records that a child reads and reduces, in the order in which they are asked for; no sample leaves the child.
+    """The rows of records that a child reads and reduces, in the order in which they are asked for;
+    no sample leaves the child.
 
     A file that is damaged, or that its reader crashed over, is MALFORMED.
 
@@ -100,10 +119,20 @@ def rows(asked: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
             try:
                 [(answer, _)] = worker.ask(*lines[i : i + 1 + AHEAD])
             except Malformed as fault:
-                yield Row(**about, reduced=Reduced(codes=("MALFORMED",)), fault=f"{request['source']}: {fault}")
+                yield Row(
+                    **about,
+                    reduced=Reduced(codes=("MALFORMED",)),
+                    fault=f"{request['source']}: {fault}",
+                )
                 continue
             reduced = Reduced(**{**answer["reduced"], "codes": tuple(answer["reduced"]["codes"])})
-            yield Row(**about, reduced=reduced, samples=answer["samples"], notes=tuple(answer["notes"]), fault=answer["fault"])
+            yield Row(
+                **about,
+                reduced=reduced,
+                samples=answer["samples"],
+                notes=tuple(answer["notes"]),
+                fault=answer["fault"],
+            )
 
 
 @contextlib.contextmanager
@@ -150,10 +179,19 @@ def dismiss() -> None:
 
 
 def _fresh(environment: Mapping[str, str], memory: int) -> subprocess.Popen[bytes]:
-    """A child in an interpreter of its own, which takes as long to be ready as to read a hundred files."""
+    """A child in an interpreter of its own, which takes as long to be ready as to read a hundred
+    files.
+    """
     return subprocess.Popen(
-        # -P: the current folder, which may be one of data, is no place to import from; -B: write nothing
-        [sys.executable, "-P", "-B", "-c", f"from nearlift.readers.child import serve; serve(0, 1, {memory})"],
+        # -P: the current folder, which may be one of data, is no place to import from; -B: write
+        # nothing
+        [
+            sys.executable,
+            "-P",
+            "-B",
+            "-c",
+            f"from nearlift.readers.child import serve; serve(0, 1, {memory})",
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -164,7 +202,8 @@ def _fresh(environment: Mapping[str, str], memory: int) -> subprocess.Popen[byte
 
 
 class Copy:
-    """A child that begins as a copy of this process, ready at once; a process with threads is not copied, for their locks would stay locked.
+    """A child that begins as a copy of this process, ready at once; a process with threads is not
+    copied, for their locks would stay locked.
 
     It has the interface of `subprocess.Popen`, as far as that is used here.
     """
@@ -220,13 +259,16 @@ def _as_if_fresh(environment: Mapping[str, str], requests: int, answers: int, me
 
 
 class Child:
-    """The process, started when the first file comes and again after each that killed it; `files` counts the questions put to it."""
+    """The process, started when the first file comes and again after each that killed it; `files`
+    counts the questions put to it.
+    """
 
     def __init__(self, time_s: float = TIME_S, memory: int = MEMORY) -> None:
         self.time_s, self.memory = time_s, memory
         self.process: subprocess.Popen[bytes] | Copy | None = None
         self.files = 0
-        #: Requests that wait for their answers, and until when the first one's may take (time.monotonic).
+        #: Requests that wait for their answers, and until when the first one's may take
+        #: (time.monotonic).
         self._sent: deque[bytes] = deque()
         self._until = math.inf
         self._ended = threading.Event()
@@ -247,9 +289,15 @@ class Child:
                 "ARROW_DEFAULT_MEMORY_POOL": "system",
                 "OPENBLAS_NUM_THREADS": "1",
                 "OMP_NUM_THREADS": "1",
-                "PYTHONPATH": os.pathsep.join(p for p in (PACKAGE, os.environ.get("PYTHONPATH", "")) if p),
+                "PYTHONPATH": os.pathsep.join(
+                    p for p in (PACKAGE, os.environ.get("PYTHONPATH", "")) if p
+                ),
             }
-            self.process = Copy(environment, self.memory) if copies.alone() else _fresh(environment, self.memory)
+            self.process = (
+                Copy(environment, self.memory)
+                if copies.alone()
+                else _fresh(environment, self.memory)
+            )
             with contextlib.suppress(ImportError, AttributeError, OSError):
                 import fcntl
 
@@ -264,8 +312,11 @@ class Child:
                 process.kill()
                 return
 
-    def ask(self, request: Mapping[str, Any] | bytes, *later: Mapping[str, Any] | bytes) -> Iterator[Answer]:
-        """The answers to one request, as they come; one request at a time. The child may begin with `later` ones, which are asked for next.
+    def ask(
+        self, request: Mapping[str, Any] | bytes, *later: Mapping[str, Any] | bytes
+    ) -> Iterator[Answer]:
+        """The answers to one request, as they come; one request at a time. The child may begin with
+        `later` ones, which are asked for next.
 
         A request that is asked for more than once on its way may be given as its `line`.
 
@@ -318,7 +369,10 @@ class Child:
             self.end()
             if time.monotonic() >= until:
                 raise Malformed(f"its reader was stopped after {self.time_s:g} s") from None
-            raise Malformed(f"its reader crashed (exit code {process.returncode}), at most {self.memory >> 20} MiB of memory allowed") from None
+            raise Malformed(
+                f"its reader crashed (exit code {process.returncode}), at most {self.memory >> 20}"
+                " MiB of memory allowed"
+            ) from None
         finally:
             self._until = math.inf
         if not answer.get("more"):
@@ -353,8 +407,12 @@ def _exactly(pipe: IO[bytes], n: int) -> bytes:
 
 
 def _received(pipe: IO[bytes]) -> Answer:
-    answer: dict[str, Any] = json.loads(_exactly(pipe, _LENGTH.unpack(_exactly(pipe, _LENGTH.size))[0]))
-    return answer, [np.frombuffer(_exactly(pipe, 8 * n), dtype="<f8") for n in answer.pop("lengths")]
+    answer: dict[str, Any] = json.loads(
+        _exactly(pipe, _LENGTH.unpack(_exactly(pipe, _LENGTH.size))[0])
+    )
+    return answer, [
+        np.frombuffer(_exactly(pipe, 8 * n), dtype="<f8") for n in answer.pop("lengths")
+    ]
 
 
 def serve(requests: int, answers: int, memory: int) -> None:
@@ -377,7 +435,9 @@ def serve(requests: int, answers: int, memory: int) -> None:
 
 
 def _await_parents_end(requests: int) -> None:
-    """End with the parent, were it killed while a file is being read: nobody is left to stop the clock."""
+    """End with the parent, were it killed while a file is being read: nobody is left to stop the
+    clock.
+    """
     # Windows has no such call; there the child ends with its answer, which nobody takes
     if hasattr(select, "poll"):
         lifeline = select.poll()
@@ -390,7 +450,17 @@ def _await_parents_end(requests: int) -> None:
 def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
     name = request.get("piv") or request.get("reader") or "Parquet"
     try:
-        read = _read_fields if "piv" in request else _read_table if "table" in request else _reduce if "said" in request else _read_contents
+        read = (
+            _read_fields
+            if "piv" in request
+            else (
+                _read_table
+                if "table" in request
+                else _reduce
+                if "said" in request
+                else _read_contents
+            )
+        )
         yield from read(name, Path(request["path"]), request)
     except InputRefused as refusal:
         yield {"refused": [refusal.where, refusal.what, refusal.remedy]}, []
@@ -398,7 +468,9 @@ def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
         yield {"malformed": str(fault)}, []
     except MemoryError:
         yield {"malformed": "it needs more memory than its reader is allowed"}, []
-    except Exception as fault:  # libraries raise anything on damaged bytes; the child turns it into one kind
+    except (
+        Exception
+    ) as fault:  # libraries raise anything on damaged bytes; the child turns it into one kind
         yield {"malformed": _unreadable(name, fault)}, []
 
 
@@ -416,9 +488,14 @@ def _format(name: str) -> Format:
 
 
 def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
-    found = _format(name).contents(path, request["dialect"], None if request["names"] is None else tuple(request["names"]))
+    found = _format(name).contents(
+        path, request["dialect"], None if request["names"] is None else tuple(request["names"])
+    )
     listed = [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz} for c in found.channels]
-    yield {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes}, [c.values for c in found.channels]
+    yield (
+        {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes},
+        [c.values for c in found.channels],
+    )
 
 
 def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
@@ -434,7 +511,9 @@ def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answe
         except Exception as fault:
             raise Malformed(_unreadable(name, fault)) from None
 
-    conditions = Conditions(**{**request["conditions"], "limits": Limits(**request["conditions"]["limits"])})
+    conditions = Conditions(
+        **{**request["conditions"], "limits": Limits(**request["conditions"]["limits"])}
+    )
     found = record(contents, Said(**request["said"]), request["trial"], path, request["source"])
     try:
         # damaged numbers may be anything
@@ -452,7 +531,10 @@ def _read_fields(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[
     from nearlift.readers.piv.sniff import dialect
 
     for raw in dialect(name).read(path):
-        about = {key: getattr(raw, key) for key in ("length_unit", "velocity_unit", "scale_m", "frame_time_s")}
+        about = {
+            key: getattr(raw, key)
+            for key in ("length_unit", "velocity_unit", "scale_m", "frame_time_s")
+        }
         yield {"field": about, "more": True}, [raw.x, raw.y, raw.u, raw.v, raw.good.astype(float)]
     yield {"end": True}, []
 
@@ -461,10 +543,14 @@ def _read_table(_: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answ
     from nearlift.readers import long_table
 
     if request["table"] == "spans":
-        trials, rows, ends = long_table.spans(path, [(key, name) for key, name in request["columns"]])
+        trials, rows, ends = long_table.spans(
+            path, [(key, name) for key, name in request["columns"]]
+        )
         yield {"trials": trials}, [rows[:, 0], rows[:, 1], ends]
         return
-    for arrays in long_table.batches(path, request["columns"], request["first"], request["end"], request["size"]):
+    for arrays in long_table.batches(
+        path, request["columns"], request["first"], request["end"], request["size"]
+    ):
         yield {"more": True}, arrays
     yield {"end": True}, []
 
@@ -475,6 +561,10 @@ def _limit(memory: int) -> None:
         import resource
     except ImportError:
         return
-    for kind, limit in ((resource.RLIMIT_AS, memory), (resource.RLIMIT_FSIZE, 0), (resource.RLIMIT_CORE, 0)):
+    for kind, limit in (
+        (resource.RLIMIT_AS, memory),
+        (resource.RLIMIT_FSIZE, 0),
+        (resource.RLIMIT_CORE, 0),
+    ):
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(kind, (limit, limit))

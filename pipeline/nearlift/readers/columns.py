@@ -1,4 +1,6 @@
-"""The columns of a schedule: what each is called outside and inside, and how its cells become SI numbers."""
+"""The columns of a schedule: what each is called outside and inside, and how its cells become SI
+numbers.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """A column that the contract names: `name` in trials.csv, `inside` in products, and its dimension or kind."""
+    """A column that the contract names: `name` in trials.csv, `inside` in products, and its
+    dimension or kind.
+    """
 
     name: str
     inside: str
@@ -70,7 +74,11 @@ class Cells:
 
     def at(self, i: int) -> str:
         """Where cell `i` stands."""
-        return f"{self.file}, line {self.lines[i]}, column {self.name!r}" if self.lines else f"{self.file}, constant {self.name!r}"
+        return (
+            f"{self.file}, line {self.lines[i]}, column {self.name!r}"
+            if self.lines
+            else f"{self.file}, constant {self.name!r}"
+        )
 
 
 def near(name: str, among: Sequence[str]) -> str:
@@ -93,7 +101,11 @@ def numbers(cells: Cells, *, blank: bool) -> NDArray[np.float64]:
         if NUMBER.fullmatch(value):
             out[i] = float(value)
             if math.isinf(out[i]):
-                raise ManifestError(cells.at(i), f"{brief(value)} is beyond what a number can hold", "mend it; the largest is 1.8e308")
+                raise ManifestError(
+                    cells.at(i),
+                    f"{brief(value)} is beyond what a number can hold",
+                    "mend it; the largest is 1.8e308",
+                )
         elif value.lower() in BLANK:
             if not blank:
                 raise ManifestError(cells.at(i), without(value), "every trial needs this number")
@@ -113,8 +125,11 @@ def without(text: str) -> str:
     return f"{text.strip()!r} is no value" if text.strip() else "is empty"
 
 
-def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True) -> NDArray[np.float64]:
-    """The cells in SI, NaN where blank. `unit` is what the manifest says, None where it says nothing.
+def quantity(
+    cells: Cells, known: Known, unit: str | None, *, blank: bool = True
+) -> NDArray[np.float64]:
+    """The cells in SI, NaN where blank. `unit` is what the manifest says, None where it says
+    nothing.
 
     Raises
     ------
@@ -125,14 +140,17 @@ def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True
     if not unit:
         si = "percent" if known.dimension == "fraction" else units.SI[known.dimension]
         raise ManifestError(
-            "trials.units", f"the column {known.name!r} has no unit", f'add {known.name} = "..." (such as "{si}") under [trials.units]'
+            "trials.units",
+            f"the column {known.name!r} has no unit",
+            f'add {known.name} = "..." (such as "{si}") under [trials.units]',
         )
     factor, offset = units.to_si(unit, known.dimension, f"trials.units.{known.name}")
     return factor * numbers(cells, blank=blank) + offset
 
 
 def seconds(cells: Cells, unit: str | None) -> NDArray[np.float64]:
-    """Start times: numbers in `unit`, or ISO 8601 texts, which become seconds since the first trial.
+    """Start times: numbers in `unit`, or ISO 8601 texts, which become seconds since the first
+    trial.
 
     Raises
     ------
@@ -159,12 +177,18 @@ def seconds(cells: Cells, unit: str | None) -> NDArray[np.float64]:
             ) from None
     known = [s for s in stamps if s is not None]
     if len({s.tzinfo is None for s in known}) > 1:
-        raise ManifestError(f"{cells.file}, column 'start'", "mixes times with and without a time zone", "write all of them alike")
+        raise ManifestError(
+            f"{cells.file}, column 'start'",
+            "mixes times with and without a time zone",
+            "write all of them alike",
+        )
     return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
 
 
 def further(cells: Cells) -> NDArray[Any]:
-    """A column that the contract does not name: numbers if every filled cell is one, else the texts."""
+    """A column that the contract does not name: numbers if every filled cell is one, else the
+    texts.
+    """
     filled = [t.strip() for t in cells.texts if t.strip().lower() not in BLANK]
     if filled and all(NUMBER.fullmatch(t) for t in filled):
         return numbers(cells, blank=True)

@@ -1,7 +1,8 @@
-"""The Crazyflie's system identification CSV: ``weight[g],pwm,vbat[V],rpm1,...`` or ``...,thrust[g]``, without a clock.
+"""The Crazyflie's system identification CSV: ``weight[g],pwm,vbat[V],rpm1,...`` or
+``...,thrust[g]``, without a clock.
 
-Grams are gram-force. The craft hangs upside down and weights may be negative, so say `sign`. Which gravity its calibration used is the
-lab's to know: 9.8, 9.80665 and 9.807 are all in use.
+Grams are gram-force. The craft hangs upside down and weights may be negative, so say `sign`. Which
+gravity its calibration used is the lab's to know: 9.8, 9.80665 and 9.807 are all in use.
 """
 
 from __future__ import annotations
@@ -23,7 +24,12 @@ def _known(names: set[str]) -> bool:
 def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
     """The channels of a system identification file; raises as `stand.contents`."""
     return stand.contents(
-        path, names, title="Crazyflie system identification", known=_known, texts=(), speeds=lambda n: re.fullmatch(r"rpm\d", n) is not None
+        path,
+        names,
+        title="Crazyflie system identification",
+        known=_known,
+        texts=(),
+        speeds=lambda n: re.fullmatch(r"rpm\d", n) is not None,
     )
 
 

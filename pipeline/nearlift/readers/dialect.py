@@ -1,11 +1,12 @@
 """The dialect of a text file, found strictly: one reading fits, or the file is refused.
 
-A dialect is an encoding, a separator, a decimal sign, lines above the header, a header, perhaps a row of units, perhaps a
-separator at the end of every line. Each pair of separator and decimal sign is tried on the first lines; a pair fits if every
-line from the first row of numbers on has the same number of cells, numeric where the first row's are, under a header of as many names. What
-fits a hundred lines alone is tried on the others of the first 64 kB; where it fails there, every pair is tried on all of them. Two
-pairs that fit and read different numbers are ambiguous, and so is a comma that may part thousands. What the manifest says under
-``[records] dialect`` is not guessed.
+A dialect is an encoding, a separator, a decimal sign, lines above the header, a header, perhaps a
+row of units, perhaps a separator at the end of every line. Each pair of separator and decimal sign
+is tried on the first lines; a pair fits if every line from the first row of numbers on has the same
+number of cells, numeric where the first row's are, under a header of as many names. What fits a
+hundred lines alone is tried on the others of the first 64 kB; where it fails there, every pair is
+tried on all of them. Two pairs that fit and read different numbers are ambiguous, and so is a comma
+that may part thousands. What the manifest says under ``[records] dialect`` is not guessed.
 """
 
 from __future__ import annotations
@@ -24,12 +25,20 @@ from nearlift.readers.table import BLANKS, NONE, Cells, label, row_of
 from nearlift.readers.words import value_of
 from nearlift.units import NUMBER
 
-#: As many bytes as the sniffer looks at, and as many lines at first: whatever fits all of the bytes fits those.
+#: As many bytes as the sniffer looks at, and as many lines at first: whatever fits all of the bytes
+#: fits those.
 HEAD, SHORT = 1 << 16, 100
 #: Rows in which two dialects must read the same numbers, or the file is ambiguous.
 READ = 20
 SEPARATORS = ("\t", ";", ",", "|", BLANKS, NONE)
-SPOKEN = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", BLANKS: "blanks", NONE: "line ends"}
+SPOKEN = {
+    "\t": "tabs",
+    ";": "semicolons",
+    ",": "commas",
+    "|": "bars",
+    BLANKS: "blanks",
+    NONE: "line ends",
+}
 #: How a manifest may call a separator.
 NAMED = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": BLANKS, "none": NONE}
 _MARKS = (
@@ -56,10 +65,12 @@ class NoNames(InputRefused):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Given:
-    """What the manifest says of the dialect, under ``[records] dialect``; None or empty where it says nothing.
+    """What the manifest says of the dialect, under ``[records] dialect``; None or empty where it
+    says nothing.
 
-    `columns` and `units` name the cells of a file without a header; `skip` counts the lines above the header (or the first row);
-    `ignore` lists whole lines that are no rows; `labels` says that cells are ``name: number``.
+    `columns` and `units` name the cells of a file without a header; `skip` counts the lines above
+    the header (or the first row); `ignore` lists whole lines that are no rows; `labels` says that
+    cells are ``name: number``.
     """
 
     encoding: str | None = None
@@ -74,7 +85,9 @@ class Given:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """A dialect found: how to cut the lines, the columns' names and units, and the line (from 1) of the first row."""
+    """A dialect found: how to cut the lines, the columns' names and units, and the line (from 1) of
+    the first row.
+    """
 
     encoding: str
     cells: Cells
@@ -89,9 +102,15 @@ class Layout:
         """The dialect in words; empty for plain CSV."""
         parts = []
         if self.encoding not in ("utf-8", "ascii"):
-            parts.append({"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}.get(self.encoding, self.encoding.upper()))
+            parts.append(
+                {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}.get(
+                    self.encoding, self.encoding.upper()
+                )
+            )
         if self.cells.separator not in (",", NONE):
-            parts.append(f"separated by {SPOKEN.get(self.cells.separator, repr(self.cells.separator))}")
+            parts.append(
+                f"separated by {SPOKEN.get(self.cells.separator, repr(self.cells.separator))}"
+            )
         if self.cells.decimal == ",":
             parts.append("decimal commas")
         if self.cells.trailing:
@@ -99,7 +118,10 @@ class Layout:
         if self.cells.labels:
             parts.append("labelled cells")
         if self.preamble:
-            parts.append(f"{len(self.preamble)} line{'s' * (len(self.preamble) > 1)} above the columns' names left out")
+            parts.append(
+                f"{len(self.preamble)} line{'s' * (len(self.preamble) > 1)} above the columns'"
+                " names left out"
+            )
         return ", ".join(parts)
 
 
@@ -114,14 +136,22 @@ def encoding_of(head: bytes, where: str) -> str:
     for mark, name in _MARKS:
         if head.startswith(mark):
             return name
-    if head.startswith((b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")):
-        raise InputRefused(where, "is compressed", "unpack it: what is inside is then digested and read as it is")
+    if head.startswith(
+        (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")
+    ):
+        raise InputRefused(
+            where, "is compressed", "unpack it: what is inside is then digested and read as it is"
+        )
     if b"\0" in head.rstrip(b"\0"):
         pairs = head[: len(head) // 2 * 2]
         for name, zeros in (("utf-16-le", pairs[1::2]), ("utf-16-be", pairs[0::2])):
             if zeros.count(0) > 0.9 * len(zeros):
                 return name
-        raise InputRefused(where, "is no text: it holds NUL bytes", "it is damaged, or binary: `nearlift inspect FILE` says what it is")
+        raise InputRefused(
+            where,
+            "is no text: it holds NUL bytes",
+            "it is damaged, or binary: `nearlift inspect FILE` says what it is",
+        )
     try:
         # a character may be cut at the end of the head
         codecs.getincrementaldecoder("utf-8")().decode(head)
@@ -143,7 +173,11 @@ def sniff(head: bytes, where: str, given: Given = Given(), *, whole: bool = True
     try:
         text = codecs.getincrementaldecoder(encoding)().decode(head)
     except (UnicodeDecodeError, LookupError) as fault:
-        raise InputRefused(where, f"is not {encoding} text: {fault}", "mend `encoding` under [records] dialect, or leave it out") from None
+        raise InputRefused(
+            where,
+            f"is not {encoding} text: {fault}",
+            "mend `encoding` under [records] dialect, or leave it out",
+        ) from None
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     # what follows the last line feed may be cut off
     lines = lines[:-1] if len(lines) > 1 or not whole else lines
@@ -172,9 +206,15 @@ def _found(lines: Sequence[str], where: str, given: Given) -> Layout:
     if not fits:
         raise max(failed, key=lambda f: f[0])[1]
     if len(readings) > 1:
-        ways = " or ".join(f"{SPOKEN[c.cells.separator]} with decimal {'point' if c.cells.decimal == '.' else 'comma'}" for c, _ in fits[:2])
+        ways = " or ".join(
+            f"{SPOKEN[c.cells.separator]} with decimal"
+            f" {'point' if c.cells.decimal == '.' else 'comma'}"
+            for c, _ in fits[:2]
+        )
         raise InputRefused(
-            where, f"can be read in two ways: separated by {ways}", 'say which: dialect = { separator = "...", decimal = "..." } under [records]'
+            where,
+            f"can be read in two ways: separated by {ways}",
+            'say which: dialect = { separator = "...", decimal = "..." } under [records]',
         )
     found = fits[0][0]
     _no_thousands(found, lines, where, given)
@@ -182,10 +222,19 @@ def _found(lines: Sequence[str], where: str, given: Given) -> Layout:
 
 
 def _reads(layout: Layout, lines: Sequence[str], where: str) -> bool:
-    """Whether every line from the first row on has the layout's cells, with numbers in its columns of numbers."""
+    """Whether every line from the first row on has the layout's cells, with numbers in its columns
+    of numbers.
+    """
     body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
     try:
-        table.read(body, where, layout.first, layout.names, [i for i in range(len(layout.names)) if i not in layout.texts], layout.cells)
+        table.read(
+            body,
+            where,
+            layout.first,
+            layout.names,
+            [i for i in range(len(layout.names)) if i not in layout.texts],
+            layout.cells,
+        )
     except InputRefused:
         return False
     return True
@@ -195,18 +244,24 @@ def _reads(layout: Layout, lines: Sequence[str], where: str) -> bool:
 Reading = tuple[tuple[str, ...], tuple[tuple[float | None, ...], ...]]
 
 
-def _tried(lines: Sequence[str], where: str, given: Given) -> tuple[list[tuple[Layout, Reading]], list[tuple[int, InputRefused]]]:
+def _tried(
+    lines: Sequence[str], where: str, given: Given
+) -> tuple[list[tuple[Layout, Reading]], list[tuple[int, InputRefused]]]:
     """Every dialect that fits, and why each other does not, with how far it came."""
     fits: list[tuple[Layout, Reading]] = []
     failed: list[tuple[int, InputRefused]] = []
-    separators = SEPARATORS if given.separator is None else (NAMED.get(given.separator, given.separator),)
+    separators = (
+        SEPARATORS if given.separator is None else (NAMED.get(given.separator, given.separator),)
+    )
     decimals = (".", ",") if given.decimal is None else (given.decimal,)
     for strict in (True, False):
         for separator in separators:
             for decimal in decimals:
                 if separator == decimal:
                     continue
-                cells = Cells(separator=separator, decimal=decimal, ignore=given.ignore, labels=given.labels)
+                cells = Cells(
+                    separator=separator, decimal=decimal, ignore=given.ignore, labels=given.labels
+                )
                 try:
                     fits.append(_fit(lines, where, cells, given, strict=strict))
                 except _Unfit as unfit:
@@ -224,34 +279,61 @@ class _Unfit(Exception):
         self.lines, self.refusal = lines, refusal
 
 
-def _fit(lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict: bool) -> tuple[Layout, Reading]:
-    """The layout of a file read with these cells; `strict` wants every cell of a row to be numeric."""
+def _fit(
+    lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict: bool
+) -> tuple[Layout, Reading]:
+    """The layout of a file read with these cells; `strict` wants every cell of a row to
+    be numeric.
+    """
     start = _first_row(lines, cells, given, strict)
     if start is None:
         raise _Unfit(
-            -1, NoRows(where, "holds no row of numbers in any dialect known", "see docs/formats.md; dialect = { ... } under [records] helps")
+            -1,
+            NoRows(
+                where,
+                "holds no row of numbers in any dialect known",
+                "see docs/formats.md; dialect = { ... } under [records] helps",
+            ),
         )
     row = _cut(lines[start], cells)
     trailing = len(row) > 1 and row[-1] == "" and cells.separator not in (BLANKS, NONE)
     names, units, top = _header(lines, start, cells, given, row, trailing, where)
     if trailing and len(names) == len(row) - 1:
-        cells = Cells(separator=cells.separator, decimal=cells.decimal, trailing=True, ignore=cells.ignore, labels=cells.labels)
+        cells = Cells(
+            separator=cells.separator,
+            decimal=cells.decimal,
+            trailing=True,
+            ignore=cells.ignore,
+            labels=cells.labels,
+        )
     elif len(names) != len(row):
         raise _Unfit(
             0,
             InputRefused(
                 f"{where}, line {start + 1}",
                 f"has {len(row)} cells under {len(names)} column names",
-                "a decimal comma makes two cells of one where commas part cells; save it with decimal points, or parted by semicolons",
+                "a decimal comma makes two cells of one where commas part cells; save it with"
+                " decimal points, or parted by semicolons",
             ),
         )
     if cells.separator != NONE and len(names) < 2 and not cells.trailing:
         raise _Unfit(-2, InputRefused(where, "is one column", ""))
-    if not given.columns and cells.separator == NONE and re.search(r"[,;\t|]", re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])):
+    if (
+        not given.columns
+        and cells.separator == NONE
+        and re.search(r"[,;\t|]", re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0]))
+    ):
         raise _Unfit(-2, InputRefused(where, "is not one column", ""))
     twice = sorted(n for n, k in Counter(names).items() if k > 1)
     if twice:
-        raise _Unfit(len(lines), InputRefused(f"{where}, line {top}", f"has more than one column {twice[0]!r}", "rename or drop one of them"))
+        raise _Unfit(
+            len(lines),
+            InputRefused(
+                f"{where}, line {top}",
+                f"has more than one column {twice[0]!r}",
+                "rename or drop one of them",
+            ),
+        )
     first = [_value(cell, cells) for cell in row[: len(names)]]
     texts = tuple(i for i, value in enumerate(first) if value is None)
     reading: list[tuple[float | None, ...]] = []
@@ -264,17 +346,33 @@ def _fit(lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict
             found = row_of(line, place, names, cells)
         except InputRefused as refusal:
             raise _Unfit(at - start, refusal) from None
-        values = tuple(None if i in texts else value_of(cell, cells.decimal) for i, cell in enumerate(found))
+        values = tuple(
+            None if i in texts else value_of(cell, cells.decimal) for i, cell in enumerate(found)
+        )
         bad = next((i for i, value in enumerate(values) if value is None and i not in texts), None)
         if bad is not None:
             raise _Unfit(
                 at - start,
-                InputRefused(place, f"{found[bad]!r} in column {names[bad]!r} is not a number", "mend the line, or say the dialect under [records]"),
+                InputRefused(
+                    place,
+                    f"{found[bad]!r} in column {names[bad]!r} is not a number",
+                    "mend the line, or say the dialect under [records]",
+                ),
             )
         if len(reading) < READ:
             reading.append(tuple(0.5 if value != value else value for value in values))
-    above = tuple(line for line in lines[: top - 1] if line.strip() and line.strip() not in cells.ignore)
-    layout = Layout(encoding="", cells=cells, names=tuple(names), units=tuple(units), first=start + 1, preamble=above, texts=texts)
+    above = tuple(
+        line for line in lines[: top - 1] if line.strip() and line.strip() not in cells.ignore
+    )
+    layout = Layout(
+        encoding="",
+        cells=cells,
+        names=tuple(names),
+        units=tuple(units),
+        first=start + 1,
+        preamble=above,
+        texts=texts,
+    )
     return layout, (tuple(names), tuple(reading))
 
 
@@ -293,7 +391,9 @@ def _value(cell: str, cells: Cells) -> float | None:
 
 
 def _first_row(lines: Sequence[str], cells: Cells, given: Given, strict: bool) -> int | None:
-    """Index of the first line that holds a number and, if `strict`, nothing but numbers and words for none."""
+    """Index of the first line that holds a number and, if `strict`, nothing but numbers and words
+    for none.
+    """
     for at in range(given.skip or 0, len(lines)):
         line = lines[at]
         if not line.strip() or line.strip() in cells.ignore:
@@ -307,19 +407,36 @@ def _first_row(lines: Sequence[str], cells: Cells, given: Given, strict: bool) -
 
 
 def _header(
-    lines: Sequence[str], start: int, cells: Cells, given: Given, row: Sequence[str], trailing: bool, where: str
+    lines: Sequence[str],
+    start: int,
+    cells: Cells,
+    given: Given,
+    row: Sequence[str],
+    trailing: bool,
+    where: str,
 ) -> tuple[list[str], list[str], int]:
-    """Names and units of the columns, and the line (from 1) at which names or, without them, rows begin."""
+    """Names and units of the columns, and the line (from 1) at which names or, without them, rows
+    begin.
+    """
     if given.columns:
         return list(given.columns), list(given.units or [""] * len(given.columns)), start + 1
     if cells.labels:
         names = [pair[0] if (pair := label(cell)) else "" for cell in row]
         if not all(names):
             raise _Unfit(
-                0, InputRefused(f"{where}, line {start + 1}", f"has a cell without a label: {row[names.index('')]!r}", "mend the line, or say `skip`")
+                0,
+                InputRefused(
+                    f"{where}, line {start + 1}",
+                    f"has a cell without a label: {row[names.index('')]!r}",
+                    "mend the line, or say `skip`",
+                ),
             )
         return names, [""] * len(names), start + 1
-    above = [at for at in range(start - 1, -1, -1) if lines[at].strip() and lines[at].strip() not in cells.ignore]
+    above = [
+        at
+        for at in range(start - 1, -1, -1)
+        if lines[at].strip() and lines[at].strip() not in cells.ignore
+    ]
     heads = [_names(lines[at], cells, len(row), trailing) for at in above[:2]]
     if not heads or heads[0] is None:
         raise _Unfit(
@@ -327,11 +444,17 @@ def _header(
             NoNames(
                 f"{where}, line {start + 1}",
                 f"has no columns' names above its rows of {len(row)} cell{'s' * (len(row) > 1)}",
-                f'name them: dialect = {{ columns = ["force"{", ..." * (len(row) > 1)}] }} under [records]',
+                f'name them: dialect = {{ columns = ["force"{", ..." * (len(row) > 1)}] }} under'
+                " [records]",
                 len(row),
             ),
         )
-    if len(heads) > 1 and heads[1] is not None and len(heads[1]) == len(heads[0]) and all(unit_word(cell) is not None for cell in heads[0]):
+    if (
+        len(heads) > 1
+        and heads[1] is not None
+        and len(heads[1]) == len(heads[0])
+        and all(unit_word(cell) is not None for cell in heads[0])
+    ):
         return heads[1], [unit_word(cell) or "" for cell in heads[0]], above[1] + 1
     return heads[0], [split_unit(name)[1] for name in heads[0]], above[0] + 1
 
@@ -343,19 +466,30 @@ def _names(line: str, cells: Cells, columns: int, trailing: bool) -> list[str] |
         row = row[:-1]
     if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
         return None
-    if len(row) not in (columns, columns - 1) and not (cells.separator not in (BLANKS, NONE) and len(row) > 1):
+    if len(row) not in (columns, columns - 1) and not (
+        cells.separator not in (BLANKS, NONE) and len(row) > 1
+    ):
         return None
     return row
 
 
 def _no_thousands(found: Layout, lines: Sequence[str], where: str, given: Given) -> None:
-    """Refuse decimal commas that may as well part thousands: 1,234 everywhere, and never 0,5 or 12,34."""
+    """Refuse decimal commas that may as well part thousands: 1,234 everywhere, and never 0,5 or
+    12,34.
+    """
     if found.cells.decimal != "," or given.decimal is not None:
         return
-    cells = [c for line in lines[found.first - 1 :] if line.strip() for c in _cut(line, found.cells) if "," in c]
+    cells = [
+        c
+        for line in lines[found.first - 1 :]
+        if line.strip()
+        for c in _cut(line, found.cells)
+        if "," in c
+    ]
     if cells and all(_THOUSANDS.fullmatch(c) for c in cells):
         raise InputRefused(
             f"{where}, line {found.first}",
             f"{cells[0]!r} may be {cells[0].replace(',', '.')} or {cells[0].replace(',', '')}",
-            'say which: dialect = { decimal = "," } under [records], or save it without separators of thousands',
+            'say which: dialect = { decimal = "," } under [records], or save it without separators'
+            " of thousands",
         )

@@ -1,7 +1,8 @@
-"""Tyto Robotics' Flight Stand, software version 2: CSV whose columns are called ``Powertrain 1 - force Fz (thrust) (N)``.
+"""Tyto Robotics' Flight Stand, software version 2: CSV whose columns are called ``Powertrain 1 -
+force Fz (thrust) (N)``.
 
-Its micro sign is a Greek letter and its product sign a dot operator, where RCbenchmark's are U+00B5 and U+00B7: names are folded before
-they are compared.
+Its micro sign is a Greek letter and its product sign a dot operator, where RCbenchmark's are U+00B5
+and U+00B7: names are folded before they are compared.
 """
 
 from __future__ import annotations
@@ -25,7 +26,12 @@ def _known(names: set[str]) -> bool:
 def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
     """The channels of a Flight Stand file; raises as `stand.contents`."""
     return stand.contents(
-        path, names, title="Tyto Flight Stand v2", known=_known, texts=("app message",), speeds=lambda n: n.endswith("rotation speed")
+        path,
+        names,
+        title="Tyto Flight Stand v2",
+        known=_known,
+        texts=("app message",),
+        speeds=lambda n: n.endswith("rotation speed"),
     )
 
 

@@ -1,9 +1,11 @@
-"""The published bench table of Garofano-Soldado et al. (non-planar rotor pairs above ground) as a campaign of means.
+"""The published bench table of Garofano-Soldado et al. (non-planar rotor pairs above ground) as a
+campaign of means.
 
-The table (``thrust_vs_height.csv``) has a mean force and its standard deviation for 15 tilt configurations at ten heights:
-``case, config, alpha_deg, beta_deg, z_over_R, z_m, Fz_N, Fz_std_N``. Neither the order of the runs, the number of samples, nor the
-spacing of the rotors is published: order and spacing are left out of what the campaign claims, and the standard deviation is
-taken as that of the mean, which is cautious.
+The table (``thrust_vs_height.csv``) has a mean force and its standard deviation for 15 tilt
+configurations at ten heights: ``case, config, alpha_deg, beta_deg, z_over_R, z_m, Fz_N, Fz_std_N``.
+Neither the order of the runs, the number of samples, nor the spacing of the rotors is published:
+order and spacing are left out of what the campaign claims, and the standard deviation is taken as
+that of the mean, which is cautious.
 """
 
 from __future__ import annotations
@@ -58,11 +60,16 @@ throttle = 1
 """
 NOTES = {
     False: "vertical force as measured",
-    True: "vertical force over cos(alpha) cos(beta): thrust along the rotors' axes if it does not care about tilt",
+    True: (
+        "vertical force over cos(alpha) cos(beta): thrust along the rotors' axes if it does not"
+        " care about tilt"
+    ),
 }
 
 
-def convert(table: Path, folder: Path, *, along_axes: bool = False, name: str | None = None) -> Path:
+def convert(
+    table: Path, folder: Path, *, along_axes: bool = False, name: str | None = None
+) -> Path:
     """Write the table as a campaign into a new or empty folder, and return it.
 
     Parameters
@@ -83,22 +90,36 @@ def convert(table: Path, folder: Path, *, along_axes: bool = False, name: str | 
         The folder holds something already.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(str(folder), "is not empty" if folder.is_dir() else "is a file", "name a new folder; nothing is ever overwritten")
+        raise UsageError(
+            str(folder),
+            "is not empty" if folder.is_dir() else "is a file",
+            "name a new folder; nothing is ever overwritten",
+        )
     lines = ["trial,distance,session,tilt,beta,lift,lift_sd"]
     for number, row in enumerate(read(table), 2):
         try:
-            alpha, beta, z_m, force, spread = (float(row[c]) for c in ("alpha_deg", "beta_deg", "z_m", "Fz_N", "Fz_std_N"))
+            alpha, beta, z_m, force, spread = (
+                float(row[c]) for c in ("alpha_deg", "beta_deg", "z_m", "Fz_N", "Fz_std_N")
+            )
         except ValueError as fault:
             raise InputRefused(f"{table}, line {number}", str(fault), "mend that cell") from None
         share = math.cos(math.radians(alpha)) * math.cos(math.radians(beta)) if along_axes else 1.0
         # tilted towards each other counts positive
         facing = {"face_to_face": 1, "coplanar": 0, "back_to_back": -1}.get(row["config"])
         if facing is None:
-            raise InputRefused(f"{table}, line {number}", f"{row['config']!r} is no known configuration", "coplanar, face_to_face or back_to_back")
+            raise InputRefused(
+                f"{table}, line {number}",
+                f"{row['config']!r} is no known configuration",
+                "coplanar, face_to_face or back_to_back",
+            )
         trial = f"{row['case']}-{float(row['z_over_R']):g}"
-        lines.append(f"{trial},{z_m:.6g},{row['case']},{facing * alpha:g},{beta:g},{force / share:.6g},{spread / share:.6g}")
+        lines.append(
+            f"{trial},{z_m:.6g},{row['case']},{facing * alpha:g},{beta:g},{force / share:.6g},{spread / share:.6g}"
+        )
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "campaign.toml").write_text(MANIFEST.format(name=name or folder.name, note=NOTES[along_axes]), encoding="utf-8")
+    (folder / "campaign.toml").write_text(
+        MANIFEST.format(name=name or folder.name, note=NOTES[along_axes]), encoding="utf-8"
+    )
     (folder / "trials.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return folder
 
@@ -106,10 +127,16 @@ def convert(table: Path, folder: Path, *, along_axes: bool = False, name: str | 
 def read(table: Path) -> list[dict[str, str]]:
     """The table's rows as they stand."""
     if not table.is_file():
-        raise InputRefused(str(table), "is missing", "name the published table, thrust_vs_height.csv")
+        raise InputRefused(
+            str(table), "is missing", "name the published table, thrust_vs_height.csv"
+        )
     with table.open(newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file)
         lacking = [c for c in COLUMNS if c not in (reader.fieldnames or ())]
         if lacking:
-            raise InputRefused(str(table), f"lacks the columns {', '.join(lacking)}", f"it has to have {', '.join(COLUMNS)}")
+            raise InputRefused(
+                str(table),
+                f"lacks the columns {', '.join(lacking)}",
+                f"it has to have {', '.join(COLUMNS)}",
+            )
         return list(reader)

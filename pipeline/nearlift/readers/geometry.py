@@ -1,6 +1,7 @@
 """Whether a schedule's distances and throttles can be true in the rig that the manifest describes.
 
-A distance outside the arena or a blade in the wall is refused, with the unit that would make sense if one does.
+A distance outside the arena or a blade in the wall is refused, with the unit that would make sense
+if one does.
 """
 
 from __future__ import annotations
@@ -22,14 +23,18 @@ NEAREST = 1e-4
 
 
 def distances(campaign: Campaign, cells: Cells | None, boundary: NDArray[np.object_]) -> FloatArray:
-    """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air; refuses what cannot be."""
+    """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air; refuses what
+    cannot be.
+    """
     free = boundary == "none"
     if cells is None:
         return np.full(len(boundary), np.inf)
     recorded = columns.numbers(cells, blank=True)
     for i in np.flatnonzero(np.isfinite(recorded) == free):
         if free[i]:
-            raise ManifestError(cells.at(int(i)), "free air (boundary none) has no distance", "leave the cell empty")
+            raise ManifestError(
+                cells.at(int(i)), "free air (boundary none) has no distance", "leave the cell empty"
+            )
         remedy = "every trial at a boundary needs its distance; free air is boundary none"
         raise ManifestError(cells.at(int(i)), columns.without(cells.texts[int(i)]), remedy)
     unit = campaign.trials.units.get("distance")
@@ -53,60 +58,91 @@ def _offset(campaign: Campaign, side: Boundary) -> float:
         raise ManifestError(
             "rig.distance_datum",
             f"the rotor axis is no datum for the {side}: it stands at right angles to it",
-            'give each boundary its own, such as { ground = "rotor plane", sidewall = "rotor axis" }',
+            'give each boundary its own, such as { ground = "rotor plane", sidewall = "rotor'
+            ' axis" }',
         )
     if abs(offset + r) > 0.1 * r:
         raise ManifestError(
             "rig.distance_offset",
             f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis",
-            f'z_hat counts from the nearest blade tip: make it minus one rotor radius, {{ sidewall = "{-1e3 * r:g} mm", ... }}',
+            "z_hat counts from the nearest blade tip: make it minus one rotor radius, { sidewall"
+            f' = "{-1e3 * r:g} mm", ... }}',
         )
     return offset
 
 
 def _inside_the_arena(
-    campaign: Campaign, cells: Cells, recorded: FloatArray, z_m: FloatArray, here: NDArray[np.intp], side: Boundary, offset: float
+    campaign: Campaign,
+    cells: Cells,
+    recorded: FloatArray,
+    z_m: FloatArray,
+    here: NDArray[np.intp],
+    side: Boundary,
+    offset: float,
 ) -> None:
     """Refuse distances beyond the arena or behind the boundary.
 
-    A unit is proposed only if it makes *every* distance to this boundary possible: within the arena, and no closer than a
-    fiftieth of a radius (0.5 mm on a Crazyflie), which no traverse approaches on purpose.
+    A unit is proposed only if it makes *every* distance to this boundary possible: within the
+    arena, and no closer than a fiftieth of a radius (0.5 mm on a Crazyflie), which no traverse
+    approaches on purpose.
     """
-    arena, r, unit = campaign.rig.arena, campaign.vehicle.rotor_radius, campaign.trials.units.get("distance", "")
+    arena, r, unit = (
+        campaign.rig.arena,
+        campaign.vehicle.rotor_radius,
+        campaign.trials.units.get("distance", ""),
+    )
     worst = int(here[np.argmax(z_m[here])])
     if arena is not None and z_m[worst] > arena:
         low, high = r / 50 - offset, arena - offset
-        ends = [units.plausible(float(v), "length", low, high) for v in (recorded[here].min(), recorded[here].max())]
+        ends = [
+            units.plausible(float(v), "length", low, high)
+            for v in (recorded[here].min(), recorded[here].max())
+        ]
         fitting = [u for u in ends[0] if u in ends[1] and u != unit]
         raise InputRefused(
             cells.at(worst),
-            f"{cells.texts[worst].strip()} {unit} is outside the {arena:g} m arena" + (f"; {' or '.join(fitting)}?" if fitting else ""),
+            f"{cells.texts[worst].strip()} {unit} is outside the {arena:g} m arena"
+            + (f"; {' or '.join(fitting)}?" if fitting else ""),
             "mend distance under [trials.units], the schedule, or [rig] arena",
         )
     worst = int(here[np.argmin(z_m[here])])
     if z_m[worst] <= NEAREST * r:
         raise InputRefused(
             cells.at(worst),
-            f"{cells.texts[worst].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the rotor "
-            + (f"{-1e3 * z_m[worst]:.3g} mm into the {side}" if z_m[worst] < 0 else f"on the {side} itself"),
+            f"{cells.texts[worst].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the"
+            " rotor "
+            + (
+                f"{-1e3 * z_m[worst]:.3g} mm into the {side}"
+                if z_m[worst] < 0
+                else f"on the {side} itself"
+            ),
             "mend [rig] distance_datum and distance_offset, or the schedule",
         )
     worst = int(here[np.argmax(z_m[here])])
     if z_m[worst] < r / 50:
-        fitting = [u for u in units.plausible(float(recorded[worst]), "length", r, arena or 100 * r) if u != unit]
+        fitting = [
+            u
+            for u in units.plausible(float(recorded[worst]), "length", r, arena or 100 * r)
+            if u != unit
+        ]
         raise InputRefused(
             cells.at(worst),
-            f"{cells.texts[worst].strip()} {unit} is the farthest from the {side}, {z_m[worst] / r:.2g} of a rotor's radius"
+            f"{cells.texts[worst].strip()} {unit} is the farthest from the {side},"
+            f" {z_m[worst] / r:.2g} of a rotor's radius"
             + (f"; {' or '.join(fitting)}?" if fitting else ""),
             "mend distance under [trials.units], or the schedule",
         )
 
 
 def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None:
-    """Refuse a throttle outside 0 to 1, and throttles of 1 % at most, with the unit that would make sense."""
+    """Refuse a throttle outside 0 to 1, and throttles of 1 % at most, with the unit that would make
+    sense.
+    """
     for i, value in enumerate(throttle):
         if not 0 <= value <= 1 + 1e-9:
-            other = [u for u in units.plausible(float(cells.texts[i]), "fraction", 0.0, 1.0) if u != unit]
+            other = [
+                u for u in units.plausible(float(cells.texts[i]), "fraction", 0.0, 1.0) if u != unit
+            ]
             raise InputRefused(
                 cells.at(i),
                 f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
@@ -116,6 +152,7 @@ def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None
     if unit != "fraction" and 0 < throttle[largest] <= 0.01 + 1e-9:
         raise InputRefused(
             cells.at(largest),
-            f"the largest throttle is {cells.texts[largest].strip()} {unit}, at which no rotor lifts anything",
+            f"the largest throttle is {cells.texts[largest].strip()} {unit}, at which no rotor"
+            " lifts anything",
             "fraction? then mend throttle under [trials.units]",
         )

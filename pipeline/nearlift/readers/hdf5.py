@@ -1,7 +1,9 @@
-"""HDF5: every numeric dataset is a channel, called by its path; tables and compound datasets give one for each column.
+"""HDF5: every numeric dataset is a channel, called by its path; tables and compound datasets give
+one for each column.
 
-Unit and rate come from the attributes `unit` or `units`, and `sample_rate`, `rate`, `fs` or `dt`. What refers to other files (external
-links, virtual and external storage) is not followed. Read in a child process.
+Unit and rate come from the attributes `unit` or `units`, and `sample_rate`, `rate`, `fs` or `dt`.
+What refers to other files (external links, virtual and external storage) is not followed. Read in a
+child process.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ def library(name: str, extra: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise InputRefused(f"reader {extra!r}", f"needs the package {name}", f'pip install "nearlift[{extra}]"') from None
+        raise InputRefused(
+            f"reader {extra!r}", f"needs the package {name}", f'pip install "nearlift[{extra}]"'
+        ) from None
 
 
 def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
@@ -50,11 +54,16 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
     return Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
 
 
-def datasets(group: Any, notes: list[str], above: str = "", deep: int = 0, seen: set[int] | None = None) -> Iterator[tuple[str, Any]]:
-    """Path and dataset of everything below a group that stands in this file; what does not is noted."""
+def datasets(
+    group: Any, notes: list[str], above: str = "", deep: int = 0, seen: set[int] | None = None
+) -> Iterator[tuple[str, Any]]:
+    """Path and dataset of everything below a group that stands in this file; what does not is
+    noted.
+    """
     from h5py import Dataset, Group, h5d, h5g, h5l, h5o
 
-    # by the library's lower half: the upper takes longer to look at a record's few links than to read its samples
+    # by the library's lower half: the upper takes longer to look at a record's few links than to
+    # read its samples
     seen = {h5o.get_info(group.id).addr} if seen is None else seen
     for key in group.id:
         name = f"{above}/{key.decode(errors='surrogateescape')}"
@@ -69,9 +78,12 @@ def datasets(group: Any, notes: list[str], above: str = "", deep: int = 0, seen:
         if isinstance(item, h5g.GroupID):
             yield from datasets(Group(item), notes, name, deep + 1, seen)
         elif isinstance(item, h5d.DatasetID):
-            # samples in one stretch of this file have a place in it; how others are stored takes longer to ask
+            # samples in one stretch of this file have a place in it; how others are stored takes
+            # longer to ask
             stored = item.get_create_plist() if item.get_offset() is None else None
-            if stored is not None and (stored.get_layout() == h5d.VIRTUAL or stored.get_external_count()):
+            if stored is not None and (
+                stored.get_layout() == h5d.VIRTUAL or stored.get_external_count()
+            ):
                 notes.append(f"{name} has its samples in another file, and was not read")
                 continue
             yield name, Dataset(item)
@@ -83,15 +95,28 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     dtype, shape = item.dtype, item.shape or ()
     chosen: list[tuple[str, Any]] = []
     if dtype.names:
-        chosen = [(f"{name}/{field}", item.fields(field)) for field in dtype.names if dtype[field].kind in "iuf" and len(shape) == 1]
+        chosen = [
+            (f"{name}/{field}", item.fields(field))
+            for field in dtype.names
+            if dtype[field].kind in "iuf" and len(shape) == 1
+        ]
     elif dtype.kind in "iuf" and len(shape) in (1, 2):
         chosen = list(columns(name, shape))
     chosen = [(own, part) for own, part in chosen if names is None or wanted(own, names)]
     if not chosen:
         return
     # most have none, and to look for them takes as long as to open a dataset
-    attributes = {str(key).casefold(): value for key, value in item.attrs.items()} if len(item.attrs) else {}
-    unit = next((unit_word(text(attributes[k])) or text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
+    attributes = (
+        {str(key).casefold(): value for key, value in item.attrs.items()} if len(item.attrs) else {}
+    )
+    unit = next(
+        (
+            unit_word(text(attributes[k])) or text(attributes[k])
+            for k in ("unit", "units")
+            if k in attributes
+        ),
+        "",
+    )
     rate = rate_from(attributes)
     for own, part in chosen:
         values = np.asarray(part[()], dtype=np.float64) if dtype.names else series(item, part)
@@ -107,7 +132,9 @@ def columns(name: str, shape: tuple[int, ...]) -> list[tuple[str, int | None]]:
 
 def series(item: Any, column: int | None) -> FloatArray:
     """One series of a dataset as float64."""
-    values: FloatArray = np.asarray(item[()] if column is None else item[:, column], dtype=np.float64).reshape(-1)
+    values: FloatArray = np.asarray(
+        item[()] if column is None else item[:, column], dtype=np.float64
+    ).reshape(-1)
     return values
 
 
@@ -119,7 +146,14 @@ def text(value: Any) -> str:
 
 def rate_from(attributes: Mapping[str, Any]) -> float | None:
     """The rate that attributes state, Hz."""
-    for key, invert in (("sample_rate", False), ("sampling_rate", False), ("rate", False), ("fs", False), ("dt", True), ("wf_increment", True)):
+    for key, invert in (
+        ("sample_rate", False),
+        ("sampling_rate", False),
+        ("rate", False),
+        ("fs", False),
+        ("dt", True),
+        ("wf_increment", True),
+    ):
         if key in attributes:
             try:
                 number = float(text(attributes[key]))

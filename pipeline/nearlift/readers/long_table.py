@@ -1,7 +1,9 @@
-"""A long Parquet table as the reading child sees it: whose rows are whose, then the numbers in batches.
+"""A long Parquet table as the reading child sees it: whose rows are whose, then the numbers in
+batches.
 
-The trial column is read first, alone (dictionary encoded it costs next to nothing). Samples are then read in batches, from the row group
-in which the first one wanted stands, so that memory does not depend on the size of the file.
+The trial column is read first, alone (dictionary encoded it costs next to nothing). Samples are
+then read in batches, from the row group in which the first one wanted stands, so that memory does
+not depend on the size of the file.
 """
 
 from __future__ import annotations
@@ -37,16 +39,24 @@ def opened(path: Path) -> Iterator[pq.ParquetFile]:
         # foreign bytes: page checksums are verified where the writer left any
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = file.schema_arrow.names
-        with pq.ParquetFile(path, read_dictionary=[TRIAL] if TRIAL in names else None, page_checksum_verification=True) as file:
+        with pq.ParquetFile(
+            path,
+            read_dictionary=[TRIAL] if TRIAL in names else None,
+            page_checksum_verification=True,
+        ) as file:
             yield file
     except MemoryError:
         raise
     except UnicodeDecodeError as fault:
         what = f"has a name that is no UTF-8 text: {fault.object!r}"
-        raise InputRefused(f"{path}, column {_unreadable(path)}", what, "rename it where the table is written") from None
+        raise InputRefused(
+            f"{path}, column {_unreadable(path)}", what, "rename it where the table is written"
+        ) from None
     except (pa.ArrowException, OSError) as fault:
         raise InputRefused(
-            str(path), f"cannot be read as Parquet: {str(fault).splitlines()[0]}", "copy it anew from the rig, or write it again"
+            str(path),
+            f"cannot be read as Parquet: {str(fault).splitlines()[0]}",
+            "copy it anew from the rig, or write it again",
         ) from None
 
 
@@ -64,26 +74,42 @@ def _unreadable(path: Path) -> int:
 
 
 def _check_columns(path: Path, schema: pa.Schema, wanted: Sequence[tuple[str, str]]) -> None:
-    """See that the trial's column and each of `wanted`, a manifest's key and a column's name, is there once and numeric."""
+    """See that the trial's column and each of `wanted`, a manifest's key and a column's name, is
+    there once and numeric.
+    """
     import pyarrow as pa
 
     for key, name in (("", TRIAL), *wanted):
         if schema.names.count(name) != 1:
             close = difflib.get_close_matches(name, schema.names, n=1)
-            hint = f"{key} = {close[0]!r}?" if close and key else f"it has {', '.join(schema.names)}"
-            raise InputRefused(str(path), f"has {'no' if name not in schema.names else 'more than one'} column {name!r}", hint)
+            hint = (
+                f"{key} = {close[0]!r}?" if close and key else f"it has {', '.join(schema.names)}"
+            )
+            raise InputRefused(
+                str(path),
+                f"has {'no' if name not in schema.names else 'more than one'} column {name!r}",
+                hint,
+            )
         kind = schema.field(name).type
         if name != TRIAL and not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-            raise InputRefused(str(path), f"column {name!r} holds {kind}, not numbers", "write it as integers or floats")
+            raise InputRefused(
+                str(path),
+                f"column {name!r} holds {kind}, not numbers",
+                "write it as integers or floats",
+            )
 
 
-def spans(path: Path, wanted: Sequence[tuple[str, str]]) -> tuple[list[str], FloatArray, FloatArray]:
-    """Every trial in the table's order, its first row and one past its last (n, 2), and one past the last row of each row group.
+def spans(
+    path: Path, wanted: Sequence[tuple[str, str]]
+) -> tuple[list[str], FloatArray, FloatArray]:
+    """Every trial in the table's order, its first row and one past its last (n, 2), and one past
+    the last row of each row group.
 
     Raises
     ------
     InputRefused
-        The file is damaged, lacks a wanted column, a row has no trial, or a trial's rows do not stand together.
+        The file is damaged, lacks a wanted column, a row has no trial, or a trial's rows do not
+        stand together.
     """
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -97,12 +123,18 @@ def spans(path: Path, wanted: Sequence[tuple[str, str]]) -> tuple[list[str], Flo
             column: Any = batch.column(0)
             if column.null_count:
                 first = at + column.is_null().to_pylist().index(True)
-                raise InputRefused(str(path), f"row {first + 1} has no trial", "every sample belongs to a trial")
+                raise InputRefused(
+                    str(path), f"row {first + 1} has no trial", "every sample belongs to a trial"
+                )
             if not pa.types.is_dictionary(column.type):
                 column = pc.dictionary_encode(column)
             codes = indices(column)
             names = [str(name) for name in column.dictionary.to_pylist()]
-            starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1, [len(codes)]]) if len(codes) else np.zeros(1, dtype=np.int64)
+            starts = (
+                np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1, [len(codes)]])
+                if len(codes)
+                else np.zeros(1, dtype=np.int64)
+            )
             for start, end in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
                 name = names[codes[start]]
                 if name == last:
@@ -110,14 +142,19 @@ def spans(path: Path, wanted: Sequence[tuple[str, str]]) -> tuple[list[str], Flo
                 elif name in found:
                     raise InputRefused(
                         str(path),
-                        f"trial {name!r} stands in two places, at rows {found[name][0] + 1} and {at + start + 1}",
+                        f"trial {name!r} stands in two places, at rows {found[name][0] + 1} and"
+                        f" {at + start + 1}",
                         "sort the table by trial, keeping the samples' order",
                     )
                 else:
                     found[name] = (at + start, at + end)
                 last = name
             at += len(codes)
-    return list(found), np.array(list(found.values()), dtype=float).reshape(-1, 2), ends.astype(float)
+    return (
+        list(found),
+        np.array(list(found.values()), dtype=float).reshape(-1, 2),
+        ends.astype(float),
+    )
 
 
 def _row_group_ends(file: pq.ParquetFile) -> FloatArray:
@@ -125,13 +162,20 @@ def _row_group_ends(file: pq.ParquetFile) -> FloatArray:
     return np.cumsum([file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)])
 
 
-def batches(path: Path, names: Sequence[str], first: int, end: int, size: int) -> Iterator[list[FloatArray]]:
+def batches(
+    path: Path, names: Sequence[str], first: int, end: int, size: int
+) -> Iterator[list[FloatArray]]:
     """The named columns from row `first` up to `end`, in batches of at most so many rows."""
     with opened(path) as file:
         ends = _row_group_ends(file)
         group = int(np.searchsorted(ends, first, side="right"))
         at = int(ends[group - 1]) if group else 0
-        for batch in file.iter_batches(batch_size=size, row_groups=range(group, file.num_row_groups), columns=list(names), use_threads=False):
+        for batch in file.iter_batches(
+            batch_size=size,
+            row_groups=range(group, file.num_row_groups),
+            columns=list(names),
+            use_threads=False,
+        ):
             part = slice(max(first - at, 0), min(end - at, batch.num_rows))
             if part.start < part.stop:
                 yield [floats(batch.column(name))[part] for name in names]
@@ -148,8 +192,19 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
 
     with opened(path) as file:
         schema = file.schema_arrow
-        numeric = [f.name for f in schema if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)]
-        table = file.read(columns=[name for name in numeric if names is None or name in names], use_threads=False)
-        channels = tuple(Channel(name=name, values=floats(table[name].combine_chunks())) for name in table.column_names)
-    notes = () if TRIAL in schema.names else ('it has no column "trial", which reader = "parquet" needs',)
+        numeric = [
+            f.name for f in schema if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)
+        ]
+        table = file.read(
+            columns=[name for name in numeric if names is None or name in names], use_threads=False
+        )
+        channels = tuple(
+            Channel(name=name, values=floats(table[name].combine_chunks()))
+            for name in table.column_names
+        )
+    notes = (
+        ()
+        if TRIAL in schema.names
+        else ('it has no column "trial", which reader = "parquet" needs',)
+    )
     return with_rate(Contents(channels=channels, kind="Parquet", notes=notes))

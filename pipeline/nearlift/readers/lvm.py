@@ -1,8 +1,9 @@
 """LVM, LabVIEW's measurement text, by an own parser that runs nothing and believes little.
 
-Two headers: one of the file, one for each segment. The rate in a segment's header (`Delta_X`) is a claim, held against the column `X_Value`
-where there is one; the number of `Samples` tells a cut file. Segments of one file are joined. A channel is called as in the file; where
-every channel has its own clock, that is ``NAME.X_Value``.
+Two headers: one of the file, one for each segment. The rate in a segment's header (`Delta_X`) is a
+claim, held against the column `X_Value` where there is one; the number of `Samples` tells a cut
+file. Segments of one file are joined. A channel is called as in the file; where every channel has
+its own clock, that is ``NAME.X_Value``.
 """
 
 from __future__ import annotations
@@ -48,7 +49,11 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
     if not head.strip(b"\0"):
         return Contents(channels=(), kind="LVM", codes=("EMPTY",))
     if not head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()):
-        raise InputRefused(f"{path}, line 1", f"is not {FIRST!r}: this is no LVM file", "`nearlift inspect FILE` says what it is")
+        raise InputRefused(
+            f"{path}, line 1",
+            f"is not {FIRST!r}: this is no LVM file",
+            "`nearlift inspect FILE` says what it is",
+        )
     return _Parser(str(path), names).read(_lines(path, encoding_of(head, str(path))))
 
 
@@ -60,7 +65,11 @@ def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str, bool]]:
             for at, line in enumerate(file, start=1):
                 yield at, line.rstrip("\r\n"), line.endswith("\n")
         except UnicodeDecodeError:
-            raise InputRefused(str(path), f"is not {encoding} text throughout", "the file is damaged; copy it anew from the rig") from None
+            raise InputRefused(
+                str(path),
+                f"is not {encoding} text throughout",
+                "the file is damaged; copy it anew from the rig",
+            ) from None
 
 
 class _Parser:
@@ -76,7 +85,11 @@ class _Parser:
         self.notes: list[str] = []
 
     def refuse(self, at: int, what: str) -> InputRefused:
-        return InputRefused(f"{self.where}, line {at}", what, "the file is damaged, or of a dialect not known: export it again from LabVIEW")
+        return InputRefused(
+            f"{self.where}, line {at}",
+            what,
+            "the file is damaged, or of a dialect not known: export it again from LabVIEW",
+        )
 
     def read(self, lines: Iterator[tuple[int, str, bool]]) -> Contents:
         self._file_header(lines)
@@ -123,7 +136,9 @@ class _Parser:
             if at > 200:
                 raise self.refuse(at, f"has no {END} in its first 200 lines")
             self.about[parts[0].strip()] = parts[1].strip() if len(parts) > 1 else ""
-        self.separator = {"comma": ",", "tab": "\t"}.get(self.about.get("Separator", "Tab").casefold(), "\t")
+        self.separator = {"comma": ",", "tab": "\t"}.get(
+            self.about.get("Separator", "Tab").casefold(), "\t"
+        )
         stated = self.about.get("Decimal_Separator", "")
         if stated not in ("", ".", ","):
             raise self.refuse(1, f"states the decimal separator {stated!r}")
@@ -134,7 +149,9 @@ class _Parser:
         while columns and not columns[-1]:
             columns.pop()
         if not columns or columns[0] != CLOCK:
-            raise self.refuse(at, f"names the columns {line.strip()[:80]!r}; the first should be {CLOCK}")
+            raise self.refuse(
+                at, f"names the columns {line.strip()[:80]!r}; the first should be {CLOCK}"
+            )
         channels = [name for name in columns if name not in (CLOCK, "Comment")]
         if len(set(channels)) != len(channels) or "" in channels:
             raise self.refuse(at, "names two columns alike, or one not at all")
@@ -156,7 +173,12 @@ class _Parser:
         cells = [cell.strip() for cell in line.split(self.separator)]
         place = f"{self.where}, line {at}"
         if "\0" in line:
-            raise InputRefused(place, "holds NUL bytes", "the file is damaged; copy it anew from the rig, or take the trial out of the schedule")
+            raise InputRefused(
+                place,
+                "holds NUL bytes",
+                "the file is damaged; copy it anew from the rig, or take the trial out of the"
+                " schedule",
+            )
         least = len(columns) - (columns[-1] == "Comment")
         if len(cells) < least or any(cells[len(columns) :]):
             raise self.refuse(at, f"has {len(cells)} cells under {len(columns)} columns")
@@ -175,8 +197,14 @@ class _Parser:
             self.series[name].clock.append(clock)
 
     def _count(self, segment: Mapping[str, Sequence[str]], rows: int) -> None:
-        """Whether a segment has the samples that its header promises; with one heading for the whole file, a multiple of them."""
-        promised = [value for text in segment.get("Samples", ()) if (value := value_of(text)) is not None and value >= 1]
+        """Whether a segment has the samples that its header promises; with one heading for the
+        whole file, a multiple of them.
+        """
+        promised = [
+            value
+            for text in segment.get("Samples", ())
+            if (value := value_of(text)) is not None and value >= 1
+        ]
         if not promised:
             return
         usual = int(max(promised))
@@ -202,11 +230,27 @@ class _Parser:
                     self.notes.append(f"{told}: the column is believed")
                     rate = own
                 if not one or i == 0:
-                    channels.append(Channel(name=CLOCK if one else f"{name}.{CLOCK}", unit="s", rate_Hz=rate, values=clock))
-            channels.append(Channel(name=name, unit=series.unit, rate_Hz=rate, values=np.array(series.values)))
-        chosen = tuple(c for c in channels if self.names is None or wanted(c.name, self.names) or not channels)
+                    channels.append(
+                        Channel(
+                            name=CLOCK if one else f"{name}.{CLOCK}",
+                            unit="s",
+                            rate_Hz=rate,
+                            values=clock,
+                        )
+                    )
+            channels.append(
+                Channel(name=name, unit=series.unit, rate_Hz=rate, values=np.array(series.values))
+            )
+        chosen = tuple(
+            c for c in channels if self.names is None or wanted(c.name, self.names) or not channels
+        )
         codes = [*(["truncated"] if self.cut else []), *([] if channels else ["NO_DATA"])]
-        return Contents(channels=chosen or tuple(channels), kind="LVM", codes=tuple(codes), notes=tuple(dict.fromkeys(self.notes)))
+        return Contents(
+            channels=chosen or tuple(channels),
+            kind="LVM",
+            codes=tuple(codes),
+            notes=tuple(dict.fromkeys(self.notes)),
+        )
 
 
 def _at(segment: Mapping[str, Sequence[str]], key: str, i: int) -> str:

@@ -1,7 +1,9 @@
-"""MATLAB: v4, v5 and v7 by scipy, v7.3 by h5py, tables and timetables by mat-io; read in a child process.
+"""MATLAB: v4, v5 and v7 by scipy, v7.3 by h5py, tables and timetables by mat-io; read in a child
+process.
 
-A channel is called by its variable, with the path through structs: ``run.force``. Of a matrix with several columns, ``data(:,2)`` is the
-second. A timetable gives its columns and its time, in s: ``tt.force``, ``tt.Time``.
+A channel is called by its variable, with the path through structs: ``run.force``. Of a matrix with
+several columns, ``data(:,2)`` is the second. A timetable gives its columns and its time, in s:
+``tt.force``, ``tt.Time``.
 """
 
 from __future__ import annotations
@@ -44,13 +46,17 @@ def _v5(path: Path) -> tuple[list[Channel], list[str]]:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        variables = scipy.io.loadmat(str(path), struct_as_record=False, squeeze_me=False, chars_as_strings=True)
+        variables = scipy.io.loadmat(
+            str(path), struct_as_record=False, squeeze_me=False, chars_as_strings=True
+        )
     found: list[Channel] = []
     objects: list[str] = []
     for name, value in variables.items():
         if isinstance(value, MatlabOpaque):
             # an object's own name stands inside it
-            objects.append(value["s0"][0].decode() if value.dtype.names and "s0" in value.dtype.names else name)
+            objects.append(
+                value["s0"][0].decode() if value.dtype.names and "s0" in value.dtype.names else name
+            )
         elif not name.startswith("__"):
             found += _flat(name, value)
     return found, objects
@@ -116,11 +122,17 @@ def _table(path: Path, name: str) -> Iterator[Channel]:
     index = table.index
     if index.dtype.kind == "m":
         yield Channel(
-            name=f"{name}.{index.name or 'Time'}", unit="s", values=_floats(index.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9)
+            name=f"{name}.{index.name or 'Time'}",
+            unit="s",
+            values=_floats(index.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9),
         )
     elif index.dtype.kind == "M":
         since = (index - index[0]).to_numpy() if len(index) else index.to_numpy()
-        yield Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=_floats(since.astype("timedelta64[ns]").astype(np.int64) * 1e-9))
+        yield Channel(
+            name=f"{name}.{index.name or 'Time'}",
+            unit="s",
+            values=_floats(since.astype("timedelta64[ns]").astype(np.int64) * 1e-9),
+        )
     for column in table.columns:
         values = table[column].to_numpy()
         if values.dtype.kind in "iuf":

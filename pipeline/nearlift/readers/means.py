@@ -1,4 +1,6 @@
-"""Mean lifts without samples, as in a published table: columns `lift` and (optional) `lift_sd` and `n` of the schedule."""
+"""Mean lifts without samples, as in a published table: columns `lift` and (optional) `lift_sd` and
+`n` of the schedule.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +17,8 @@ from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record
 def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
     """`lift_N`, `u_lift_N`, `n` and `sd_N` of every trial.
 
-    `n` is 1 where it is not given. ``u_lift_N = lift_sd / sqrt(n)``, and 0 where no spread is given: then only the scatter
-    between trials tells how well they repeat.
+    `n` is 1 where it is not given. ``u_lift_N = lift_sd / sqrt(n)``, and 0 where no spread is
+    given: then only the scatter between trials tells how well they repeat.
     """
     if schedule.means is None:
         raise ValueError("the schedule holds no means")
@@ -24,7 +26,12 @@ def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
     sd = schedule.means.get("lift_sd_N", np.full(len(lift), np.nan))
     n = schedule.means.get("n", np.ones(len(lift)))
     n = np.where(np.isfinite(n), n, 1.0)
-    return {"lift_N": lift, "u_lift_N": np.where(np.isfinite(sd), np.abs(sd) / np.sqrt(n), 0.0), "n": n, "sd_N": sd}
+    return {
+        "lift_N": lift,
+        "u_lift_N": np.where(np.isfinite(sd), np.abs(sd) / np.sqrt(n), 0.0),
+        "n": n,
+        "sd_N": sd,
+    }
 
 
 def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
@@ -39,4 +46,11 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
     return iter(())
 
 
-MEANS = Reader(name="means", title="mean lift per trial in the schedule, no samples", files=_files, plan=_plan, read_piece=_read_piece, series=False)
+MEANS = Reader(
+    name="means",
+    title="mean lift per trial in the schedule, no samples",
+    files=_files,
+    plan=_plan,
+    read_piece=_read_piece,
+    series=False,
+)

@@ -1,4 +1,6 @@
-"""Parquet: one long table for the whole campaign, with a column `trial` and the force column. A child reads it (`long_table`)."""
+"""Parquet: one long table for the whole campaign, with a column `trial` and the force column. A
+child reads it (`long_table`).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,17 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import child, long_table
 from nearlift.readers.channel import Malformed
 from nearlift.readers.per_file import Format
-from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, files_pattern, force_channel, inside, source_of
+from nearlift.readers.seam import (
+    FloatArray,
+    Piece,
+    Plan,
+    Reader,
+    Record,
+    files_pattern,
+    force_channel,
+    inside,
+    source_of,
+)
 
 #: Rows of one answer, and of one task at least.
 BATCH, ROWS = 1 << 16, 1 << 21
@@ -23,7 +35,11 @@ BATCH, ROWS = 1 << 16, 1 << 21
 def _path(campaign: Campaign, root: Path) -> Path:
     pattern = files_pattern(campaign)
     if "{" in pattern:
-        raise ManifestError("records.files", f"{pattern!r} is a pattern", 'reader = "parquet" takes one long table with a column "trial"')
+        raise ManifestError(
+            "records.files",
+            f"{pattern!r} is a pattern",
+            'reader = "parquet" takes one long table with a column "trial"',
+        )
     return inside(root, pattern, "records.files")
 
 
@@ -38,26 +54,41 @@ def _asked(path: Path, request: dict[str, Any]) -> Iterator[child.Answer]:
         with child.borrowed() as reader:
             yield from reader.ask({**request, "path": str(path)})
     except Malformed as fault:
-        raise InputRefused(str(path), str(fault), "copy it anew from the rig, or write it again") from None
+        raise InputRefused(
+            str(path), str(fault), "copy it anew from the rig, or write it again"
+        ) from None
 
 
 def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
     path, clock = _path(campaign, root), campaign.records.time
     if not path.is_file():
         raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
-    columns = [("records.force.column", force_channel(campaign).column), *([("records.time.column", clock.column)] if clock else [])]
+    columns = [
+        ("records.force.column", force_channel(campaign).column),
+        *([("records.time.column", clock.column)] if clock else []),
+    ]
     ((answer, (starts, stops, ends)),) = _asked(path, {"table": "spans", "columns": columns})
     rows = np.column_stack([starts, stops]).astype(np.int64)
-    spans = {name: (first, end) for name, (first, end) in zip(answer["trials"], rows.tolist(), strict=True)}
+    spans = {
+        name: (first, end)
+        for name, (first, end) in zip(answer["trials"], rows.tolist(), strict=True)
+    }
     wanted = set(trials)
     unlisted = [name for name in spans if name not in wanted]
     notes = (
-        [f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not list, such as {unlisted[0]!r}; they were left out"]
+        [
+            (
+                f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not"
+                f" list, such as {unlisted[0]!r}; they were left out"
+            )
+        ]
         if unlisted
         else []
     )
     here = [name for name in spans if name in wanted]
-    return Plan(pieces=tuple(_pieces(path, {name: spans[name] for name in here}, ends)), notes=tuple(notes))
+    return Plan(
+        pieces=tuple(_pieces(path, {name: spans[name] for name in here}, ends)), notes=tuple(notes)
+    )
 
 
 def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) -> Iterator[Piece]:
@@ -68,12 +99,22 @@ def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) 
     rows: list[tuple[int, int]] = []
     for i, (name, span) in enumerate(spans.items()):
         if rows and groups[i] != groups[i - 1] and span[0] - rows[0][0] >= ROWS:
-            yield Piece(trials=tuple(trials), paths=(path,), rows=tuple(rows), bytes=size * (span[0] - rows[0][0]))
+            yield Piece(
+                trials=tuple(trials),
+                paths=(path,),
+                rows=tuple(rows),
+                bytes=size * (span[0] - rows[0][0]),
+            )
             trials, rows = [], []
         trials.append(name)
         rows.append(span)
     if trials:
-        yield Piece(trials=tuple(trials), paths=(path,), rows=tuple(rows), bytes=size * (rows[-1][1] - rows[0][0]))
+        yield Piece(
+            trials=tuple(trials),
+            paths=(path,),
+            rows=tuple(rows),
+            bytes=size * (rows[-1][1] - rows[0][0]),
+        )
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
@@ -82,7 +123,13 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
     tick = units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0
     names = [force.column] + ([clock.column] if clock else [])
     at, trial = piece.rows[0][0], 0
-    request = {"table": "rows", "columns": names, "first": at, "end": piece.rows[-1][1], "size": BATCH}
+    request = {
+        "table": "rows",
+        "columns": names,
+        "first": at,
+        "end": piece.rows[-1][1],
+        "size": BATCH,
+    }
     held: list[list[FloatArray]] = [[] for _ in names]
     for _, arrays in _asked(path, request):
         end = at + len(arrays[0])
@@ -112,4 +159,11 @@ FORMAT = Format(
     contents=long_table.contents,
     child=True,
 )
-PARQUET = Reader(name=FORMAT.name, title=FORMAT.title, files=_files, plan=_plan, read_piece=_read_piece, format=FORMAT)
+PARQUET = Reader(
+    name=FORMAT.name,
+    title=FORMAT.title,
+    files=_files,
+    plan=_plan,
+    read_piece=_read_piece,
+    format=FORMAT,
+)

@@ -1,7 +1,8 @@
-"""A reader from a format: what turns one file into channels becomes what turns a campaign's files into records.
+"""A reader from a format: what turns one file into channels becomes what turns a campaign's files
+into records.
 
-Two layouts: a file for each trial (``files = "trials/{trial}.tdms"``), or one file for all, whose channels carry the trial's id
-(``files = "all.h5"``, ``column = "/{trial}/force"``).
+Two layouts: a file for each trial (``files = "trials/{trial}.tdms"``), or one file for all, whose
+channels carry the trial's id (``files = "all.h5"``, ``column = "/{trial}/force"``).
 """
 
 from __future__ import annotations
@@ -18,7 +19,19 @@ import numpy as np
 from nearlift import units
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.channel import AS_FORCE, UNITS, Channel, Contents, Malformed, pick
-from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record, files_pattern, force_channel, inside, per_trial, source_of, unlisted
+from nearlift.readers.seam import (
+    FloatArray,
+    Piece,
+    Plan,
+    Reader,
+    Record,
+    files_pattern,
+    force_channel,
+    inside,
+    per_trial,
+    source_of,
+    unlisted,
+)
 
 if TYPE_CHECKING:
     from nearlift.campaign import Campaign
@@ -43,13 +56,16 @@ class Format:
     name, title : str
         As the reader's.
     recognises : callable
-        ``recognises(head, name)``: whether a file with these first bytes and this name is certainly of this format.
+        ``recognises(head, name)``: whether a file with these first bytes and this name is certainly
+        of this format.
     contents : callable
-        ``contents(path, dialect, names)``: the channels of one file, at least those that `names` may mean.
+        ``contents(path, dialect, names)``: the channels of one file, at least those that `names`
+        may mean.
     options : mapping of str to type
         What ``[records] dialect`` may hold.
     child : bool
-        Whether a library written in C parses the file: it then does so in a process of its own (`readers.child`).
+        Whether a library written in C parses the file: it then does so in a process of its own
+        (`readers.child`).
     checked : bool
         Whether a cut or changed file shows by itself (a check sum, a length); told by `inspect`.
     """
@@ -74,10 +90,20 @@ class Format:
         for key, value in dialect.items():
             if key not in allowed:
                 close = difflib.get_close_matches(key, allowed, n=1)
-                known = f"did you mean {close[0]!r}?" if close else f"known to {self.name}: {', '.join(allowed)}"
+                known = (
+                    f"did you mean {close[0]!r}?"
+                    if close
+                    else f"known to {self.name}: {', '.join(allowed)}"
+                )
                 raise ManifestError(f"records.dialect.{key}", "unknown key", known)
-            if not isinstance(value, allowed[key]) or (allowed[key] is int and isinstance(value, bool)):
-                raise ManifestError(f"records.dialect.{key}", f"{value!r} is no {allowed[key].__name__}", "see docs/formats.md")
+            if not isinstance(value, allowed[key]) or (
+                allowed[key] is int and isinstance(value, bool)
+            ):
+                raise ManifestError(
+                    f"records.dialect.{key}",
+                    f"{value!r} is no {allowed[key].__name__}",
+                    "see docs/formats.md",
+                )
         return dialect
 
 
@@ -109,12 +135,31 @@ def reader_of(form: Format) -> Reader:
             for trial, path in _files_of(piece):
                 yield record(contents, said, trial, path, source_of(root, path))
 
-    def reduce_piece(campaign: Campaign, root: Path, piece: Piece, conditions: Conditions, tare_after_N: Mapping[str, float]) -> Iterator[Row]:
+    def reduce_piece(
+        campaign: Campaign,
+        root: Path,
+        piece: Piece,
+        conditions: Conditions,
+        tare_after_N: Mapping[str, float],
+    ) -> Iterator[Row]:
         from nearlift.readers import child
 
-        about = {"reader": form.name, "said": asdict(Said.by(campaign)), "conditions": asdict(conditions)}
+        about = {
+            "reader": form.name,
+            "said": asdict(Said.by(campaign)),
+            "conditions": asdict(conditions),
+        }
         files = list(_files_of(piece))
-        asked = [{**about, "trial": t, "path": str(p), "source": source_of(root, p), "tare_after_N": tare_after_N.get(t, math.nan)} for t, p in files]
+        asked = [
+            {
+                **about,
+                "trial": t,
+                "path": str(p),
+                "source": source_of(root, p),
+                "tare_after_N": tare_after_N.get(t, math.nan),
+            }
+            for t, p in files
+        ]
         return child.rows(asked)
 
     return Reader(
@@ -130,7 +175,11 @@ def reader_of(form: Format) -> Reader:
 
 def _files_of(piece: Piece) -> Iterator[tuple[str, Path]]:
     """Each trial of a piece with its file."""
-    return zip(piece.trials, piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials), strict=True)
+    return zip(
+        piece.trials,
+        piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials),
+        strict=True,
+    )
 
 
 def _one_for_all(campaign: Campaign) -> bool:
@@ -141,12 +190,18 @@ def _one_for_all(campaign: Campaign) -> bool:
     ManifestError
         Neither the files nor the column say where the trial's id stands, or both do.
     """
-    in_files, in_column = "{trial}" in files_pattern(campaign), "{trial}" in force_channel(campaign).column
+    in_files, in_column = (
+        "{trial}" in files_pattern(campaign),
+        "{trial}" in force_channel(campaign).column,
+    )
     if in_files == in_column:
         raise ManifestError(
             "records.files",
-            f"{files_pattern(campaign)!r} {'and the column both say' if in_files else 'does not say'} where the trial's id stands",
-            'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all trials, in force.column',
+            f"{files_pattern(campaign)!r}"
+            f" {'and the column both say' if in_files else 'does not say'} where the trial's id"
+            " stands",
+            'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all trials,'
+            " in force.column",
         )
     return in_column
 
@@ -166,9 +221,11 @@ def _pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Said:
-    """What the manifest says of a record's channels, in plain values that can be sent to another process.
+    """What the manifest says of a record's channels, in plain values that can be sent to another
+    process.
 
-    Lift in N is ``factor * (number - zero)``; the clock's numbers times `tick` are seconds. A rate, Hz, is what a file's own is held against.
+    Lift in N is ``factor * (number - zero)``; the clock's numbers times `tick` are seconds. A rate,
+    Hz, is what a file's own is held against.
     """
 
     column: str
@@ -184,7 +241,11 @@ class Said:
     @classmethod
     def by(cls, campaign: Campaign) -> Self:
         """What a campaign's manifest says."""
-        force, clock, dialect = force_channel(campaign), campaign.records.time, campaign.records.dialect
+        force, clock, dialect = (
+            force_channel(campaign),
+            campaign.records.time,
+            campaign.records.dialect,
+        )
         factor, zero = force.linear()
         return cls(
             column=force.column,
@@ -199,7 +260,13 @@ class Said:
         )
 
 
-def record(contents: Callable[[Path, Dialect, Names], Contents], said: Said, trial: str, path: Path, source: str) -> Record:
+def record(
+    contents: Callable[[Path, Dialect, Names], Contents],
+    said: Said,
+    trial: str,
+    path: Path,
+    source: str,
+) -> Record:
     """The record of one trial from its file."""
     nothing: FloatArray = np.empty(0)
     if path.stat().st_size == 0:
@@ -209,9 +276,17 @@ def record(contents: Callable[[Path, Dialect, Names], Contents], said: Said, tri
     try:
         found = contents(path, said.dialect, (column,) if tick is None else (column, tick))
     except Malformed as fault:
-        return Record(trial=trial, force_N=nothing, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}")
+        return Record(
+            trial=trial,
+            force_N=nothing,
+            source=source,
+            codes=("MALFORMED",),
+            fault=f"{source}: {fault}",
+        )
     if not found.channels and "NO_DATA" in found.codes:
-        return Record(trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes)
+        return Record(
+            trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes
+        )
     channel = pick(found.channels, column, "records.force.column", str(path))
     _same_unit(channel, said.unit, "force", "records.force.unit", str(path))
     _same_rate(channel, said.rate_Hz, str(path))
@@ -222,7 +297,8 @@ def record(contents: Callable[[Path, Dialect, Names], Contents], said: Said, tri
         if len(own.values) != len(channel.values):
             raise InputRefused(
                 str(path),
-                f"has {len(channel.values)} samples of {channel.name!r} and {len(own.values)} of {own.name!r}",
+                f"has {len(channel.values)} samples of {channel.name!r} and {len(own.values)} of"
+                f" {own.name!r}",
                 "under [records] time, name the clock of the force, or none",
             )
         # a clock in seconds is not copied
@@ -239,7 +315,9 @@ def record(contents: Callable[[Path, Dialect, Names], Contents], said: Said, tri
 
 
 def _same_unit(channel: Channel, unit: str, dimension: str, key: str, where: str) -> None:
-    """Refuse a manifest that contradicts the unit in the file; a unit that nobody knows says nothing."""
+    """Refuse a manifest that contradicts the unit in the file; a unit that nobody knows says
+    nothing.
+    """
     if not channel.unit or unit == "count":
         return
     written = AS_FORCE.get(channel.unit, channel.unit) if dimension == "force" else channel.unit
@@ -248,13 +326,16 @@ def _same_unit(channel: Channel, unit: str, dimension: str, key: str, where: str
     except ManifestError:
         if channel.unit in UNITS.values():
             raise InputRefused(
-                where, f"states {channel.name!r} in {channel.unit}, the manifest says {unit}", f"name another column, or mend {key}"
+                where,
+                f"states {channel.name!r} in {channel.unit}, the manifest says {unit}",
+                f"name another column, or mend {key}",
             ) from None
         return
     if abs(stated[0] - said[0]) > 1e-6 * abs(said[0]):
         raise InputRefused(
             where,
-            f"states {channel.name!r} in {channel.unit}, the manifest says {unit}: a factor of {stated[0] / said[0]:.4g}",
+            f"states {channel.name!r} in {channel.unit}, the manifest says {unit}: a factor of"
+            f" {stated[0] / said[0]:.4g}",
             f'{key} = "{written}"?',
         )
 
@@ -266,6 +347,8 @@ def _same_rate(channel: Channel, rate: float | None, where: str) -> None:
     if abs(channel.rate_Hz / rate - 1) > 0.01:
         raise InputRefused(
             where,
-            f"says that {channel.name!r} has {channel.rate_Hz:.6g} Hz, the manifest says {rate:g} Hz",
-            "mend [load_cell] sample_rate; where the file is known to be wrong: dialect = { ignore_rate = true } under [records]",
+            f"says that {channel.name!r} has {channel.rate_Hz:.6g} Hz, the manifest says"
+            f" {rate:g} Hz",
+            "mend [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
+            " ignore_rate = true } under [records]",
         )

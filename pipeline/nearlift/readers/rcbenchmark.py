@@ -1,7 +1,9 @@
-"""RCbenchmark 1520, 1580 and 1585: CSV with a byte order mark, units in the names, a trailing comma.
+"""RCbenchmark 1520, 1580 and 1585: CSV with a byte order mark, units in the names, a trailing
+comma.
 
-The unit of `Thrust` follows a preference of the user (gf, kgf, N): it is read from the header and held against the manifest's. The clock
-of averaged step tests runs backwards between its first rows; the order of the rows is kept.
+The unit of `Thrust` follows a preference of the user (gf, kgf, N): it is read from the header and
+held against the manifest's. The clock of averaged step tests runs backwards between its first rows;
+the order of the rows is kept.
 """
 
 from __future__ import annotations
@@ -24,7 +26,12 @@ def _known(names: set[str]) -> bool:
 def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
     """The channels of an RCbenchmark file; raises as `stand.contents`."""
     return stand.contents(
-        path, names, title="RCbenchmark 15xx", known=_known, texts=("app message",), speeds=lambda n: n.startswith("motor") and "speed" in n
+        path,
+        names,
+        title="RCbenchmark 15xx",
+        known=_known,
+        texts=("app message",),
+        speeds=lambda n: n.startswith("motor") and "speed" in n,
     )
 
 

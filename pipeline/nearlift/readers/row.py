@@ -12,7 +12,9 @@ from nearlift.reduction.record import Limits, Reduced, reduce_record
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """What holds for every record of a campaign: sample rate, Hz; rotors-stopped head and what is discarded after it, s; limits of quality."""
+    """What holds for every record of a campaign: sample rate, Hz; rotors-stopped head and what is
+    discarded after it, s; limits of quality.
+    """
 
     rate_Hz: float
     tare_s: float
@@ -24,7 +26,8 @@ class Conditions:
 class Row:
     """What one worker answers for one trial.
 
-    `fault` says what is wrong with a MALFORMED record; `refusal` is there where it cannot be read in the way that the manifest asks for.
+    `fault` says what is wrong with a MALFORMED record; `refusal` is there where it cannot be read
+    in the way that the manifest asks for.
     """
 
     trial: str
@@ -37,7 +40,9 @@ class Row:
     refusal: InputRefused | None = None
 
 
-def row_of(record: Record, conditions: Conditions, tare_after_N: float = math.nan, source_sha256: str = "") -> Row:
+def row_of(
+    record: Record, conditions: Conditions, tare_after_N: float = math.nan, source_sha256: str = ""
+) -> Row:
     """A record reduced; raises as `reduce_record` does."""
     reduced = reduce_record(
         record.force_N,

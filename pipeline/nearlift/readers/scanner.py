@@ -11,7 +11,18 @@ import numpy as np
 from nearlift.native import POINTER, TEXT, WHOLE, Kernel, address
 from nearlift.readers.seam import FloatArray
 
-SCAN = Kernel("nearlift.readers.kernel", "scan", TEXT, *(WHOLE,) * 5, POINTER, POINTER, WHOLE, WHOLE, POINTER, POINTER)
+SCAN = Kernel(
+    "nearlift.readers.kernel",
+    "scan",
+    TEXT,
+    *(WHOLE,) * 5,
+    POINTER,
+    POINTER,
+    WHOLE,
+    WHOLE,
+    POINTER,
+    POINTER,
+)
 IRREGULAR = -1
 POWERS = 10.0 ** np.arange(19)
 #: Words of both columns' layouts.
@@ -30,7 +41,9 @@ class _Room:
 
 
 class _Kept(threading.local):
-    """A thread's room, kept from file to file: the system takes longer to give fresh memory than the scanner to fill it."""
+    """A thread's room, kept from file to file: the system takes longer to give fresh memory than
+    the scanner to fill it.
+    """
 
     room = _Room(0)
 
@@ -50,7 +63,8 @@ _powers = address(POWERS)
 
 
 def scan(text: bytes, at: int, columns: int, wanted: Sequence[int]) -> list[FloatArray] | None:
-    """One or two wanted columns of the rows of `text` after byte `at`, None where a line is not plain. They last until this thread scans again.
+    """One or two wanted columns of the rows of `text` after byte `at`, None where a line is not
+    plain. They last until this thread scans again.
 
     Bytes before `at` are the header; there must be some.
     """
@@ -63,6 +77,21 @@ def scan(text: bytes, at: int, columns: int, wanted: Sequence[int]) -> list[Floa
     room.layouts.fill(0)
     first, second, layouts = room.places
     found = SCAN(
-        text, len(text), at, low, max(high - low - 1, 0), columns - 1 - high, first, second, rows, int(high != low), _powers, layouts
-    )  # fmt: skip
-    return None if found == IRREGULAR else [room.columns[int(place != low)][:found] for place in wanted]
+        text,
+        len(text),
+        at,
+        low,
+        max(high - low - 1, 0),
+        columns - 1 - high,
+        first,
+        second,
+        rows,
+        int(high != low),
+        _powers,
+        layouts,
+    )
+    return (
+        None
+        if found == IRREGULAR
+        else [room.columns[int(place != low)][:found] for place in wanted]
+    )

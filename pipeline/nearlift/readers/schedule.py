@@ -1,7 +1,9 @@
-"""trials.csv to SI columns: which trial ran where, at which throttle, under which conditions, in which order.
+"""trials.csv to SI columns: which trial ran where, at which throttle, under which conditions, in
+which order.
 
-Strict: a column that the contract knows needs its unit, a cell that is no number is named with its line. Any further column is
-kept under its own name. Whether the distances can be true is `geometry`'s matter.
+Strict: a column that the contract knows needs its unit, a cell that is no number is named with its
+line. Any further column is kept under its own name. Whether the distances can be true is
+`geometry`'s matter.
 """
 
 from __future__ import annotations
@@ -48,19 +50,23 @@ class Schedule:
     ----------
     trial, boundary : object arrays of str
     z_m : float array
-        Recorded distance plus the datum's offset: rotor plane (sidewall: nearest blade tip) to boundary; inf in free air.
+        Recorded distance plus the datum's offset: rotor plane (sidewall: nearest blade tip) to
+        boundary; inf in free air.
     z_hat : float array
         The same over rotor radius.
     throttle : float array
         As a fraction.
     visit : int array
-        Counts the traverse's stops: consecutive trials at one boundary and distance, approached from one side, in one session.
+        Counts the traverse's stops: consecutive trials at one boundary and distance, approached
+        from one side, in one session.
     covariates : dict of arrays
-        SI, the unit in the name (`supply_V`); columns that the contract does not name under their own name. NaN where blank.
+        SI, the unit in the name (`supply_V`); columns that the contract does not name under their
+        own name. NaN where blank.
     means : dict of arrays or None
         `lift_N`, `lift_sd_N` and `n`, for ``reader = "means"`` only.
     reached_m : float array or None
-        Distances that the traverse itself reported, the datum's offset added; they only judge whether it arrived.
+        Distances that the traverse itself reported, the datum's offset added; they only judge
+        whether it arrived.
     notes : tuple of str
         What the user should know.
     """
@@ -115,12 +121,15 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
             raise ManifestError(
                 str(path),
                 f"has no column {name!r}",
-                hint.replace("did you mean", "is it") or f"add it, or set it for all under [trials.constants]: {name} = ...",
+                hint.replace("did you mean", "is it")
+                or f"add it, or set it for all under [trials.constants]: {name} = ...",
             )
 
     trial = _ids(cells["trial"])
     boundary = _boundaries(cells["boundary"])
-    throttle = columns.quantity(cells["throttle"], BY_NAME["throttle"], given.get("throttle"), blank=False)
+    throttle = columns.quantity(
+        cells["throttle"], BY_NAME["throttle"], given.get("throttle"), blank=False
+    )
     throttle_is_plausible(throttle, cells["throttle"], given.get("throttle", ""))
     z_m = distances(campaign, cells.get("distance"), boundary)
 
@@ -133,12 +142,18 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
             continue
         if known is None:
             if name in _reserved():
-                raise ManifestError(str(path), f"the column {name!r} has the name of a result", "rename it")
+                raise ManifestError(
+                    str(path), f"the column {name!r} has the name of a result", "rename it"
+                )
             covariates[name] = columns.further(column)
             hint = columns.near(name, [k.name for k in KNOWN if k.name not in cells])
             notes += [f"{path.name}: column {name!r} is kept as it is; {hint}"] if hint else []
         elif name in MEANS:
-            means[known.inside] = _plain(column, name) if name == "n" else columns.quantity(column, known, given.get(name), blank=name != "lift")
+            means[known.inside] = (
+                _plain(column, name)
+                if name == "n"
+                else columns.quantity(column, known, given.get(name), blank=name != "lift")
+            )
         elif name == "start":
             covariates[known.inside] = columns.seconds(column, given.get("start"))
         elif name == "tare_after" and given.get("tare_after") == "count":
@@ -146,13 +161,18 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
         elif known.kind == "text":
             covariates[known.inside] = np.array([t.strip() for t in column.texts], dtype=object)
         else:
-            covariates[known.inside] = _plain(column, name) if known.kind == "plain" else columns.quantity(column, known, given.get(name))
+            covariates[known.inside] = (
+                _plain(column, name)
+                if known.kind == "plain"
+                else columns.quantity(column, known, given.get(name))
+            )
     means_wanted = campaign.records.reader == "means"
     if means_wanted and "lift_N" not in means:
         raise ManifestError(
             str(path),
             "has no column 'lift'",
-            'reader = "means" takes the mean lift of every trial from it; add lift, and its unit under [trials.units]',
+            'reader = "means" takes the mean lift of every trial from it; add lift, and its unit'
+            " under [trials.units]",
         )
     if means and not means_wanted:
         raise ManifestError(
@@ -160,21 +180,39 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
             f'the column {next(n for n in MEANS if n in cells)!r} belongs to reader = "means"',
             f"rename it; here the lift comes from the {campaign.records.reader} records",
         )
-    notes += _backwards(cells["start"], covariates["start_s"], covariates.get("session")) if "start_s" in covariates else []
+    notes += (
+        _backwards(cells["start"], covariates["start_s"], covariates.get("session"))
+        if "start_s" in covariates
+        else []
+    )
     reached = covariates.pop("reached_m", None)
     approach = covariates.get("approach")
     if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
-        notes.append('sidewall distances are taken as wall to nearest blade tip; say so with distance_datum = { sidewall = "blade tip" }')
+        notes.append(
+            "sidewall distances are taken as wall to nearest blade tip; say so with distance_datum"
+            ' = { sidewall = "blade tip" }'
+        )
     return Schedule(
         trial=trial,
         boundary=boundary,
         z_m=z_m,
         z_hat=z_m / campaign.vehicle.rotor_radius,
         throttle=throttle,
-        visit=visits(boundary, z_m, approach, covariates.get("session"), ordered=campaign.trials.order == "run"),
+        visit=visits(
+            boundary,
+            z_m,
+            approach,
+            covariates.get("session"),
+            ordered=campaign.trials.order == "run",
+        ),
         covariates=covariates,
         means=means if means_wanted else None,
-        reached_m=None if reached is None else reached + np.array([0.0 if b == "none" else campaign.rig.offset(b) for b in boundary]),
+        reached_m=(
+            None
+            if reached is None
+            else reached
+            + np.array([0.0 if b == "none" else campaign.rig.offset(b) for b in boundary])
+        ),
         notes=tuple(notes),
     )
 
@@ -187,9 +225,11 @@ def visits(
     *,
     ordered: bool = True,
 ) -> NDArray[np.int64]:
-    """Counter of the traverse's stops, from 0: it moves on where boundary, distance, side of approach or session change.
+    """Counter of the traverse's stops, from 0: it moves on where boundary, distance, side of
+    approach or session change.
 
-    Where nobody knows the order of the rows, those that agree in all of these are one stop, wherever they stand in the table.
+    Where nobody knows the order of the rows, those that agree in all of these are one stop,
+    wherever they stand in the table.
     """
     if len(boundary) == 0:
         return np.zeros(0, dtype=np.int64)
@@ -200,7 +240,9 @@ def visits(
         return np.argsort(np.argsort(first))[label].astype(np.int64)
     moved = (boundary[1:] != boundary[:-1]) | (z_m[1:] != z_m[:-1])
     if approach is not None:
-        moved = moved | ((approach[1:] != approach[:-1]) & np.isfinite(approach[1:]) & np.isfinite(approach[:-1]))
+        moved = moved | (
+            (approach[1:] != approach[:-1]) & np.isfinite(approach[1:]) & np.isfinite(approach[:-1])
+        )
     if session is not None:
         # a new session is a new approach to the distance, even to the same one
         moved = moved | (session[1:] != session[:-1])
@@ -209,11 +251,17 @@ def visits(
 
 def _text(path: Path) -> str:
     if not path.is_file():
-        raise InputRefused(str(path), "is missing", "the schedule lists every trial; name it under [trials] file = ...")
+        raise InputRefused(
+            str(path),
+            "is missing",
+            "the schedule lists every trial; name it under [trials] file = ...",
+        )
     try:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as fault:
-        raise InputRefused(str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8") from None
+        raise InputRefused(
+            str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8"
+        ) from None
 
 
 def _unended(path: Path, text: str) -> list[str]:
@@ -221,7 +269,12 @@ def _unended(path: Path, text: str) -> list[str]:
     last = text[max(text.rfind("\n"), text.rfind("\r")) + 1 :]
     if not last.strip():
         return []
-    return [f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that row is wrong and more may be lost; end the line"]
+    return [
+        (
+            f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there,"
+            " that row is wrong and more may be lost; end the line"
+        )
+    ]
 
 
 def _cells(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
@@ -250,24 +303,42 @@ def _cells(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
             for column, cell in zip(found, row, strict=True):
                 column.append(kept.setdefault(cell, cell))
     except csv.Error as fault:
-        raise InputRefused(f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "mend that line") from None
+        raise InputRefused(
+            f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "mend that line"
+        ) from None
     if not header:
-        raise InputRefused(str(path), "is empty", "the first line names the columns, then one line per trial")
+        raise InputRefused(
+            str(path), "is empty", "the first line names the columns, then one line per trial"
+        )
     if not lines:
-        raise InputRefused(str(path), "lists no trial", "one line per trial, in the order in which they were run")
-    cells = {name: Cells(name, column, path.name, lines) for name, column in zip(header, found, strict=True)}
+        raise InputRefused(
+            str(path), "lists no trial", "one line per trial, in the order in which they were run"
+        )
+    cells = {
+        name: Cells(name, column, path.name, lines)
+        for name, column in zip(header, found, strict=True)
+    }
     for name, value in campaign.trials.constants.items():
         if name in cells:
-            raise ManifestError(f"trials.constants.{name}", f"stands beside a column {name!r} of {path.name}", "keep one of them")
+            raise ManifestError(
+                f"trials.constants.{name}",
+                f"stands beside a column {name!r} of {path.name}",
+                "keep one of them",
+            )
         cells[name] = _constant(campaign, name, value, len(lines))
     return cells
 
 
 def _without_remarks(text: str) -> str:
-    """The same with lines above the header that begin with ``#`` made blank; a header behind ``#`` is left to be refused by its names."""
+    """The same with lines above the header that begin with ``#`` made blank; a header behind ``#``
+    is left to be refused by its names.
+    """
     above = re.match(r"(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n|\r|\n))*", text)
     remarks = above[0] if above else ""
-    if any({"trial"} < {cell.strip(' \t"#') for cell in line.split(",")} & BY_NAME.keys() for line in remarks.splitlines()):
+    if any(
+        {"trial"} < {cell.strip(' \t"#') for cell in line.split(",")} & BY_NAME.keys()
+        for line in remarks.splitlines()
+    ):
         return text
     return re.sub(r"#[^\r\n]*", "", remarks) + text[len(remarks) :]
 
@@ -276,17 +347,31 @@ def _header(path: Path, line: int, row: list[str]) -> list[str]:
     """The columns' names."""
     header = [name.strip() for name in row]
     if len(header) == 1 and any(d in header[0] for d in ";\t"):
-        raise InputRefused(str(path), "is not separated by commas", "save it with commas between cells and points in decimals")
+        raise InputRefused(
+            str(path),
+            "is not separated by commas",
+            "save it with commas between cells and points in decimals",
+        )
     twice = sorted(n for n, k in Counter(header).items() if k > 1)
     if twice:
-        raise InputRefused(f"{path}, line {line}", f"the column {twice[0]!r} stands twice", "rename or drop one of them")
+        raise InputRefused(
+            f"{path}, line {line}",
+            f"the column {twice[0]!r} stands twice",
+            "rename or drop one of them",
+        )
     if "" in header:
-        raise InputRefused(f"{path}, line {line}", f"column {header.index('') + 1} has no name", "name it, or take the stray comma away")
+        raise InputRefused(
+            f"{path}, line {line}",
+            f"column {header.index('') + 1} has no name",
+            "name it, or take the stray comma away",
+        )
     return header
 
 
 def _constant(campaign: Campaign, name: str, value: object, n: int) -> Cells:
-    """A constant as a column of texts; a text with its own unit is brought to the unit of the column."""
+    """A constant as a column of texts; a text with its own unit is brought to the unit of the
+    column.
+    """
     known = BY_NAME.get(name)
     text = str(value)
     if (
@@ -314,14 +399,20 @@ def _units_name_columns(given: Mapping[str, str], present: Sequence[str]) -> Non
     for name in given:
         if name not in present and name not in BY_NAME:
             raise ManifestError(
-                f"trials.units.{name}", "no column has that name", columns.near(name, [*present, *BY_NAME]) or f"columns are {', '.join(present)}"
+                f"trials.units.{name}",
+                "no column has that name",
+                columns.near(name, [*present, *BY_NAME]) or f"columns are {', '.join(present)}",
             )
 
 
 def _only_free_air(cells: Mapping[str, Cells]) -> tuple[str, ...]:
     """Columns that a campaign of nothing but free-air trials may leave out."""
     boundary = cells.get("boundary")
-    return ("distance",) if boundary is not None and all(t.strip() == "none" for t in boundary.texts) else ()
+    return (
+        ("distance",)
+        if boundary is not None and all(t.strip() == "none" for t in boundary.texts)
+        else ()
+    )
 
 
 def _backwards(cells: Cells, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
@@ -334,7 +425,12 @@ def _backwards(cells: Cells, start_s: FloatArray, session: NDArray[Any] | None) 
         return []
     row = int(known[1:][earlier][0])
     others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
-    return [f"{cells.at(row)}: {cells.texts[row].strip()} lies before the row above{others}: rows stand in the order in which they were run"]
+    return [
+        (
+            f"{cells.at(row)}: {cells.texts[row].strip()} lies before the row above{others}: rows"
+            " stand in the order in which they were run"
+        )
+    ]
 
 
 def _reserved() -> set[str]:
@@ -348,12 +444,18 @@ def _ids(cells: Cells) -> NDArray[Any]:
         if not name or any(unicodedata.category(c) in _UNSEEN for c in name):
             raise ManifestError(
                 cells.at(i),
-                "holds no trial id" if not name else f"{name!a} holds a character that does not show",
+                (
+                    "holds no trial id"
+                    if not name
+                    else f"{name!a} holds a character that does not show"
+                ),
                 "give every trial an id of its own",
             )
         if name in first:
             raise ManifestError(
-                cells.at(i), f"trial {name!r} stands already in {cells.at(first[name]).split(', column')[0]}", "give every trial an id of its own"
+                cells.at(i),
+                f"trial {name!r} stands already in {cells.at(first[name]).split(', column')[0]}",
+                "give every trial an id of its own",
             )
         first[name] = i
     return np.array(list(first), dtype=object)
@@ -365,13 +467,17 @@ def _boundaries(cells: Cells) -> NDArray[Any]:
     for i, name in enumerate(names):
         if name not in allowed:
             raise ManifestError(
-                cells.at(i), f"{name!r} is not a boundary", columns.near(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}"
+                cells.at(i),
+                f"{name!r} is not a boundary",
+                columns.near(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}",
             )
     return np.array(names, dtype=object)
 
 
 def _plain(cells: Cells, name: str) -> FloatArray:
-    """A column of plain numbers: approach (+1, -1, or 0 where the traverse did not move) and n (whole, from 1)."""
+    """A column of plain numbers: approach (+1, -1, or 0 where the traverse did not move) and n
+    (whole, from 1).
+    """
     values = columns.numbers(cells, blank=True)
     for i, value in enumerate(values):
         if name == "approach" and not (np.isnan(value) or value in (-1.0, 0.0, 1.0)):
@@ -381,13 +487,21 @@ def _plain(cells: Cells, name: str) -> FloatArray:
                 "approach is +1 when the last move was away from the boundary, -1 towards it",
             )
         if name == "n" and not (np.isnan(value) or (value >= 1 and value == int(value))):
-            raise ManifestError(cells.at(i), f"{cells.texts[i].strip()!r} is not a number of samples", "n is a whole number from 1")
+            raise ManifestError(
+                cells.at(i),
+                f"{cells.texts[i].strip()!r} is not a number of samples",
+                "n is a whole number from 1",
+            )
     return values
 
 
 def _counts(campaign: Campaign, cells: Cells) -> FloatArray:
     """A zero reading in counts, through the force channel's calibration."""
     if campaign.records.force is None:
-        raise ManifestError("trials.units.tare_after", "is in counts, but [records] has no force channel", "give it in a unit of force")
+        raise ManifestError(
+            "trials.units.tare_after",
+            "is in counts, but [records] has no force channel",
+            "give it in a unit of force",
+        )
     factor, zero = campaign.records.force.linear()
     return factor * (columns.numbers(cells, blank=True) - zero)

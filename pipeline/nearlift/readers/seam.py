@@ -1,8 +1,9 @@
 """Where outside formats meet nearlift: a reader is a frozen value that turns files into records.
 
-A reader first *plans* (which trials stand in which files, and in which rows of them) without reading samples, then reads one
-`Piece` of the plan at a time. Pieces are small values that can be sent to another process, and no two of them share state:
-`stages.ingest` maps them over an executor. A new format is one file with one `Reader` in it.
+A reader first *plans* (which trials stand in which files, and in which rows of them) without
+reading samples, then reads one `Piece` of the plan at a time. Pieces are small values that can be
+sent to another process, and no two of them share state: `stages.ingest` maps them over an executor.
+A new format is one file with one `Reader` in it.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Record:
     trial : str
         Id, as in the schedule.
     force_N : (n,) float array
-        Lift in N, up positive: sign and calibration applied, tare *not* removed. NaN where the file holds no number.
+        Lift in N, up positive: sign and calibration applied, tare *not* removed. NaN where the file
+        holds no number.
     time_s : (n,) float array or None
         The clock column, where the manifest names one.
     source : str
@@ -71,10 +73,11 @@ class Record:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """What one task reads: some trials, their files, and (where a file holds many trials) their rows.
+    """What one task reads: some trials, their files, and (where a file holds many trials) their
+    rows.
 
-    `paths` has one entry per trial, or a single one for all; `rows` one (first, end) pair per trial, or none. `bytes` is what
-    the task will read, so that a reader may choose its means.
+    `paths` has one entry per trial, or a single one for all; `rows` one (first, end) pair per
+    trial, or none. `bytes` is what the task will read, so that a reader may choose its means.
     """
 
     trials: tuple[str, ...]
@@ -85,7 +88,9 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The pieces of a campaign, and what the user should know about the files. Trials in no piece have no record."""
+    """The pieces of a campaign, and what the user should know about the files. Trials in no piece
+    have no record.
+    """
 
     pieces: tuple[Piece, ...]
     notes: tuple[str, ...] = ()
@@ -100,19 +105,22 @@ class Reader:
     name, title : str
         What ``[records] reader`` says, and one line for the catalogue.
     files : callable
-        ``files(campaign, root, trials)``: every record file there is, checked to be a regular file under `root`. Staleness is
-        judged by these.
+        ``files(campaign, root, trials)``: every record file there is, checked to be a regular file
+        under `root`. Staleness is judged by these.
     plan : callable
         ``plan(campaign, root, trials)``: the `Plan`; reads no samples.
     read_piece : callable
-        ``read_piece(campaign, root, piece)``: the piece's records in the plan's order, one in memory at a time.
+        ``read_piece(campaign, root, piece)``: the piece's records in the plan's order, one in
+        memory at a time.
     reduce_piece : callable or None
-        ``reduce_piece(campaign, root, piece, conditions, tare_after_N)``: the same records' rows, where another process reads the samples and
-        reduces them as well. Zero readings after a trial, N, by trial.
+        ``reduce_piece(campaign, root, piece, conditions, tare_after_N)``: the same records' rows,
+        where another process reads the samples and reduces them as well. Zero readings after a
+        trial, N, by trial.
     series : bool
         False for a format without samples (`means`), which takes its lift from the schedule.
     format : Format or None
-        Of a reader that was made by `per_file.reader_of`: how one file becomes channels, which `inspect` shows.
+        Of a reader that was made by `per_file.reader_of`: how one file becomes channels, which
+        `inspect` shows.
     """
 
     name: str
@@ -120,7 +128,9 @@ class Reader:
     files: Callable[[Campaign, Path, Sequence[str]], list[Path]]
     plan: Callable[[Campaign, Path, Sequence[str]], Plan]
     read_piece: Callable[[Campaign, Path, Piece], Iterator[Record]]
-    reduce_piece: Callable[[Campaign, Path, Piece, Conditions, Mapping[str, float]], Iterator[Row]] | None = None
+    reduce_piece: (
+        Callable[[Campaign, Path, Piece, Conditions, Mapping[str, float]], Iterator[Row]] | None
+    ) = None
     series: bool = True
     format: Format | None = None
 
@@ -136,7 +146,8 @@ def inside(root: Path, relative: str, key: str) -> Path:
     Raises
     ------
     InputRefused
-        It leads outside `root` (by ``..`` or by a symbolic link), or is there but is no regular file.
+        It leads outside `root` (by ``..`` or by a symbolic link), or is there but is no regular
+        file.
     """
     return _checked(root, relative, key)[0]
 
@@ -145,7 +156,8 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
     """The path that `inside` gives, and the file's size: None where there is no file."""
     path = root / relative
     try:
-        # the folder's own links are followed once for all its files; a file is followed only if it is a link itself
+        # the folder's own links are followed once for all its files; a file is followed only if it
+        # is a link itself
         status = path.lstat()
         if stat.S_ISREG(status.st_mode) and _holds(root.absolute(), path.parent.absolute()):
             return path, status.st_size
@@ -153,13 +165,33 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
         status = resolved.stat()
     except (FileNotFoundError, NotADirectoryError):
         resolved, status = path.resolve(), None
-    except (OSError, RuntimeError) as fault:  # Python before 3.13 raises RuntimeError on a loop of links
-        what = "is a loop of symbolic links" if isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP else f"cannot be read: {fault.strerror}"
-        raise InputRefused(f"{key} = {relative!r}", what, "put a readable file into the campaign's folder") from None
-    if not resolved.is_relative_to(_resolved(root.absolute())) or ".." in path.parts[len(root.parts) :]:
-        raise InputRefused(f"{key} = {relative!r}", f"leads outside the campaign's folder, to {resolved}", "put the file itself into the folder")
+    except (
+        OSError,
+        RuntimeError,
+    ) as fault:  # Python before 3.13 raises RuntimeError on a loop of links
+        what = (
+            "is a loop of symbolic links"
+            if isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP
+            else f"cannot be read: {fault.strerror}"
+        )
+        raise InputRefused(
+            f"{key} = {relative!r}", what, "put a readable file into the campaign's folder"
+        ) from None
+    if (
+        not resolved.is_relative_to(_resolved(root.absolute()))
+        or ".." in path.parts[len(root.parts) :]
+    ):
+        raise InputRefused(
+            f"{key} = {relative!r}",
+            f"leads outside the campaign's folder, to {resolved}",
+            "put the file itself into the folder",
+        )
     if status is not None and not stat.S_ISREG(status.st_mode):
-        raise InputRefused(str(path), "is not a regular file", "a record is a plain file, no folder, pipe or device")
+        raise InputRefused(
+            str(path),
+            "is not a regular file",
+            "a record is a plain file, no folder, pipe or device",
+        )
     return path, None if status is None else status.st_size
 
 
@@ -171,25 +203,35 @@ def _resolved(folder: Path) -> Path:
 @functools.lru_cache(maxsize=256)
 def _holds(root: Path, folder: Path) -> bool:
     """Whether a folder is in `root`, links followed, and gets there straight."""
-    return _resolved(folder).is_relative_to(_resolved(root)) and ".." not in folder.parts[len(root.parts) :]
+    return (
+        _resolved(folder).is_relative_to(_resolved(root))
+        and ".." not in folder.parts[len(root.parts) :]
+    )
 
 
 def files_pattern(campaign: Campaign) -> str:
     """``[records] files``; the manifest's own check has made sure that it is there."""
     if campaign.records.files is None:
-        raise ManifestError("records.files", "is missing", 'name the file, or a pattern such as "trials/{trial}.csv"')
+        raise ManifestError(
+            "records.files",
+            "is missing",
+            'name the file, or a pattern such as "trials/{trial}.csv"',
+        )
     return campaign.records.files
 
 
 def force_channel(campaign: Campaign) -> ForceChannel:
     """``[records] force``; the manifest's own check has made sure that it is there."""
     if campaign.records.force is None:
-        raise ManifestError("records.force", "is missing", 'such as { column = "force", unit = "mN", sign = 1 }')
+        raise ManifestError(
+            "records.force", "is missing", 'such as { column = "force", unit = "mN", sign = 1 }'
+        )
     return campaign.records.force
 
 
 def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
-    """File and size in bytes of each trial that has one, where the manifest's pattern gives one file to every trial.
+    """File and size in bytes of each trial that has one, where the manifest's pattern gives one
+    file to every trial.
 
     Raises
     ------
@@ -201,7 +243,9 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
     pattern = files_pattern(campaign)
     if MARK not in pattern:
         raise ManifestError(
-            "records.files", f"{pattern!r} does not say where the trial's id stands", 'write {trial} in it, as in "trials/{trial}.csv"'
+            "records.files",
+            f"{pattern!r} does not say where the trial's id stands",
+            'write {trial} in it, as in "trials/{trial}.csv"',
         )
     found: dict[str, tuple[Path, int]] = {}
     folder = root.as_posix()
@@ -210,7 +254,11 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
     plain = MARK not in str(common) and os.path.isdir(common) and _holds(root, common)  # noqa: PTH112 - False whatever is wrong with it
     for trial in trials:
         if _NOT_IN_NAMES.search(trial) or trial in (".", ".."):
-            raise ManifestError(f"trial {trial!r}", "has an id that cannot stand in a file name", "use letters, digits, '-', '_' and '.'")
+            raise ManifestError(
+                f"trial {trial!r}",
+                "has an id that cannot stand in a file name",
+                "use letters, digits, '-', '_' and '.'",
+            )
         name = pattern.replace(MARK, trial)
         if plain:
             with contextlib.suppress(OSError):
@@ -226,25 +274,43 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
 
 
 def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[str, ...]:
-    """A note where files stand among the records that no trial of the schedule names: its row may be lost, or its id mistyped."""
+    """A note where files stand among the records that no trial of the schedule names: its row may
+    be lost, or its id mistyped.
+    """
     pattern = files_pattern(campaign)
     head, tail, times = pattern.partition(MARK)[0], pattern.rpartition(MARK)[2], pattern.count(MARK)
     listed, names = set(trials), []
     folder, slash, _ = pattern.rpartition("/")
     if MARK in folder:
-        there = [source_of(root, path) for path in root.glob(glob.escape(pattern).replace(MARK, "*"))]
+        there = [
+            source_of(root, path) for path in root.glob(glob.escape(pattern).replace(MARK, "*"))
+        ]
     else:
         # one folder is listed in a tenth of the time that a search takes
-        there = [f"{folder}{slash}{name}" for name in os.listdir(root / folder)] if (root / folder).is_dir() else []  # noqa: PTH208
+        there = (
+            [f"{folder}{slash}{name}" for name in os.listdir(root / folder)]  # noqa: PTH208
+            if (root / folder).is_dir()
+            else []
+        )
     for name in there:
         length = (len(name) - len(pattern) + times * len(MARK)) // times
         trial = name[len(head) : len(head) + length]
-        if name.endswith(tail) and pattern.replace(MARK, trial) == name and trial not in listed and (root / name).is_file():
+        if (
+            name.endswith(tail)
+            and pattern.replace(MARK, trial) == name
+            and trial not in listed
+            and (root / name).is_file()
+        ):
             names.append(name)
     if not names:
         return ()
     more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
-    return (f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a row lost, or an id mistyped?",)
+    return (
+        (
+            f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a"
+            " row lost, or an id mistyped?"
+        ),
+    )
 
 
 def source_of(root: Path, path: Path) -> str:

@@ -1,4 +1,6 @@
-"""What thrust stands' CSV files share: commas, points, one header line with units in the names, perhaps a mark and a trailing comma."""
+"""What thrust stands' CSV files share: commas, points, one header line with units in the names,
+perhaps a mark and a trailing comma.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ LIFTS_N = 0.02
 
 
 def header(head: bytes) -> list[str]:
-    """The cells of a first line; empty where it is no UTF-8 text. A phantom cell behind a trailing comma is kept."""
+    """The cells of a first line; empty where it is no UTF-8 text. A phantom cell behind a trailing
+    comma is kept.
+    """
     try:
         line = head.split(b"\n", 1)[0].decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -39,7 +43,13 @@ def bare(names: Sequence[str]) -> set[str]:
 
 
 def contents(
-    path: Path, names: Names, *, title: str, known: Callable[[set[str]], bool], texts: Sequence[str], speeds: Callable[[str], bool]
+    path: Path,
+    names: Names,
+    *,
+    title: str,
+    known: Callable[[set[str]], bool],
+    texts: Sequence[str],
+    speeds: Callable[[str], bool],
 ) -> Contents:
     """The channels of a stand's file.
 
@@ -50,7 +60,8 @@ def contents(
     texts : sequence of str
         Bare names of columns that hold text.
     speeds : callable
-        Whether a bare name is that of a rotor's speed; a speed that is zero throughout while there is lift is remarked on.
+        Whether a bare name is that of a rotor's speed; a speed that is zero throughout while there
+        is lift is remarked on.
 
     Raises
     ------
@@ -66,11 +77,17 @@ def contents(
     columns = cells[:-1] if trailing else cells
     if not known(bare(columns)):
         raise InputRefused(
-            f"{path}, line 1", f"has not the header of {title}", '`nearlift inspect FILE` says what it is; another version may want reader = "text"'
+            f"{path}, line 1",
+            f"has not the header of {title}",
+            '`nearlift inspect FILE` says what it is; another version may want reader = "text"',
         )
     twice = sorted({name for name in columns if columns.count(name) > 1})
     if twice:
-        raise InputRefused(f"{path}, line 1", f"has more than one column {twice[0]!r}", "rename or drop one of them")
+        raise InputRefused(
+            f"{path}, line 1",
+            f"has more than one column {twice[0]!r}",
+            "rename or drop one of them",
+        )
     layout = Layout(
         encoding="utf-8-sig" if head.startswith(b"\xef\xbb\xbf") else "utf-8",
         cells=Cells(trailing=trailing),
@@ -89,10 +106,18 @@ def contents(
 
 
 def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...]:
-    """`dead_speed` where the stand lifts and every speed it has reads zero, or one of several does while others turn."""
+    """`dead_speed` where the stand lifts and every speed it has reads zero, or one of several does
+    while others turn.
+    """
     factor = {"N": 1.0, "gf": 9.80665e-3, "kgf": 9.80665}
-    force = [c for c in channels if re.search("thrust|weight|force fz", fold(c.name)) and np.isfinite(c.values).any()]
-    lifts = [np.nanmax(np.abs(c.values)) * factor.get(AS_FORCE.get(c.unit, c.unit), 0.0) for c in force]
+    force = [
+        c
+        for c in channels
+        if re.search("thrust|weight|force fz", fold(c.name)) and np.isfinite(c.values).any()
+    ]
+    lifts = [
+        np.nanmax(np.abs(c.values)) * factor.get(AS_FORCE.get(c.unit, c.unit), 0.0) for c in force
+    ]
     speeds = [c for c in channels if c.name in turning and len(c.values)]
     if not lifts or not speeds or max(lifts) < LIFTS_N:
         return ()

@@ -1,7 +1,8 @@
-"""The numbers of a text table, strictly: every line has the cells that the header promises, every cell wanted is a number.
+"""The numbers of a text table, strictly: every line has the cells that the header promises, every
+cell wanted is a number.
 
-Two roads to the same bits: pyarrow's, and, where that finds a line it cannot read, a slow one that reads the words for "no number"
-and names the first bad line.
+Two roads to the same bits: pyarrow's, and, where that finds a line it cannot read, a slow one that
+reads the words for "no number" and names the first bad line.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from nearlift.readers.arrow import floats
 from nearlift.readers.seam import FloatArray
 from nearlift.readers.words import number
 
-#: A separator that stands for runs of blanks and tabs, and one that never occurs: the line is one cell.
+#: A separator that stands for runs of blanks and tabs, and one that never occurs: the line is one
+#: cell.
 BLANKS, NONE = " ", ""
 
 
@@ -59,9 +61,13 @@ class Cells:
             return [line.strip()]
         if self.separator == BLANKS:
             return line.split()
-        # a quote without its other half begins a cell with a line break in it, unless it stands for inches
+        # a quote without its other half begins a cell with a line break in it, unless it stands for
+        # inches
         halved = line.count('"') % 2 == 1
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=self.separator, strict=halved), [])]
+        return [
+            cell.strip()
+            for cell in next(csv.reader([line], delimiter=self.separator, strict=halved), [])
+        ]
 
 
 COMMAS = Cells()
@@ -73,8 +79,16 @@ def label(cell: str) -> tuple[str, str] | None:
     return (name.strip(), rest.strip()) if colon and len(rest.split()) <= 1 else None
 
 
-def read(body: bytes, where: str, first: int, header: Sequence[str], wanted: Sequence[int], cells: Cells = COMMAS) -> list[FloatArray]:
-    """The wanted columns of `body`, UTF-8 text whose lines end in a line feed and whose first is line `first` of the file.
+def read(
+    body: bytes,
+    where: str,
+    first: int,
+    header: Sequence[str],
+    wanted: Sequence[int],
+    cells: Cells = COMMAS,
+) -> list[FloatArray]:
+    """The wanted columns of `body`, UTF-8 text whose lines end in a line feed and whose first is
+    line `first` of the file.
 
     Raises
     ------
@@ -85,7 +99,9 @@ def read(body: bytes, where: str, first: int, header: Sequence[str], wanted: Seq
     return found if found is not None else _explained(body, where, first, header, wanted, cells)
 
 
-def _by_arrow(body: bytes, columns: int, wanted: Sequence[int], cells: Cells) -> list[FloatArray] | None:
+def _by_arrow(
+    body: bytes, columns: int, wanted: Sequence[int], cells: Cells
+) -> list[FloatArray] | None:
     """Pyarrow's road; None where it finds a line that it cannot read."""
     import pyarrow as pa
     import pyarrow.csv as pc
@@ -98,7 +114,11 @@ def _by_arrow(body: bytes, columns: int, wanted: Sequence[int], cells: Cells) ->
     try:
         table = pc.read_csv(
             io.BytesIO(body),
-            read_options=pc.ReadOptions(column_names=names + phantom, use_threads=False, block_size=max(1 << 20, len(body) + 1)),
+            read_options=pc.ReadOptions(
+                column_names=names + phantom,
+                use_threads=False,
+                block_size=max(1 << 20, len(body) + 1),
+            ),
             parse_options=pc.ParseOptions(delimiter=cells.separator),
             convert_options=pc.ConvertOptions(
                 include_columns=chosen + phantom,
@@ -114,13 +134,19 @@ def _by_arrow(body: bytes, columns: int, wanted: Sequence[int], cells: Cells) ->
     return [np.where(np.isfinite(values), values, np.nan) for values in found]
 
 
-def _explained(body: bytes, where: str, first: int, header: Sequence[str], wanted: Sequence[int], cells: Cells) -> list[FloatArray]:
+def _explained(
+    body: bytes, where: str, first: int, header: Sequence[str], wanted: Sequence[int], cells: Cells
+) -> list[FloatArray]:
     """The slow road."""
     try:
         lines = body.decode("utf-8").split("\n")
     except UnicodeDecodeError as fault:
         bad = body.count(b"\n", 0, fault.start) + first
-        raise InputRefused(f"{where}, line {bad}", "is not UTF-8 text", "the file is damaged or in another encoding; save it as UTF-8") from None
+        raise InputRefused(
+            f"{where}, line {bad}",
+            "is not UTF-8 text",
+            "the file is damaged or in another encoding; save it as UTF-8",
+        ) from None
     out: list[list[float]] = [[] for _ in wanted]
     for line_number, line in enumerate(lines, start=first):
         if not line.strip() or line.strip() in cells.ignore:
@@ -133,14 +159,25 @@ def _explained(body: bytes, where: str, first: int, header: Sequence[str], wante
 
 
 def _way_out(line: str, cells: Cells) -> str:
-    """What to do about a line with other cells than the header has: a rig may write lines of another kind, and label its cells."""
+    """What to do about a line with other cells than the header has: a rig may write lines of
+    another kind, and label its cells.
+    """
     if not cells.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
-        return 'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true } under [records]'
+        return (
+            'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true }'
+            " under [records]"
+        )
     if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
         own = json.dumps(line.strip()[:40], ensure_ascii=False)
-        return f'if the rig writes such lines, reader = "text" with dialect = {{ ignore = [{own}] }}; else take the trial out of the schedule'
+        return (
+            f'if the rig writes such lines, reader = "text" with dialect = {{ ignore = [{own}] }};'
+            " else take the trial out of the schedule"
+        )
     other = "point" if cells.decimal == "." else "comma"
-    return f"decimals want a {other} and no cell may be left out; mend the line, or take the trial out of the schedule"
+    return (
+        f"decimals want a {other} and no cell may be left out; mend the line, or take the trial out"
+        " of the schedule"
+    )
 
 
 def row_of(line: str, at: str, header: Sequence[str], cells: Cells) -> list[str]:
@@ -152,15 +189,27 @@ def row_of(line: str, at: str, header: Sequence[str], cells: Cells) -> list[str]
         They are too few or too many, labelled otherwise, or the header once more.
     """
     if "\0" in line:
-        raise InputRefused(at, "holds NUL bytes", "the file is damaged; copy it anew from the rig, or take the trial out of the schedule")
+        raise InputRefused(
+            at,
+            "holds NUL bytes",
+            "the file is damaged; copy it anew from the rig, or take the trial out of the schedule",
+        )
     try:
         row = cells.split(line)
     except csv.Error as fault:
-        raise InputRefused(at, f"is not a row of cells: {fault}", "mend the line, or take the trial out of the schedule") from None
+        raise InputRefused(
+            at,
+            f"is not a row of cells: {fault}",
+            "mend the line, or take the trial out of the schedule",
+        ) from None
     if cells.trailing and len(row) == len(header) + 1 and not row[-1]:
         row = row[:-1]
     if row == list(header):
-        raise InputRefused(at, "repeats the header: two records stand in one file", "give each trial a file of its own")
+        raise InputRefused(
+            at,
+            "repeats the header: two records stand in one file",
+            "give each trial a file of its own",
+        )
     if len(row) != len(header):
         raise InputRefused(
             at,
@@ -172,5 +221,9 @@ def row_of(line: str, at: str, header: Sequence[str], cells: Cells) -> list[str]
     pairs = [label(cell) for cell in row]
     names = [pair[0] if pair else "" for pair in pairs]
     if names != list(header):
-        raise InputRefused(at, f"is labelled {', '.join(names)}, not {', '.join(header)}", "mend the line, or take the trial out of the schedule")
+        raise InputRefused(
+            at,
+            f"is labelled {', '.join(names)}, not {', '.join(header)}",
+            "mend the line, or take the trial out of the schedule",
+        )
     return [pair[1] for pair in pairs if pair]

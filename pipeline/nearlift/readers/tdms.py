@@ -1,8 +1,10 @@
 """TDMS of National Instruments, by nptdms; read in a child process.
 
-A channel is called ``group/channel``. Unit from `unit_string` or `NI_UnitDescription`, rate from `wf_increment`. A file whose last segment
-is incomplete, or whose segments' lengths do not add up to its own, is called truncated; one cut exactly between two segments shows it by
-nothing but the number of its samples, so say `record` under [load_cell]. An index file beside it is never believed: it may be older.
+A channel is called ``group/channel``. Unit from `unit_string` or `NI_UnitDescription`, rate from
+`wf_increment`. A file whose last segment is incomplete, or whose segments' lengths do not add up to
+its own, is called truncated; one cut exactly between two segments shows it by nothing but the
+number of its samples, so say `record` under [load_cell]. An index file beside it is never believed:
+it may be older.
 """
 
 from __future__ import annotations
@@ -41,21 +43,32 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
         for group in tdms.groups():
             for channel in group.channels():
                 name = f"{group.name}/{channel.name}"
-                if channel.dtype.kind not in "iuf" or (names is not None and not wanted(name, names)):
+                if channel.dtype.kind not in "iuf" or (
+                    names is not None and not wanted(name, names)
+                ):
                     continue
-                # an unequal number of read and promised samples is nptdms's to see; here it becomes floats
+                # an unequal number of read and promised samples is nptdms's to see; here it becomes
+                # floats
                 values = np.asarray(channel[:], dtype=np.float64)
                 step = channel.properties.get("wf_increment")
-                rate = 1 / float(step) if isinstance(step, (int, float, np.number)) and float(step) > 0 else None
-                channels.append(Channel(name=name, unit=_unit(channel.properties), rate_Hz=rate, values=values))
+                rate = (
+                    1 / float(step)
+                    if isinstance(step, (int, float, np.number)) and float(step) > 0
+                    else None
+                )
+                channels.append(
+                    Channel(name=name, unit=_unit(channel.properties), rate_Hz=rate, values=values)
+                )
         cut = tdms.file_status.incomplete_final_segment or not whole(file)
     return Contents(channels=tuple(channels), kind="TDMS", codes=("truncated",) if cut else ())
 
 
 def whole(file: BinaryIO) -> bool:
-    """Whether the segments' own lengths add up to the file's: a cut within a segment's head escapes nptdms's flag.
+    """Whether the segments' own lengths add up to the file's: a cut within a segment's head escapes
+    nptdms's flag.
 
-    A lead-in is a tag, a table of contents (whose bit 6 says big endian), a version, and the bytes to the next lead-in and to the samples.
+    A lead-in is a tag, a table of contents (whose bit 6 says big endian), a version, and the bytes
+    to the next lead-in and to the samples.
     """
     size, at = file.seek(0, 2), 0
     while at + LEAD_IN <= size:
@@ -75,7 +88,10 @@ def _unit(properties: Mapping[str, Any]) -> str:
 
 TDMS = Format(
     name="tdms",
-    title="TDMS of National Instruments: a file per trial, or one for all with groups named by trial (extra)",
+    title=(
+        "TDMS of National Instruments: a file per trial, or one for all with groups named by trial"
+        " (extra)"
+    ),
     recognises=lambda head, name: head.startswith((b"TDSm", b"TDSh")),
     contents=contents,
     child=True,

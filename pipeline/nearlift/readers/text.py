@@ -1,7 +1,9 @@
-"""Delimited text in any usual dialect, and headerless numbers by recipe: one file per trial, read block by block.
+"""Delimited text in any usual dialect, and headerless numbers by recipe: one file per trial, read
+block by block.
 
-Found by `dialect.sniff` from the first bytes and held to from there on: a later line that breaks the dialect stops the run with its
-number. A last line without its end is left out and the record called truncated.
+Found by `dialect.sniff` from the first bytes and held to from there on: a later line that breaks
+the dialect stops the run with its number. A last line without its end is left out and the record
+called truncated.
 """
 
 from __future__ import annotations
@@ -39,25 +41,42 @@ def given(dialect: Mapping[str, Any]) -> Given:
     Raises
     ------
     ManifestError
-        A list holds something that is no text, units are not as many as columns, or the decimal sign is none.
+        A list holds something that is no text, units are not as many as columns, or the decimal
+        sign is none.
     """
     own = {key: value for key, value in dialect.items() if key in OPTIONS}
     for key in ("columns", "units", "ignore"):
         if key in own and not all(isinstance(item, str) for item in own[key]):
-            raise ManifestError(f"records.dialect.{key}", f"{own[key]!r} holds more than texts", 'write it as ["force", "t"]')
+            raise ManifestError(
+                f"records.dialect.{key}",
+                f"{own[key]!r} holds more than texts",
+                'write it as ["force", "t"]',
+            )
         own[key] = tuple(own.get(key, ()))
     if own["units"] and len(own["units"]) != len(own["columns"]):
         raise ManifestError(
-            "records.dialect.units", f"names {len(own['units'])} units for {len(own['columns'])} columns", 'one for each; "" for none'
+            "records.dialect.units",
+            f"names {len(own['units'])} units for {len(own['columns'])} columns",
+            'one for each; "" for none',
         )
     if own.get("decimal", ".") not in (".", ","):
-        raise ManifestError("records.dialect.decimal", f"{own['decimal']!r} is no decimal sign", 'write "." or ","')
+        raise ManifestError(
+            "records.dialect.decimal", f"{own['decimal']!r} is no decimal sign", 'write "." or ","'
+        )
     if own.get("skip", 0) < 0:
-        raise ManifestError("records.dialect.skip", f"{own['skip']} is negative", "it counts the lines above the columns' names")
+        raise ManifestError(
+            "records.dialect.skip",
+            f"{own['skip']} is negative",
+            "it counts the lines above the columns' names",
+        )
     try:
         codecs.lookup(own.get("encoding", "utf-8"))
     except LookupError:
-        raise ManifestError("records.dialect.encoding", f"{own['encoding']!r} is no encoding", 'such as "utf-8", "utf-16" or "latin-1"') from None
+        raise ManifestError(
+            "records.dialect.encoding",
+            f"{own['encoding']!r} is no encoding",
+            'such as "utf-8", "utf-16" or "latin-1"',
+        ) from None
     return Given(**own)
 
 
@@ -81,7 +100,9 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
         return Contents(channels=(), kind="text", codes=("EMPTY",))
     if layout is None:
         try:
-            layout = sniff(_without_tail(head, path), where, said, whole=path.stat().st_size <= HEAD)
+            layout = sniff(
+                _without_tail(head, path), where, said, whole=path.stat().st_size <= HEAD
+            )
         except NoRows:
             if head.count(b"\n") > 2 or path.stat().st_size > HEAD:
                 raise
@@ -91,12 +112,18 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     blocks = Blocks(path, layout)
     parts: list[list[FloatArray]] = [[] for _ in chosen]
     for first, body in blocks:
-        for held, values in zip(parts, table.read(body, where, first, layout.names, chosen, layout.cells), strict=True):
+        for held, values in zip(
+            parts, table.read(body, where, first, layout.names, chosen, layout.cells), strict=True
+        ):
             held.append(values)
     spoken = layout.spoken()
     return Contents(
         channels=tuple(
-            Channel(name=layout.names[i], unit=layout.units[i], values=np.concatenate(held) if held else np.empty(0))
+            Channel(
+                name=layout.names[i],
+                unit=layout.units[i],
+                values=np.concatenate(held) if held else np.empty(0),
+            )
             for i, held in zip(chosen, parts, strict=True)
         ),
         kind="text" + (f": {spoken}" if spoken else ""),
@@ -107,14 +134,22 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
 
 def _without_tail(head: bytes, path: Path) -> bytes:
     """The head without the NUL tail of a power cut."""
-    return head.rstrip(b"\0") if path.stat().st_size <= HEAD and not head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0\0\0" in head[-3:] else head
+    return (
+        head.rstrip(b"\0")
+        if path.stat().st_size <= HEAD
+        and not head.startswith((b"\xff\xfe", b"\xfe\xff"))
+        and b"\0\0\0" in head[-3:]
+        else head
+    )
 
 
 def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
     """Which columns to read: those that `pick` may choose, or all that hold numbers."""
     if names is None:
         return [i for i in range(len(layout.names)) if i not in layout.texts]
-    return [i for i, name in enumerate(layout.names) if wanted(name, names)] or _none_fits(layout, names, where)
+    return [i for i, name in enumerate(layout.names) if wanted(name, names)] or _none_fits(
+        layout, names, where
+    )
 
 
 def _none_fits(layout: Layout, names: tuple[str, ...], where: str) -> list[int]:
@@ -125,7 +160,8 @@ def _none_fits(layout: Layout, names: tuple[str, ...], where: str) -> list[int]:
 
 
 class Blocks:
-    """A file's rows in blocks of whole lines, as UTF-8 with line feeds, each with the number of its first line.
+    """A file's rows in blocks of whole lines, as UTF-8 with line feeds, each with the number of its
+    first line.
 
     `cut` is True afterwards if the last line had no end and was left out.
     """
@@ -136,7 +172,11 @@ class Blocks:
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         line, skip = 1, self.layout.first - 1
         held = b""
-        decoder = None if self.layout.encoding in ("utf-8", "utf-8-sig") else codecs.getincrementaldecoder(self.layout.encoding)()
+        decoder = (
+            None
+            if self.layout.encoding in ("utf-8", "utf-8-sig")
+            else codecs.getincrementaldecoder(self.layout.encoding)()
+        )
         with self.path.open("rb") as file:
             while True:
                 raw = file.read(BLOCK)
@@ -155,7 +195,11 @@ class Blocks:
                     # gigabytes without the end of a line would be copied again with every block
                     if held.strip(b"\0"):
                         above = line + body.count(b"\n") - 1
-                        raise InputRefused(f"{self.path}, after line {above}", "has a line of more than 8 MB", "it is no table, or damaged")
+                        raise InputRefused(
+                            f"{self.path}, after line {above}",
+                            "has a line of more than 8 MB",
+                            "it is no table, or damaged",
+                        )
                     held = b"\0"
                 if not body:
                     continue
@@ -181,19 +225,33 @@ class Blocks:
             return decoder.decode(raw).encode()
         except UnicodeError as fault:
             raise InputRefused(
-                f"{self.path}, line {line} or later", f"is not {self.layout.encoding} text: {fault}", "the file is damaged or in another encoding"
+                f"{self.path}, line {line} or later",
+                f"is not {self.layout.encoding} text: {fault}",
+                "the file is damaged or in another encoding",
             ) from None
 
 
 def with_rate(found: Contents) -> Contents:
-    """The same, each channel with the rate of the file's clock: the first channel in a unit of time, or called time."""
+    """The same, each channel with the rate of the file's clock: the first channel in a unit of
+    time, or called time.
+    """
     clocks = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-    clock = next((c for c in found.channels if c.unit in clocks and split_unit(c.name)[0].casefold() in ("t", "time", "x_value", "zeit")), None)
+    clock = next(
+        (
+            c
+            for c in found.channels
+            if c.unit in clocks
+            and split_unit(c.name)[0].casefold() in ("t", "time", "x_value", "zeit")
+        ),
+        None,
+    )
     if clock is None or len(clock.values) < 3:
         return found
     rate = rate_of(clocks[clock.unit] * clock.values)
     return Contents(
-        channels=tuple(Channel(name=c.name, unit=c.unit, values=c.values, rate_Hz=rate) for c in found.channels),
+        channels=tuple(
+            Channel(name=c.name, unit=c.unit, values=c.values, rate_Hz=rate) for c in found.channels
+        ),
         kind=found.kind,
         codes=found.codes,
         notes=found.notes,
@@ -202,7 +260,9 @@ def with_rate(found: Contents) -> Contents:
 
 TEXT = Format(
     name="text",
-    title="delimited text in any usual dialect, or headerless numbers by recipe; one file per trial",
+    title=(
+        "delimited text in any usual dialect, or headerless numbers by recipe; one file per trial"
+    ),
     recognises=lambda head, name: False,
     contents=contents,
     options=OPTIONS,

@@ -1,9 +1,11 @@
 """Binary logs of the Crazyflie's uSD deck, by an own decoder.
 
-Layout: 0xBC, version (u16: 1 or 2), number of event types (u16), for each its id (u16), name (ends in 0), number of variables
-(u16) and their texts ``name(type)`` (each ends in 0); then records: id (u16), time (v1: u32 in ms, v2: u64 in us), values packed, little
-endian; the last four bytes are the CRC-32 of all before. A wrong sum rejects the record, unless ``dialect = { salvage = true }`` takes
-the records before the first one that cannot be. A channel is called ``event.variable``, an event's clock ``event.time``.
+Layout: 0xBC, version (u16: 1 or 2), number of event types (u16), for each its id (u16), name (ends
+in 0), number of variables (u16) and their texts ``name(type)`` (each ends in 0); then records: id
+(u16), time (v1: u32 in ms, v2: u64 in us), values packed, little endian; the last four bytes are
+the CRC-32 of all before. A wrong sum rejects the record, unless ``dialect = { salvage = true }``
+takes the records before the first one that cannot be. A channel is called ``event.variable``, an
+event's clock ``event.time``.
 """
 
 from __future__ import annotations
@@ -63,7 +65,11 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
     """
     size = path.stat().st_size
     if size > MOST_BYTES:
-        raise InputRefused(str(path), f"has {size} bytes, more than the {MOST_BYTES} that a log may have", "cut it into trials on the rig")
+        raise InputRefused(
+            str(path),
+            f"has {size} bytes, more than the {MOST_BYTES} that a log may have",
+            "cut it into trials on the rig",
+        )
     return decode(path.read_bytes(), str(path), salvage=bool(dialect.get("salvage", False)))
 
 
@@ -72,9 +78,15 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
     if not content.strip(b"\0"):
         return Contents(channels=(), kind="Crazyflie uSD log", codes=("EMPTY",))
     events, unit_s, start = _head(content, where)
-    whole = len(content) - start >= 4 and zlib.crc32(content[:-4]) == struct.unpack("<I", content[-4:])[0]
+    whole = (
+        len(content) - start >= 4
+        and zlib.crc32(content[:-4]) == struct.unpack("<I", content[-4:])[0]
+    )
     if not whole and not salvage:
-        raise Malformed("its check sum is wrong: it is cut off or damaged; dialect = { salvage = true } takes what comes before the damage")
+        raise Malformed(
+            "its check sum is wrong: it is cut off or damaged; dialect = { salvage = true } takes"
+            " what comes before the damage"
+        )
     found, end = _walk(content, events, start, len(content) - 4 if whole else len(content))
     if whole and end != len(content) - 4:
         raise Malformed(f"byte {end} begins no record, though the check sum is right")
@@ -86,8 +98,16 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
         rate = rate_of(clock) if len(clock) > 2 else None
         channels.append(Channel(name=f"{event.name}.time", unit="s", rate_Hz=rate, values=clock))
         for field in (event.layout.names or ())[1:]:
-            channels.append(Channel(name=f"{event.name}.{field}", rate_Hz=rate, values=records[field].astype(np.float64)))
-    return Contents(channels=tuple(channels), kind="Crazyflie uSD log", codes=() if whole else ("salvaged",))
+            channels.append(
+                Channel(
+                    name=f"{event.name}.{field}",
+                    rate_Hz=rate,
+                    values=records[field].astype(np.float64),
+                )
+            )
+    return Contents(
+        channels=tuple(channels), kind="Crazyflie uSD log", codes=() if whole else ("salvaged",)
+    )
 
 
 def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
@@ -97,10 +117,14 @@ def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
     except struct.error:
         raise Malformed(f"ends after {len(content)} bytes, within its head") from None
     if magic != MAGIC:
-        raise Malformed(f"begins with 0x{magic:02X}, not 0x{MAGIC:02X}: it is no log of the uSD deck")
+        raise Malformed(
+            f"begins with 0x{magic:02X}, not 0x{MAGIC:02X}: it is no log of the uSD deck"
+        )
     if version not in CLOCKS:
         raise InputRefused(
-            where, f"is a uSD log of version {version}", f"this reads versions {' and '.join(map(str, CLOCKS))}; a newer nearlift may read it"
+            where,
+            f"is a uSD log of version {version}",
+            f"this reads versions {' and '.join(map(str, CLOCKS))}; a newer nearlift may read it",
         )
     clock, unit_s = CLOCKS[version]
     events: dict[int, Event] = {}
@@ -138,8 +162,12 @@ def _name(content: bytes, at: int) -> tuple[str, int]:
         raise Malformed("describes its events by a name that is no text") from None
 
 
-def _walk(content: bytes, events: Mapping[int, Event], at: int, end: int) -> tuple[dict[int, list[int]], int]:
-    """Where the records of each event begin, and the byte at which no further whole record of a known event begins."""
+def _walk(
+    content: bytes, events: Mapping[int, Event], at: int, end: int
+) -> tuple[dict[int, list[int]], int]:
+    """Where the records of each event begin, and the byte at which no further whole record of a
+    known event begins.
+    """
     sizes = {number: 2 + event.layout.itemsize for number, event in events.items()}
     found: dict[int, list[int]] = {number: [] for number in events}
     while at + 2 <= end:
@@ -155,13 +183,19 @@ def _walk(content: bytes, events: Mapping[int, Event], at: int, end: int) -> tup
 def _gathered(content: bytes, starts: Any, layout: np.dtype[Any]) -> Any:
     """The records that begin at these bytes."""
     every = np.frombuffer(content, dtype=np.uint8)
-    return every[starts[:, None] + np.arange(layout.itemsize)].reshape(-1).view(layout) if len(starts) else np.empty(0, dtype=layout)
+    return (
+        every[starts[:, None] + np.arange(layout.itemsize)].reshape(-1).view(layout)
+        if len(starts)
+        else np.empty(0, dtype=layout)
+    )
 
 
 USD = Format(
     name="crazyflie-usd",
     title="binary logs of the Crazyflie's uSD deck, check sum verified",
-    recognises=lambda head, name: len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16),
+    recognises=lambda head, name: (
+        len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16)
+    ),
     contents=contents,
     options={"salvage": bool},
     checked=True,

@@ -1,4 +1,6 @@
-"""Cells of text files: what is a number, what loggers write where there is none, and what is neither."""
+"""Cells of text files: what is a number, what loggers write where there is none, and what is
+neither.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +42,13 @@ def value_of(text: str, decimal: str = ".") -> float | None:
     """The cell's number, NaN for a word that means "no number", None where it is neither."""
     plain = text.strip()
     if decimal == ",":
-        # a point in a file of decimal commas would be a thousands separator or another dialect: neither is a number here
-        plain = plain.replace(",", ".") if "." not in plain and plain.count(",") <= 1 else (plain if plain.lower() in NO_NUMBER else "?")
+        # a point in a file of decimal commas would be a thousands separator or another dialect:
+        # neither is a number here
+        plain = (
+            plain.replace(",", ".")
+            if "." not in plain and plain.count(",") <= 1
+            else (plain if plain.lower() in NO_NUMBER else "?")
+        )
     if NUMBER.fullmatch(plain):
         value = float(plain)
         return value if math.isfinite(value) else math.nan

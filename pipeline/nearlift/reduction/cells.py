@@ -1,7 +1,9 @@
-"""Trials to cells: mean lift and Delta L per (boundary, distance, throttle), with the full covariance of Delta L.
+"""Trials to cells: mean lift and Delta L per (boundary, distance, throttle), with the full
+covariance of Delta L.
 
-Delta L = (L - L_inf) / L_inf; every cell of a throttle shares one L_inf, so their errors hang together, and the throttles of
-one visit of the traverse share that visit's height. Delta L is for tables and figures: fits work on the trials themselves.
+Delta L = (L - L_inf) / L_inf; every cell of a throttle shares one L_inf, so their errors hang
+together, and the throttles of one visit of the traverse share that visit's height. Delta L is for
+tables and figures: fits work on the trials themselves.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ OWN_SCATTER = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """Covariance of cell means: `variance` (c,) of each, and what the cells of one station share, as (members, block)."""
+    """Covariance of cell means: `variance` (c,) of each, and what the cells of one station share,
+    as (members, block).
+    """
 
     variance: FloatArray
     joint: tuple[tuple[NDArray[np.int64], FloatArray], ...]
@@ -37,8 +41,8 @@ class Scatter:
 class Cells:
     """One boundary's cells, ordered by throttle, then distance; arrays of shape (c,).
 
-    `whole` is the covariance of all means, those in free air included; `near` which of them are these cells; `mean` the means (N), and
-    `far` the index of each one's L_inf among them.
+    `whole` is the covariance of all means, those in free air included; `near` which of them are
+    these cells; `mean` the means (N), and `far` the index of each one's L_inf among them.
     """
 
     z_hat: FloatArray
@@ -56,7 +60,8 @@ class Cells:
     def covariance(self) -> FloatArray:
         """Of delta_L, (c, c): 8 c^2 bytes, and three times that while it is made.
 
-        d delta = (d mean - (1 + delta) d mean_far) / mean_far: exactly nothing where a cell is its own reference.
+        d delta = (d mean - (1 + delta) d mean_far) / mean_far: exactly nothing where a cell is its
+        own reference.
         """
         far, over = self.far, self.mean / self.mean[self.far]
         result = self.whole.dense()
@@ -68,8 +73,15 @@ class Cells:
         return (result + result.T) / 2
 
 
-def reduce(z_hat: FloatArray, throttle: FloatArray, lift_N: FloatArray, u_lift_N: FloatArray, visit: NDArray[Any]) -> Cells:
-    """Cells of the accepted trials of one boundary; free-air trials have z_hat = inf and serve as L_inf where present.
+def reduce(
+    z_hat: FloatArray,
+    throttle: FloatArray,
+    lift_N: FloatArray,
+    u_lift_N: FloatArray,
+    visit: NDArray[Any],
+) -> Cells:
+    """Cells of the accepted trials of one boundary; free-air trials have z_hat = inf and serve as
+    L_inf where present.
 
     Parameters
     ----------
@@ -88,7 +100,12 @@ def reduce(z_hat: FloatArray, throttle: FloatArray, lift_N: FloatArray, u_lift_N
     far, near = _reference(z, t), np.isfinite(z)
     over = mean / mean[far]
     # a cell and its reference stand at two distances, which share nothing
-    variance = np.where(far == np.arange(len(mean)), 0.0, scatter.variance + over**2 * scatter.variance[far]) / mean[far] ** 2
+    variance = (
+        np.where(
+            far == np.arange(len(mean)), 0.0, scatter.variance + over**2 * scatter.variance[far]
+        )
+        / mean[far] ** 2
+    )
     return Cells(
         z_hat=z[near],
         throttle=t[near],
@@ -105,7 +122,9 @@ def reduce(z_hat: FloatArray, throttle: FloatArray, lift_N: FloatArray, u_lift_N
 
 
 def _reference(z: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
-    """Index of the cell that gives each cell's L_inf: free air where present, else the farthest station of its throttle."""
+    """Index of the cell that gives each cell's L_inf: free air where present, else the farthest
+    station of its throttle.
+    """
     far = np.empty(len(z), dtype=np.int64)
     for level in np.unique(throttle):
         mine = np.flatnonzero(throttle == level)
@@ -114,9 +133,17 @@ def _reference(z: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
 
 
 def _scatter(
-    label: NDArray[np.int64], count: NDArray[np.int64], mean: FloatArray, z: FloatArray, lift: FloatArray, u_lift: FloatArray, visit: NDArray[Any]
+    label: NDArray[np.int64],
+    count: NDArray[np.int64],
+    mean: FloatArray,
+    z: FloatArray,
+    lift: FloatArray,
+    u_lift: FloatArray,
+    visit: NDArray[Any],
 ) -> Scatter:
-    """Covariance of cell means: from the scatter of repeats, joint over throttles where they share visits."""
+    """Covariance of cell means: from the scatter of repeats, joint over throttles where they share
+    visits.
+    """
     deviation = lift - mean[label]
     squares = np.bincount(label, deviation**2)
     within = np.bincount(label, u_lift**2) / count
@@ -129,7 +156,9 @@ def _scatter(
         members = np.flatnonzero(often & (z == station))
         visits = [set(visit[label == m].tolist()) for m in members]
         # only complete repeats give a joint scatter that is a covariance
-        if len(members) < 2 or any(v != visits[0] or len(v) != count[m] for v, m in zip(visits, members, strict=True)):
+        if len(members) < 2 or any(
+            v != visits[0] or len(v) != count[m] for v, m in zip(visits, members, strict=True)
+        ):
             continue
         table = np.stack([deviation[label == m][np.argsort(visit[label == m])] for m in members])
         joint = table @ table.T / (count[members[0]] - 1) / count[members[0]]

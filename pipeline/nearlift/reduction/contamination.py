@@ -1,6 +1,8 @@
-"""Samples and blocks of samples that stand apart from the rest of a tare, by median and median absolute deviation (Hampel 1974).
+"""Samples and blocks of samples that stand apart from the rest of a tare, by median and median
+absolute deviation (Hampel 1974).
 
-Median and deviation hold out against damage to nearly half of the samples, where mean and standard deviation follow a single one.
+Median and deviation hold out against damage to nearly half of the samples, where mean and standard
+deviation follow a single one.
 """
 
 from __future__ import annotations
@@ -16,30 +18,39 @@ from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
 
 FloatArray = NDArray[np.float64]
 
-LOOK = Kernel("nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER)
-#: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is uncertain, more are asked for.
+LOOK = Kernel(
+    "nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER
+)
+#: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is
+#: uncertain, more are asked for.
 APART, FEW = 6.5, 20
-#: Share of that distance at which samples stand apart if there are at least so many, of at least so many.
+#: Share of that distance at which samples stand apart if there are at least so many, of at least so
+#: many.
 NEARER, SEVERAL, MANY = 0.7, 3, 100
 #: Samples of the first look, and the standard deviations at which blocks are looked at again.
 FIRST_LOOK, UNEVEN = 64, 5.0
-#: Blocks that a stretch is cut into, and samples that each has at least, if there are enough; and the fewest that tell anything.
+#: Blocks that a stretch is cut into, and samples that each has at least, if there are enough; and
+#: the fewest that tell anything.
 BLOCKS, SHORTEST_BLOCK, FEWEST_BLOCKS = 32, 8, 10
-#: A trend is a cubic that explains so many times what noise would, by the blocks' means; of few, more is asked for.
+#: A trend is a cubic that explains so many times what noise would, by the blocks' means; of few,
+#: more is asked for.
 CUBIC, TREND = 3, 12.0
 #: Single samples come in runs of so many at most, and are so large a share.
 LONGEST_RUN, LARGEST_SHARE = 5, 0.05
 #: Noise, in steps of the converter, that half of the samples on one code may hide.
 HIDDEN = 0.74
-#: How far beyond one block's limit a long segment must stand, being the best of many: the largest of 54,000 clean tares of 100 to 2000 samples,
-#: white with half as much noise of memory 0.9, was 1.4.
+#: How far beyond one block's limit a long segment must stand, being the best of many: the largest
+#: of 54,000 clean tares of 100 to 2000 samples, white with half as much noise of memory 0.9, was
+#: 1.4.
 OF_MANY = 1.6
 #: Samples that a converter's step is taken from.
 ENOUGH_CODES = 2000
 
 
 def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
-    """Whether single samples, and whether a segment, may stand apart: a first look that costs next to nothing."""
+    """Whether single samples, and whether a segment, may stand apart: a first look that costs next
+    to nothing.
+    """
     n = len(values)
     length = _length(n)
     number = n // length
@@ -47,7 +58,15 @@ def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
     room = 2 * max(FIRST_LOOK, BLOCKS)
     work = np.empty(2 * room + 9)
     place = address(work)
-    LOOK(address(values), n, max(1, n // FIRST_LOOK), length, place, place + 8 * room, place + 16 * room)
+    LOOK(
+        address(values),
+        n,
+        max(1, n // FIRST_LOOK),
+        length,
+        place,
+        place + 8 * room,
+        place + 16 * room,
+    )
     level, deviation, _, _, _, farthest, _, of_steps, _ = work[2 * room :].tolist()
     far = max(sums.high - level, level - sums.low) > NEARER * _apart(n) * SD_PER_MAD * deviation
     return far, number >= FEWEST_BLOCKS and farthest > UNEVEN * SD_PER_MAD * of_steps / 2**0.5
@@ -61,7 +80,9 @@ def step_of(values: FloatArray) -> float:
 
 
 def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
-    """Mask of the samples that stand apart, by the noise or by what a converter's `step` may hide of it."""
+    """Mask of the samples that stand apart, by the noise or by what a converter's `step` may hide
+    of it.
+    """
     away = np.abs(values - median(values))
     limit = _apart(len(values)) * max(SD_PER_MAD * median(away), HIDDEN * step)
     nearer: NDArray[np.bool_] = away > NEARER * limit
@@ -69,18 +90,25 @@ def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
 
 
 def are_single(mask: NDArray[np.bool_]) -> bool:
-    """Whether what is masked are single samples, which can be left out, and no part of the stretch."""
+    """Whether what is masked are single samples, which can be left out, and no part of
+    the stretch.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
-    return int(np.count_nonzero(mask)) <= max(1.0, LARGEST_SHARE * len(mask)) and int((edges[1::2] - edges[::2]).max(initial=0)) <= LONGEST_RUN
+    return (
+        int(np.count_nonzero(mask)) <= max(1.0, LARGEST_SHARE * len(mask))
+        and int((edges[1::2] - edges[::2]).max(initial=0)) <= LONGEST_RUN
+    )
 
 
 def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
-    """By how much that segment moves the mean which stands out most from the rest, such as a block of damage or a second level; 0 if none does.
+    """By how much that segment moves the mean which stands out most from the rest, such as a block
+    of damage or a second level; 0 if none does.
 
     Also whether it stands at the beginning.
 
-    It is the one that explains most of the squares of the blocks' means: the longer, the smaller a change shows. The noise about the two levels
-    leaves out the two blocks that fit worst, in which the segment may begin and end.
+    It is the one that explains most of the squares of the blocks' means: the longer, the smaller a
+    change shows. The noise about the two levels leaves out the two blocks that fit worst, in which
+    the segment may begin and end.
     """
     means, noise = blocks(values, step)
     n = len(means)
@@ -99,7 +127,11 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     inner = np.sort(np.abs(left))[:-2]
     change = abs(levels[0] - levels[1])
     # a long segment shows a small change, unless neighbours are alike anyway
-    longer = (members * (n - members) / n / _memory(left)) ** 0.5 / OF_MANY if len(values) >= n * SHORTEST_BLOCK else 1.0
+    longer = (
+        (members * (n - members) / n / _memory(left)) ** 0.5 / OF_MANY
+        if len(values) >= n * SHORTEST_BLOCK
+        else 1.0
+    )
     if change * max(longer, 1.0) <= _apart(n) * max(float(inner @ inner / (n - 4)) ** 0.5, noise):
         return 0.0, False
     size = min(members, n - members)
@@ -107,7 +139,9 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
 
 
 def ends_apart(values: FloatArray, step: float) -> float:
-    """By how much the first or the last block differs from the median one, where that is more than the noise between neighbours; else 0."""
+    """By how much the first or the last block differs from the median one, where that is more than
+    the noise between neighbours; else 0.
+    """
     means, noise = blocks(values, step)
     if len(means) < FEWEST_BLOCKS:
         return 0.0
@@ -117,9 +151,11 @@ def ends_apart(values: FloatArray, step: float) -> float:
 
 
 def wander(values: FloatArray, means: FloatArray, step: float) -> float:
-    """How far the level goes up or down from its middle, by a cubic through the blocks' `means`, where that is more than noise; else 0.
+    """How far the level goes up or down from its middle, by a cubic through the blocks' `means`,
+    where that is more than noise; else 0.
 
-    A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes for noise.
+    A zero that drifts has no edge, and what one straight line or a bump leaves of two levels passes
+    for noise.
     """
     n, noise = len(means), _hidden(values, step)
     if n < FEWEST_BLOCKS or len(values) < n * SHORTEST_BLOCK:
@@ -140,7 +176,9 @@ def _mean(values: FloatArray) -> float:
 
 
 def _memory(left: FloatArray) -> float:
-    """How many times the variance of a sum grows because neighbours resemble one another, at least 1."""
+    """How many times the variance of a sum grows because neighbours resemble one another, at least
+    1.
+    """
     squares = float(left @ left)
     alike = min(max(float(left[1:] @ left[:-1]) / squares, 0.0), 0.9) if squares > 0 else 0.0
     return (1 + alike) / (1 - alike)
@@ -149,7 +187,9 @@ def _memory(left: FloatArray) -> float:
 @functools.lru_cache(maxsize=32)
 def _cubic(n: int) -> FloatArray:
     """Orthonormal polynomials of degree 1 to 3 at n places, (n, 3)."""
-    curves: FloatArray = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), CUBIC + 1, increasing=True))[0]
+    curves: FloatArray = np.linalg.qr(
+        np.vander(np.linspace(-1.0, 1.0, n), CUBIC + 1, increasing=True)
+    )[0]
     return np.ascontiguousarray(curves[:, 1:])
 
 
@@ -158,7 +198,9 @@ def blocks(values: FloatArray, step: float) -> tuple[FloatArray, float]:
     length = _length(len(values))
     number = len(values) // length
     # what `mean` does, without looking at its arguments
-    means: FloatArray = np.add.reduce(values[: number * length].reshape(number, length), axis=1) / length
+    means: FloatArray = (
+        np.add.reduce(values[: number * length].reshape(number, length), axis=1) / length
+    )
     return means, _hidden(values, step)
 
 

@@ -1,6 +1,8 @@
-"""What a record's samples add up to, compiled: each stretch is gone over a few times while it is in the cache, and nothing is allocated.
+"""What a record's samples add up to, compiled: each stretch is gone over a few times while it is in
+the cache, and nothing is allocated.
 
-Sums are taken in the order that suits the processor (`reassoc`), as numpy's and BLAS's are: their last bits are the machine's own.
+Sums are taken in the order that suits the processor (`reassoc`), as numpy's and BLAS's are: their
+last bits are the machine's own.
 """
 
 from __future__ import annotations
@@ -18,9 +20,11 @@ MEAN, SQUARES, TILT, LOW, HIGH, REPEATS, AT_LOW, AT_HIGH, FAR, SUMS = range(10)
 def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: Any) -> Any:
     """Sums over `n` samples, at least one.
 
-    Squares of the samples less their mean, these times the sample's number less the middle one, the lowest and the highest sample,
-    how many samples repeat the one before, are the lowest, are the highest, and lie more than six standard deviations off; then the means of
-    batches of twice `half` samples that overlap by half, weighted with a window that is `rising` and `falling` (none where `half` is 0).
+    Squares of the samples less their mean, these times the sample's number less the middle one, the
+    lowest and the highest sample, how many samples repeat the one before, are the lowest, are the
+    highest, and lie more than six standard deviations off; then the means of batches of twice
+    `half` samples that overlap by half, weighted with a window that is `rising` and `falling` (none
+    where `half` is 0).
     """
     total = 0.0
     for i in range(n):
@@ -51,7 +55,13 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: An
     for i in range(n):
         at_low += values[i] == low
         at_high += values[i] == high
-    found[MEAN], found[SQUARES], found[TILT], found[LOW], found[HIGH] = mean, squares, tilt, low, high
+    found[MEAN], found[SQUARES], found[TILT], found[LOW], found[HIGH] = (
+        mean,
+        squares,
+        tilt,
+        low,
+        high,
+    )
     found[REPEATS], found[AT_LOW], found[AT_HIGH], found[FAR] = repeats, at_low, at_high, far
     if half > 0:
         before = 0.0
@@ -69,7 +79,9 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: An
 
 @inlined
 def _median(values: Any, n: Any) -> Any:
-    """The median of a few numbers, by counting what is below each: to sort them takes ten times as long, for the processor cannot guess."""
+    """The median of a few numbers, by counting what is below each: to sort them takes ten times as
+    long, for the processor cannot guess.
+    """
     median = values[0]
     for i in range(n):
         below = equal = 0
@@ -83,7 +95,9 @@ def _median(values: Any, n: Any) -> Any:
 
 @inlined
 def _spread(values: Any, n: Any, found: Any, at: Any) -> None:
-    """Median, median absolute deviation and largest deviation of a few numbers, which become their deviations."""
+    """Median, median absolute deviation and largest deviation of a few numbers, which become their
+    deviations.
+    """
     level = _median(values, n)
     farthest = 0.0
     for i in range(n):
@@ -93,8 +107,8 @@ def _spread(values: Any, n: Any, found: Any, at: Any) -> None:
 
 
 def look(values: Any, n: Any, every: Any, length: Any, work: Any, steps: Any, found: Any) -> Any:
-    """Median, median absolute deviation and largest deviation of every so many samples; the same of the means of blocks of `length`
-    samples, and of the steps between these.
+    """Median, median absolute deviation and largest deviation of every so many samples; the same of
+    the means of blocks of `length` samples, and of the steps between these.
 
     There are at most as many of each as `work` and `steps` have room for.
     """
@@ -129,7 +143,15 @@ types = numba.types
 _NUMBERS: Any = types.CPointer(types.float64)
 #: What `nearlift.native` compiles.
 KERNELS: dict[str, Any] = {
-    "stretch": (stretch, types.int64(_NUMBERS, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
-    "look": (look, types.int64(_NUMBERS, types.int64, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS), {"fastmath": {"reassoc"}}),
+    "stretch": (
+        stretch,
+        types.int64(_NUMBERS, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS),
+        {"fastmath": {"reassoc"}},
+    ),
+    "look": (
+        look,
+        types.int64(_NUMBERS, types.int64, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS),
+        {"fastmath": {"reassoc"}},
+    ),
     "steady": (steady, types.int64(_NUMBERS, types.int64, types.float64), {}),
 }

@@ -1,12 +1,16 @@
-"""Outlying trials: lifts that stand farther from their repeats and neighbours than noise allows, before any model.
+"""Outlying trials: lifts that stand farther from their repeats and neighbours than noise allows,
+before any model.
 
-A trial is compared with the other trials of its (distance, throttle) cell; what remains, with that of the other trials of its visit. What
-moves a whole visit (its height, a drift, a gain) cancels, and so does what moves a whole cell (the curve, a rotor that stalls): an effect that
-nobody declared is no outlier. The scale is the median absolute deviation over the campaign. How far noise reaches is not assumed to be
-normal: Student's t is fitted to the larger part of the contrasts, its degrees of freedom unknown and integrated over, the largest contrasts
-only counted, so that an outlier does not widen the tail that it is judged by.
+A trial is compared with the other trials of its (distance, throttle) cell; what remains, with that
+of the other trials of its visit. What moves a whole visit (its height, a drift, a gain) cancels,
+and so does what moves a whole cell (the curve, a rotor that stalls): an effect that nobody declared
+is no outlier. The scale is the median absolute deviation over the campaign. How far noise reaches
+is not assumed to be normal: Student's t is fitted to the larger part of the contrasts, its degrees
+of freedom unknown and integrated over, the largest contrasts only counted, so that an outlier does
+not widen the tail that it is judged by.
 
-Sources: Hampel 1974, J. Am. Stat. Assoc. 69, 383 (median and its deviation); Rosner 1983, Technometrics 25, 165 (several outliers at once).
+Sources: Hampel 1974, J. Am. Stat. Assoc. 69, 383 (median and its deviation); Rosner 1983,
+Technometrics 25, 165 (several outliers at once).
 """
 
 from __future__ import annotations
@@ -21,21 +25,25 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered
 
-#: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of freedom carries an outlying trial.
+#: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of
+#: freedom carries an outlying trial.
 FAMILY_WISE = 0.01
 #: Fewer trials with repeats or neighbours than this say nothing of how far noise reaches.
 LEAST_TRIALS = 20
 #: With fewer trials than this a throttle borrows the scale of all.
 OWN_SCALE = 8
-#: Robust standard deviations beyond which a trial, or a visit as a whole, is odd: no outlier yet, but two such may hide each other in a fit.
+#: Robust standard deviations beyond which a trial, or a visit as a whole, is odd: no outlier yet,
+#: but two such may hide each other in a fit.
 ODD_TRIAL, ODD_VISIT = 5.0, 4.0
 #: A relative scatter that is rounding.
 SMALLEST_SCALE = 1e-9
-#: The tail's shape is learnt from contrasts beyond this quantile; the `COUNTED` largest are only counted.
+#: The tail's shape is learnt from contrasts beyond this quantile; the `COUNTED` largest are only
+#: counted.
 BODY = 0.7
 COUNTED = 4
-#: 1 / (degrees of freedom) lies between these, with an exponential prior of mean `TAIL_PRIOR`, by simulation
-#: (docs/decisions/0011-screening.md). No campaign shows that its noise is normal as far out as a family-wise rate asks.
+#: 1 / (degrees of freedom) lies between these, with an exponential prior of mean `TAIL_PRIOR`, by
+#: simulation (docs/decisions/0011-screening.md). No campaign shows that its noise is normal as far
+#: out as a family-wise rate asks.
 TAIL_LIGHTEST, TAIL_HEAVIEST, TAIL_PRIOR = 1 / 6, 1 / 2, 0.04
 #: More quantiles than this of a long campaign tell nothing more of its tail.
 QUANTILES = 300
@@ -70,7 +78,14 @@ class Screen:
         return int(np.isnan(self.sigmas).sum())
 
 
-def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: NDArray[np.int64], *, curve_removed: bool = False) -> Screen:
+def screen(
+    log_lift: FloatArray,
+    z_hat: FloatArray,
+    throttle: FloatArray,
+    visit: NDArray[np.int64],
+    *,
+    curve_removed: bool = False,
+) -> Screen:
     """Compare each trial of one boundary with its repeats and neighbours.
 
     Parameters
@@ -80,26 +95,39 @@ def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit:
     z_hat, throttle, visit : (n,)
         Distance over rotor radius (inf in free air), throttle, and stop of the traverse.
     curve_removed : bool
-        A trial without repeats or visit mates is then compared with those nearest in distance at its throttle.
+        A trial without repeats or visit mates is then compared with those nearest in distance at
+        its throttle.
 
     Returns
     -------
     Screen
-        One that takes part in a median which another outlier spoils is judged anew without that one.
+        One that takes part in a median which another outlier spoils is judged anew without that
+        one.
     """
     n = len(log_lift)
     out, departure, sigmas = np.zeros(n, dtype=bool), np.full(n, np.nan), np.full(n, np.nan)
     level = numbered(throttle)
     cell = _cells(z_hat, throttle)
     while True:
-        comparisons = _contrasts(np.where(out, np.nan, log_lift), z_hat, level, cell, visit, curve_removed)
+        comparisons = _contrasts(
+            np.where(out, np.nan, log_lift), z_hat, level, cell, visit, curve_removed
+        )
         contrast, scaled, why_not = _scaled(comparisons, level)
         departure[~out], sigmas[~out] = contrast[~out], scaled[~out]
         if why_not:
-            return Screen(outlying=out, departure=departure, sigmas=sigmas, why_not="" if out.any() else why_not)
+            return Screen(
+                outlying=out,
+                departure=departure,
+                sigmas=sigmas,
+                why_not="" if out.any() else why_not,
+            )
         size = np.abs(np.nan_to_num(scaled))
-        beyond = _tail(np.abs(scaled[np.isfinite(scaled)]), size) * np.isfinite(scaled).sum() < FAMILY_WISE
-        # only the worst among those that enter each other's medians: the rest are looked at again without it
+        beyond = (
+            _tail(np.abs(scaled[np.isfinite(scaled)]), size) * np.isfinite(scaled).sum()
+            < FAMILY_WISE
+        )
+        # only the worst among those that enter each other's medians: the rest are looked at again
+        # without it
         for group in (cell, visit):
             worst = np.zeros(group.max(initial=0) + 1)
             np.maximum.at(worst, group, size)
@@ -109,8 +137,11 @@ def screen(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit:
         out |= beyond
 
 
-def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Labels of the visits whose trials together stand more than `ODD_VISIT` robust standard deviations off their repeats in other visits.
+def odd_visits(
+    log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Labels of the visits whose trials together stand more than `ODD_VISIT` robust standard
+    deviations off their repeats in other visits.
 
     No outliers yet: a drift nobody declared does as much. Arguments as for `screen`.
     """
@@ -118,7 +149,11 @@ def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, vi
     known = np.flatnonzero(np.isfinite(off))
     order = known[np.argsort(visit[known], kind="stable")]
     labels, first = np.unique(visit[order], return_index=True)
-    common = np.array([np.median(part) for part in np.split(off[order], first[1:])]) if len(labels) else np.zeros(0)
+    common = (
+        np.array([np.median(part) for part in np.split(off[order], first[1:])])
+        if len(labels)
+        else np.zeros(0)
+    )
     scale = SD_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
     result: NDArray[np.int64] = labels[np.abs(common) > max(ODD_VISIT * scale, SMALLEST_SCALE)]
     return result
@@ -127,24 +162,45 @@ def odd_visits(log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, vi
 def _cells(z_hat: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
     """Index of each trial's (distance, throttle) cell."""
     level = numbered(throttle)
-    return numbered(numbered(np.where(np.isfinite(z_hat), z_hat, -1.0)) * (level.max(initial=0) + 1) + level)
+    return numbered(
+        numbered(np.where(np.isfinite(z_hat), z_hat, -1.0)) * (level.max(initial=0) + 1) + level
+    )
 
 
 def _contrasts(
-    value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64], cell: NDArray[np.int64], visit: NDArray[np.int64], curve_removed: bool
+    value: FloatArray,
+    z_hat: FloatArray,
+    level: NDArray[np.int64],
+    cell: NDArray[np.int64],
+    visit: NDArray[np.int64],
+    curve_removed: bool,
 ) -> list[FloatArray]:
-    """Each value (nan: left out) less that of its repeats and neighbours, by every comparison there is, the sharpest first; nan without."""
+    """Each value (nan: left out) less that of its repeats and neighbours, by every comparison there
+    is, the sharpest first; nan without.
+    """
     by_cell = value - _median_of_others(value, cell)
     by_throttle = value - _median_of_others(value, level)
-    # what a distance does to lift is common to its visits: without repeats, only visit mates can take it off
-    comparisons = [by_cell - _median_of_others(by_cell, visit), by_throttle - _median_of_others(by_throttle, visit), by_cell]
-    return [*comparisons, value - _median_of_nearest(value, z_hat, level)] if curve_removed else comparisons
+    # what a distance does to lift is common to its visits: without repeats, only visit mates can
+    # take it off
+    comparisons = [
+        by_cell - _median_of_others(by_cell, visit),
+        by_throttle - _median_of_others(by_throttle, visit),
+        by_cell,
+    ]
+    return (
+        [*comparisons, value - _median_of_nearest(value, z_hat, level)]
+        if curve_removed
+        else comparisons
+    )
 
 
-def _scaled(comparisons: list[FloatArray], level: NDArray[np.int64]) -> tuple[FloatArray, FloatArray, str]:
+def _scaled(
+    comparisons: list[FloatArray], level: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray, str]:
     """Each trial's sharpest contrast, the same over its robust scale, and why there is none.
 
-    A comparison's scale is that of all trials to which it could be applied, or of those at the same throttle where that is larger.
+    A comparison's scale is that of all trials to which it could be applied, or of those at the same
+    throttle where that is larger.
     """
     contrast, scaled = (np.full(len(level), np.nan) for _ in range(2))
     for comparison in comparisons:
@@ -164,19 +220,36 @@ def _scaled(comparisons: list[FloatArray], level: NDArray[np.int64]) -> tuple[Fl
         return contrast, scaled, ""
     with_others = np.isfinite(contrast).sum()
     if with_others < LEAST_TRIALS:
-        return contrast, scaled, f"{with_others} trials have repeats or neighbours to compare with; at least {LEAST_TRIALS} are wanted"
+        return (
+            contrast,
+            scaled,
+            (
+                f"{with_others} trials have repeats or neighbours to compare with; at least"
+                f" {LEAST_TRIALS} are wanted"
+            ),
+        )
     return contrast, scaled, "most trials repeat exactly, so nothing shows how far noise reaches"
 
 
-def _groups(value: FloatArray, group: NDArray[np.int64], rank_by: FloatArray) -> list[NDArray[np.intp]]:
-    """Places of the known values of each group of three or more, in ascending order of `rank_by`."""
+def _groups(
+    value: FloatArray, group: NDArray[np.int64], rank_by: FloatArray
+) -> list[NDArray[np.intp]]:
+    """Places of the known values of each group of three or more, in ascending order of
+    `rank_by`.
+    """
     known = np.flatnonzero(np.isfinite(value))
     order = known[np.lexsort((rank_by[known], group[known]))]
-    return [members for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(members) > 2]
+    return [
+        members
+        for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+        if len(members) > 2
+    ]
 
 
 def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray:
-    """Median of the other values of each one's group; nan with fewer than two others, and nan values are left out."""
+    """Median of the other values of each one's group; nan with fewer than two others, and nan
+    values are left out.
+    """
     result = np.full(len(value), np.nan)
     for members in _groups(value, group, value):
         m = len(members)
@@ -187,8 +260,12 @@ def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray
     return result
 
 
-def _median_of_nearest(value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64]) -> FloatArray:
-    """Median of the `NEAREST` other values at one's throttle that are nearest in rank of distance; nan with fewer than two."""
+def _median_of_nearest(
+    value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64]
+) -> FloatArray:
+    """Median of the `NEAREST` other values at one's throttle that are nearest in rank of distance;
+    nan with fewer than two.
+    """
     result = np.full(len(value), np.nan)
     for members in _groups(value, level, z_hat):
         m = len(members)
@@ -203,7 +280,8 @@ def _median_of_nearest(value: FloatArray, z_hat: FloatArray, level: NDArray[np.i
 def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
     """Chance that noise with the tail of `reference` (absolute values) exceeds each `size`.
 
-    Student's t beyond the `BODY` quantile, over a grid of degrees of freedom and scales weighed by likelihood and prior.
+    Student's t beyond the `BODY` quantile, over a grid of degrees of freedom and scales weighed by
+    likelihood and prior.
     """
     ordered = np.sort(reference)
     n, low = len(ordered), int(BODY * len(ordered))
@@ -216,25 +294,35 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
     scale = ordered[n // 2] * SD_PER_MAD * np.exp(np.linspace(-1.5, 1.0, 41))
     x = body / scale[:, None]
     density = np.log(_student_peak(dof) / np.sqrt(dof)) - np.log(scale)
-    inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]]) + len(body) * (density + np.log(2))
+    inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]]) + len(
+        body
+    ) * (density + np.log(2))
     begins = np.maximum(2 * student_tail(dof, start / scale), 1e-300)
     beyond = np.maximum(2 * student_tail(dof, end / scale), 1e-300)
     # only what lies beyond the start speaks of the tail, given that it does
-    log_weight = weight * inside + COUNTED * np.log(beyond) - (weight * len(body) + COUNTED) * np.log(begins) - inverse / TAIL_PRIOR
+    log_weight = (
+        weight * inside
+        + COUNTED * np.log(beyond)
+        - (weight * len(body) + COUNTED) * np.log(begins)
+        - inverse / TAIL_PRIOR
+    )
     chance = np.exp(log_weight - log_weight.max())
     chance /= chance.sum() * begins
     # nothing nearer can be beyond a family-wise limit
     far = size > end
     result = np.ones(len(size))
-    result[far] = [float((chance * 2 * student_tail(dof, x / scale)).sum()) * (n - low) / n for x in size[far]]
+    result[far] = [
+        float((chance * 2 * student_tail(dof, x / scale)).sum()) * (n - low) / n for x in size[far]
+    ]
     return result
 
 
 def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
     """Chance that Student's t with `dof` >= 2 degrees of freedom exceeds `x` > 0, to 14 digits.
 
-    With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x, which Gauss and Legendre integrate over the fourth
-    root of a: all that is wanted of scipy here takes longer to load than a thousand records to reduce.
+    With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x,
+    which Gauss and Legendre integrate over the fourth root of a: all that is wanted of scipy here
+    takes longer to load than a thousand records to reduce.
     """
     v, weight = _gauss_legendre()
     angle, power = np.arctan2(np.sqrt(dof), x)[..., None], dof[..., None]
@@ -245,7 +333,8 @@ def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
 @functools.cache
 def _gauss_legendre() -> tuple[FloatArray, FloatArray]:
     """Nodes and weights on the interval from 0 to 1."""
-    # by the eigenvectors of the polynomials' recurrence (Golub & Welsch 1969): numpy's own would load all of its polynomials
+    # by the eigenvectors of the polynomials' recurrence (Golub & Welsch 1969): numpy's own would
+    # load all of its polynomials
     k = np.arange(1, 32)
     root, vectors = np.linalg.eigh(np.diag(k / np.sqrt(4.0 * k**2 - 1), -1))
     return (root + 1) / 2, vectors[0] ** 2
@@ -253,4 +342,6 @@ def _gauss_legendre() -> tuple[FloatArray, FloatArray]:
 
 def _student_peak(dof: FloatArray) -> FloatArray:
     """The density of Student's t at zero times the root of the degrees of freedom."""
-    return np.array([math.exp(math.lgamma((d + 1) / 2) - math.lgamma(d / 2)) for d in dof.ravel()]).reshape(dof.shape) / math.sqrt(math.pi)
+    return np.array(
+        [math.exp(math.lgamma((d + 1) / 2) - math.lgamma(d / 2)) for d in dof.ravel()]
+    ).reshape(dof.shape) / math.sqrt(math.pi)

@@ -1,7 +1,8 @@
-"""What only a whole campaign can show: lengths of records, the weight, and whether lift rises with throttle.
+"""What only a whole campaign can show: lengths of records, the weight, and whether lift rises with
+throttle.
 
-A force that no vehicle of this weight can have is refused, with the unit that would make sense. A far lift that does not rise with throttle
-is flagged and kept: it may be the battery.
+A force that no vehicle of this weight can have is refused, with the unit that would make sense. A
+far lift that does not rise with throttle is flagged and kept: it may be the battery.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ FloatArray = NDArray[np.float64]
 TOO_HEAVY = 100.0
 #: Largest thrust over weight: racing quadrotors at full throttle come near 14.
 STRONGEST = 15.0
-#: What is left of that at least (of the weight) where the throttle is high; below such a throttle a hundredth, since a lab may run slow rotors only.
+#: What is left of that at least (of the weight) where the throttle is high; below such a throttle a
+#: hundredth, since a lab may run slow rotors only.
 WEAKEST, HIGH_THROTTLE = 0.25, 0.75
 #: Times the weight between which the largest far lift of a flying vehicle usually lies.
 ODD = (0.2, 6.0)
@@ -31,21 +33,27 @@ ODD = (0.2, 6.0)
 REACH = 2.0
 #: As many trials at one place and throttle show how well they repeat.
 FEWEST_TO_REPEAT = 5
-#: Departure of a load cell from a straight line over its range: catalogues of strain-gauge cells state 0.0002 to 0.01.
+#: Departure of a load cell from a straight line over its range: catalogues of strain-gauge cells
+#: state 0.0002 to 0.01.
 WORST_CELL = 0.05
 #: A trial with less than this fraction of its throttle's usual lift had its rotors at rest.
 STOPPED = 0.05
 
 
 def lengths(
-    n: NDArray[np.int64], codes: list[list[str]], missing: float, samples: NDArray[np.int64] | None = None, planned: int | None = None
+    n: NDArray[np.int64],
+    codes: list[list[str]],
+    missing: float,
+    samples: NDArray[np.int64] | None = None,
+    planned: int | None = None,
 ) -> None:
     """Add `short` or `SHORT` to the codes of records with too few samples.
 
-    Where a length is planned, `samples` of each record (tare included) are held against it: below ``1 - missing`` of it the trial is
-    rejected, and any sample that lacks is remarked on. Elsewhere `n`, the samples averaged, are held against their median: below
-    half of it a trial was aborted; between there and ``1 - missing`` it is rejected only if its file is cut off, since a lab
-    may well measure for different times.
+    Where a length is planned, `samples` of each record (tare included) are held against it: below
+    ``1 - missing`` of it the trial is rejected, and any sample that lacks is remarked on. Elsewhere
+    `n`, the samples averaged, are held against their median: below half of it a trial was aborted;
+    between there and ``1 - missing`` it is rejected only if its file is cut off, since a lab may
+    well measure for different times.
     """
     if planned is not None and samples is not None:
         for i, found in enumerate(samples):
@@ -58,11 +66,16 @@ def lengths(
     usual = median(whole)
     for i, samples in enumerate(n):
         if 0 < samples < (1 - missing) * usual:
-            codes[i].append("SHORT" if samples < 0.5 * usual or "truncated" in codes[i] else "short")
+            codes[i].append(
+                "SHORT" if samples < 0.5 * usual or "truncated" in codes[i] else "short"
+            )
 
 
-def planned_length(samples: NDArray[np.int64], record_s: float, rate_Hz: float, missing: float) -> None:
-    """Hold the usual length of the records against the planned one: where they differ, either the rate is wrong or the plan.
+def planned_length(
+    samples: NDArray[np.int64], record_s: float, rate_Hz: float, missing: float
+) -> None:
+    """Hold the usual length of the records against the planned one: where they differ, either the
+    rate is wrong or the plan.
 
     Parameters
     ----------
@@ -85,8 +98,10 @@ def planned_length(samples: NDArray[np.int64], record_s: float, rate_Hz: float, 
     if abs(usual - planned) > missing * planned:
         raise InputRefused(
             "load_cell.sample_rate",
-            f"the records hold {usual:.0f} samples (the median of {len(whole)}), where {record_s:g} s at {rate_Hz:g} Hz are {planned:.0f}",
-            f"is the rate {usual / record_s:.4g} Hz? or mend `record`, which counts the tare, under [load_cell]",
+            f"the records hold {usual:.0f} samples (the median of {len(whole)}), where {record_s:g}"
+            f" s at {rate_Hz:g} Hz are {planned:.0f}",
+            f"is the rate {usual / record_s:.4g} Hz? or mend `record`, which counts the tare, under"
+            " [load_cell]",
         )
 
 
@@ -103,7 +118,9 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, 
         lifts = np.empty(len(throttles))
         for i, throttle in enumerate(throttles):
             level = here & (table["throttle"] == throttle)
-            lifts[i] = median(table["lift_N"][level & (table["z_hat"] == table["z_hat"][level].max())])
+            lifts[i] = median(
+                table["lift_N"][level & (table["z_hat"] == table["z_hat"][level].max())]
+            )
         found[side] = throttles, lifts
     return found
 
@@ -116,25 +133,34 @@ def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str
     weight_N : float
         Mass times gravity of the manifest.
     unit : str
-        The unit that the forces were read in, to propose another; ``"count"`` where a calibration made them.
+        The unit that the forces were read in, to propose another; ``"count"`` where a calibration
+        made them.
     key : str
         Where that unit stands, for the refusal.
 
     Raises
     ------
     InputRefused
-        The largest far lift is more than 15 times the weight, less than a hundredth (a quarter at a throttle of 75 % and more), or negative.
+        The largest far lift is more than 15 times the weight, less than a hundredth (a quarter at a
+        throttle of 75 % and more), or negative.
     """
-    peaks = [(side, throttles[i], lifts[i]) for side, (throttles, lifts) in far_lifts(table).items() for i in [int(np.argmax(np.abs(lifts)))]]
+    peaks = [
+        (side, throttles[i], lifts[i])
+        for side, (throttles, lifts) in far_lifts(table).items()
+        for i in [int(np.argmax(np.abs(lifts)))]
+    ]
     if not peaks:
         return
     side, throttle, lift = max(peaks, key=lambda p: abs(p[2]))
     place = f"far from the {side}" if side != "none" else "in free air"
     ratio = lift / weight_N
-    if abs(ratio) > STRONGEST or abs(ratio) < (WEAKEST if throttle >= HIGH_THROTTLE else 1 / TOO_HEAVY):
+    if abs(ratio) > STRONGEST or abs(ratio) < (
+        WEAKEST if throttle >= HIGH_THROTTLE else 1 / TOO_HEAVY
+    ):
         raise InputRefused(
             key,
-            f"{place} at {100 * throttle:.0f} % throttle the lift is {lift:.4g} N, {abs(ratio):.3g} times the weight of {weight_N:.4g} N",
+            f"{place} at {100 * throttle:.0f} % throttle the lift is {lift:.4g} N, {abs(ratio):.3g}"
+            f" times the weight of {weight_N:.4g} N",
             _other_unit(lift, weight_N, unit),
         )
     if ratio < 0:
@@ -146,9 +172,14 @@ def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str
 
 
 def _other_unit(lift: float, weight: float, unit: str) -> str:
-    """The units in which the same numbers would be 0.3 to 10 times the weight, and what they would then be."""
+    """The units in which the same numbers would be 0.3 to 10 times the weight, and what they would
+    then be.
+    """
     if unit == "count":
-        return f"check the calibration's gain (off by about {abs(lift) / weight:.2g}?) and [vehicle] mass"
+        return (
+            f"check the calibration's gain (off by about {abs(lift) / weight:.2g}?) and [vehicle]"
+            " mass"
+        )
     mass = "or mend [vehicle] mass"
     here, _ = units.to_si(unit, "force", "force")
     number = abs(lift) / here
@@ -156,18 +187,24 @@ def _other_unit(lift: float, weight: float, unit: str) -> str:
     if not fitting:
         return f"no usual unit makes sense of it; check the unit {mass}"
     ratios = [units.to_si(u, "force", "force")[0] * number / weight for u in fitting]
-    said = ", or ".join(f'"{u}" ({r:.2g} times the weight)' for u, r in zip(fitting, ratios, strict=True))
+    said = ", or ".join(
+        f'"{u}" ({r:.2g} times the weight)' for u, r in zip(fitting, ratios, strict=True)
+    )
     return f'is the unit {said}, rather than "{unit}"? {mass}'
 
 
 def implausible(lift_N: FloatArray, weight_N: float) -> NDArray[np.bool_]:
-    """Mask of single trials beyond a hundred times the weight, in a campaign that is plausible as a whole."""
+    """Mask of single trials beyond a hundred times the weight, in a campaign that is plausible as a
+    whole.
+    """
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(lift_N) > TOO_HEAVY * weight_N)
 
 
 def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float, float]]:
-    """Steps of throttle over which the far lift does not rise: (boundary, lower, upper, lift below, lift above)."""
+    """Steps of throttle over which the far lift does not rise: (boundary, lower, upper, lift below,
+    lift above).
+    """
     return [
         (side, float(throttles[i]), float(throttles[i + 1]), float(lifts[i]), float(lifts[i + 1]))
         for side, (throttles, lifts) in far_lifts(table).items()
@@ -176,7 +213,8 @@ def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, floa
 
 
 def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float]]:
-    """Throttles without a lift far from the boundary: (boundary, throttle, its farthest z_hat, the boundary's farthest).
+    """Throttles without a lift far from the boundary: (boundary, throttle, its farthest z_hat, the
+    boundary's farthest).
 
     Half of the boundary's farthest station is far enough, and so is free air.
     """
@@ -194,15 +232,27 @@ def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, floa
 
 
 def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
-    """Ground and ceiling from which no trial is farther than `REACH` radii, if none is in free air: (boundary, its farthest z_hat)."""
+    """Ground and ceiling from which no trial is farther than `REACH` radii, if none is in free air:
+    (boundary, its farthest z_hat).
+    """
     good = ~rejected(table["quality"])
-    sides = [str(side) for side in ("ground", "ceiling") if (good & (table["boundary"] == side)).any()]
-    farthest = {side: float(table["z_hat"][good & (table["boundary"] == side)].max()) for side in sides}
-    return [] if (good & (table["boundary"] == "none")).any() else [(side, far) for side, far in farthest.items() if far < REACH]
+    sides = [
+        str(side) for side in ("ground", "ceiling") if (good & (table["boundary"] == side)).any()
+    ]
+    farthest = {
+        side: float(table["z_hat"][good & (table["boundary"] == side)].max()) for side in sides
+    }
+    return (
+        []
+        if (good & (table["boundary"] == "none")).any()
+        else [(side, far) for side, far in farthest.items() if far < REACH]
+    )
 
 
 def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """Trials whose lift is not positive, or below a twentieth of the median at their throttle: their rotors did not turn."""
+    """Trials whose lift is not positive, or below a twentieth of the median at their throttle:
+    their rotors did not turn.
+    """
     lift = np.asarray(table["lift_N"], dtype=float)
     good = ~rejected(table["quality"]) & np.isfinite(lift)
     usual = np.full(len(lift), np.nan)
@@ -218,40 +268,61 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
 def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     """Trials that lift as those of another throttle do at their place: their label may be wrong.
 
-    Such a trial stands six times the usual scatter off its own throttle's median, and within three times of another's, of five trials
-    or more each: a supply that sags moves lift too, but it does not land on another throttle whose trials repeat well.
+    Such a trial stands six times the usual scatter off its own throttle's median, and within three
+    times of another's, of five trials or more each: a supply that sags moves lift too, but it does
+    not land on another throttle whose trials repeat well.
     """
     lift = np.asarray(table["lift_N"], dtype=float)
     good = np.flatnonzero(~rejected(table["quality"]) & np.isfinite(lift))
     found = np.zeros(len(lift), dtype=bool)
     height = numbered(table["z_hat"][good])
-    place = numbered(numbered(table["boundary"][good].astype(str)) * (height.max(initial=0) + 1) + height)
+    place = numbered(
+        numbered(table["boundary"][good].astype(str)) * (height.max(initial=0) + 1) + height
+    )
     ends = np.cumsum(np.bincount(place, minlength=1))[:-1]
     for here in np.split(good[np.argsort(place, kind="stable")], ends):
         throttle = table["throttle"][here]
-        levels = [t for t in distinct(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT]
+        levels = [
+            t for t in distinct(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT
+        ]
         medians = np.array([median(lift[here][throttle == t]) for t in levels])
-        scatter = np.array([SD_PER_MAD * median(np.abs(lift[here][throttle == t] - m)) for t, m in zip(levels, medians, strict=True)])
+        scatter = np.array(
+            [
+                SD_PER_MAD * median(np.abs(lift[here][throttle == t] - m))
+                for t, m in zip(levels, medians, strict=True)
+            ]
+        )
         for k, level in enumerate(levels):
             own = here[throttle == level]
             off = np.abs(lift[own, None] - medians)
-            found[own] = (off[:, k] > 6 * scatter[k]) & np.any(np.delete(off, k, axis=1) < 3 * np.delete(scatter, k), axis=1)
+            found[own] = (off[:, k] > 6 * scatter[k]) & np.any(
+                np.delete(off, k, axis=1) < 3 * np.delete(scatter, k), axis=1
+            )
     return found
 
 
-def odd_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str) -> list[str]:
-    """A note where the largest far lift is possible for this vehicle, but unusual: gram-force for millinewton is a factor of ten."""
+def odd_weight(
+    table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str
+) -> list[str]:
+    """A note where the largest far lift is possible for this vehicle, but unusual: gram-force for
+    millinewton is a factor of ten.
+    """
     peaks = [float(np.max(lifts)) for _, lifts in far_lifts(table).values()]
     if not peaks or ODD[0] < max(peaks) / weight_N < ODD[1]:
         return []
     ratio = max(peaks) / weight_N
     return [
-        f"the largest lift far away is {ratio:.3g} times the weight, which is unusual; {_other_unit(max(peaks), weight_N, unit)} ({key} is {unit})"
+        (
+            f"the largest lift far away is {ratio:.3g} times the weight, which is unusual;"
+            f" {_other_unit(max(peaks), weight_N, unit)} ({key} is {unit})"
+        )
     ]
 
 
 def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:
-    """Notes on errors declared as large as what they are of (the least distance, the largest lift), and on a cell worse than any."""
+    """Notes on errors declared as large as what they are of (the least distance, the largest lift),
+    and on a cell worse than any.
+    """
     good = ~rejected(table["quality"])
     least_m = campaign.vehicle.rotor_radius * float(np.min(table["z_hat"][good], initial=np.inf))
     most_N = float(np.max(table["lift_N"][good], initial=0.0))
@@ -260,28 +331,47 @@ def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[st
         key = f"[[uncertainty]] {u.name!r}: value = {u.value!r}"
         if u.on == "height" and u.standard() >= least_m:
             notes.append(
-                f"{key} is no less than the least distance, {1e3 * least_m:.3g} mm, at which the rotor would have struck: is the unit right?"
+                f"{key} is no less than the least distance, {1e3 * least_m:.3g} mm, at which the"
+                " rotor would have struck: is the unit right?"
             )
         if u.on == "force" and u.standard() >= most_N > 0:
-            notes.append(f"{key} is no less than the largest lift, {1e3 * most_N:.3g} mN: is the unit right?")
+            notes.append(
+                f"{key} is no less than the largest lift, {1e3 * most_N:.3g} mN: is the unit right?"
+            )
     cell = campaign.load_cell
     if cell.accuracy is not None and cell.range is None:
         notes.append(
-            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is that of the straight line at full range, and counts for nothing without `range`"
+            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is that of the straight line at"
+            " full range, and counts for nothing without `range`"
         )
-    elif cell.accuracy is not None and cell.range is not None and cell.accuracy > WORST_CELL * cell.range:
+    elif (
+        cell.accuracy is not None
+        and cell.range is not None
+        and cell.accuracy > WORST_CELL * cell.range
+    ):
         notes.append(
-            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is {cell.accuracy / cell.range:.0%} of `range`, {1e3 * cell.range:.3g} mN, "
-            f"where cells have 0.02 to 1 % (more than {WORST_CELL:.0%} is noted): is it the departure from a straight line, and in that unit?"
+            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is {cell.accuracy / cell.range:.0%}"
+            f" of `range`, {1e3 * cell.range:.3g} mN, where cells have 0.02 to 1 % (more than"
+            f" {WORST_CELL:.0%} is noted): is it the departure from a straight line, and in that"
+            " unit?"
         )
     return notes
 
 
 def mostly_unsettled(table: Mapping[str, NDArray[Any]]) -> list[str]:
-    """A note where most records begin with another force than they go on with: their rotors-stopped head was not taken off."""
+    """A note where most records begin with another force than they go on with: their rotors-stopped
+    head was not taken off.
+    """
     good = ~rejected(table["quality"])
     begins = np.array(["unsettled" in text.split() for text in table["quality"]])
     if not good.any() or np.mean(begins[good]) < 0.5:
         return []
-    share = f"{np.mean(begins[good]):.0%} of the records begin with another force than they go on with"
-    return [f"{share}: is `tare` too short (rotors still at rest), or `settle`, or is sample_rate wrong?"]
+    share = (
+        f"{np.mean(begins[good]):.0%} of the records begin with another force than they go on with"
+    )
+    return [
+        (
+            f"{share}: is `tare` too short (rotors still at rest), or `settle`, or is sample_rate"
+            " wrong?"
+        )
+    ]

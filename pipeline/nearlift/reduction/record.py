@@ -1,17 +1,21 @@
-"""One record to one number: tare removed, settling dropped, mean, its standard error, and what is wrong with the samples.
+"""One record to one number: tare removed, settling dropped, mean, its standard error, and what is
+wrong with the samples.
 
-The standard error is made from batch means. A rotor tone (61 Hz and its like) is no noise of the mean: it averages out within
-each batch, while estimators that add up autocorrelations are fooled by it. Three choices make the batches right:
+The standard error is made from batch means. A rotor tone (61 Hz and its like) is no noise of the
+mean: it averages out within each batch, while estimators that add up autocorrelations are fooled by
+it. Three choices make the batches right:
 
-* they are long, a sixteenth of the record (an eighth of the tare) and at least 60 ms, so that slow noise is counted: u is
-  4 % low where the noise remembers for a twelfth of the tare's batch, 13 % for a fifth (measured in tests/unit/test_record.py);
-* each is weighted with a Hann window, so that a tone which does not fit a whole number of times leaks 30 dB less than from
-  plain batches. For white noise the weighted means have ``sum(w^2) / sum(w)^2`` of the samples' variance, which is divided out;
+* they are long, a sixteenth of the record (an eighth of the tare) and at least 60 ms, so that slow
+  noise is counted: u is 4 % low where the noise remembers for a twelfth of the tare's batch, 13 %
+  for a fifth (measured in tests/unit/test_record.py);
+* each is weighted with a Hann window, so that a tone which does not fit a whole number of times
+  leaks 30 dB less than from plain batches. For white noise the weighted means have ``sum(w^2) /
+  sum(w)^2`` of the samples' variance, which is divided out;
 * they overlap by half, which wins back the efficiency that the window costs.
 
-What results is the noise's spectral density at frequency zero, S0 (N^2 per sample), and u^2 = S0 / n. Where
-batches far apart are alike, noise outlasts a batch: `nearlift.reduction.slow_noise` then says how far the
-mean is off, and the code `slow` tells where no record of this length can.
+What results is the noise's spectral density at frequency zero, S0 (N^2 per sample), and u^2 = S0 /
+n. Where batches far apart are alike, noise outlasts a batch: `nearlift.reduction.slow_noise` then
+says how far the mean is off, and the code `slow` tells where no record of this length can.
 """
 
 from __future__ import annotations
@@ -39,18 +43,20 @@ FEWEST_BATCHES = 4
 FEWEST_SAMPLES = 5
 #: No force: beyond it numbers are damage, whatever the load cell.
 LARGEST_N = 1e9
-#: At the end of its range is a cell from this share of it on; so many samples may be there, and so large a share of them.
+#: At the end of its range is a cell from this share of it on; so many samples may be there, and so
+#: large a share of them.
 END_OF_RANGE, FEW_AT_END, SHARE_AT_END = 0.98, 3, 0.001
 #: Standard deviations beyond which a sample of the live part is looked at.
 FAR = 6.0
-#: Single samples of a tare are left out that move the zero by more than this share of the lift's u; a tare is refused that longer damage moves
-#: by more than u itself.
+#: Single samples of a tare are left out that move the zero by more than this share of the lift's u;
+#: a tare is refused that longer damage moves by more than u itself.
 MATTERS = 0.5
 #: Share of the lift by which a tare's ends may differ from its middle.
 ROTORS = 0.1
 #: Share of the samples that repeat the one before from which on a channel may stand still.
 FEWEST_REPEATS = 0.1
-#: Steps of the converter that a live part scatters by, from which on a tare would show some noise, too.
+#: Steps of the converter that a live part scatters by, from which on a tare would show some noise,
+#: too.
 COARSE = 100.0
 HOUR_S = 3600.0
 
@@ -62,8 +68,8 @@ class Limits:
     Attributes
     ----------
     drift, missing, out_of_range : float
-        Fractions, from ``[quality]``: of the trial's lift that the drift over the record may reach; of the samples that may
-        be absent; of the samples that may hold no number.
+        Fractions, from ``[quality]``: of the trial's lift that the drift over the record may reach;
+        of the samples that may be absent; of the samples that may hold no number.
     range_N : float or None
         Capacity of the load cell.
     """
@@ -76,10 +82,11 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reduced:
-    """One trial's mean lift and how well the record alone knows it; columns of trials.parquet by the same names.
+    """One trial's mean lift and how well the record alone knows it; columns of trials.parquet by
+    the same names.
 
-    NaN (and n = 0) where no sample was left. `n_eff` = variance of a sample over variance of the mean of the live part, at
-    most n; `u_lift_N` has the tare's standard error in it.
+    NaN (and n = 0) where no sample was left. `n_eff` = variance of a sample over variance of the
+    mean of the live part, at most n; `u_lift_N` has the tare's standard error in it.
     """
 
     lift_N: float = math.nan
@@ -112,9 +119,11 @@ def reduce_record(
     rate_Hz, tare_s, settle_s : float
         Nominal sample rate; rotors-stopped head; what is discarded after it.
     time_s : (n,) float array, optional
-        The record's clock. Gaps are seen by it, and tare and settle then end by it; else by counting samples.
+        The record's clock. Gaps are seen by it, and tare and settle then end by it; else by
+        counting samples.
     tare_after_N : float
-        Zero reading after the trial. It only judges the drift of the zero; the tare subtracted is that of the head.
+        Zero reading after the trial. It only judges the drift of the zero; the tare subtracted is
+        that of the head.
     codes : tuple of str
         What the reader noticed.
 
@@ -138,13 +147,26 @@ def reduce_record(
     tare, live = force_N[:head], force_N[start:]
     # numbers that are none are left out below
     with np.errstate(over="ignore", invalid="ignore"):
-        (quiet, rest), (density, run) = spectral_density_at_zero(tare, rate_Hz, tone=False), spectral_density_at_zero(live, rate_Hz)
-    if not (math.isfinite(rest.mean + run.mean) and max(run.high, -run.low, rest.high, -rest.low) <= (limits.range_N or LARGEST_N)):
+        (quiet, rest), (density, run) = (
+            spectral_density_at_zero(tare, rate_Hz, tone=False),
+            spectral_density_at_zero(live, rate_Hz),
+        )
+    if not (
+        math.isfinite(rest.mean + run.mean)
+        and max(run.high, -run.low, rest.high, -rest.low) <= (limits.range_N or LARGEST_N)
+    ):
         whole = len(tare) + len(live)
         tare, live = _forces(tare, limits.range_N), _forces(live, limits.range_N)
-        (quiet, rest), (density, run) = spectral_density_at_zero(tare, rate_Hz, tone=False), spectral_density_at_zero(live, rate_Hz)
+        (quiet, rest), (density, run) = (
+            spectral_density_at_zero(tare, rate_Hz, tone=False),
+            spectral_density_at_zero(live, rate_Hz),
+        )
         if rest.n + run.n < whole:
-            found.append("OUT_OF_RANGE" if 1.0 - (rest.n + run.n) / whole > limits.out_of_range else "out_of_range")
+            found.append(
+                "OUT_OF_RANGE"
+                if 1.0 - (rest.n + run.n) / whole > limits.out_of_range
+                else "out_of_range"
+            )
     n = run.n
     if n < 2 or (tare_s > 0 and rest.n < 2):
         return Reduced(codes=(*found, "NO_DATA"))
@@ -178,7 +200,8 @@ def reduce_record(
         found += ["slow"] if slow.is_too_long else []
     found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
     if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
-        # the median and its scatter, for a head of stopped rotors takes several batches and would hide behind its own spread
+        # the median and its scatter, for a head of stopped rotors takes several batches and would
+        # hide behind its own spread
         level = median(batches)
         scatter = SD_PER_MAD * median(np.abs(batches - level))
         if abs(batches[0] - level) > max(0.1 * abs(lift), 6 * scatter):
@@ -200,19 +223,24 @@ def prepare() -> None:
         kernel.prepare()
 
 
-def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool = True) -> tuple[float, Stretch]:
-    """Variance of the mean times n, N^2, and the stretch with the batch means that it was made from.
+def spectral_density_at_zero(
+    values: FloatArray, rate_Hz: float, *, tone: bool = True
+) -> tuple[float, Stretch]:
+    """Variance of the mean times n, N^2, and the stretch with the batch means that it was made
+    from.
 
     Parameters
     ----------
     values : (n,) float array
         Samples.
     tone : bool
-        Whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer batches to keep them long.
+        Whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer batches
+        to keep them long.
 
     Notes
     -----
-    Biased low by noise whose correlation time is not short beside a batch, as every estimate from one record is.
+    Biased low by noise whose correlation time is not short beside a batch, as every estimate from
+    one record is.
     """
     n = len(values)
     shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
@@ -226,8 +254,12 @@ def spectral_density_at_zero(values: FloatArray, rate_Hz: float, *, tone: bool =
     return float(np.add.reduce(means * means)) / len(means) / (found.gain - 1.0 / n), found
 
 
-def _slow_noise(values: FloatArray, means: FloatArray, u2: float, rate_Hz: float, *, tone: bool = True) -> SlowNoise | None:
-    """Slow noise, where means of batches or blocks raise the suspicion and it is worth more than `u2`."""
+def _slow_noise(
+    values: FloatArray, means: FloatArray, u2: float, rate_Hz: float, *, tone: bool = True
+) -> SlowNoise | None:
+    """Slow noise, where means of batches or blocks raise the suspicion and it is worth more than
+    `u2`.
+    """
     if not slow_noise.suspected(means):
         return None
     # a tone leaks less from longer batches
@@ -243,19 +275,33 @@ def _slope(run: Stretch, density: float, rate_Hz: float) -> tuple[float, float]:
     return run.tilt / power * rate_Hz, math.sqrt(density / power) * rate_Hz
 
 
-def _drifts(lift: float, change: float, u_change: float, tare_change: float, limits: Limits) -> list[str]:
-    """Drift of the force over the record, if it is no chance (4 standard errors), and of the zero."""
+def _drifts(
+    lift: float, change: float, u_change: float, tare_change: float, limits: Limits
+) -> list[str]:
+    """Drift of the force over the record, if it is no chance (4 standard errors), and of
+    the zero.
+    """
     allowed = limits.drift * abs(lift)
     found = []
     if abs(change) > 4 * u_change:
-        found += ["DRIFT"] if abs(change) > allowed else ["drift"] if abs(change) > 0.2 * allowed else []
+        found += (
+            ["DRIFT"] if abs(change) > allowed else ["drift"] if abs(change) > 0.2 * allowed else []
+        )
     if math.isfinite(tare_change):
-        found += ["DRIFT"] if abs(tare_change) > allowed else ["drift"] if abs(tare_change) > 0.2 * allowed else []
+        found += (
+            ["DRIFT"]
+            if abs(tare_change) > allowed
+            else ["drift"]
+            if abs(tare_change) > 0.2 * allowed
+            else []
+        )
     return found
 
 
 def _forces(values: FloatArray, range_N: float | None) -> FloatArray:
-    """The samples that hold a number, clipped to the cell's range; unless most are beyond it, which tells of another unit than the manifest's."""
+    """The samples that hold a number, clipped to the cell's range; unless most are beyond it, which
+    tells of another unit than the manifest's.
+    """
     with np.errstate(invalid="ignore"):
         forces = values[np.abs(values) <= LARGEST_N]
     if range_N is None or 2 * np.count_nonzero(np.abs(forces) > range_N) > len(forces):
@@ -263,8 +309,12 @@ def _forces(values: FloatArray, range_N: float | None) -> FloatArray:
     return np.clip(forces, -range_N, range_N)
 
 
-def _without_strays(live: FloatArray, run: Stretch, range_N: float | None) -> tuple[FloatArray, list[str]]:
-    """The samples without the few that stand far from the rest or at the end of the cell's range, and what is said of them."""
+def _without_strays(
+    live: FloatArray, run: Stretch, range_N: float | None
+) -> tuple[FloatArray, list[str]]:
+    """The samples without the few that stand far from the rest or at the end of the cell's range,
+    and what is said of them.
+    """
     stray, found = np.zeros(0, dtype=bool), []
     if range_N is not None and max(run.high, -run.low) >= END_OF_RANGE * range_N:
         stray = np.abs(live) >= END_OF_RANGE * range_N
@@ -280,8 +330,13 @@ def _without_strays(live: FloatArray, run: Stretch, range_N: float | None) -> tu
 
 
 def _far(live: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the few samples more than six standard deviations off, those aside that hide behind larger ones being found, too."""
-    far, hidden = np.zeros(len(live), dtype=bool), contamination.HIDDEN * contamination.step_of(live)
+    """Mask of the few samples more than six standard deviations off, those aside that hide behind
+    larger ones being found, too.
+    """
+    far, hidden = (
+        np.zeros(len(live), dtype=bool),
+        contamination.HIDDEN * contamination.step_of(live),
+    )
     for _ in range(5):
         rest = live[~far]
         more = np.abs(live - rest.mean()) > FAR * max(float(rest.std()), hidden)
@@ -294,12 +349,21 @@ def _far(live: FloatArray) -> NDArray[np.bool_]:
 
 
 def _zero(
-    tare: FloatArray, rest: Stretch, quiet: float, live: FloatArray, run: Stretch, u2_live: float, rate_Hz: float, limits: Limits
+    tare: FloatArray,
+    rest: Stretch,
+    quiet: float,
+    live: FloatArray,
+    run: Stretch,
+    u2_live: float,
+    rate_Hz: float,
+    limits: Limits,
 ) -> tuple[float, float, list[str]]:
-    """The tare's mean, its variance, and codes: single samples that stand apart are left out, a tare that is not one level is refused.
+    """The tare's mean, its variance, and codes: single samples that stand apart are left out, a
+    tare that is not one level is refused.
 
-    Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the better one. Where the level wanders
-    from its middle, so far may the trial's zero be from the mean: that is in the variance.
+    Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the
+    better one. Where the level wanders from its middle, so far may the trial's zero be from the
+    mean: that is in the variance.
     """
     if rest.n == 0:
         return rest.mean, 0.0, []
@@ -327,7 +391,10 @@ def _zero(
     if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
         away := contamination.wander(tare, means, contamination.step_of(live))
     ):
-        found, u2 = [*found, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"], u2 + away**2
+        found, u2 = (
+            [*found, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"],
+            u2 + away**2,
+        )
     if slow and slow.variance > u2:
         u2 = slow.variance
         if slow.is_too_long and not found and u2 > MATTERS**2 * u2_live:
@@ -336,10 +403,14 @@ def _zero(
 
 
 def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:
-    """Whether the tare, or a part of it, repeats one value, and not because the converter is too coarse to show any noise."""
+    """Whether the tare, or a part of it, repeats one value, and not because the converter is too
+    coarse to show any noise.
+    """
     if rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n:
         return False
-    return bool(_stuck(tare, rest)) and math.sqrt(run.squares / (run.n - 1)) > COARSE * contamination.step_of(live)
+    return bool(_stuck(tare, rest)) and math.sqrt(
+        run.squares / (run.n - 1)
+    ) > COARSE * contamination.step_of(live)
 
 
 def _stuck(live: FloatArray, run: Stretch) -> list[str]:
@@ -360,15 +431,19 @@ def _stuck(live: FloatArray, run: Stretch) -> list[str]:
 def _clipped(live: FloatArray, run: Stretch) -> list[str]:
     """Whether the record is clipped, somewhere below the cell's range.
 
-    It is where it stays at its own extreme for ten samples in a row, or, where the tone brings it there and back, for one sample in two
-    hundred while hardly any other value occurs twice. A coarse cell repeats itself anywhere.
+    It is where it stays at its own extreme for ten samples in a row, or, where the tone brings it
+    there and back, for one sample in two hundred while hardly any other value occurs twice. A
+    coarse cell repeats itself anywhere.
     """
     n = run.n
     if run.repeats < 9:
         return []
     for extreme, count in ((run.high, run.at_high), (run.low, run.at_low)):
         if 10 <= count < 0.9 * n:
-            held = _longest_run(np.flatnonzero(live == extreme)) >= 10 and run.repeats < count + 0.2 * n
+            held = (
+                _longest_run(np.flatnonzero(live == extreme)) >= 10
+                and run.repeats < count + 0.2 * n
+            )
             often = count >= 0.005 * n and run.repeats < count + 0.02 * n
             if held or often:
                 return ["SATURATED"]

@@ -1,15 +1,18 @@
-"""The standard error of a mean under noise that outlasts a batch (restricted likelihood of batch means).
+"""The standard error of a mean under noise that outlasts a batch (restricted likelihood of batch
+means).
 
-Batch means take no notice of noise that remembers for longer than a batch. Here a record is cut into finer
-ones and asked how alike they are: correlation exp(-|t| / tau) beside white noise, its time and its share on a
-grid, each weighed by its restricted likelihood.
+Batch means take no notice of noise that remembers for longer than a batch. Here a record is cut
+into finer ones and asked how alike they are: correlation exp(-|t| / tau) beside white noise, its
+time and its share on a grid, each weighed by its restricted likelihood.
 
-* Whether there is slow noise is judged by contrasts with a straight line: a drift has its own code. Odds of a
-  hundred against white noise are asked for, which white noise reaches in at most one stretch of a hundred
-  (Markov's inequality); all others keep the batch means' number to the last bit.
-* How far the mean is off is the geometric mean of what each time and share says, by contrasts with a constant.
-* Where the time is rather more than a quarter of the record than less, a record cannot tell it from longer
-  ones: then it is what the longest says, which is a guess on the large side.
+* Whether there is slow noise is judged by contrasts with a straight line: a drift has its own code.
+  Odds of a hundred against white noise are asked for, which white noise reaches in at most one
+  stretch of a hundred (Markov's inequality); all others keep the batch means' number to the last
+  bit.
+* How far the mean is off is the geometric mean of what each time and share says, by contrasts with
+  a constant.
+* Where the time is rather more than a quarter of the record than less, a record cannot tell it from
+  longer ones: then it is what the longest says, which is a guess on the large side.
 """
 
 from __future__ import annotations
@@ -27,19 +30,20 @@ FloatArray = NDArray[np.float64]
 SEGMENTS = 64
 #: Fewer means tell nothing of slow noise.
 FEWEST_MEANS = 10
-#: Correlation times over the record's length, each believed beforehand the less, by the root, the longer; and
-#: shares of a batch mean's variance that the slow noise has.
+#: Correlation times over the record's length, each believed beforehand the less, by the root, the
+#: longer; and shares of a batch mean's variance that the slow noise has.
 TIMES = tuple(0.5**k for k in range(7))
 SHARES = (0.25, 0.5, 0.75, 0.9, 1.0)
-#: Correlation time over the record's length that the first look is keenest on, and the standard deviations
-#: of white noise that let one record in thirty through.
+#: Correlation time over the record's length that the first look is keenest on, and the standard
+#: deviations of white noise that let one record in thirty through.
 TYPICAL_TIME, LET_THROUGH = 1 / 30, 1.85
 #: Odds against white noise from which on slow noise is believed.
 ODDS = 100.0
-#: Correlation time over the record's length from which on one record cannot tell how far its mean is off.
+#: Correlation time over the record's length from which on one record cannot tell how far its mean
+#: is off.
 TOO_LONG = 0.25
-#: Hann windows over white noise: correlation of neighbours that overlap by half, and spectral density per half
-#: batch over the variance of a mean.
+#: Hann windows over white noise: correlation of neighbours that overlap by half, and spectral
+#: density per half batch over the variance of a mean.
 OVERLAP, WHITE = 1 / 6, 4 / 3
 #: Degrees of the polynomials that are taken out: of the level, and of a drift.
 CONSTANT, LINE = 0, 1
@@ -50,14 +54,18 @@ POINTS = 16
 
 
 class SlowNoise(NamedTuple):
-    """Variance of the record's mean, N^2, and whether noise remembers for a quarter of the record or more."""
+    """Variance of the record's mean, N^2, and whether noise remembers for a quarter of the record
+    or more.
+    """
 
     variance: float
     is_too_long: bool
 
 
 def suspected(means: FloatArray) -> bool:
-    """First look at batch means of a record, which costs a microsecond: whether far neighbours may be alike."""
+    """First look at batch means of a record, which costs a microsecond: whether far neighbours may
+    be alike.
+    """
     if len(means) < FEWEST_MEANS:
         return False
     form = _first_look(len(means))
@@ -88,7 +96,9 @@ def slow_noise(means: FloatArray) -> SlowNoise | None:
 
 
 def _weigh(means: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
-    """Log of the odds against white noise, and variance of the record's mean: (times, shares) each."""
+    """Log of the odds against white noise, and variance of the record's mean: (times,
+    shares) each.
+    """
     space = _space(len(means), degree)
     contrasts = space.white @ means
     dof = len(contrasts)
@@ -98,15 +108,18 @@ def _weigh(means: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
 
 
 class _Space(NamedTuple):
-    """Contrasts of `m` means with a polynomial, `c` of them, whitened for white noise, and what slow noise is there.
+    """Contrasts of `m` means with a polynomial, `c` of them, whitened for white noise, and what
+    slow noise is there.
 
     Attributes
     ----------
     white : (c, m) float array
-        From means to contrasts, of unit covariance where noise is white and a batch mean's variance is one.
+        From means to contrasts, of unit covariance where noise is white and a batch mean's variance
+        is one.
     axes : (times, c, c) float array
         Orthonormal columns along which slow noise of each correlation time is uncorrelated.
-    variances, log_determinants, of_mean : (times, shares, c), (times, shares), (times, shares) float arrays
+    variances, log_determinants, of_mean : (times, shares, c), (times, shares), (times, shares)
+    float arrays
         Variances along those axes, the log of their product, and the variance of the record's mean.
     """
 
@@ -127,31 +140,46 @@ def _space(m: int, degree: int) -> _Space:
         axes.append(directions)
         variances.append(1 - share[:, None] + share[:, None] * along)
         of_mean.append((1 - share) * WHITE / segments + share * mean)
-    return _Space(white, np.array(axes), np.array(variances), np.log(variances).sum(axis=-1), np.array(of_mean))
+    return _Space(
+        white,
+        np.array(axes),
+        np.array(variances),
+        np.log(variances).sum(axis=-1),
+        np.array(of_mean),
+    )
 
 
 @functools.lru_cache(maxsize=64)
 def _first_look(m: int) -> FloatArray:
-    """A quadratic form that is negative where means speak for slow noise, which one white record in thirty does; (m, m).
+    """A quadratic form that is negative where means speak for slow noise, which one white record in
+    thirty does; (m, m).
 
-    It is the ratio of their squares, weighed for slow noise and for white, less what one white record in
-    thirty falls below (the ratio's moments are exact, its shape is taken as normal).
+    It is the ratio of their squares, weighed for slow noise and for white, less what one white
+    record in thirty falls below (the ratio's moments are exact, its shape is taken as normal).
     """
     white = _whitener(m, LINE)
     along, axes = _along(white, _exponential(m, (m + 1) * TYPICAL_TIME)[0])
     precision = 1 / along
     spread = math.sqrt(2 * float(precision.var()) / (len(along) + 2))
-    form: FloatArray = white.T @ ((axes * (precision - precision.mean() + LET_THROUGH * spread)) @ axes.T) @ white
+    form: FloatArray = (
+        white.T @ ((axes * (precision - precision.mean() + LET_THROUGH * spread)) @ axes.T) @ white
+    )
     return form
 
 
 def _whitener(m: int, degree: int) -> FloatArray:
-    """From means to contrasts with a polynomial, of unit covariance for white noise; (m - 1 - degree, m)."""
-    contrasts = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, m), degree + 1), mode="complete")[0][:, degree + 1 :]
+    """From means to contrasts with a polynomial, of unit covariance for white noise; (m - 1 -
+    degree, m).
+    """
+    contrasts = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, m), degree + 1), mode="complete")[0][
+        :, degree + 1 :
+    ]
     # neighbours share half their samples
     row = np.zeros(m)
     row[:2] = 1.0, OVERLAP
-    return np.asarray(np.linalg.solve(np.linalg.cholesky(contrasts.T @ _toeplitz(row) @ contrasts), contrasts.T))
+    return np.asarray(
+        np.linalg.solve(np.linalg.cholesky(contrasts.T @ _toeplitz(row) @ contrasts), contrasts.T)
+    )
 
 
 def _along(white: FloatArray, row: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -168,7 +196,10 @@ def _exponential(m: int, length: float) -> tuple[FloatArray, float]:
     at = (np.arange(2 * POINTS) + 0.5) / POINTS
     window = np.sin(np.pi * at / 2) ** 2
     window /= window.sum()
-    near = [float(window @ np.exp(-np.abs(at[:, None] - at - lag) / length) @ window) for lag in range(3)]
+    near = [
+        float(window @ np.exp(-np.abs(at[:, None] - at - lag) / length) @ window)
+        for lag in range(3)
+    ]
     # windows two apart have no sample in common
     row = np.concatenate([near[:2], near[2] * np.exp(-np.arange(m - 2) / length)])
     part = length / (m + 1)

@@ -26,8 +26,9 @@ def stepped(means: FloatArray, allowed_N: float) -> bool:
 
     Notes
     -----
-    The best split into two levels must leave less than half of the squares that the best straight line leaves, and the step must be six times
-    the scatter about the levels: a drift, however strong, is no step (two levels leave a quarter of a ramp's squares, a line none).
+    The best split into two levels must leave less than half of the squares that the best straight
+    line leaves, and the step must be six times the scatter about the levels: a drift, however
+    strong, is no step (two levels leave a quarter of a ramp's squares, a line none).
     """
     n = len(means)
     # no two levels lie farther apart than the means do

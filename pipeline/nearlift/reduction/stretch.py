@@ -1,4 +1,6 @@
-"""A stretch of a record, its head or its live part, as the few numbers by which mean, noise and quality are judged."""
+"""A stretch of a record, its head or its live part, as the few numbers by which mean, noise and
+quality are judged.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
 
 FloatArray = NDArray[np.float64]
 
-STRETCH = Kernel("nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER)
+STRETCH = Kernel(
+    "nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER
+)
 STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
 #: Sums that the kernel gives before the batches' means.
 SUMS = 9
@@ -27,7 +31,8 @@ class Stretch(NamedTuple):
     ----------
     n : int
     batches : (b,) float array
-        Means of away over batches, weighted with a Hann window and overlapping by half; away itself where it is cut into none.
+        Means of away over batches, weighted with a Hann window and overlapping by half; away itself
+        where it is cut into none.
     gain : float
         The sum of the window's squared weights.
     mean, squares, tilt : float
@@ -35,7 +40,8 @@ class Stretch(NamedTuple):
     low, high : float
         The extremes.
     repeats, at_low, at_high, far : float
-        How many samples repeat the one before, stand at either extreme, and lie more than six standard deviations away.
+        How many samples repeat the one before, stand at either extreme, and lie more than six
+        standard deviations away.
     """
 
     n: int
@@ -53,7 +59,9 @@ class Stretch(NamedTuple):
 
 
 def median(values: NDArray[Any]) -> float:
-    """The median of finite values; numpy's takes ten times as long to look at its arguments, and would load its masked arrays."""
+    """The median of finite values; numpy's takes ten times as long to look at its arguments, and
+    would load its masked arrays.
+    """
     middle = len(values) // 2
     ranked = np.sort(values)
     return float(ranked[middle] if len(values) % 2 else (ranked[middle - 1] + ranked[middle]) / 2)
@@ -81,7 +89,9 @@ def stretch(values: FloatArray, half: int) -> Stretch:
     found = np.empty(SUMS + (n // half if half else 1))
     window = _window(half)
     STRETCH(address(values), n, half, *window.places, address(found))
-    return Stretch(n, found[SUMS:-1] if half else values - found[0], window.gain, *found[:SUMS].tolist())
+    return Stretch(
+        n, found[SUMS:-1] if half else values - found[0], window.gain, *found[:SUMS].tolist()
+    )
 
 
 def steady(clock: FloatArray, rate_Hz: float) -> bool:

@@ -1,1 +1,3 @@
-"""Vertical flight near a boundary: what the fitted lift models mean for safety and energy. Opens no file, draws nothing."""
+"""Vertical flight near a boundary: what the fitted lift models mean for safety and energy. Opens no
+file, draws nothing.
+"""

@@ -1,8 +1,9 @@
 """What the paper says of its Fig. 6, as numbers with intervals, beside what each preset gives.
 
-Every claim is a number made of levels (set-points of a given risk) and a range of that number within which it holds. All levels of a
-preset come from one resampling of the same flights, so the interval of a difference is that of paired flights. A claim holds where
-the whole 90 % interval lies within its range, fails where all of it lies outside, and is undecided between.
+Every claim is a number made of levels (set-points of a given risk) and a range of that number
+within which it holds. All levels of a preset come from one resampling of the same flights, so the
+interval of a difference is that of paired flights. A claim holds where the whole 90 % interval lies
+within its range, fails where all of it lies outside, and is undecided between.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ INF = math.inf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Levels:
-    """Levels of one preset under resampling, the first as flown: arrays (m,); nan where the set-points flown do not hold it.
+    """Levels of one preset under resampling, the first as flown: arrays (m,); nan where the
+    set-points flown do not hold it.
 
     Attributes
     ----------
@@ -43,7 +45,9 @@ class Levels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
-    """A statement: the paper's words, the number in them, how it is computed from levels, and between which values it holds."""
+    """A statement: the paper's words, the number in them, how it is computed from levels, and
+    between which values it holds.
+    """
 
     name: str
     says: str
@@ -71,13 +75,21 @@ def _scaling(levels: Levels, boundary: str, risk: float) -> FloatArray:
 
 
 def _worst(levels: Levels, boundary: str, one: float, other: float, sign: float) -> FloatArray:
-    """The least of sign * (level of one power - level of the other) over all gains and noises flown, the preset's own included."""
+    """The least of sign * (level of one power - level of the other) over all gains and noises
+    flown, the preset's own included.
+    """
     own = [levels.flown[boundary, one, 0.5] - levels.flown[boundary, other, 0.5]]
     if not levels.varied:
         raise KeyError("variants")
     # variants are flown fewer times: their resamples pair among themselves
     n = min(len(own[0]), *(len(v) for v in levels.varied.values()))
-    all_of_them = [own[0][:n], *((levels.varied[boundary, one, v] - levels.varied[boundary, other, v])[:n] for v in levels.variants)]
+    all_of_them = [
+        own[0][:n],
+        *(
+            (levels.varied[boundary, one, v] - levels.varied[boundary, other, v])[:n]
+            for v in levels.variants
+        ),
+    ]
     worst: FloatArray = np.min(sign * np.stack(all_of_them), axis=0)
     return worst
 
@@ -113,42 +125,60 @@ CLAIMS = (
     ),
     Claim(
         name="ceiling_destabilises",
-        says="The ceiling model makes crashes more likely: the 50 % level rises by so much (rotor radii)",
+        says=(
+            "The ceiling model makes crashes more likely: the 50 % level rises by so much (rotor"
+            " radii)"
+        ),
         paper="> 0",
         value=lambda v: -_shift(v, "ceiling", 0.5),
         holds=(0.0, INF),
     ),
     Claim(
         name="scaling_ground",
-        says="Scaling the ground model by the powers 0.6 to 1.4 moves the 50 % level only slightly (rotor radii)",
+        says=(
+            "Scaling the ground model by the powers 0.6 to 1.4 moves the 50 % level only slightly"
+            " (rotor radii)"
+        ),
         paper="slight",
         value=lambda v: _scaling(v, "ground", 0.5),
         holds=(-0.1, 0.1),
     ),
     Claim(
         name="scaling_ceiling",
-        says="Scaling the ceiling model moves its 50 % level further than the ground's (by so many rotor radii)",
+        says=(
+            "Scaling the ceiling model moves its 50 % level further than the ground's (by so many"
+            " rotor radii)"
+        ),
         paper="stronger",
         value=lambda v: np.abs(_scaling(v, "ceiling", 0.5)) - np.abs(_scaling(v, "ground", 0.5)),
         holds=(0.0, INF),
     ),
     Claim(
         name="order_kept",
-        says="More ground effect is safer: the 50 % level falls from the power 0.6 to 1.4, whatever gains and noise (least fall of all, rotor radii)",
+        says=(
+            "More ground effect is safer: the 50 % level falls from the power 0.6 to 1.4, whatever"
+            " gains and noise (least fall of all, rotor radii)"
+        ),
         paper="> 0",
         value=lambda v: _worst(v, "ground", 0.6, 1.4, 1.0),
         holds=(0.0, INF),
     ),
     Claim(
         name="ground_helps_anywhere",
-        says="The ground model lets the vehicle closer whatever gains and noise (least gain of all at 50 %, rotor radii)",
+        says=(
+            "The ground model lets the vehicle closer whatever gains and noise (least gain of all"
+            " at 50 %, rotor radii)"
+        ),
         paper="> 0",
         value=lambda v: _worst(v, "ground", 0.0, 1.0, 1.0),
         holds=(0.0, INF),
     ),
     Claim(
         name="ceiling_hurts_anywhere",
-        says="The ceiling model makes crashes more likely whatever gains and noise (least rise of all at 50 %, rotor radii)",
+        says=(
+            "The ceiling model makes crashes more likely whatever gains and noise (least rise of"
+            " all at 50 %, rotor radii)"
+        ),
         paper="> 0",
         value=lambda v: _worst(v, "ceiling", 1.0, 0.0, 1.0),
         holds=(0.0, INF),
@@ -157,7 +187,9 @@ CLAIMS = (
 
 
 def verdict(low: float, high: float, holds: tuple[float, float]) -> str:
-    """What an interval says of a claim: holds, fails, or undecided (also where the interval has no end)."""
+    """What an interval says of a claim: holds, fails, or undecided (also where the interval has no
+    end).
+    """
     if not (math.isfinite(low) and math.isfinite(high)):
         return "undecided"
     if holds[0] <= low and high <= holds[1]:
@@ -166,7 +198,9 @@ def verdict(low: float, high: float, holds: tuple[float, float]) -> str:
 
 
 def table(presets: Mapping[str, Levels]) -> list[dict[str, Any]]:
-    """A row for each claim that the risks flown allow to be computed, with value, 90 % interval and verdict per preset."""
+    """A row for each claim that the risks flown allow to be computed, with value, 90 % interval and
+    verdict per preset.
+    """
     rows = []
     for claim in CLAIMS:
         try:
@@ -188,4 +222,9 @@ def table(presets: Mapping[str, Levels]) -> list[dict[str, Any]]:
 def _told(values: FloatArray, holds: tuple[float, float]) -> dict[str, Any]:
     # a level that the set-points do not hold leaves its end of the interval open
     low, high = -safety.spread90(-values)[1], safety.spread90(values)[1]
-    return {"value": float(values[0]), "lo90": low, "hi90": high, "verdict": verdict(low, high, holds)}
+    return {
+        "value": float(values[0]),
+        "lo90": low,
+        "hi90": high,
+        "verdict": verdict(low, high, holds),
+    }

@@ -1,8 +1,10 @@
-"""PID on rotor frequency (Eq. 5): f = kP (z - z0) + kD z' + kI integral(z - z0) + f0, never below zero.
+"""PID on rotor frequency (Eq. 5): f = kP (z - z0) + kD z' + kI integral(z - z0) + f0, never below
+zero.
 
-Sign: z is the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn its rotors faster, so the gains
-are negative; below a ceiling it is then too high and must slow them, so they are positive. The paper prints positive gains
-for both, with which the loop above a ground runs away. A set of gains whose loop is unstable is refused.
+Sign: z is the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn
+its rotors faster, so the gains are negative; below a ceiling it is then too high and must slow
+them, so they are positive. The paper prints positive gains for both, with which the loop above a
+ground runs away. A set of gains whose loop is unstable is refused.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.mirrored(), "ceili
 
 
 def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
-    """Poles in 1/s of the loop linearised about hover, far enough that the lift's slope does not matter: complex, shape (3,)."""
+    """Poles in 1/s of the loop linearised about hover, far enough that the lift's slope does not
+    matter: complex, shape (3,).
+    """
     # s^3 = away * 2 g / f0 * (kD s^2 + kP s + kI)
     stiffness = AWAY[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
     return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
@@ -58,7 +62,10 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary, where: str = "simulat
         return gains
     if gains.kP == 0.0 or gains.kD == 0.0:
         raise ManifestError(
-            f"{where}.{boundary}", f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back and calms it", "give both"
+            f"{where}.{boundary}",
+            f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back"
+            " and calms it",
+            "give both",
         )
     right = "negative" if boundary == "ground" else "positive"
     reason = (
@@ -67,9 +74,14 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary, where: str = "simulat
         else "below a ceiling a vehicle that is too close must slow its rotors"
     )
     flipped = float(poles(gains.mirrored(), craft, boundary).real.max()) <= 1e-9
-    remedy = f"change the sign of all three: {right} at this boundary" if flipped else "kP, kD and kI want one sign, and kD kP large enough for kI"
+    remedy = (
+        f"change the sign of all three: {right} at this boundary"
+        if flipped
+        else "kP, kD and kI want one sign, and kD kP large enough for kI"
+    )
     raise ManifestError(
         f"{where}.{boundary}",
-        f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at {worst:+.3g} 1/s): {reason}",
+        f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at"
+        f" {worst:+.3g} 1/s): {reason}",
         remedy,
     )

@@ -1,4 +1,6 @@
-"""The vehicle as the simulation knows it: blade-element lift, weight, and what scales the paper's Eq. 6."""
+"""The vehicle as the simulation knows it: blade-element lift, weight, and what scales the paper's
+Eq. 6.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +10,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Craft:
-    """A rotorcraft that only goes up and down: L = rotors C_L rho f^2 r^4 far from every boundary, f in revolutions per second.
+    """A rotorcraft that only goes up and down: L = rotors C_L rho f^2 r^4 far from every boundary,
+    f in revolutions per second.
 
-    The paper's C_L = 1.6 makes a Crazyflie hover at 351 Hz, where it is measured to hover at 278 Hz (C_L = 2.55). No crash depends
-    on it: C_L enters Eq. 6 only through the groups, and the gains were chosen with it.
+    The paper's C_L = 1.6 makes a Crazyflie hover at 351 Hz, where it is measured to hover at 278 Hz
+    (C_L = 2.55). No crash depends on it: C_L enters Eq. 6 only through the groups, and the gains
+    were chosen with it.
     """
 
     radius_m: float
@@ -43,4 +47,6 @@ class Craft:
 
 
 #: As the paper simulates it.
-CRAZYFLIE_AS_PRINTED = Craft(radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6)
+CRAZYFLIE_AS_PRINTED = Craft(
+    radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6
+)

@@ -11,7 +11,8 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.simulation.kernel import NODES
 
-#: Above this height every table is constant; lift there is within 0.3 % of L_inf for every model declared.
+#: Above this height every table is constant; lift there is within 0.3 % of L_inf for every model
+#: declared.
 TOP = 16.0
 
 
@@ -22,7 +23,8 @@ class Curves:
     Attributes
     ----------
     low, high : float
-        Ends of the range; beyond them the ratio is constant, so `low` is the bound that the paper puts at 0.5.
+        Ends of the range; beyond them the ratio is constant, so `low` is the bound that the paper
+        puts at 0.5.
     values : array (m, NODES)
     """
 
@@ -51,23 +53,34 @@ class Curves:
         return np.stack([np.interp(z_hat, self.z_hat, row) for row in self.values])
 
 
-def tabulate(ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float, high: float = TOP) -> Curves:
+def tabulate(
+    ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float, high: float = TOP
+) -> Curves:
     """Tables of several functions of z_hat, each bounded to its value at `low`.
 
     Raises
     ------
     InputRefused
-        A ratio has no positive value somewhere in the range (a singularity, or a bound below the model's validity), or the range is empty.
+        A ratio has no positive value somewhere in the range (a singularity, or a bound below the
+        model's validity), or the range is empty.
     """
     if not low < high:
         raise InputRefused(
-            "simulate.bound_z_hat", f"{low:g} leaves no range: above z_hat = {high:g} lift is constant", f"bound the ratio below {high:g}"
+            "simulate.bound_z_hat",
+            f"{low:g} leaves no range: above z_hat = {high:g} lift is constant",
+            f"bound the ratio below {high:g}",
         )
     z_hat = np.linspace(low, high, NODES)
     with np.errstate(invalid="ignore", divide="ignore"):
-        values = np.stack([np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios])
+        values = np.stack(
+            [np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
+        )
     bad = ~(np.isfinite(values) & (values > 0))
     if bad.any():
         where = float(z_hat[bad.any(axis=0)].max())
-        raise InputRefused("simulate.bound_z_hat", f"L / L_inf has no value at z_hat = {where:.3g}", f"bound the ratio above {where:.3g}")
+        raise InputRefused(
+            "simulate.bound_z_hat",
+            f"L / L_inf has no value at z_hat = {where:.3g}",
+            f"bound the ratio above {where:.3g}",
+        )
     return Curves(low=low, high=high, values=values)

@@ -1,9 +1,11 @@
-"""The random vertical force, with a spectrum: a standard deviation alone says nothing until its bandwidth is known.
+"""The random vertical force, with a spectrum: a standard deviation alone says nothing until its
+bandwidth is known.
 
-The force is constant for `hold_s`, then drawn anew; from hold to hold it forgets with `correlation_s` (0: at once). The paper's
-0.015 N "white noise" is one value per step of 0.1 s, that is hold_s = 0.1: a two-sided power spectral density of
-sd^2 hold = 2.25e-5 N^2 s at low frequency, with its first zero at 10 Hz. The same sd drawn for every 0.01 s step has a tenth of it,
-and no vehicle crashes.
+The force is constant for `hold_s`, then drawn anew; from hold to hold it forgets with
+`correlation_s` (0: at once). The paper's 0.015 N "white noise" is one value per step of 0.1 s, that
+is hold_s = 0.1: a two-sided power spectral density of sd^2 hold = 2.25e-5 N^2 s at low frequency,
+with its first zero at 10 Hz. The same sd drawn for every 0.01 s step has a tenth of it, and no
+vehicle crashes.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ from nearlift.declare import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """Standard deviation in N, time for which a value is held in s, and correlation time in s (0: white from hold to hold)."""
+    """Standard deviation in N, time for which a value is held in s, and correlation time in s (0:
+    white from hold to hold).
+    """
 
     sd_N: float
     hold_s: float
@@ -31,7 +35,9 @@ class Disturbance:
 
     @property
     def density_N2_s(self) -> float:
-        """Two-sided power spectral density at low frequency, N^2 s (per Hz over negative and positive frequencies)."""
+        """Two-sided power spectral density at low frequency, N^2 s (per Hz over negative and
+        positive frequencies).
+        """
         return self.sd_N**2 * self.hold_s * (1 + self.memory) / (1 - self.memory)
 
     def spectrum_N2_s(self, frequency_Hz: FloatArray) -> FloatArray:

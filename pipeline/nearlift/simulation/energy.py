@@ -1,13 +1,16 @@
 """What hovering near a boundary costs, and where to hover when a crash has a price.
 
-Relative cost is power to hover near the boundary over power far away, always at the same thrust (the weight). What L / L_inf says
-of it depends on what was held while L / L_inf was measured or derived:
+Relative cost is power to hover near the boundary over power far away, always at the same thrust
+(the weight). What L / L_inf says of it depends on what was held while L / L_inf was measured or
+derived:
 
-power   thrusts at the same power: T goes as P^(2/3) at a fixed inflow factor, so cost = ratio^(-3/2), as the paper takes it for all.
-thrust  the ratio is P_inf / P at the same thrust, as the theories' factor is (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s)
+power   thrusts at the same power: T goes as P^(2/3) at a fixed inflow factor, so cost =
+ratio^(-3/2), as the paper takes it for all. thrust  the ratio is P_inf / P at the same thrust, as
+the theories' factor is (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s)
         read through momentum theory): cost = 1 / ratio.
-rpm     thrusts at the same frequency: ratio = (P_inf/P)^n with n between 0.60 and 0.82 for a small rotor, so cost = ratio^(-1/n).
-throttle, voltage  between constant rpm and constant power; the exponent is known only between 1 and 1/0.60.
+rpm     thrusts at the same frequency: ratio = (P_inf/P)^n with n between 0.60 and 0.82 for a small
+rotor, so cost = ratio^(-1/n). throttle, voltage  between constant rpm and constant power; the
+exponent is known only between 1 and 1/0.60.
 
 Mechanical power; motors and electronics are not in it.
 """
@@ -43,18 +46,24 @@ def paper_cost(ratio: Any) -> Any:
 
 
 def cost(ratio: Any, held: Held) -> tuple[Any, Any, Any]:
-    """Relative cost by what was held: (lowest, best, highest) over what is not known of the exponent. Shapes as `ratio`."""
+    """Relative cost by what was held: (lowest, best, highest) over what is not known of the
+    exponent. Shapes as `ratio`.
+    """
     values = np.stack([np.power(ratio, -e) for e in EXPONENTS[held]])
     return values.min(axis=0), values[1], values.max(axis=0)
 
 
 def expected_cost(relative_cost: FloatArray, rate: FloatArray, price: float) -> FloatArray:
-    """Cost of a flight in energies of a hover far away of the same duration: relative cost, and `price` for each crash."""
+    """Cost of a flight in energies of a hover far away of the same duration: relative cost, and
+    `price` for each crash.
+    """
     result: FloatArray = relative_cost + price * rate
     return result
 
 
-def best_set_point(target_z_hat: FloatArray, relative_cost: FloatArray, rate: FloatArray, price: float) -> tuple[int, float]:
+def best_set_point(
+    target_z_hat: FloatArray, relative_cost: FloatArray, rate: FloatArray, price: float
+) -> tuple[int, float]:
     """Index of the set-point of least expected cost (the highest of equals), and that cost."""
     total = expected_cost(relative_cost, rate, price)
     best = int(len(total) - 1 - np.argmin(total[::-1]))
@@ -74,10 +83,12 @@ class Choice:
     rate, rate_hi95 : float
         Estimate, and one-sided upper bound, of the crash rate there.
     resolved : bool
-        Even at the upper bound of its risk it costs less than the farthest set-point flown would without any. (The farthest itself
-        counts as resolved: it says that the best is there or beyond.)
+        Even at the upper bound of its risk it costs less than the farthest set-point flown would
+        without any. (The farthest itself counts as resolved: it says that the best is there or
+        beyond.)
     flights_needed : int or None
-        So many would resolve it if as few of them crashed; None where it is resolved, or where no number would do.
+        So many would resolve it if as few of them crashed; None where it is resolved, or where no
+        number would do.
     """
 
     index: int
@@ -90,8 +101,16 @@ class Choice:
     flights_needed: int | None
 
 
-def choose(target_z_hat: FloatArray, relative_cost: FloatArray, crashes: IntArray, flights: int, price: float) -> Choice:
-    """The set-point of least expected cost by the estimated rates of n set-points, with the test of whether so many flights can tell."""
+def choose(
+    target_z_hat: FloatArray,
+    relative_cost: FloatArray,
+    crashes: IntArray,
+    flights: int,
+    price: float,
+) -> Choice:
+    """The set-point of least expected cost by the estimated rates of n set-points, with the test of
+    whether so many flights can tell.
+    """
     rate = safety.estimate(crashes, flights)
     best, total = best_set_point(target_z_hat, relative_cost, rate, price)
     k = int(crashes[best])
@@ -101,7 +120,11 @@ def choose(target_z_hat: FloatArray, relative_cost: FloatArray, crashes: IntArra
     needed = None
     if not resolved and saving > price * k / flights:
         needed = flights
-        while price * float(safety.upper95(np.array([round(k * needed / flights)]), needed)[0]) > saving and needed < MOST_FLIGHTS:
+        while (
+            price * float(safety.upper95(np.array([round(k * needed / flights)]), needed)[0])
+            > saving
+            and needed < MOST_FLIGHTS
+        ):
             needed = int(np.ceil(1.05 * needed))
     return Choice(
         index=best,

@@ -1,4 +1,6 @@
-"""Flights: settings times gusts, in blocks that any executor may fly in any order with the same result."""
+"""Flights: settings times gusts, in blocks that any executor may fly in any order with the same
+result.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +22,17 @@ from nearlift.simulation.groups import Groups
 
 Scheme = Literal["euler", "semi-implicit", "rk4"]
 Map = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
-#: Flights in one block: enough that compiled work outweighs the call, few enough to share among threads.
+#: Flights in one block: enough that compiled work outweighs the call, few enough to share among
+#: threads.
 BLOCK = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """One set-point with one lift curve and one controller. `curve` is a row of the tables, `droop` the change of lift at the same
-    frequency that a sagging supply has brought by the end of the flight, as a fraction (linear in time), `adjusted` whether f0
-    allows for the boundary at the set-point, as in the paper.
+    """One set-point with one lift curve and one controller. `curve` is a row of the tables, `droop`
+    the change of lift at the same frequency that a sagging supply has brought by the end of the
+    flight, as a fraction (linear in time), `adjusted` whether f0 allows for the boundary at the
+    set-point, as in the paper.
     """
 
     target_z_hat: float
@@ -40,10 +44,12 @@ class Setting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What is flown: `settings` at one boundary through the lift `curves`, with one time step. All settings share the weather's times.
+    """What is flown: `settings` at one boundary through the lift `curves`, with one time step. All
+    settings share the weather's times.
 
-    With `common` gusts, flight f meets the same ones in every setting, which makes differences far better known than rates; without,
-    each setting meets its own, so that rates are independent of one another.
+    With `common` gusts, flight f meets the same ones in every setting, which makes differences far
+    better known than rates; without, each setting meets its own, so that rates are independent of
+    one another.
     """
 
     boundary: Boundary
@@ -81,14 +87,20 @@ class Plan:
         """Settings as the loop reads them: (WIDTH, n), and where each one's table begins."""
         times = {(s.groups.hold, s.groups.correlation, s.groups.duration) for s in self.settings}
         if len(times) > 1:
-            raise ManifestError("simulate", "settings of one plan differ in hold, correlation or duration", "fly them as plans of their own")
+            raise ManifestError(
+                "simulate",
+                "settings of one plan differ in hold, correlation or duration",
+                "fly them as plans of their own",
+            )
         side = AWAY[self.boundary]
         rows = []
         near = self.curves.at(np.array([s.target_z_hat for s in self.settings]))
         for i, s in enumerate(self.settings):
             g = s.groups
             delta = g.delta / np.sqrt(near[s.curve, i]) if s.adjusted else g.delta
-            rows.append((s.target_z_hat, g.alpha, g.beta, g.gamma, delta, g.noise, side, s.droop, g.contact))
+            rows.append(
+                (s.target_z_hat, g.alpha, g.beta, g.gamma, delta, g.noise, side, s.droop, g.contact)
+            )
         which = np.array([2 * kernel.NODES * s.curve for s in self.settings], dtype=np.int64)
         return np.ascontiguousarray(np.array(rows, dtype=float).T), which
 
@@ -103,7 +115,11 @@ def steps_per_hold(hold_s: float, step_s: float, where: str = "simulate.step") -
     """
     n = max(round(hold_s / step_s), 1)
     if abs(n * step_s - hold_s) > 1e-9 * hold_s:
-        raise ManifestError(where, f"{step_s:g} s is no whole part of the {hold_s:g} s for which a gust is held", f"the nearest is {hold_s / n:g} s")
+        raise ManifestError(
+            where,
+            f"{step_s:g} s is no whole part of the {hold_s:g} s for which a gust is held",
+            f"the nearest is {hold_s / n:g} s",
+        )
     return n
 
 
@@ -113,31 +129,63 @@ def _block(first: int, plan: Plan, flights: int, key: int) -> NDArray[np.int32]:
     weather = plan.weather
     memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
     kernel.fly(
-        np.uint64(key), first, plan.holds, plan.steps_per_hold, plan.step, kernel.SCHEMES[plan.scheme], memory, columns, which, plan.salts,
-        plan.curves.packed(), plan.curves.low, plan.curves.per_radius, ended, np.empty((0, 0)),
-    )  # fmt: skip
+        np.uint64(key),
+        first,
+        plan.holds,
+        plan.steps_per_hold,
+        plan.step,
+        kernel.SCHEMES[plan.scheme],
+        memory,
+        columns,
+        which,
+        plan.salts,
+        plan.curves.packed(),
+        plan.curves.low,
+        plan.curves.per_radius,
+        ended,
+        np.empty((0, 0)),
+    )
     return ended
 
 
 def fly(plan: Plan, flights: int, key: int, spread: Map = map) -> NDArray[np.int32]:
     """In which hold each flight crashed, or -1: shape (settings, flights).
 
-    With common gusts, flight f meets the same ones in every setting and every plan with this key. `spread` is an executor's map; what comes out
-    does not depend on it.
+    With common gusts, flight f meets the same ones in every setting and every plan with this key.
+    `spread` is an executor's map; what comes out does not depend on it.
     """
-    blocks = list(spread(functools.partial(_block, plan=plan, flights=flights, key=key), range(0, flights, BLOCK)))
+    blocks = list(
+        spread(
+            functools.partial(_block, plan=plan, flights=flights, key=key), range(0, flights, BLOCK)
+        )
+    )
     return np.concatenate(blocks, axis=1)
 
 
 def trace(plan: Plan, flight: int, key: int) -> FloatArray:
-    """Heights of one flight at every hold, in each setting: (settings, holds + 1); nan after a crash."""
+    """Heights of one flight at every hold, in each setting: (settings, holds + 1); nan after a
+    crash.
+    """
     columns, which = plan.columns()
     n = len(plan.settings)
     track = np.full((n, plan.holds + 1), np.nan)
     weather = plan.weather
     memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
     kernel.fly(
-        np.uint64(key), flight, plan.holds, plan.steps_per_hold, plan.step, kernel.SCHEMES[plan.scheme], memory, columns, which, plan.salts,
-        plan.curves.packed(), plan.curves.low, plan.curves.per_radius, np.empty((n, 1), dtype=np.int32), track,
-    )  # fmt: skip
+        np.uint64(key),
+        flight,
+        plan.holds,
+        plan.steps_per_hold,
+        plan.step,
+        kernel.SCHEMES[plan.scheme],
+        memory,
+        columns,
+        which,
+        plan.salts,
+        plan.curves.packed(),
+        plan.curves.low,
+        plan.curves.per_radius,
+        np.empty((n, 1), dtype=np.int32),
+        track,
+    )
     return track

@@ -1,4 +1,6 @@
-"""Sample time histories: flights that show what the boundary changes, chosen by a rule and not by eye."""
+"""Sample time histories: flights that show what the boundary changes, chosen by a rule and not by
+eye.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,11 @@ LOOKED_AT, PICKED = 60, 2
 
 
 def paper(preset: presets.Preset, boundary: Boundary, key: int) -> list[dict[str, Any]]:
-    """Rows of flights.parquet: the first flights in which model and no model end differently, each flown with both.
+    """Rows of flights.parquet: the first flights in which model and no model end differently, each
+    flown with both.
 
-    Above a ground those that crash only without the model, below a ceiling those that crash only with it: the rule is the
-    paper's own illustration. All flights together are in the crash rates.
+    Above a ground those that crash only without the model, below a ceiling those that crash only
+    with it: the rule is the paper's own illustration. All flights together are in the crash rates.
     """
     model = catalogue.model(presets.MODELS[boundary])
     geometry = {n: presets.GEOMETRY[n] for n in model.needs}

@@ -1,13 +1,17 @@
-"""The compiled loop: flights in dimensionless form (Eq. 6 of the paper, with what it leaves out), many settings at once.
+"""The compiled loop: flights in dimensionless form (Eq. 6 of the paper, with what it leaves out),
+many settings at once.
 
-    z'' = s [ max(0, u)^2 R(z) (1 + droop t/T) + noise w - 1 ],     u = alpha (z - z0) + beta z' + gamma I + delta,     I' = z - z0
+    z'' = s [ max(0, u)^2 R(z) (1 + droop t/T) + noise w - 1 ],     u = alpha (z - z0) + beta z' +
+    gamma I + delta,     I' = z - z0
 
-Lengths in rotor radii, times in sqrt(r/g), forces in weights. s is +1 above a ground and -1 below a ceiling, where z is measured
-downwards; R(z) is L / L_inf by table; w is held for `hold`, of which the step is a whole part. A flight ends when z <= contact.
+Lengths in rotor radii, times in sqrt(r/g), forces in weights. s is +1 above a ground and -1 below a
+ceiling, where z is measured downwards; R(z) is L / L_inf by table; w is held for `hold`, of which
+the step is a whole part. A flight ends when z <= contact.
 
-One flight's gusts are made once and serve every setting, unless each is to have its own; the settings are advanced side by side,
-so that the processor works on several while each waits for its own table. A setting that has crashed leaves the list. Arrays are
-flat and every part of the state is a number of its own: a slice of an array in the loop costs four times what the step does.
+One flight's gusts are made once and serve every setting, unless each is to have its own; the
+settings are advanced side by side, so that the processor works on several while each waits for its
+own table. A setting that has crashed leaves the list. Arrays are flat and every part of the state
+is a number of its own: a slice of an array in the loop costs four times what the step does.
 """
 
 from __future__ import annotations
@@ -22,15 +26,30 @@ from nearlift.simulation.stream import GOLDEN, U, begin, fill, normal
 #: Columns of a setting.
 Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT = range(9)
 WIDTH = 9
-#: Explicit Euler (position takes the old velocity, as the paper does), semi-implicit Euler (the new one), Runge-Kutta of order 4.
+#: Explicit Euler (position takes the old velocity, as the paper does), semi-implicit Euler (the new
+#: one), Runge-Kutta of order 4.
 SCHEMES = {"euler": 0, "semi-implicit": 1, "rk4": 2}
 
 
-def _push(x: Any, v: Any, lag: Any, total: Any, alpha: Any, beta: Any, gamma: Any, delta: Any, lift: Any, load: Any, base: Any, curve: Any) -> Any:
+def _push(
+    x: Any,
+    v: Any,
+    lag: Any,
+    total: Any,
+    alpha: Any,
+    beta: Any,
+    gamma: Any,
+    delta: Any,
+    lift: Any,
+    load: Any,
+    base: Any,
+    curve: Any,
+) -> Any:
     """Acceleration away from the boundary, in g.
 
-    `x` is height in steps of the table from its lower end, `lag` is z - z0; `lift` and `load` carry the boundary's sign. The
-    table holds value and slope of each step; beyond either end L / L_inf is constant.
+    `x` is height in steps of the table from its lower end, `lag` is z - z0; `lift` and `load` carry
+    the boundary's sign. The table holds value and slope of each step; beyond either end L / L_inf
+    is constant.
     """
     u = max(alpha * lag + beta * v + gamma * total + delta, 0.0)
     x = min(max(x, 0.0), float(NODES - 1))
@@ -50,14 +69,21 @@ def _fly(
 ) -> None:  # fmt: skip
     """Fly a block of flights, the first of them number `first`, through all settings.
 
-    `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the gusts' correlation from hold to
-    hold (0: white). `settings` is (WIDTH, n), `which` the table of each, `salts` what tells its gusts from the others' (empty: all
-    meet the same), `curves` all tables in one row. Where `track` (n, holds + 1) is not empty, it takes the heights of the last
+    `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the
+    gusts' correlation from hold to hold (0: white). `settings` is (WIDTH, n), `which` the table of
+    each, `salts` what tells its gusts from the others' (empty: all meet the same), `curves` all
+    tables in one row. Where `track` (n, holds + 1) is not empty, it takes the heights of the last
     flight flown, at the end of every hold.
     """
     n = settings.shape[1]
     z0, alpha, beta, gamma = settings[0], settings[1], settings[2], settings[3]
-    delta, noise, sign, droop, contact = settings[4], settings[5], settings[6], settings[7], settings[8]
+    delta, noise, sign, droop, contact = (
+        settings[4],
+        settings[5],
+        settings[6],
+        settings[7],
+        settings[8],
+    )
     keep_track = track.shape[0] > 0
     own = salts.size > 0
     gusts = np.zeros(holds)
@@ -104,13 +130,52 @@ def _fly(
                         a1 = push(q, w, g, i, a, b, c, d, lift, load, base, curves)
                         v2 = w + half * a1
                         g2 = g + half * w
-                        a2 = push(q + half * w * per, v2, g2, i + half * g, a, b, c, d, lift, load, base, curves)
+                        a2 = push(
+                            q + half * w * per,
+                            v2,
+                            g2,
+                            i + half * g,
+                            a,
+                            b,
+                            c,
+                            d,
+                            lift,
+                            load,
+                            base,
+                            curves,
+                        )
                         v3 = w + half * a2
                         g3 = g + half * v2
-                        a3 = push(q + half * v2 * per, v3, g3, i + half * g2, a, b, c, d, lift, load, base, curves)
+                        a3 = push(
+                            q + half * v2 * per,
+                            v3,
+                            g3,
+                            i + half * g2,
+                            a,
+                            b,
+                            c,
+                            d,
+                            lift,
+                            load,
+                            base,
+                            curves,
+                        )
                         v4 = w + dt * a3
                         g4 = g + dt * v3
-                        a4 = push(q + dt * v3 * per, v4, g4, i + dt * g3, a, b, c, d, lift, load, base, curves)
+                        a4 = push(
+                            q + dt * v3 * per,
+                            v4,
+                            g4,
+                            i + dt * g3,
+                            a,
+                            b,
+                            c,
+                            d,
+                            lift,
+                            load,
+                            base,
+                            curves,
+                        )
                         x += sixth * (w + 2.0 * (v2 + v3) + v4)
                         i += sixth * (g + 2.0 * (g2 + g3) + g4)
                         w += sixth * (a1 + 2.0 * (a2 + a3) + a4)

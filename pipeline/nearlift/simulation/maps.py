@@ -27,7 +27,9 @@ TARGETS: dict[Boundary, float] = {"ground": 1.0, "ceiling": 2.0}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """One group of a map: its name among the groups, and the range of its values over the flown one (correlation: over the hold)."""
+    """One group of a map: its name among the groups, and the range of its values over the flown one
+    (correlation: over the hold).
+    """
 
     name: str
     low: float
@@ -41,7 +43,9 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """One map: two groups, what changes in proportion to the first, and into how many the step is divided (a larger gain is a faster loop)."""
+    """One map: two groups, what changes in proportion to the first, and into how many the step is
+    divided (a larger gain is a faster loop).
+    """
 
     name: str
     x: Axis
@@ -76,7 +80,8 @@ def scan(
     key: int,
     spread: Map = map,
 ) -> tuple[list[dict[str, Any]], safety.Convergence]:
-    """Rows of crash_map.parquet, every pair of groups whose groups this boundary's model has; and what half the step changes.
+    """Rows of crash_map.parquet, every pair of groups whose groups this boundary's model has; and
+    what half the step changes.
 
     Parameters
     ----------
@@ -91,20 +96,38 @@ def scan(
     for pair in PAIRS:
         if pair.x.name == SPACING and spacing_hat is None:
             continue
-        ratios = [ratio(float(f)) for f in pair.x.factors] if pair.x.name == SPACING else [ratio(1.0)]
+        ratios = (
+            [ratio(float(f)) for f in pair.x.factors] if pair.x.name == SPACING else [ratio(1.0)]
+        )
         curves = tabulate(ratios, bound)
         cells = list(_cells(pair, groups, spacing_hat))
         # gusts of one plan share their memory
         for memory in dict.fromkeys(g.correlation for _, _, g, _, _ in cells):
             mine = [c for c in cells if c[2].correlation == memory]
-            settings = [Setting(target_z_hat=target, groups=g, curve=i if len(ratios) > 1 else 0) for _, _, g, i, _ in mine]
-            plan = Plan(boundary=boundary, settings=settings, curves=curves, scheme=scheme, steps_per_hold=pair.finer * steps_per_hold)
+            settings = [
+                Setting(target_z_hat=target, groups=g, curve=i if len(ratios) > 1 else 0)
+                for _, _, g, i, _ in mine
+            ]
+            plan = Plan(
+                boundary=boundary,
+                settings=settings,
+                curves=curves,
+                scheme=scheme,
+                steps_per_hold=pair.finer * steps_per_hold,
+            )
             crashed = fly(plan, few, key, spread) >= 0
-            # the step is tested in the corners, where the loop is fastest and slowest, and where crashing is undecided: elsewhere no step shows
-            corners = [n for n, (_, _, _, i, j) in enumerate(mine) if i % (SIDE - 1) == 0 and j % (SIDE - 1) == 0]
+            # the step is tested in the corners, where the loop is fastest and slowest, and where
+            # crashing is undecided: elsewhere no step shows
+            corners = [
+                n
+                for n, (_, _, _, i, j) in enumerate(mine)
+                if i % (SIDE - 1) == 0 and j % (SIDE - 1) == 0
+            ]
             undecided = np.flatnonzero(np.abs(crashed.mean(axis=1) - 0.5) < UNDECIDED)[::2]
             again = sorted({*corners, *undecided.tolist()})
-            tested += [halved(plan, crashed, again, key, step_s / pair.finer, spread)] if again else []
+            tested += (
+                [halved(plan, crashed, again, key, step_s / pair.finer, spread)] if again else []
+            )
             crashes = crashed.sum(axis=1)
             low, high = safety.binomial90(crashes, few)
             rows += [
@@ -128,11 +151,17 @@ def scan(
     return rows, safety.together(tested)
 
 
-def _cells(pair: Pair, groups: Groups, spacing_hat: float | None) -> Iterator[tuple[float, float, Groups, int, int]]:
-    """Values on both axes (sizes, without the gains' sign), the groups there, and which place on either axis it is."""
+def _cells(
+    pair: Pair, groups: Groups, spacing_hat: float | None
+) -> Iterator[tuple[float, float, Groups, int, int]]:
+    """Values on both axes (sizes, without the gains' sign), the groups there, and which place on
+    either axis it is.
+    """
     for i, fx in enumerate(pair.x.factors.tolist()):
         for j, fy in enumerate(pair.y.factors.tolist()):
-            changes = {name: fx * getattr(groups, name) for name in pair.along} | {pair.y.name: fy * getattr(groups, pair.y.name)}
+            changes = {name: fx * getattr(groups, name) for name in pair.along} | {
+                pair.y.name: fy * getattr(groups, pair.y.name)
+            }
             if pair.x.name == SPACING:
                 x = fx * (spacing_hat or 0.0)
             elif pair.x.name == "correlation":

@@ -1,4 +1,6 @@
-"""Whole simulations as data: the paper's as it is printed, and one whose numbers do not depend on its time step."""
+"""Whole simulations as data: the paper's as it is printed, and one whose numbers do not depend on
+its time step.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from nearlift.simulation.flight import Scheme
 
 #: The paper's models, scaled by powers; 0 is no model.
 EXPONENTS = (0.0, 0.6, 0.8, 1.0, 1.2, 1.4)
-#: Its set-points (0.5 to 2 above ground, 1 to 2.5 below the ceiling), and a little further, where its own curves end.
+#: Its set-points (0.5 to 2 above ground, 1 to 2.5 below the ceiling), and a little further, where
+#: its own curves end.
 TARGETS: dict[Boundary, FloatArray] = {
     "ground": np.round(np.arange(4, 21) * 0.1, 10),
     "ceiling": np.round(np.arange(8, 29) * 0.1, 10),
@@ -45,8 +48,18 @@ class Preset:
 
 
 PRESETS = (
-    Preset(name="paper", meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step", scheme="euler", step_s=0.1),
-    Preset(name="converged", meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s", scheme="rk4", step_s=0.05),
+    Preset(
+        name="paper",
+        meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step",
+        scheme="euler",
+        step_s=0.1,
+    ),
+    Preset(
+        name="converged",
+        meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s",
+        scheme="rk4",
+        step_s=0.05,
+    ),
 )
 
 
@@ -55,4 +68,8 @@ def preset(name: str) -> Preset:
     for item in PRESETS:
         if item.name == name:
             return item
-    raise ManifestError("simulate.presets", f"{name!r} is not a preset", f"presets are {', '.join(p.name for p in PRESETS)}")
+    raise ManifestError(
+        "simulate.presets",
+        f"{name!r} is not a preset",
+        f"presets are {', '.join(p.name for p in PRESETS)}",
+    )

@@ -1,10 +1,13 @@
-"""Rolling near a sidewall: torque and angular acceleration from the difference of lift between the near and the far rotors.
+"""Rolling near a sidewall: torque and angular acceleration from the difference of lift between the
+near and the far rotors.
 
-Convention: positive torque tips the vehicle towards the wall (the near rotors lose lift). Lift changes are fractions of each
-rotor's own share of the weight; the arm is the distance of a pair's axis from the roll axis, half the ADJACENT spacing.
+Convention: positive torque tips the vehicle towards the wall (the near rotors lose lift). Lift
+changes are fractions of each rotor's own share of the weight; the arm is the distance of a pair's
+axis from the roll axis, half the ADJACENT spacing.
 
-The paper's 0.2 N mm is 3 % of one pair's lift at 45 mm (0.18 N mm); 3 % of the whole weight would be 0.36 N mm, and with the true
-arm of 32.5 mm it is 0.13 N mm. Its 400 deg/s^2 holds for its inertia of 2 to 3e-5 kg m^2; measured ones are 1.4 to 1.7e-5.
+The paper's 0.2 N mm is 3 % of one pair's lift at 45 mm (0.18 N mm); 3 % of the whole weight would
+be 0.36 N mm, and with the true arm of 32.5 mm it is 0.13 N mm. Its 400 deg/s^2 holds for its
+inertia of 2 to 3e-5 kg m^2; measured ones are 1.4 to 1.7e-5.
 """
 
 from __future__ import annotations
@@ -18,14 +21,22 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: Rolling inertia of a Crazyflie, kg m^2, as system identifications of it give it: lowest and highest.
+#: Rolling inertia of a Crazyflie, kg m^2, as system identifications of it give it: lowest and
+#: highest.
 MEASURED_INERTIA = (1.4e-5, 1.7e-5)
-#: Relative standard uncertainty of an inertia of which none is declared: that of a uniform spread as wide as those identifications.
-INERTIA_SPREAD = (MEASURED_INERTIA[1] - MEASURED_INERTIA[0]) / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0]) / math.sqrt(3)
+#: Relative standard uncertainty of an inertia of which none is declared: that of a uniform spread
+#: as wide as those identifications.
+INERTIA_SPREAD = (
+    (MEASURED_INERTIA[1] - MEASURED_INERTIA[0])
+    / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0])
+    / math.sqrt(3)
+)
 
 
 def torque_N_m(difference: float, mass_kg: float, gravity_m_s2: float, arm_m: float) -> float:
-    """Torque from a loss `difference` (a fraction of its own lift) of the near pair, which carries half the weight."""
+    """Torque from a loss `difference` (a fraction of its own lift) of the near pair, which carries
+    half the weight.
+    """
     return difference * mass_kg * gravity_m_s2 / 2 * arm_m
 
 
@@ -47,7 +58,9 @@ class Reading:
     acceleration_hi_deg_s2: float
 
 
-def reading(assumption: str, difference: float, arm_m: float, inertia: tuple[float, float]) -> Reading:
+def reading(
+    assumption: str, difference: float, arm_m: float, inertia: tuple[float, float]
+) -> Reading:
     """Torque and range of acceleration for the paper's vehicle (27 g, 9.8 m/s^2)."""
     torque = torque_N_m(difference, 0.027, 9.8, arm_m)
     return Reading(
@@ -62,10 +75,17 @@ def reading(assumption: str, difference: float, arm_m: float, inertia: tuple[flo
 
 
 PAPER_READINGS = (
-    reading("as the paper's numbers come out: 3 % of the near pair, arm 45 mm, its inertia", 0.03, 0.045, (2e-5, 3e-5)),
+    reading(
+        "as the paper's numbers come out: 3 % of the near pair, arm 45 mm, its inertia",
+        0.03,
+        0.045,
+        (2e-5, 3e-5),
+    ),
     reading("3 % of the whole lift, arm 45 mm, its inertia", 0.06, 0.045, (2e-5, 3e-5)),
     reading("3 % of the near pair, true arm 32.5 mm, its inertia", 0.03, 0.0325, (2e-5, 3e-5)),
-    reading("3 % of the near pair, true arm 32.5 mm, measured inertia", 0.03, 0.0325, MEASURED_INERTIA),
+    reading(
+        "3 % of the near pair, true arm 32.5 mm, measured inertia", 0.03, 0.0325, MEASURED_INERTIA
+    ),
 )
 
 
@@ -81,31 +101,55 @@ def of_belief(
     u_inertia: float = INERTIA_SPREAD,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
-    """Torque over the gap from the fitted sidewall models, the best estimate first and draws after it, with 90 % intervals.
+    """Torque over the gap from the fitted sidewall models, the best estimate first and draws after
+    it, with 90 % intervals.
 
-    The measured ratio is that of the whole vehicle over the gap of its nearest tip. If the near pair alone loses lift, it loses
-    twice what the vehicle does; that is the upper reading. The lower one takes the same law for every rotor over its own gap, the far
-    pair's being larger by the spacing; its near pair then loses less than twice. Both are given, since lift alone cannot tell them apart.
+    The measured ratio is that of the whole vehicle over the gap of its nearest tip. If the near
+    pair alone loses lift, it loses twice what the vehicle does; that is the upper reading. The
+    lower one takes the same law for every rotor over its own gap, the far pair's being larger by
+    the spacing; its near pair then loses less than twice. Both are given, since lift alone cannot
+    tell them apart.
 
-    Without an inertia in the manifest, the torque alone is given: it depends on the batteries and cannot be had from the mass. With one,
-    `u_inertia` is its relative standard uncertainty (log-normal); the acceleration's interval has it and the torque's.
+    Without an inertia in the manifest, the torque alone is given: it depends on the batteries and
+    cannot be had from the mass. With one, `u_inertia` is its relative standard uncertainty
+    (log-normal); the acceleration's interval has it and the torque's.
     """
     z_hat = np.geomspace(max(nearest_z_hat, 0.01), 2.0, 40)
-    loss = np.stack([1.0 - np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios])
-    far = np.stack([1.0 - np.broadcast_to(np.asarray(f(z_hat + spacing_hat), dtype=float), z_hat.shape) for f in ratios])
+    loss = np.stack(
+        [1.0 - np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
+    )
+    far = np.stack(
+        [
+            1.0 - np.broadcast_to(np.asarray(f(z_hat + spacing_hat), dtype=float), z_hat.shape)
+            for f in ratios
+        ]
+    )
     near_only = torque_N_m(1.0, mass_kg, gravity_m_s2, arm_m) * 2.0 * loss
     # each pair's share by the same law, scaled so that both together lose what the vehicle does
     both = loss + far
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)
     shared = torque_N_m(1.0, mass_kg, gravity_m_s2, arm_m) * share
-    content: dict[str, Any] = {"arm_m": arm_m, "z_hat": z_hat.tolist(), "inertia_kg_m2": inertia_kg_m2, "u_inertia": u_inertia}
+    content: dict[str, Any] = {
+        "arm_m": arm_m,
+        "z_hat": z_hat.tolist(),
+        "inertia_kg_m2": inertia_kg_m2,
+        "u_inertia": u_inertia,
+    }
     factor = np.exp(u_inertia * rng.standard_normal(len(loss) - 1))
     for name, torque in (("near_pair_only", near_only), ("same_law", shared)):
         low, high = np.percentile(torque[1:], [5, 95], axis=0)
-        content[name] = {"torque_N_m": torque[0].tolist(), "lo90_N_m": low.tolist(), "hi90_N_m": high.tolist()}
+        content[name] = {
+            "torque_N_m": torque[0].tolist(),
+            "lo90_N_m": low.tolist(),
+            "hi90_N_m": high.tolist(),
+        }
         if inertia_kg_m2 is not None:
             scale = acceleration_deg_s2(1.0, inertia_kg_m2)
             slow, fast = np.percentile(scale * torque[1:, 0] / factor, [5, 95])
-            content[name] |= {"acceleration_deg_s2": scale * torque[0, 0], "lo90_deg_s2": float(slow), "hi90_deg_s2": float(fast)}
+            content[name] |= {
+                "acceleration_deg_s2": scale * torque[0, 0],
+                "lo90_deg_s2": float(slow),
+                "hi90_deg_s2": float(fast),
+            }
     return content

@@ -1,18 +1,22 @@
 """The cheapest way through a corridor that keeps the risk of a crash below a bound.
 
-The corridor is seen from the side: a floor, a ceiling, boxes; the vehicle flies at a constant speed along it on a grid, up and
-down at 45 degrees and steeper. Each leg costs energy (power to hover there over power far away, times time; and climbing) and
-hazard (crashes per second of a hover at that height, from the crash rates). Dijkstra's algorithm minimises energy + price x
-hazard; the price is raised until the way is safe enough.
+The corridor is seen from the side: a floor, a ceiling, boxes; the vehicle flies at a constant speed
+along it on a grid, up and down at 45 degrees and steeper. Each leg costs energy (power to hover
+there over power far away, times time; and climbing) and hazard (crashes per second of a hover at
+that height, from the crash rates). Dijkstra's algorithm minimises energy + price x hazard; the
+price is raised until the way is safe enough.
 
-Risk is counted where it was flown and nowhere else. Above the highest set-point whose flights crashed it is a bound that the
-number of flights sets (half a crash among them), above the highest set-point flown that bound is kept, since farther away is no riskier:
-nothing falls on towards zero because a curve would. Each part of a way says which it is. A way is chosen by the upper end of its
-risk's 90 % interval, over the model's draws and the flights, so that few flights make a cautious way.
+Risk is counted where it was flown and nowhere else. Above the highest set-point whose flights
+crashed it is a bound that the number of flights sets (half a crash among them), above the highest
+set-point flown that bound is kept, since farther away is no riskier: nothing falls on towards zero
+because a curve would. Each part of a way says which it is. A way is chosen by the upper end of its
+risk's 90 % interval, over the model's draws and the flights, so that few flights make a cautious
+way.
 
-What this is not: no trajectory (no acceleration, no tracking error beyond that in the crash rates), no forward-flight
-aerodynamics (a ground's effect fades with speed), no third dimension, no moving obstacle, and no way that only a non-convex part
-of the front offers. A box's sides are kept clear of by half the vehicle; what they do to lift is left out.
+What this is not: no trajectory (no acceleration, no tracking error beyond that in the crash rates),
+no forward-flight aerodynamics (a ground's effect fades with speed), no third dimension, no moving
+obstacle, and no way that only a non-convex part of the front offers. A box's sides are kept clear
+of by half the vehicle; what they do to lift is left out.
 """
 
 from __future__ import annotations
@@ -60,7 +64,8 @@ class Pilot:
         Rotor radius, and half the vehicle's width, by which the sides of boxes are kept clear of.
     speed_m_s : float
     induced_m_s : float
-        Induced velocity in hover far away; climbing by h costs as much as hovering for h / (2 v_i), descending gives nothing back.
+        Induced velocity in hover far away; climbing by h costs as much as hovering for h / (2 v_i),
+        descending gives nothing back.
     """
 
     radius_m: float
@@ -80,9 +85,11 @@ class Nearness:
     hazard : callable
         Crashes per second.
     low, high : callable
-        Draws of the hazard, (m, n) for n heights: the 5 % point of the one and the 95 % point of the other bound it.
+        Draws of the hazard, (m, n) for n heights: the 5 % point of the one and the 95 % point of
+        the other bound it.
     lowest_z_hat : float
-        The lowest height flown: no set-point below was flown, nothing below was measured, and the vehicle does not touch.
+        The lowest height flown: no set-point below was flown, nothing below was measured, and the
+        vehicle does not touch.
     seen_z_hat, flown_z_hat : float
         Highest set-point at which a flight crashed, and highest flown.
     """
@@ -97,19 +104,25 @@ class Nearness:
 
 
 #: What the risk at a point rests on, by how far it reaches beyond what was flown.
-BASES = ("flights that crashed", "flights of which none crashed", "the bound of the farthest set-point flown, kept beyond it")
+BASES = (
+    "flights that crashed",
+    "flights of which none crashed",
+    "the bound of the farthest set-point flown, kept beyond it",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """A way: its points, energy relative to the straight distance flown far from boundaries, and its risk of a crash.
+    """A way: its points, energy relative to the straight distance flown far from boundaries, and
+    its risk of a crash.
 
     Attributes
     ----------
     basis : int array (n,)
         What the risk at each point rests on, an index of `BASES`.
     lo90, hi90 : float
-        Of the risk, over the model's draws and the flights; the upper end of a way on which none crashed is nearly 3 / flights' worth.
+        Of the risk, over the model's draws and the flights; the upper end of a way on which none
+        crashed is nearly 3 / flights' worth.
     """
 
     price: float
@@ -122,8 +135,11 @@ class Way:
     hi90: float
 
 
-def hazard_of(target_z_hat: FloatArray, rate: FloatArray, duration_s: float) -> Callable[[FloatArray], FloatArray]:
-    """Crashes per second as a function of z_hat, from crash rates (t,) or draws of them (m, t) at set-points.
+def hazard_of(
+    target_z_hat: FloatArray, rate: FloatArray, duration_s: float
+) -> Callable[[FloatArray], FloatArray]:
+    """Crashes per second as a function of z_hat, from crash rates (t,) or draws of them (m, t) at
+    set-points.
 
     Log-linear between set-points, constant below the lowest and above the highest.
 
@@ -147,7 +163,9 @@ def hazard_of(target_z_hat: FloatArray, rate: FloatArray, duration_s: float) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Field:
-    """Grid of the corridor: coordinates, relative power, hazard, where one may fly, and the gap to each boundary; arrays (columns, rows)."""
+    """Grid of the corridor: coordinates, relative power, hazard, where one may fly, and the gap to
+    each boundary; arrays (columns, rows).
+    """
 
     x_m: FloatArray
     z_m: FloatArray
@@ -158,7 +176,9 @@ class Field:
     near: Mapping[Boundary, Nearness]
 
     def draws(self, nodes: IntArray, which: str) -> FloatArray:
-        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`: those of the boundaries are independent, and add."""
+        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`: those of the boundaries are
+        independent, and add.
+        """
         total: FloatArray = np.zeros((1, len(nodes)))
         for boundary, near in self.near.items():
             at = np.maximum(self.gaps[boundary].ravel()[nodes], near.lowest_z_hat)
@@ -179,7 +199,8 @@ class Field:
 
 
 def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -> Field:
-    """Power and hazard everywhere. The effects of floor and ceiling multiply, and their hazards add.
+    """Power and hazard everywhere. The effects of floor and ceiling multiply, and their hazards
+    add.
 
     Raises
     ------
@@ -187,11 +208,14 @@ def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -
         The corridor has more nodes than can be searched; says how long it may be.
     """
     step = pilot.radius_m / FINENESS
-    columns, rows = (max(round(size / step), 2) + 1 for size in (corridor.length_m, corridor.height_m))
+    columns, rows = (
+        max(round(size / step), 2) + 1 for size in (corridor.length_m, corridor.height_m)
+    )
     if columns * rows > MOST_NODES:
         raise InputRefused(
             "simulate.route",
-            f"a corridor of {corridor.length_m:g} by {corridor.height_m:g} m has {columns * rows:.2g} nodes of half a rotor radius",
+            f"a corridor of {corridor.length_m:g} by {corridor.height_m:g} m has"
+            f" {columns * rows:.2g} nodes of half a rotor radius",
             f"at this height plan {MOST_NODES / rows * step:.2g} m at a time",
         )
     x, z = np.linspace(0, corridor.length_m, columns), np.linspace(0, corridor.height_m, rows)
@@ -203,7 +227,10 @@ def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -
         below[np.ix_(beside, over)] = np.maximum(below[np.ix_(beside, over)], z_high)
         above[np.ix_(beside, under)] = np.minimum(above[np.ix_(beside, under)], z_low)
         free[np.ix_(beside, ~over & ~under)] = False
-    gaps: dict[Boundary, FloatArray] = {"ground": (z - below) / pilot.radius_m, "ceiling": (above - z) / pilot.radius_m}
+    gaps: dict[Boundary, FloatArray] = {
+        "ground": (z - below) / pilot.radius_m,
+        "ceiling": (above - z) / pilot.radius_m,
+    }
     power, hazard = np.ones_like(below), np.zeros_like(below)
     for boundary, gap in gaps.items():
         if boundary in near:
@@ -216,7 +243,13 @@ def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -
     return Field(x_m=x, z_m=z, power=power, hazard=hazard, free=free, gaps=gaps, near=near)
 
 
-def ways(grid: Field, pilot: Pilot, start: tuple[float, float], goal: tuple[float, float], prices: FloatArray = PRICES) -> list[Way]:
+def ways(
+    grid: Field,
+    pilot: Pilot,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    prices: FloatArray = PRICES,
+) -> list[Way]:
     """The best way for each price of a crash, those that repeat left out, by falling risk.
 
     Raises
@@ -240,23 +273,34 @@ def ways(grid: Field, pilot: Pilot, start: tuple[float, float], goal: tuple[floa
                 if len(column)
                 else "boxes, floor and ceiling leave no room there"
             )
-            raise InputRefused(f"simulate.route.{name}", f"({x:g}, {z:g}) m is in or too near an obstacle", remedy)
+            raise InputRefused(
+                f"simulate.route.{name}", f"({x:g}, {z:g}) m is in or too near an obstacle", remedy
+            )
         ends.append(i * len(grid.z_m) + k)
     rows, columns, energy, hazard = _legs(grid, pilot)
     n = grid.free.size
     straight = float(np.hypot(goal[0] - start[0], goal[1] - start[1])) / pilot.speed_m_s
     found: list[Way] = []
     for price in prices:
-        cost = coo_array((energy / straight + price * hazard, (rows, columns)), shape=(n, n)).tocsr()
+        cost = coo_array(
+            (energy / straight + price * hazard, (rows, columns)), shape=(n, n)
+        ).tocsr()
         distance, before = shortest(cost, indices=ends[0], return_predecessors=True)
         if not np.isfinite(distance[ends[1]]):
-            raise InputRefused("simulate.route", "no way joins start and goal", "make a gap wider than the lowest set-points flown on either side")
+            raise InputRefused(
+                "simulate.route",
+                "no way joins start and goal",
+                "make a gap wider than the lowest set-points flown on either side",
+            )
         way = [ends[1]]
         while way[-1] != ends[0]:
             way.append(int(before[way[-1]]))
         nodes = np.array(way[::-1])
         along, up = np.divmod(nodes, len(grid.z_m))
-        own_energy, own_hazard = _sum(nodes, rows, columns, energy, n), _sum(nodes, rows, columns, hazard, n)
+        own_energy, own_hazard = (
+            _sum(nodes, rows, columns, energy, n),
+            _sum(nodes, rows, columns, hazard, n),
+        )
         time = np.hypot(np.diff(grid.x_m[along]), np.diff(grid.z_m[up])) / pilot.speed_m_s
         lo90, hi90 = (
             float(-np.expm1(-np.percentile((0.5 * (h[:, 1:] + h[:, :-1])) @ time, q)))
@@ -272,7 +316,9 @@ def ways(grid: Field, pilot: Pilot, start: tuple[float, float], goal: tuple[floa
             lo90=lo90 if lo90 > NONE else 0.0,
             hi90=hi90,
         )
-        if not found or (new.risk < found[-1].risk * (1 - 1e-9) and new.energy > found[-1].energy * (1 + 1e-9)):
+        if not found or (
+            new.risk < found[-1].risk * (1 - 1e-9) and new.energy > found[-1].energy * (1 + 1e-9)
+        ):
             found.append(new)
     return found
 
@@ -296,7 +342,9 @@ def _legs(grid: Field, pilot: Pilot) -> tuple[FloatArray, FloatArray, FloatArray
     return rows, columns, energy, hazard
 
 
-def _sum(nodes: np.ndarray, rows: FloatArray, columns: FloatArray, values: FloatArray, n: int) -> float:
+def _sum(
+    nodes: np.ndarray, rows: FloatArray, columns: FloatArray, values: FloatArray, n: int
+) -> float:
     """Sum over the legs of a way."""
     key = rows * n + columns
     order = np.argsort(key)
@@ -305,18 +353,25 @@ def _sum(nodes: np.ndarray, rows: FloatArray, columns: FloatArray, values: Float
 
 
 def cheapest(found: Sequence[Way], risk: float, flights: int) -> Way:
-    """The cheapest way that so many flights show to keep within the bound: the upper end of its risk's interval does.
+    """The cheapest way that so many flights show to keep within the bound: the upper end of its
+    risk's interval does.
 
     Raises
     ------
     InputRefused
-        None does; says the least that was shown, and how many flights would show more if as few of them crashed.
+        None does; says the least that was shown, and how many flights would show more if as few of
+        them crashed.
     """
     safe = [w for w in found if w.hi90 <= risk]
     if safe:
         return min(safe, key=lambda w: w.energy)
     least = min(found, key=lambda w: w.hi90)
-    told = f"the safest has {least.risk:.2g}, at most {least.hi90:.2g} by {flights} flights a set-point"
+    told = (
+        f"the safest has {least.risk:.2g}, at most {least.hi90:.2g} by {flights} flights a"
+        " set-point"
+    )
     enough = int(np.ceil(1.1 * flights * least.hi90 / risk))
     more = f"; fly about {enough}" if least.lo90 < risk and enough < 1e9 else "; raise the bound"
-    raise InputRefused("simulate.route.risk", f"no way is shown to keep the risk below {risk:g}", told + more)
+    raise InputRefused(
+        "simulate.route.risk", f"no way is shown to keep the risk below {risk:g}", told + more
+    )

@@ -1,4 +1,6 @@
-"""Crash rates with intervals, the set-point for a given risk, and whether the time step was small enough."""
+"""Crash rates with intervals, the set-point for a given risk, and whether the time step was small
+enough.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ INTERVAL = (5.0, 95.0)
 
 
 def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]:
-    """Equal-tailed 90 % interval of a crash rate (Jeffreys; the end at 0 or 1 where no flight, or every flight, crashed)."""
+    """Equal-tailed 90 % interval of a crash rate (Jeffreys; the end at 0 or 1 where no flight, or
+    every flight, crashed).
+    """
     from scipy.special import betaincinv
 
     k = np.asarray(crashes, dtype=float)
@@ -30,35 +34,53 @@ def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]
 
 
 def upper95(crashes: IntArray, flights: int) -> FloatArray:
-    """One-sided 95 % upper bound of a crash rate (Clopper and Pearson): where no flight crashed nearly 3 / flights, the rule of three."""
+    """One-sided 95 % upper bound of a crash rate (Clopper and Pearson): where no flight crashed
+    nearly 3 / flights, the rule of three.
+    """
     from scipy.special import betaincinv
 
     k = np.asarray(crashes, dtype=float)
-    bound: FloatArray = np.where(k >= flights, 1.0, betaincinv(k + 1.0, np.maximum(flights - k, 1e-9), 0.95))
+    bound: FloatArray = np.where(
+        k >= flights, 1.0, betaincinv(k + 1.0, np.maximum(flights - k, 1e-9), 0.95)
+    )
     return bound
 
 
 def falling(rate: FloatArray) -> FloatArray:
-    """The nearest rates that nowhere rise with the set-point (isotonic least squares), along the last axis: farther away is no riskier."""
+    """The nearest rates that nowhere rise with the set-point (isotonic least squares), along the
+    last axis: farther away is no riskier.
+    """
     from scipy.optimize import isotonic_regression
 
     rows = np.atleast_2d(np.asarray(rate, dtype=float))
-    result: FloatArray = np.stack([isotonic_regression(row, increasing=False).x for row in rows]).reshape(np.shape(rate))
+    result: FloatArray = np.stack(
+        [isotonic_regression(row, increasing=False).x for row in rows]
+    ).reshape(np.shape(rate))
     return result
 
 
 def estimate(crashes: IntArray, flights: int) -> FloatArray:
-    """Crash rates (n,) over ascending set-points: (k + 1/2) / (flights + 1), the mean under Jeffreys' prior, made to fall."""
+    """Crash rates (n,) over ascending set-points: (k + 1/2) / (flights + 1), the mean under
+    Jeffreys' prior, made to fall.
+    """
     return falling((np.asarray(crashes, dtype=float) + 0.5) / (flights + 1))
 
 
-def rate_draws(crashed: NDArray[np.bool_], number: int, rng: np.random.Generator, crash: float = 0.5, safe: float = 0.5) -> FloatArray:
-    """Crash rates under resampling of the flights, with what none of them may have shown: shape (number, set-points), each row falling.
+def rate_draws(
+    crashed: NDArray[np.bool_],
+    number: int,
+    rng: np.random.Generator,
+    crash: float = 0.5,
+    safe: float = 0.5,
+) -> FloatArray:
+    """Crash rates under resampling of the flights, with what none of them may have shown: shape
+    (number, set-points), each row falling.
 
-    The Bayesian bootstrap (Rubin 1981) weighs whole flights, which common gusts tie together over all set-points; a pseudo-crash
-    and a pseudo-return of weights `crash` and `safe` (gamma shapes) at each set-point keep a rate that was never seen from being zero
-    for certain. At one set-point the draws are Beta(k + crash, flights - k + safe): halves are Jeffreys' posterior, (1, 0) and (0, 1) have
-    Clopper and Pearson's upper and lower bounds as percentiles.
+    The Bayesian bootstrap (Rubin 1981) weighs whole flights, which common gusts tie together over
+    all set-points; a pseudo-crash and a pseudo-return of weights `crash` and `safe` (gamma shapes)
+    at each set-point keep a rate that was never seen from being zero for certain. At one set-point
+    the draws are Beta(k + crash, flights - k + safe): halves are Jeffreys' posterior, (1, 0) and
+    (0, 1) have Clopper and Pearson's upper and lower bounds as percentiles.
 
     Parameters
     ----------
@@ -68,12 +90,15 @@ def rate_draws(crashed: NDArray[np.bool_], number: int, rng: np.random.Generator
     weights = rng.standard_exponential((number, crashed.shape[1]))
     shape = (number, len(crashed))
     more, less = (rng.gamma(a, size=shape) if a > 0 else np.zeros(shape) for a in (crash, safe))
-    drawn: FloatArray = (weights @ crashed.T + more) / (weights.sum(axis=1, keepdims=True) + more + less)
+    drawn: FloatArray = (weights @ crashed.T + more) / (
+        weights.sum(axis=1, keepdims=True) + more + less
+    )
     return falling(drawn)
 
 
 def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> float:
-    """The lowest set-point from which upwards the crash rate stays at or below `risk`; between set-points the logit of the rate is linear.
+    """The lowest set-point from which upwards the crash rate stays at or below `risk`; between
+    set-points the logit of the rate is linear.
 
     Parameters
     ----------
@@ -81,12 +106,14 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
         Set-points, ascending, and crash rates.
     risk : float
     least : float
-        What a rate of zero is taken for, half a crash among the flights (and a rate of one for all but half a flight).
+        What a rate of zero is taken for, half a crash among the flights (and a rate of one for all
+        but half a flight).
 
     Returns
     -------
     float
-        nan where even the highest set-point is riskier; the lowest set-point itself (an upper bound) where all are safer.
+        nan where even the highest set-point is riskier; the lowest set-point itself (an upper
+        bound) where all are safer.
     """
     safe = np.clip(np.asarray(rate, dtype=float), least, 1 - least)
     above = np.flatnonzero(safe > risk)
@@ -96,7 +123,9 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
     if last == len(safe) - 1:
         return float("nan")
     a, b, asked = (np.log(p / (1 - p)) for p in (safe[last], safe[last + 1], risk))
-    return float(target_z_hat[last] + (target_z_hat[last + 1] - target_z_hat[last]) * (a - asked) / (a - b))
+    return float(
+        target_z_hat[last] + (target_z_hat[last + 1] - target_z_hat[last]) * (a - asked) / (a - b)
+    )
 
 
 def refuse_few(risk: float, flights: int) -> None:
@@ -108,32 +137,48 @@ def refuse_few(risk: float, flights: int) -> None:
         Fewer than three crashes are expected at that risk; says how many flights would do.
     """
     if risk * flights < 3:
-        raise UsageError("risk", f"{risk:g} cannot be seen in {flights} flights", f"fly at least {int(np.ceil(3 / risk))}")
+        raise UsageError(
+            "risk",
+            f"{risk:g} cannot be seen in {flights} flights",
+            f"fly at least {int(np.ceil(3 / risk))}",
+        )
 
 
 def resamples(flights: int, rng: np.random.Generator, number: int = RESAMPLES) -> FloatArray:
-    """Weights of the flights under resampling, (number, flights), the first row as flown: one table serves all that is compared."""
+    """Weights of the flights under resampling, (number, flights), the first row as flown: one table
+    serves all that is compared.
+    """
     drawn = rng.multinomial(flights, np.full(flights, 1 / flights), size=number - 1)
     return np.concatenate([np.ones((1, flights)), drawn]) / flights
 
 
-def levels(target_z_hat: FloatArray, crashed: NDArray[np.bool_], risk: float, weights: FloatArray) -> FloatArray:
-    """Levels under `resamples` of the flights, which common gusts tie together over all set-points: shape (number,), the first as flown."""
+def levels(
+    target_z_hat: FloatArray, crashed: NDArray[np.bool_], risk: float, weights: FloatArray
+) -> FloatArray:
+    """Levels under `resamples` of the flights, which common gusts tie together over all set-points:
+    shape (number,), the first as flown.
+    """
     least = 0.5 / crashed.shape[1]
     return np.array([level(target_z_hat, r, risk, least) for r in weights @ crashed.T])
 
 
 def held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
-    """Levels that the set-points hold; those at the lowest set-point, which are only upper bounds, become nan."""
+    """Levels that the set-points hold; those at the lowest set-point, which are only upper bounds,
+    become nan.
+    """
     result: FloatArray = np.where(values > target_z_hat[0], values, np.nan)
     return result
 
 
 def spread90(values: FloatArray) -> tuple[float, float]:
-    """5 % and 95 % points; where some are nan (no set-point was safe enough) those count as beyond the highest."""
+    """5 % and 95 % points; where some are nan (no set-point was safe enough) those count as beyond
+    the highest.
+    """
     filled = np.sort(np.where(np.isfinite(values), values, np.inf))
     low, high = (float(filled[min(int(q / 100 * len(filled)), len(filled) - 1)]) for q in INTERVAL)
-    return (low if np.isfinite(low) else float("nan")), (high if np.isfinite(high) else float("nan"))
+    return (low if np.isfinite(low) else float("nan")), (
+        high if np.isfinite(high) else float("nan")
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,10 +213,17 @@ class Convergence:
 def together(parts: Sequence[Convergence]) -> Convergence:
     """Several comparisons as one: with the step of that which changed most."""
     worst = max(parts, key=lambda c: c.worst)
-    return replace(worst, converged=all(c.converged for c in parts), beyond=sum(c.beyond for c in parts), settings=sum(c.settings for c in parts))
+    return replace(
+        worst,
+        converged=all(c.converged for c in parts),
+        beyond=sum(c.beyond for c in parts),
+        settings=sum(c.settings for c in parts),
+    )
 
 
-def convergence(target_z_hat: FloatArray, coarse: NDArray[np.bool_], fine: NDArray[np.bool_], step_s: float) -> Convergence:
+def convergence(
+    target_z_hat: FloatArray, coarse: NDArray[np.bool_], fine: NDArray[np.bool_], step_s: float
+) -> Convergence:
     """Compare the same flights (settings, flights) at a step and at half of it."""
     flights = coarse.shape[1]
     before, after = coarse.sum(axis=1), fine.sum(axis=1)

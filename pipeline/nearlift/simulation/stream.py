@@ -1,10 +1,13 @@
-"""Random numbers that are addressed, not drawn: the n-th normal of a (key, flight) is a function of its address alone.
+"""Random numbers that are addressed, not drawn: the n-th normal of a (key, flight) is a function of
+its address alone.
 
-splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``; the ziggurat of 256 layers (Marsaglia and Tsang 2000, with
-Doornik's separate bits for layer and position) makes a normal of it, exactly. What it rejects, one word in eighty, is decided by a
-chain of words that begins at the rejected one, so no normal depends on how many words another took. So a flight meets the
-same gusts in whatever order, block or thread it is flown, at every set-point and with every model (common random numbers), and
-when the step of integration is halved; or, where settings are to be independent, each setting gusts of its own by its `salt`.
+splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``; the ziggurat of 256 layers
+(Marsaglia and Tsang 2000, with Doornik's separate bits for layer and position) makes a normal of
+it, exactly. What it rejects, one word in eighty, is decided by a chain of words that begins at the
+rejected one, so no normal depends on how many words another took. So a flight meets the same gusts
+in whatever order, block or thread it is flown, at every set-point and with every model (common
+random numbers), and when the step of integration is halved; or, where settings are to be
+independent, each setting gusts of its own by its `salt`.
 """
 
 from __future__ import annotations
@@ -20,14 +23,17 @@ from nearlift.declare import FloatArray
 U = np.uint64
 GOLDEN, MIX_1, MIX_2 = U(0x9E3779B97F4A7C15), U(0xBF58476D1CE4E5B9), U(0x94D049BB133111EB)
 THIRTY, TWENTY_SEVEN, THIRTY_ONE, ELEVEN, ONE, LAYER = U(30), U(27), U(31), U(11), U(1), U(255)
-#: Upper 53 bits to the open interval (0, 1): half a step off either end, so that its logarithm is finite.
+#: Upper 53 bits to the open interval (0, 1): half a step off either end, so that its logarithm is
+#: finite.
 STEP = 2.0**-53
 #: Where the tail of the ziggurat begins.
 TAIL = 3.6541528853610088
 
 
 def _layers() -> tuple[FloatArray, FloatArray]:
-    """Right ends of the 256 layers of equal area under exp(-x^2 / 2) and a last zero; each layer's share that lies under the curve."""
+    """Right ends of the 256 layers of equal area under exp(-x^2 / 2) and a last zero; each layer's
+    share that lies under the curve.
+    """
     area = TAIL * math.exp(-0.5 * TAIL**2) + math.sqrt(math.pi / 2) * math.erfc(TAIL / math.sqrt(2))
     x = np.zeros(257)
     x[0], x[1] = area / math.exp(-0.5 * TAIL**2), TAIL
@@ -108,7 +114,9 @@ fill = compiled(_fill)
 
 
 def normals(key: int, flight: int, n: int, salt: int = 0) -> FloatArray:
-    """The first `n` standard normals of a flight: shape (n,), the same for ever, on every machine to the last digits of log and exp."""
+    """The first `n` standard normals of a flight: shape (n,), the same for ever, on every machine
+    to the last digits of log and exp.
+    """
     out = np.empty(n)
     fill(U(begin(U(key), U(flight), U(salt))), out)
     return out

@@ -1,4 +1,6 @@
-"""Crash rates over set-points for several lift curves at once, with the test of the time step that every run makes."""
+"""Crash rates over set-points for several lift curves at once, with the test of the time step that
+every run makes.
+"""
 
 from __future__ import annotations
 
@@ -65,16 +67,27 @@ def sweep(
 ) -> Sweep:
     """Fly every curve at every set-point, and some of it again with half the step.
 
-    `droops` gives each curve's loss of lift over the flight (none by default), `checked` the curves whose step is tested (all).
-    Step and `step_s` say the same; the latter is only for the record.
+    `droops` gives each curve's loss of lift over the flight (none by default), `checked` the curves
+    whose step is tested (all). Step and `step_s` say the same; the latter is only for the record.
     """
     n, t = len(curves.values), len(target_z_hat)
     settings = [
-        Setting(target_z_hat=float(z), groups=groups, curve=c, droop=float(droops[c]) if len(droops) else 0.0)
+        Setting(
+            target_z_hat=float(z),
+            groups=groups,
+            curve=c,
+            droop=float(droops[c]) if len(droops) else 0.0,
+        )
         for c in range(n)
         for z in target_z_hat
-    ]  # fmt: skip
-    plan = Plan(boundary=boundary, settings=settings, curves=curves, scheme=scheme, steps_per_hold=steps_per_hold)
+    ]
+    plan = Plan(
+        boundary=boundary,
+        settings=settings,
+        curves=curves,
+        scheme=scheme,
+        steps_per_hold=steps_per_hold,
+    )
     crashed = fly(plan, flights, key, spread) >= 0
     again = [c * t + i for c in (range(n) if checked is None else checked) for i in range(t)]
     return Sweep(
@@ -85,9 +98,26 @@ def sweep(
     )
 
 
-def halved(plan: Plan, crashed: NDArray[np.bool_], again: Sequence[int], key: int, step_s: float, spread: Map = map) -> safety.Convergence:
-    """What half the step changes: settings `again` of a plan that `crashed` (settings, flights), a share of their flights flown once more."""
+def halved(
+    plan: Plan,
+    crashed: NDArray[np.bool_],
+    again: Sequence[int],
+    key: int,
+    step_s: float,
+    spread: Map = map,
+) -> safety.Convergence:
+    """What half the step changes: settings `again` of a plan that `crashed` (settings, flights), a
+    share of their flights flown once more.
+    """
     flights = crashed.shape[1]
     few = min(flights, max(round(CHECKED * flights), LEAST_CHECKED))
-    finer = fly(replace(plan.halved(), settings=[plan.settings[i] for i in again]), few, key, spread) >= 0
-    return safety.convergence(np.array([plan.settings[i].target_z_hat for i in again]), crashed[list(again)][:, :few], finer, step_s)
+    finer = (
+        fly(replace(plan.halved(), settings=[plan.settings[i] for i in again]), few, key, spread)
+        >= 0
+    )
+    return safety.convergence(
+        np.array([plan.settings[i].target_z_hat for i in again]),
+        crashed[list(again)][:, :few],
+        finer,
+        step_s,
+    )

@@ -1,1 +1,3 @@
-"""The thin shell: each stage reads products, calls the core, writes products. Only stages touch the disk."""
+"""The thin shell: each stage reads products, calls the core, writes products. Only stages touch the
+disk.
+"""

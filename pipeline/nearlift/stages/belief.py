@@ -1,9 +1,12 @@
-"""What is believed of the lift near one boundary: the model that the loop ended with, its best estimate, and draws of its uncertainty.
+"""What is believed of the lift near one boundary: the model that the loop ended with, its best
+estimate, and draws of its uncertainty.
 
-Simulation, detection and export all take it from here. Where the loop named an effect that belongs to the vehicle (a saturated
-ceiling, a sagging supply), the model is composed with it; one that belongs to the bench (a datum, a drift) stays there, and only the
-coefficient that it corrected is taken along. Draws have the ends of the intervals that are quoted (results.json) and their correlation.
-What no interval bounds is drawn from its declared prior: it is not known, and does not fly as if it were.
+Simulation, detection and export all take it from here. Where the loop named an effect that belongs
+to the vehicle (a saturated ceiling, a sagging supply), the model is composed with it; one that
+belongs to the bench (a datum, a drift) stays there, and only the coefficient that it corrected is
+taken along. Draws have the ends of the intervals that are quoted (results.json) and their
+correlation. What no interval bounds is drawn from its declared prior: it is not known, and does not
+fly as if it were.
 """
 
 from __future__ import annotations
@@ -80,26 +83,49 @@ class Belief:
     @property
     def title(self) -> str:
         """The model in words, with the effects that fly."""
-        return self.model.title.partition(" + ")[0] + "".join(f" with {e.replace('_', ' ')}" for e in self.effects)
+        return self.model.title.partition(" + ")[0] + "".join(
+            f" with {e.replace('_', ' ')}" for e in self.effects
+        )
 
     def parameters(self, member: int) -> dict[str, float]:
         """Parameters of one draw; -1 is the best estimate."""
-        return dict(self.best) if member < 0 else {name: float(values[member]) for name, values in self.draws.items()}
+        return (
+            dict(self.best)
+            if member < 0
+            else {name: float(values[member]) for name, values in self.draws.items()}
+        )
 
     def ratio(self, member: int = -1, **changes: float) -> Callable[[FloatArray], FloatArray]:
-        """L / L_inf as a function of z_hat for one draw; -1 is the best estimate. `changes` replace arguments of the model."""
+        """L / L_inf as a function of z_hat for one draw; -1 is the best estimate. `changes` replace
+        arguments of the model.
+        """
         values = {**self.arguments, **self.parameters(member), **changes}
         return lambda z_hat: np.asarray(self.model(z_hat, **values), dtype=float)
 
     def spaced(self, factor: float) -> Callable[[FloatArray], FloatArray]:
-        """The best estimate of L / L_inf for a vehicle whose rotors are so many times as far apart."""
-        return self.ratio(-1, **{n: factor * float(v) for n, v in self.arguments.items() if n in ("spacing_hat", "diagonal_hat")})
+        """The best estimate of L / L_inf for a vehicle whose rotors are so many times as
+        far apart.
+        """
+        return self.ratio(
+            -1,
+            **{
+                n: factor * float(v)
+                for n, v in self.arguments.items()
+                if n in ("spacing_hat", "diagonal_hat")
+            },
+        )
 
     def droop(self, supply_end_V: float | None, member: int = -1) -> float:
-        """Change of lift, as a fraction, that the supply has brought at the end of a flight: 0 unless the loop found that it matters."""
+        """Change of lift, as a fraction, that the supply has brought at the end of a flight: 0
+        unless the loop found that it matters.
+        """
         exponent = self.parameters(member).get("sag_exponent", 0.0)
         end = self.supply_V[1] if supply_end_V is None else supply_end_V
-        return float((end / self.supply_V[0]) ** exponent - 1.0) if exponent and np.isfinite(end / self.supply_V[0]) else 0.0
+        return (
+            float((end / self.supply_V[0]) ** exponent - 1.0)
+            if exponent and np.isfinite(end / self.supply_V[0])
+            else 0.0
+        )
 
 
 def believe(job: Job, boundary: Boundary, number: int) -> Belief:
@@ -108,11 +134,20 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
     model = catalogue.model(quoted.base_model)
     rng = generator(job.seed, "belief", boundary, model.name)
     named = _named(job, boundary) if quoted.effects else []
-    flying = tuple(catalogue.effect(e["name"]) for e in named if catalogue.effect(e["name"]).belongs_to == "vehicle")
-    spans: dict[str, Span] = {name: Span(c.value, c.lo90, c.hi90, told=c.dof > 0) for name, c in quoted.coefficients.items()}
+    flying = tuple(
+        catalogue.effect(e["name"])
+        for e in named
+        if catalogue.effect(e["name"]).belongs_to == "vehicle"
+    )
+    spans: dict[str, Span] = {
+        name: Span(c.value, c.lo90, c.hi90, told=c.dof > 0)
+        for name, c in quoted.coefficients.items()
+    }
     for e in named:
         if e["name"] in {f.name for f in flying}:
-            spans |= {name: Span(p["value"], p["lo90"], p["hi90"]) for name, p in e["parameters"].items()}
+            spans |= {
+                name: Span(p["value"], p["lo90"], p["hi90"]) for name, p in e["parameters"].items()
+            }
     parameters = (*model.parameters, *(p for e in flying for p in e.parameters))
     best, draws = _drawn(parameters, spans, quoted.correlation, number, rng)
     whole = compose(model, *flying) if flying else model
@@ -122,11 +157,16 @@ def believe(job: Job, boundary: Boundary, number: int) -> Belief:
     z_hat = trials["z_hat"][mine]
     supply = trials["supply_V"][mine] if "supply_V" in trials else np.array([np.nan])
     known = np.isfinite(supply)
-    volts = (float(np.median(supply[known])), float(supply[known].min())) if known.any() else (float("nan"), float("nan"))
+    volts = (
+        (float(np.median(supply[known])), float(supply[known].min()))
+        if known.any()
+        else (float("nan"), float("nan"))
+    )
     return Belief(
         boundary=boundary,
         model=whole,
-        # the supply's fall over a flight is told apart, as its droop: here it stands at its reference
+        # the supply's fall over a flight is told apart, as its droop: here it stands at its
+        # reference
         arguments={n: geometry.get(n, 1.0) for n in whole.needs},
         best=best,
         spans={name: spans[name] for name in best if name in spans},
@@ -147,12 +187,18 @@ def _named(job: Job, boundary: Boundary) -> list[dict[str, Any]]:
 
 
 def _drawn(
-    parameters: Sequence[Parameter], spans: Mapping[str, Span], known: Correlation, number: int, rng: np.random.Generator
+    parameters: Sequence[Parameter],
+    spans: Mapping[str, Span],
+    known: Correlation,
+    number: int,
+    rng: np.random.Generator,
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimate and draws of parameters by their intervals, normal on either side of the estimate, with the correlation that is known.
+    """Best estimate and draws of parameters by their intervals, normal on either side of the
+    estimate, with the correlation that is known.
 
-    Draws have the interval's ends at 5 and 95 %, whatever its shape, and keep to the bounds. What the data do not bound has its declared
-    prior. A parameter without an interval stays at its declared value.
+    Draws have the interval's ends at 5 and 95 %, whatever its shape, and keep to the bounds. What
+    the data do not bound has its declared prior. A parameter without an interval stays at its
+    declared value.
     """
     if not parameters:
         return {}, {}
@@ -162,7 +208,9 @@ def _drawn(
         for j, b in enumerate(parameters):
             if i != j and a.name in at and b.name in at:
                 correlation[i, j] = known.values[at[a.name]][at[b.name]]
-    normal = rng.multivariate_normal(np.zeros(len(parameters)), correlation, size=number, method="eigh")
+    normal = rng.multivariate_normal(
+        np.zeros(len(parameters)), correlation, size=number, method="eigh"
+    )
     best, draws = {}, {}
     for p, n in zip(parameters, normal.T, strict=True):
         span = spans.get(p.name, Span(p.value, p.value, p.value))

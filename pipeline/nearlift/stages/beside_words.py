@@ -8,8 +8,14 @@ from nearlift.fitting import collapse, held_quantity
 from nearlift.fitting.rotor import PAPER, Rotor
 from nearlift.rounding import plus_minus
 
-NO_SPEED = "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is estimated per throttle."
-NO_DENSITY = "The density of air is not known: give air_density in [rig], or log temperature (pressure, humidity)."
+NO_SPEED = (
+    "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is"
+    " estimated per throttle."
+)
+NO_DENSITY = (
+    "The density of air is not known: give air_density in [rig], or log temperature (pressure,"
+    " humidity)."
+)
 #: Below this a test rejects.
 REJECTS = 0.05
 NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
@@ -29,26 +35,47 @@ def throttle_collapse(found: collapse.Collapse) -> str:
     """Whether the curves of all throttles are one, and how far apart they may be."""
     if len(found.throttles) < 2:
         return "All trials ran at one throttle: whether Delta L depends on it cannot be tested."
-    tests = {f"one {found.name}": found.coefficient, "one curve": found.curve, "one Delta L in all cells of a distance, no model": found.cells}
+    tests = {
+        f"one {found.name}": found.coefficient,
+        "one curve": found.curve,
+        "one Delta L in all cells of a distance, no model": found.cells,
+    }
     made = {claim: test for claim, test in tests.items() if test is not None}
     if not made:
         return "These trials cannot test whether Delta L depends on throttle."
-    rejected = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value < REJECTS]
-    kept = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.p_value >= REJECTS and not test.quiet]
+    rejected = [
+        f"{claim} ({chance(test.p_value)})"
+        for claim, test in made.items()
+        if test.p_value < REJECTS
+    ]
+    kept = [
+        f"{claim} ({chance(test.p_value)})"
+        for claim, test in made.items()
+        if test.p_value >= REJECTS and not test.quiet
+    ]
     quiet = [f"{claim} ({chance(test.p_value)})" for claim, test in made.items() if test.quiet]
-    parts = [f"For all throttles {verdict}: {'; '.join(claims)}." for verdict, claims in (("rejected", rejected), ("not rejected", kept)) if claims]
+    parts = [
+        f"For all throttles {verdict}: {'; '.join(claims)}."
+        for verdict, claims in (("rejected", rejected), ("not rejected", kept))
+        if claims
+    ]
     if quiet:
         parts.append(
-            f"Not tested: {'; '.join(quiet)}. Trials are more even than their noise would let them be: the noise is overestimated, or shared by"
-            " trials in a way that it does not represent. That is no evidence of a collapse."
+            f"Not tested: {'; '.join(quiet)}. Trials are more even than their noise would let them"
+            " be: the noise is overestimated, or shared by trials in a way that it does not"
+            " represent. That is no evidence of a collapse."
         )
     bounds = [
-        f"{percent(d.bound)} % in {what} (between {100 * d.between[0]:.3g} and {100 * d.between[1]:.3g} %)"
+        f"{percent(d.bound)} % in {what} (between {100 * d.between[0]:.3g} and"
+        f" {100 * d.between[1]:.3g} %)"
         for what, d in ((found.name, found.of_coefficient), ("Delta L", found.of_curve))
         if d is not None and np.isfinite(d.bound)
     ]
     if bounds:
-        parts.append(f"With 95 % confidence no two throttles differ by more than {', nor by more than '.join(bounds)}.")
+        parts.append(
+            "With 95 % confidence no two throttles differ by more than"
+            f" {', nor by more than '.join(bounds)}."
+        )
     return " ".join(parts)
 
 
@@ -56,14 +83,24 @@ def held(found: held_quantity.Held, name: str) -> str:
     """What the exponent does to the coefficient, and what was logged of it."""
     parts = []
     if found.plausible:
-        least, most = min(found.plausible, key=lambda x: x.value), max(found.plausible, key=lambda x: x.value)
+        least, most = (
+            min(found.plausible, key=lambda x: x.value),
+            max(found.plausible, key=lambda x: x.value),
+        )
         ends = f"{least.value:.3g} (n = {least.n:.2g}) to {most.value:.3g} (n = {most.n:.2g})"
         parts.append(f"Over the plausible exponents the base fit’s {name} runs from {ends}.")
     if np.isfinite(found.n):
-        parts.append(f"Lift alone, the form taken for true, gives n = {plus_minus(found.n, found.u_n)}.")
-        excluded = [f"{x.n:.2g} ({chance(x.p_value)})" for x in found.plausible if x.p_value < REJECTS]
+        parts.append(
+            f"Lift alone, the form taken for true, gives n = {plus_minus(found.n, found.u_n)}."
+        )
+        excluded = [
+            f"{x.n:.2g} ({chance(x.p_value)})" for x in found.plausible if x.p_value < REJECTS
+        ]
         if excluded:
-            parts.append(f"Under this form it is against n = {', '.join(excluded)}; a wrong form does that too.")
+            parts.append(
+                f"Under this form it is against n = {', '.join(excluded)}; a wrong form does that"
+                " too."
+            )
     else:
         parts.append(f"Lift alone cannot tell the exponent from {name}.")
     parts += [_response(r) for r in found.responses]
@@ -71,7 +108,10 @@ def held(found: held_quantity.Held, name: str) -> str:
         parts.append("Log rpm, or power, and the exponent can be inferred.")
     elif found.at_ends:
         (low, high), values = found.supported, [x.value for x in found.at_ends]
-        parts.append(f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(values):.3g} to {max(values):.3g}.")
+        parts.append(
+            f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(values):.3g}"
+            f" to {max(values):.3g}."
+        )
     return " ".join(parts)
 
 
@@ -80,8 +120,13 @@ def declared(held: str) -> str:
     follows = "the exponent n of the ratio depends on what else stays constant."
     return {
         "throttle": f"A trial holds the throttle, which fixes neither speed nor power; {follows}",
-        "voltage": f"A trial is said to hold the voltage, which fixes neither speed nor power; {follows}",
-        "rpm": "A trial is said to hold the rotor speed: blade-element theory then wants n between 0.60 and 0.82.",
+        "voltage": (
+            f"A trial is said to hold the voltage, which fixes neither speed nor power; {follows}"
+        ),
+        "rpm": (
+            "A trial is said to hold the rotor speed: blade-element theory then wants n between"
+            " 0.60 and 0.82."
+        ),
         "power": "A trial is said to hold the power: momentum theory then wants n = 2/3.",
     }[held]
 
@@ -92,7 +137,8 @@ def _response(r: held_quantity.Response) -> str:
     if r.held:
         return f"The {what} logged does not follow the boundary (response {answer}); {spread}."
     return (
-        f"The {what} logged was not held: it follows the change of lift with a power of {r.slope:+.2g} ± {r.u:.1g} ({chance(r.p_value)}); {spread}."
+        f"The {what} logged was not held: it follows the change of lift with a power of"
+        f" {r.slope:+.2g} ± {r.u:.1g} ({chance(r.p_value)}); {spread}."
     )
 
 
@@ -100,12 +146,25 @@ def rotor(found: Rotor, exact_map: bool) -> str:
     """C_L, its trend, and the paper's constant."""
     law = found.trend
     low, high = found.C_L.min(), found.C_L.max()
-    text = f"C_L is {low:.3g} to {high:.3g}" if len(found.C_L) > 1 else f"C_L is {low:.3g} ± {found.u[0]:.1g}"
-    text += f" ({100 * (found.trend.mean / PAPER - 1):+.0f} % against the {PAPER:g} that the paper takes)."
+    text = (
+        f"C_L is {low:.3g} to {high:.3g}"
+        if len(found.C_L) > 1
+        else f"C_L is {low:.3g} ± {found.u[0]:.1g}"
+    )
+    text += (
+        f" ({100 * (found.trend.mean / PAPER - 1):+.0f} % against the {PAPER:g} that the paper"
+        " takes)."
+    )
     if law.p_constant is not None and law.p_trend is not None:
         verdict = "is rejected" if law.p_constant < REJECTS else "is not rejected"
-        text += f" One C_L for all throttles {verdict} ({chance(law.p_constant)}); it goes as speed, and so as the Reynolds number, to the power "
+        text += (
+            f" One C_L for all throttles {verdict} ({chance(law.p_constant)}); it goes as speed,"
+            " and so as the Reynolds number, to the power "
+        )
         text += f"{plus_minus(law.exponent, law.u_exponent)} ({chance(law.p_trend)} for none)."
         if law.excess > 1:
-            text += f" About that power law C_L scatters {law.excess:.2g} times as much as its uncertainties say, which has widened the interval."
+            text += (
+                f" About that power law C_L scatters {law.excess:.2g} times as much as its"
+                " uncertainties say, which has widened the interval."
+            )
     return text + (" The speeds of the map are taken as exact." if exact_map else "")

@@ -1,4 +1,6 @@
-"""Blocks of a chain kept until its stage is committed, so that a killed run goes on where it was."""
+"""Blocks of a chain kept until its stage is committed, so that a killed run goes on where
+it was.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,11 @@ FIELDS = tuple(f.name for f in dataclasses.fields(Block))
 
 @dataclass(kw_only=True)
 class Checkpoint:
-    """The kept blocks of one chain: files ``<name>-00000.npz``, ... in `folder`, each written whole or not at all.
+    """The kept blocks of one chain: files ``<name>-00000.npz``, ... in `folder`, each written whole
+    or not at all.
 
-    `key` identifies everything that decides the chain; blocks of another key, and what follows a damaged block, are no blocks.
+    `key` identifies everything that decides the chain; blocks of another key, and what follows a
+    damaged block, are no blocks.
     """
 
     folder: Path

@@ -1,6 +1,8 @@
-"""compare: one coefficient over many campaigns: a table, a forest plot, and a population fit that keeps what is shared shared.
+"""compare: one coefficient over many campaigns: a table, a forest plot, and a population fit that
+keeps what is shared shared.
 
-No stage of a campaign's own: it reads what finished runs left under ``processed/`` and writes ``reports/comparison/``.
+No stage of a campaign's own: it reads what finished runs left under ``processed/`` and writes
+``reports/comparison/``.
 """
 
 from __future__ import annotations
@@ -26,7 +28,8 @@ from nearlift.transaction import JOURNAL, Homes
 FOLDER = "comparison"
 #: Below this a p-value means no more than that.
 LEAST_CHANCE = 1e-12
-#: Where a prior of twice the width moves an end of the mean's interval by more than this part of the interval, that is said.
+#: Where a prior of twice the width moves an end of the mean's interval by more than this part of
+#: the interval, that is said.
 PRIOR_MATTERS = 0.05
 
 
@@ -68,11 +71,17 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
     if not names:
         found = sorted(path.parent for path in home.glob(f"*/{RESULTS.file}"))
         if not found:
-            raise UsageError(str(home), "holds no fitted campaign", "`nearlift run CAMPAIGN` first, or say --out")
+            raise UsageError(
+                str(home), "holds no fitted campaign", "`nearlift run CAMPAIGN` first, or say --out"
+            )
         return found
     missing = [name for name in names if not (home / name / RESULTS.file).is_file()]
     if missing:
-        raise UsageError(str(home / missing[0]), f"is not fitted ({len(missing)} of {len(names)} campaigns)", "`nearlift run` them first")
+        raise UsageError(
+            str(home / missing[0]),
+            f"is not fitted ({len(missing)} of {len(names)} campaigns)",
+            "`nearlift run` them first",
+        )
     return [home / name for name in names]
 
 
@@ -80,7 +89,11 @@ def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
     content = store.read_json(folder / RESULTS.file)
     if content.get("schema") != RESULTS.schema:
-        raise ProductError(str(folder / RESULTS.file), f"has schema {content.get('schema')}", "it was written by another version: run again")
+        raise ProductError(
+            str(folder / RESULTS.file),
+            f"has schema {content.get('schema')}",
+            "it was written by another version: run again",
+        )
     about = store.read_json_if_whole(folder / PROVENANCE.file)
     listed = []
     for boundary, own in Results.model_validate(content).boundaries.items():
@@ -126,7 +139,8 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str] = ()) -> tuple[Group,
     ----------
     listed : sequence of Entry
     shared : sequence of str
-        Names of components that are one and the same error in all campaigns (the same load cell, the same gauge block).
+        Names of components that are one and the same error in all campaigns (the same load cell,
+        the same gauge block).
 
     Raises
     ------
@@ -136,15 +150,26 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str] = ()) -> tuple[Group,
     known = sorted({name for entry in listed for name in entry.parts})
     for name in shared:
         if name not in known:
-            raise UsageError("--shared", f"no campaign has a component {name!r}", f"there are: {', '.join(map(repr, known)) or 'none'}")
+            raise UsageError(
+                "--shared",
+                f"no campaign has a component {name!r}",
+                f"there are: {', '.join(map(repr, known)) or 'none'}",
+            )
     keys = sorted({(e.boundary, e.model, e.coefficient) for e in listed})
     groups = []
     for key in keys:
         own = tuple(e for e in listed if (e.boundary, e.model, e.coefficient) == key)
-        # an interval over rivals is lopsided, and its best value no centre: the population is fitted to the interval
+        # an interval over rivals is lopsided, and its best value no centre: the population is
+        # fitted to the interval
         value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in own])
-        together = population(value, covariance(own, shared), own[0].quoted.unit) if len(own) >= FEWEST else None
-        groups.append(Group(boundary=key[0], model=key[1], coefficient=key[2], entries=own, together=together))
+        together = (
+            population(value, covariance(own, shared), own[0].quoted.unit)
+            if len(own) >= FEWEST
+            else None
+        )
+        groups.append(
+            Group(boundary=key[0], model=key[1], coefficient=key[2], entries=own, together=together)
+        )
     return tuple(groups)
 
 
@@ -154,15 +179,23 @@ def covariance(own: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
     for name in shared:
         part = np.array([e.parts.get(name, 0.0) for e in own])
         if (part**2 > np.diag(total) * (1 + 1e-9)).any():
-            raise InputRefused("--shared", f"{name!r} is larger than a campaign's whole uncertainty", "fit that campaign again")
+            raise InputRefused(
+                "--shared",
+                f"{name!r} is larger than a campaign's whole uncertainty",
+                "fit that campaign again",
+            )
         common = np.outer(part, part)
         np.fill_diagonal(common, 0.0)
         total += common
     return total
 
 
-def run(out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: str = "aiaa") -> dict[str, Any]:
-    """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and answer what stands in the first."""
+def run(
+    out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: str = "aiaa"
+) -> dict[str, Any]:
+    """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and
+    answer what stands in the first.
+    """
     from nearlift.figures import forest as draw_forest
     from nearlift.figures.render import render
     from nearlift.figures.style import style
@@ -173,15 +206,27 @@ def run(out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     groups = grouped(listed, shared)
     told = [_told(group) for group in groups]
-    content: dict[str, Any] = {"schema": "nearlift.comparison/1", "shared": list(shared), "groups": told}
+    content: dict[str, Any] = {
+        "schema": "nearlift.comparison/1",
+        "shared": list(shared),
+        "groups": told,
+    }
     target = out / "reports" / FOLDER
     rows = forest.summarise(content)
     files = render(draw_forest.draw, rows, style(look))
     for kind in ("pdf", "png"):
         store.write_bytes(target / f"forest.{kind}", files[kind])
     store.write_bytes(target / "forest.csv", to_csv(rows))
-    said = [f"{g['boundary'].capitalize()}, {g['coefficient']}: {remark}" for g in told for remark in g["remarks"]]
-    own = {str(name) for name in rows["label"] if (out / "reports" / str(name) / "index.html").is_file()}
+    said = [
+        f"{g['boundary'].capitalize()}, {g['coefficient']}: {remark}"
+        for g in told
+        for remark in g["remarks"]
+    ]
+    own = {
+        str(name)
+        for name in rows["label"]
+        if (out / "reports" / str(name) / "index.html").is_file()
+    }
     store.write_bytes(target / "index.html", comparison.page(rows, files["page"], own, said))
     store.write_json(target / "comparison.json", content)
     return content
@@ -198,8 +243,14 @@ def table(content: dict[str, Any]) -> list[str]:
         together = group.get("population")
         if together:
             spread = together["spread"]
-            words = f"spread {plain(spread['value'], 2)} (up to {plain(spread['hi90'], 2)}); no spread: {_chance(together['p_value'])}"
-            rows += [("population mean", together["mean"], words), ("next campaign", together["next"], "")]
+            words = (
+                f"spread {plain(spread['value'], 2)} (up to {plain(spread['hi90'], 2)}); no spread:"
+                f" {_chance(together['p_value'])}"
+            )
+            rows += [
+                ("population mean", together["mean"], words),
+                ("next campaign", together["next"], ""),
+            ]
         wide = max(len(name) for name, _, _ in rows)
         for name, e, words in rows:
             value, low, high = (like(e[key], e["u"]) for key in ("value", "lo90", "hi90"))
@@ -209,7 +260,9 @@ def table(content: dict[str, Any]) -> list[str]:
 
 
 def remarks(group: Group) -> list[str]:
-    """What to hold against a group: campaigns that are one and the same, and a spread of which the prior decides."""
+    """What to hold against a group: campaigns that are one and the same, and a spread of which the
+    prior decides.
+    """
     from nearlift.rounding import like
 
     listed = []
@@ -218,14 +271,18 @@ def remarks(group: Group) -> list[str]:
         same.setdefault((e.quoted.value, e.quoted.u), []).append(e.campaign)
     for names in same.values():
         if len(names) > 1:
-            listed.append(f"{', '.join(names)} agree to the last digit: if they are the same trials, they count once, not {len(names)} times")
+            listed.append(
+                f"{', '.join(names)} agree to the last digit: if they are the same trials, they"
+                f" count once, not {len(names)} times"
+            )
     p = group.together
     if p is not None:
         wider = max(abs(p.if_doubled.lo90 - p.mean.lo90), abs(p.if_doubled.hi90 - p.mean.hi90))
         if wider > PRIOR_MATTERS * (p.mean.hi90 - p.mean.lo90):
             ends = " to ".join(like(x, p.mean.u) for x in (p.if_doubled.lo90, p.if_doubled.hi90))
             listed.append(
-                f"of {len(group.entries)} campaigns the spread is little known, and its prior counts: were it twice as wide, the mean would be {ends}"
+                f"of {len(group.entries)} campaigns the spread is little known, and its prior"
+                f" counts: were it twice as wide, the mean would be {ends}"
             )
     return listed
 
@@ -242,12 +299,19 @@ def _told(group: Group) -> dict[str, Any]:
             "campaign": e.campaign,
             "vehicle": e.vehicle,
             "verdict": e.verdict,
-            "quoted": {k: getattr(e.quoted, k) for k in ("value", "u", "lo90", "hi90", "unit", "holds")},
+            "quoted": {
+                k: getattr(e.quoted, k) for k in ("value", "u", "lo90", "hi90", "unit", "holds")
+            },
             "in_population": _estimate(group.together.campaigns[i]) if group.together else None,
         }
         for i, e in enumerate(group.entries)
     ]
-    told: dict[str, Any] = {"boundary": group.boundary, "model": group.model, "coefficient": group.coefficient, "campaigns": campaigns}
+    told: dict[str, Any] = {
+        "boundary": group.boundary,
+        "model": group.model,
+        "coefficient": group.coefficient,
+        "campaigns": campaigns,
+    }
     told["remarks"] = remarks(group)
     if group.together is not None:
         p = group.together
@@ -258,7 +322,11 @@ def _told(group: Group) -> dict[str, Any]:
             "q": p.q,
             "dof": p.dof,
             "p_value": p.p,
-            "spread_prior": {"distribution": "half-Cauchy", "scale": p.prior_scale, "mean_if_doubled": _estimate(p.if_doubled)},
+            "spread_prior": {
+                "distribution": "half-Cauchy",
+                "scale": p.prior_scale,
+                "mean_if_doubled": _estimate(p.if_doubled),
+            },
         }
     return told
 

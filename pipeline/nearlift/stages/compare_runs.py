@@ -1,4 +1,6 @@
-"""compare-runs: two finished runs side by side: what went in, what made it, and by how much the numbers moved. Writes nothing."""
+"""compare-runs: two finished runs side by side: what went in, what made it, and by how much the
+numbers moved. Writes nothing.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +24,17 @@ def run(a: Path, b: Path) -> dict[str, Any]:
     Parameters
     ----------
     a, b : Path
-        Each a folder with provenance.json (``processed/<campaign>``), or a workspace with one finished campaign in it.
+        Each a folder with provenance.json (``processed/<campaign>``), or a workspace with one
+        finished campaign in it.
 
     Returns
     -------
     dict
-        ``schema``; ``runs``; for each of inputs, manifest, options, versions, code, products, report the entries that differ, as
-        name -> [in A, in B] (None where absent; digests stand in full); ``same``, how many do not; ``verdicts``;
-        ``coefficients`` with ``shift`` (B less A) and ``shift_in_u`` (over u of A: both runs may rest on the same data, so their
-        uncertainties do not add); ``trials``, the rejected ones that differ.
+        ``schema``; ``runs``; for each of inputs, manifest, options, versions, code, products,
+        report the entries that differ, as name -> [in A, in B] (None where absent; digests stand in
+        full); ``same``, how many do not; ``verdicts``; ``coefficients`` with ``shift`` (B less A)
+        and ``shift_in_u`` (over u of A: both runs may rest on the same data, so their uncertainties
+        do not add); ``trials``, the rejected ones that differ.
 
     Raises
     ------
@@ -42,7 +46,12 @@ def run(a: Path, b: Path) -> dict[str, Any]:
     content: dict[str, Any] = {
         "schema": "nearlift.run_comparison/1",
         "runs": [
-            {"folder": str(f), "campaign": p["campaign"], "nearlift": p["nearlift"], "platform": p["platform"]}
+            {
+                "folder": str(f),
+                "campaign": p["campaign"],
+                "nearlift": p["nearlift"],
+                "platform": p["platform"],
+            }
             for f, p in zip(folders, ledgers, strict=True)
         ],
         "same": {},
@@ -53,11 +62,20 @@ def run(a: Path, b: Path) -> dict[str, Any]:
         content[part] = {n: [one.get(n), two.get(n)] for n in names if one.get(n) != two.get(n)}
         content["same"][part] = len(names) - len(content[part])
     found = [_numbers(folder) for folder in folders]
-    content["coefficients"] = [_moved(key, found[0].get(key), found[1].get(key)) for key in dict.fromkeys([*found[0], *found[1]])]
+    content["coefficients"] = [
+        _moved(key, found[0].get(key), found[1].get(key))
+        for key in dict.fromkeys([*found[0], *found[1]])
+    ]
     said = [_verdicts(folder) for folder in folders]
-    content["verdicts"] = {b: [said[0].get(b), said[1].get(b)] for b in dict.fromkeys([*said[0], *said[1]])}
+    content["verdicts"] = {
+        b: [said[0].get(b), said[1].get(b)] for b in dict.fromkeys([*said[0], *said[1]])
+    }
     lost = [{t: r for s in p["stages"].values() for t, r in s["rejected"]} for p in ledgers]
-    content["trials"] = {t: [lost[0].get(t), lost[1].get(t)] for t in dict.fromkeys([*lost[0], *lost[1]]) if lost[0].get(t) != lost[1].get(t)}
+    content["trials"] = {
+        t: [lost[0].get(t), lost[1].get(t)]
+        for t in dict.fromkeys([*lost[0], *lost[1]])
+        if lost[0].get(t) != lost[1].get(t)
+    }
     return content
 
 
@@ -68,7 +86,11 @@ def _finished(path: Path) -> Path:
     if len(found) == 1:
         return found[0]
     what = f"holds {len(found)} finished runs" if found else "holds no finished run"
-    remedy = f"name one of them: {', '.join(str(f) for f in found)}" if found else "name processed/CAMPAIGN, or the folder that was given as --out"
+    remedy = (
+        f"name one of them: {', '.join(str(f) for f in found)}"
+        if found
+        else "name processed/CAMPAIGN, or the folder that was given as --out"
+    )
     raise UsageError(str(path), what, remedy)
 
 
@@ -80,11 +102,20 @@ def _part(ledger: Mapping[str, Any], part: str) -> dict[str, Any]:
         return dict(ledger[part])
     stages: Mapping[str, Any] = ledger["stages"]
     if part == "manifest":
-        return {f"[{section}]": digest for s in stages.values() for section, digest in s["material"]["manifest"].items()}
+        return {
+            f"[{section}]": digest
+            for s in stages.values()
+            for section, digest in s["material"]["manifest"].items()
+        }
     if part == "code":
         return {name: s["material"]["code"] for name, s in stages.items()}
     home = {"products": "processed/", "report": "reports/"}[part]
-    return {file.removeprefix(home): sha for s in stages.values() for file, sha in s["outputs"].items() if file.startswith(home)}
+    return {
+        file.removeprefix(home): sha
+        for s in stages.values()
+        for file, sha in s["outputs"].items()
+        if file.startswith(home)
+    }
 
 
 Key = tuple[str, str, str]
@@ -113,27 +144,47 @@ def _moved(key: Key, one: dict[str, float] | None, two: dict[str, float] | None)
 def _verdicts(folder: Path) -> dict[str, str]:
     path = folder / RESULTS.file
     found = Results.model_validate(store.read_json(path)).boundaries if path.is_file() else {}
-    return {b: own.verdict + (f": {', '.join(own.effects)}" if own.effects else "") for b, own in found.items()}
+    return {
+        b: own.verdict + (f": {', '.join(own.effects)}" if own.effects else "")
+        for b, own in found.items()
+    }
 
 
 def table(content: Mapping[str, Any]) -> list[str]:
     """The comparison as lines of text: what differs, then the coefficients."""
-    lines = [f"{letter}  {r['folder']}  (nearlift {r['nearlift']}, {r['campaign']})" for letter, r in zip("AB", content["runs"], strict=True)]
+    lines = [
+        f"{letter}  {r['folder']}  (nearlift {r['nearlift']}, {r['campaign']})"
+        for letter, r in zip("AB", content["runs"], strict=True)
+    ]
     for part in PARTS:
         changed = content[part]
         same = content["same"][part]
-        lines.append(f"{part}: {f'{len(changed)} differ, {same} the same' if changed else 'the same'}")
+        lines.append(
+            f"{part}: {f'{len(changed)} differ, {same} the same' if changed else 'the same'}"
+        )
         lines += [f"  {name}: {_side(one)} -> {_side(two)}" for name, (one, two) in changed.items()]
     if content["trials"]:
         lines.append("trials rejected:")
-        lines += [f"  {trial}: {one or 'accepted'} -> {two or 'accepted'}" for trial, (one, two) in content["trials"].items()]
+        lines += [
+            f"  {trial}: {one or 'accepted'} -> {two or 'accepted'}"
+            for trial, (one, two) in content["trials"].items()
+        ]
     if content["verdicts"]:
         lines.append("verdicts:")
-        lines += [f"  {b}: {one or '-'}" + ("" if one == two else f" -> {two or '-'}") for b, (one, two) in content["verdicts"].items()]
+        lines += [
+            f"  {b}: {one or '-'}" + ("" if one == two else f" -> {two or '-'}")
+            for b, (one, two) in content["verdicts"].items()
+        ]
     lines.append("coefficients (shift in u of A):")
-    rows = [(f"{c['boundary']} {c['name']}", _estimate(c["a"]), _estimate(c["b"]), _shift(c)) for c in content["coefficients"]]
+    rows = [
+        (f"{c['boundary']} {c['name']}", _estimate(c["a"]), _estimate(c["b"]), _shift(c))
+        for c in content["coefficients"]
+    ]
     wide = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
-    lines += [f"  {what:<{wide[0]}}  {one:<{wide[1]}}  {two:<{wide[2]}}  {shift}" for what, one, two, shift in rows]
+    lines += [
+        f"  {what:<{wide[0]}}  {one:<{wide[1]}}  {two:<{wide[2]}}  {shift}"
+        for what, one, two, shift in rows
+    ]
     return lines
 
 
@@ -156,4 +207,6 @@ def _shift(c: Mapping[str, Any]) -> str:
         return "-"
     if not c["shift"]:
         return "the same"
-    return f"{plain(c['shift'], 2)}" + (f" = {fixed(c['shift_in_u'], 2)} u" if c["shift_in_u"] is not None else "")
+    return f"{plain(c['shift'], 2)}" + (
+        f" = {fixed(c['shift_in_u'], 2)} u" if c["shift_in_u"] is not None else ""
+    )

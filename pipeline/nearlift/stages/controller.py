@@ -1,4 +1,6 @@
-"""The fitted lift models for a controller: C header, JSON with its schema, Python, CasADi; each a file in export/ beside the products."""
+"""The fitted lift models for a controller: C header, JSON with its schema, Python, CasADi; each a
+file in export/ beside the products.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,15 @@ DRAWS = 400
 FOLDER = "export"
 #: Number of heights at which the ratio's interval is told.
 TOLD = 5
-#: A closed form that strays further than this from the declaration, relatively, is a defect and is not exported.
+#: A closed form that strays further than this from the declaration, relatively, is a defect and is
+#: not exported.
 AGREE = 1e-12
 
 
 def deck(job: Job) -> Deck:
-    """Everything that is exported. The date is that of the newest raw file, so that the same data give the same bytes."""
+    """Everything that is exported. The date is that of the newest raw file, so that the same data
+    give the same bytes.
+    """
     cards = tuple(_card(job, b) for b in boundaries_of(job.read_json(RESULTS)["boundaries"]))
     raw = [p for name in job.inputs if (p := job.root / name).is_file()]
     newest = max((p.stat().st_mtime for p in raw), default=None)
@@ -38,7 +43,9 @@ def deck(job: Job) -> Deck:
         campaign=job.campaign.name,
         nearlift=nearlift.__version__,
         digest=store.sha256(job.processed / TRIALS.file),
-        date=datetime.fromtimestamp(newest, UTC).date().isoformat() if newest is not None else "unknown",
+        date=datetime.fromtimestamp(newest, UTC).date().isoformat()
+        if newest is not None
+        else "unknown",
         source=", ".join(dict.fromkeys(card_source for _, card_source in cards)),
         radius_m=job.campaign.vehicle.rotor_radius,
         held=job.campaign.rig.held,
@@ -58,7 +65,11 @@ def _card(job: Job, boundary: Boundary) -> tuple[Card, str]:
         closed = fold(closed, {**known, **belief.best})
         error = _disagreement(closed, belief, low, high)
         if error > AGREE:
-            raise InputRefused(f"export {boundary}", f"the closed form strays {error:.1g} from the model", "this is a defect of nearlift")
+            raise InputRefused(
+                f"export {boundary}",
+                f"the closed form strays {error:.1g} from the model",
+                "this is a defect of nearlift",
+            )
     return (
         Card(
             boundary=boundary,
@@ -66,9 +77,16 @@ def _card(job: Job, boundary: Boundary) -> tuple[Card, str]:
             title=belief.model.title,
             formula=belief.model.formula,
             effects=belief.effects,
-            parameters={n: Interval(value=x.value, lo90=x.lo90, hi90=x.hi90, unit=belief.model.parameter(n).unit) for n, x in belief.spans.items()},
+            parameters={
+                n: Interval(
+                    value=x.value, lo90=x.lo90, hi90=x.hi90, unit=belief.model.parameter(n).unit
+                )
+                for n, x in belief.spans.items()
+            },
             known={n: v for n, v in known.items() if not n.startswith("supply")},
-            at={float(z): _ratio(belief, z) for z in np.geomspace(low, high, TOLD)} if low > 0 else {},
+            at={float(z): _ratio(belief, z) for z in np.geomspace(low, high, TOLD)}
+            if low > 0
+            else {},
             table=tabulate(belief.ratio(), low, high),
             closed=closed,
             closed_error=error,
@@ -84,7 +102,10 @@ def _interval(value: float, draws: np.ndarray, unit: str = "1") -> Interval:
 
 def _ratio(belief: Belief, z_hat: float) -> Interval:
     at = np.array([z_hat])
-    return _interval(float(belief.ratio()(at)[0]), np.array([belief.ratio(m)(at)[0] for m in range(belief.number)]))
+    return _interval(
+        float(belief.ratio()(at)[0]),
+        np.array([belief.ratio(m)(at)[0] for m in range(belief.number)]),
+    )
 
 
 def _disagreement(form: ast.expr, belief: Belief, low: float, high: float) -> float:
@@ -105,7 +126,11 @@ def write_c(job: Job) -> str:
 def write_json(job: Job) -> str:
     """lift_model.json, and its schema beside it."""
     _save(job, "lift_model.schema.json", json.dumps(document.SCHEMA, indent=1) + "\n")
-    return _save(job, "lift_model.json", json.dumps(store.plain(document.document(deck(job))), indent=1, ensure_ascii=False) + "\n")
+    return _save(
+        job,
+        "lift_model.json",
+        json.dumps(store.plain(document.document(deck(job))), indent=1, ensure_ascii=False) + "\n",
+    )
 
 
 def write_python(job: Job) -> str:

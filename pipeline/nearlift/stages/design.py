@@ -1,8 +1,8 @@
 """`design`: a campaign weighed before it is run, and a random schedule for it.
 
-Not a stage: it makes no product. It reads the manifest, and the schedule where there is one, and writes
-``reports/<campaign>/design/``. The schedule it draws goes there too, or where `--write` says, but never over anything: a
-campaign's folder is its owner's.
+Not a stage: it makes no product. It reads the manifest, and the schedule where there is one, and
+writes ``reports/<campaign>/design/``. The schedule it draws goes there too, or where `--write`
+says, but never over anything: a campaign's folder is its owner's.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ SCHEDULE = "trials.csv"
 
 
 def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> dict[str, Any]:
-    """Weigh the planned campaign; writes the figure, the numbers and a random schedule, and returns what the console shows.
+    """Weigh the planned campaign; writes the figure, the numbers and a random schedule, and returns
+    what the console shows.
 
     Parameters
     ----------
@@ -44,7 +45,8 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
     earlier : Path or None
         ``processed/<campaign>`` of one whose noise floor is expected here too.
     write : Path or None
-        File, or existing folder, for the schedule; ``reports/<campaign>/design/trials.csv`` if None.
+        File, or existing folder, for the schedule; ``reports/<campaign>/design/trials.csv`` if
+        None.
 
     Raises
     ------
@@ -57,7 +59,13 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
     made = plan(job.campaign, job.root, job.seed)
     parts = budget.components(job.campaign)
     options = chosen(job)
-    found: dict[str, Any] = {"campaign": job.campaign.name, "plan": made.source, "assumed": list(made.assumed), "boundaries": {}, "notes": []}
+    found: dict[str, Any] = {
+        "campaign": job.campaign.name,
+        "plan": made.source,
+        "assumed": list(made.assumed),
+        "boundaries": {},
+        "notes": [],
+    }
     for boundary in boundaries(made.table):
         job.say(f"design {boundary}")
         base, _ = choice(job.campaign, boundary)
@@ -65,7 +73,9 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
         unknown = sorted(given.keys() - {p.name for p in base.parameters})
         if unknown:
             raise UsageError(
-                f"design.expected.{boundary}", f"{base.name} has no {unknown[0]}", f"it has {', '.join(p.name for p in base.parameters)}"
+                f"design.expected.{boundary}",
+                f"{base.name} has no {unknown[0]}",
+                f"it has {', '.join(p.name for p in base.parameters)}",
             )
         theta = np.array([given.get(p.name, p.value) for p in base.parameters])
         data = observe(made.table, job.campaign, boundary)
@@ -80,12 +90,22 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
             for text, table in _otherwise(job.campaign, made, job.seed).items():
                 other = observe(table, job.campaign, boundary)
                 other = other.take(usable(base, other))
-                variants[text] = derive(other, np.array([np.median(other.lift_N[other.throttle == t]) for t in other.levels]))
+                variants[text] = derive(
+                    other,
+                    np.array([np.median(other.lift_N[other.throttle == t]) for t in other.levels]),
+                )
         result = outlook(foresight, library, variants)
         expected = {k: getattr(noise, k) for k in ("relative", "force_N", "height_m", "source")}
-        found["boundaries"][boundary] = result | {"expected_noise": expected, "untestable": untestable}
+        found["boundaries"][boundary] = result | {
+            "expected_noise": expected,
+            "untestable": untestable,
+        }
     if not found["boundaries"]:
-        raise NotConverged(f"design of {job.campaign.name}", "; ".join(found["notes"]) or "no trial is planned", "plan more trials")
+        raise NotConverged(
+            f"design of {job.campaign.name}",
+            "; ".join(found["notes"]) or "no trial is planned",
+            "plan more trials",
+        )
     drawn = made.design or draw(job.campaign, job.seed, _read_off(job.campaign, made))
     found["schedule"] = _write(job, drawn, target)
     found["files"] = _draw(job, found)
@@ -97,12 +117,18 @@ def _target(job: Job, write: Path | None) -> Path:
         return job.reports / "design" / SCHEDULE
     path = write / SCHEDULE if write.is_dir() else write
     if path.exists():
-        raise UsageError(str(path), "exists", "name another file; a schedule that may have been run is never overwritten")
+        raise UsageError(
+            str(path),
+            "exists",
+            "name another file; a schedule that may have been run is never overwritten",
+        )
     return path
 
 
 def _read_off(campaign: Campaign, made: Plan) -> Planned:
-    """A `[design]` with the stations, throttles, visits and sessions of a schedule; what it cannot tell is the manifest's or the default."""
+    """A `[design]` with the stations, throttles, visits and sessions of a schedule; what it cannot
+    tell is the manifest's or the default.
+    """
     table = made.table
     distances: dict[Boundary, list[float]] = {}
     visits = []
@@ -119,7 +145,9 @@ def _read_off(campaign: Campaign, made: Plan) -> Planned:
         "visits": max(int(np.ceil(np.mean(visits))), 1),
         "sessions": max(-(-sessions // len(distances)), 1),
     }
-    return (campaign.design or Planned.model_construct(distances=distances, throttles=throttles)).model_copy(update=given)
+    return (
+        campaign.design or Planned.model_construct(distances=distances, throttles=throttles)
+    ).model_copy(update=given)
 
 
 def _otherwise(campaign: Campaign, made: Plan, seed: int) -> dict[str, store.Table]:
@@ -128,9 +156,18 @@ def _otherwise(campaign: Campaign, made: Plan, seed: int) -> dict[str, store.Tab
     schedule = as_schedule(drawn, campaign)
     far, _ = levels(campaign, schedule.throttle)
     covariates, _ = ranged(campaign.design, schedule)
-    # what only the schedule on disk knows cannot be ordered anew, so only the usual covariates are compared
+    # what only the schedule on disk knows cannot be ordered anew, so only the usual covariates are
+    # compared
     lacking = {"supply_V", "temperature_K", "tilt_rad"} & made.table.keys() - covariates.keys()
-    return {} if lacking else {"the same trials in random order, each distance from both sides": table_of(schedule, far, covariates)}
+    return (
+        {}
+        if lacking
+        else {
+            "the same trials in random order, each distance from both sides": table_of(
+                schedule, far, covariates
+            )
+        }
+    )
 
 
 def _write(job: Job, drawn: Design, target: Path) -> dict[str, Any]:
@@ -157,7 +194,8 @@ def _write(job: Job, drawn: Design, target: Path) -> dict[str, Any]:
 
 
 def schedule_text(drawn: Design, campaign: Campaign) -> str:
-    """A schedule as CSV in the manifest's units, with a blank column for everything that `[design] logs` names.
+    """A schedule as CSV in the manifest's units, with a blank column for everything that `[design]
+    logs` names.
 
     `via` is the distance to drive to before the station, to arrive from the other side.
     """
@@ -180,9 +218,12 @@ def schedule_text(drawn: Design, campaign: Campaign) -> str:
     if np.isfinite(drawn.further.get("via_m", np.nan)).any():
         # a detour is made once, on the way to the visit
         arrives = np.r_[True, drawn.visit[1:] != drawn.visit[:-1]]
-        columns["via"] = outside(np.where(arrives, drawn.further["via_m"], np.nan), "distance", "mm", "length")
+        columns["via"] = outside(
+            np.where(arrives, drawn.further["via_m"], np.nan), "distance", "mm", "length"
+        )
     logs = campaign.design.logs if campaign.design else []
-    # a schedule whose every cell of a known column is blank is refused by nobody: it is filled in while the campaign is run
+    # a schedule whose every cell of a known column is blank is refused by nobody: it is filled in
+    # while the campaign is run
     columns |= {name: [""] * len(drawn) for name in logs if name in BY_NAME and name not in columns}
     columns = {name: cells for name, cells in columns.items() if name not in constant}
     sink = io.StringIO()
@@ -205,7 +246,9 @@ def _draw(job: Job, found: dict[str, Any]) -> list[str]:
     table = summary.rows(found)
     files = render(picture.draw, table, style(job.campaign.report.style))
     content = {
-        "design.json": (json.dumps(store.plain(found), indent=1, ensure_ascii=False) + "\n").encode(),
+        "design.json": (
+            json.dumps(store.plain(found), indent=1, ensure_ascii=False) + "\n"
+        ).encode(),
         "design.pdf": files["pdf"],
         "design.png": files["png"],
         "design.csv": to_csv(table),

@@ -1,4 +1,6 @@
-"""detect: how far away each boundary shows in lift, and where it is, to detection.parquet and proximity.json."""
+"""detect: how far away each boundary shows in lift, and where it is, to detection.parquet and
+proximity.json.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ INVERTED_S = 1.0
 
 
 def run(job: Job) -> Outcome:
-    """Ranges over averaging times, payloads and supplies; what a reading at each distance would say of it; and the manifest's readings."""
+    """Ranges over averaging times, payloads and supplies; what a reading at each distance would say
+    of it; and the manifest's readings.
+    """
     chosen = job.campaign.detect or Detect()
     fitted = job.read_json(FIT)
     rows: list[dict[str, Any]] = []
@@ -47,10 +51,15 @@ def run(job: Job) -> Outcome:
         entry = _entry(belief, device)
         try:
             refuse_folds(belief)
-            entry["located"] = _located(belief, device.sigma(INVERTED_S, chosen.payload[0], sensitivity(belief) * chosen.supply[0]))
+            entry["located"] = _located(
+                belief,
+                device.sigma(INVERTED_S, chosen.payload[0], sensitivity(belief) * chosen.supply[0]),
+            )
         except InputRefused as refusal:
             entry["refused"] = f"{refusal.what}; {refusal.remedy}"
-            notes.append(f"{boundary}: distance is not told from lift: {refusal.what}; {refusal.remedy}")
+            notes.append(
+                f"{boundary}: distance is not told from lift: {refusal.what}; {refusal.remedy}"
+            )
         content["boundaries"][boundary] = entry
     content["readings"], refused = all_of(job, beliefs)
     notes += refused
@@ -60,18 +69,30 @@ def run(job: Job) -> Outcome:
 
 
 def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
-    """The manifest's sensor; else the bench's load cell, whose records say what averaging does and whose trials what it does not."""
+    """The manifest's sensor; else the bench's load cell, whose records say what averaging does and
+    whose trials what it does not.
+    """
     weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
     if chosen.force_noise is not None and chosen.force_bandwidth is not None:
         # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
-        return Sensor(short_per_sqrt_Hz=chosen.force_noise / weight / float(np.sqrt(2 * chosen.force_bandwidth)), floor=0.0)
+        return Sensor(
+            short_per_sqrt_Hz=chosen.force_noise
+            / weight
+            / float(np.sqrt(2 * chosen.force_bandwidth)),
+            floor=0.0,
+        )
     trials = job.read(TRIALS)
-    mine = (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
+    mine = (
+        (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
+    )
     rate = job.campaign.load_cell.sample_rate
     if not mine.any() or rate is None:
         return Sensor(short_per_sqrt_Hz=0.0, floor=floor)
     length_s = trials["n"][mine] / rate
-    return Sensor(short_per_sqrt_Hz=float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight)), floor=floor)
+    return Sensor(
+        short_per_sqrt_Hz=float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight)),
+        floor=floor,
+    )
 
 
 def _ranges(job: Job, belief: Belief, device: Sensor, chosen: Detect) -> list[dict[str, Any]]:
@@ -126,6 +147,13 @@ def _located(belief: Belief, sigma: float) -> list[dict[str, float]]:
         measured = float(belief.ratio()(np.array([z_hat]))[0])
         found = inverse.locate(measured, sigma, ratios, low, high)
         rows.append(
-            {"z_hat": float(z_hat), "ratio": measured, "median": found.median, "lo90": found.lo90, "hi90": found.hi90, "beyond": found.beyond}
+            {
+                "z_hat": float(z_hat),
+                "ratio": measured,
+                "median": found.median,
+                "lo90": found.lo90,
+                "hi90": found.hi90,
+                "beyond": found.beyond,
+            }
         )
     return rows

@@ -1,4 +1,6 @@
-"""diagnose: the closed loop on every boundary, to diagnosis.json, loop_residuals.parquet, and what is to be quoted to results.json."""
+"""diagnose: the closed loop on every boundary, to diagnosis.json, loop_residuals.parquet, and what
+is to be quoted to results.json.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from nearlift.summaries.loop import could_have_seen
 
 
 def run(job: Job) -> Outcome:
-    """Diagnose each boundary; one that cannot be diagnosed has a block that says why, and is noted."""
+    """Diagnose each boundary; one that cannot be diagnosed has a block that says why, and
+    is noted.
+    """
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     options = chosen(job)
@@ -34,14 +38,30 @@ def run(job: Job) -> Outcome:
     for boundary in boundaries(trials):
         job.say(f"diagnose {boundary}")
         data = observe(trials, job.campaign, boundary)
-        expense.announce(job.announce, f"diagnose {boundary}", expense.DIAGNOSE, data, "; several times as long if there is structure to name")
+        expense.announce(
+            job.announce,
+            f"diagnose {boundary}",
+            expense.DIAGNOSE,
+            data,
+            "; several times as long if there is structure to name",
+        )
         base, _ = choice(job.campaign, boundary)
         try:
-            found = diagnose(data, base, parts, options, look=interim_look(trials, job.campaign, boundary))
+            found = diagnose(
+                data, base, parts, options, look=interim_look(trials, job.campaign, boundary)
+            )
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"
-            findings[boundary] = {"verdict": NOT_DIAGNOSED, "reason": reason, "base_model": base.name, "effects": [], "structure": []}
-            quoted[boundary] = quoting.base_result(fit(base, data, parts), fitted[boundary][base.name], reason)
+            findings[boundary] = {
+                "verdict": NOT_DIAGNOSED,
+                "reason": reason,
+                "base_model": base.name,
+                "effects": [],
+                "structure": [],
+            }
+            quoted[boundary] = quoting.base_result(
+                fit(base, data, parts), fitted[boundary][base.name], reason
+            )
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
         findings[boundary] = found.findings
@@ -50,11 +70,33 @@ def run(job: Job) -> Outcome:
         if could := could_have_seen(found.findings):
             notes.append(f"{boundary}: {data.n} trials {could}")
         # the same likelihood but for its noise
-        quoted[boundary] = found.quoted.doubting(quoting.shape(fitted[boundary][base.name])) if found.quoted.verdict == "adequate" else found.quoted
-        notes += [f"{boundary}: {told}" for told in (*found.findings.get("contradicted", ()), found.quoted.leaning) if told]
-        residuals.append({"boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object), **found.residuals})
-    job.write(LOOP_RESIDUALS, {c.name: _joined(residuals, c.name, c.kind) for c in LOOP_RESIDUALS.columns})
-    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": options.false_alarm_rate, "boundaries": findings})
+        quoted[boundary] = (
+            found.quoted.doubting(quoting.shape(fitted[boundary][base.name]))
+            if found.quoted.verdict == "adequate"
+            else found.quoted
+        )
+        notes += [
+            f"{boundary}: {told}"
+            for told in (*found.findings.get("contradicted", ()), found.quoted.leaning)
+            if told
+        ]
+        residuals.append(
+            {
+                "boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object),
+                **found.residuals,
+            }
+        )
+    job.write(
+        LOOP_RESIDUALS, {c.name: _joined(residuals, c.name, c.kind) for c in LOOP_RESIDUALS.columns}
+    )
+    job.write_json(
+        DIAGNOSIS,
+        {
+            "schema": DIAGNOSIS.schema,
+            "false_alarm_rate": options.false_alarm_rate,
+            "boundaries": findings,
+        },
+    )
     job.write_json(RESULTS, Results(boundaries=quoted).content())
     return Outcome(notes=tuple(notes))
 
@@ -62,8 +104,14 @@ def run(job: Job) -> Outcome:
 def chosen(job: Job) -> Options:
     """The search's options that a manifest may set."""
     asked = job.campaign.diagnose
-    return Options(seed=job.seed, false_alarm_rate=asked.false_alarm_rate, not_feasible=tuple(asked.not_feasible))
+    return Options(
+        seed=job.seed,
+        false_alarm_rate=asked.false_alarm_rate,
+        not_feasible=tuple(asked.not_feasible),
+    )
 
 
 def _joined(tables: list[dict[str, Any]], name: str, kind: str) -> np.ndarray[Any, Any]:
-    return np.concatenate([np.zeros(0, dtype=object if kind == "text" else float), *(t[name] for t in tables)])
+    return np.concatenate(
+        [np.zeros(0, dtype=object if kind == "text" else float), *(t[name] for t in tables)]
+    )

@@ -1,4 +1,6 @@
-"""doctor: whether this machine is fit to run nearlift, line by line, with what to do where it is not."""
+"""doctor: whether this machine is fit to run nearlift, line by line, with what to do where it is
+not.
+"""
 
 from __future__ import annotations
 
@@ -72,56 +74,104 @@ def _packages() -> Iterator[Finding]:
         if not requirement.specifier.contains(version, prereleases=True):
             wrong.append(f"{requirement.name} {version} is not {requirement.specifier}")
     remedy = "install nearlift again, or run `make` in its folder"
-    yield Finding(what="packages", state="bad" if wrong else "good", found="; ".join(wrong) or f"all {len(core)} are there", remedy=remedy)
+    yield Finding(
+        what="packages",
+        state="bad" if wrong else "good",
+        found="; ".join(wrong) or f"all {len(core)} are there",
+        remedy=remedy,
+    )
     for name, (extra, use) in EXTRAS.items():
         try:
             found, state = metadata.version(name), "good"
         except metadata.PackageNotFoundError:
             found, state = f"not installed: no {use}", "note"
-        yield Finding(what=name, state="good" if state == "good" else "note", found=found, remedy=f'pip install "nearlift[{extra}]"')
+        yield Finding(
+            what=name,
+            state="good" if state == "good" else "note",
+            found=found,
+            remedy=f'pip install "nearlift[{extra}]"',
+        )
 
 
 def _plug_ins() -> Iterator[Finding]:
-    """Declarations of other packages; a broken one is refused at import and would end every command."""
+    """Declarations of other packages; a broken one is refused at import and would end every
+    command.
+    """
     from nearlift import catalogue
     from nearlift.errors import NearliftError
 
     try:
         models, effects = len(catalogue.models()), len(catalogue.effects())
     except NearliftError as fault:
-        yield Finding(what="plug-ins", state="bad", found=str(fault).splitlines()[0], remedy="mend or remove the package that declares it")
+        yield Finding(
+            what="plug-ins",
+            state="bad",
+            found=str(fault).splitlines()[0],
+            remedy="mend or remove the package that declares it",
+        )
         return
     yield Finding(what="catalogue", state="good", found=f"{models} models, {effects} effects")
 
 
 def _machine() -> Iterator[Finding]:
     cores = os.cpu_count() or 1
-    yield Finding(what="processors", state="good", found=f"{cores}: --executor threads:{cores} for one campaign, processes:{cores} for many")
+    yield Finding(
+        what="processors",
+        state="good",
+        found=f"{cores}: --executor threads:{cores} for one campaign, processes:{cores} for many",
+    )
     threads = {name: os.environ[name] for name in BLAS if name in os.environ}
     single = all(value == "1" for value in threads.values())
     yield Finding(
         what="BLAS threads",
         state="good" if single else "note",
-        found=", ".join(f"{name}={value}" for name, value in threads.items()) or "left to the library",
-        remedy="set them to 1: small fits are slowed down many times by threads that wait for each other",
+        found=", ".join(f"{name}={value}" for name, value in threads.items())
+        or "left to the library",
+        remedy=(
+            "set them to 1: small fits are slowed down many times by threads that wait for each"
+            " other"
+        ),
     )
     entries = os.environ.get("PYTHONPATH", "")
-    here = [entry for entry in entries.split(os.pathsep) if not Path(entry).is_absolute()] if entries else []
+    here = (
+        [entry for entry in entries.split(os.pathsep) if not Path(entry).is_absolute()]
+        if entries
+        else []
+    )
     yield Finding(
         what="PYTHONPATH",
         state="note" if here else "good",
-        found=f"{', '.join(map(repr, here))}: Python imports from the current folder" if here else "nothing is imported from the current folder",
-        remedy="write whole paths, and no empty entry: whoever fills a folder of data could put code there",
+        found=(
+            f"{', '.join(map(repr, here))}: Python imports from the current folder"
+            if here
+            else "nothing is imported from the current folder"
+        ),
+        remedy=(
+            "write whole paths, and no empty entry: whoever fills a folder of data could put code"
+            " there"
+        ),
     )
     kept = isolation.code_folder()
     yield Finding(
         what="compiled code",
         state="good" if kept else "note",
-        found=f"kept in {kept}" if kept else "not kept: there is no folder that only you can write, so every run compiles anew",
-        remedy="delete ~/.cache/nearlift/code if its mode is not 0700 or it is not yours, or set XDG_CACHE_HOME to a folder of your own",
+        found=(
+            f"kept in {kept}"
+            if kept
+            else "not kept: there is no folder that only you can write, so every run compiles anew"
+        ),
+        remedy=(
+            "delete ~/.cache/nearlift/code if its mode is not 0700 or it is not yours, or set"
+            " XDG_CACHE_HOME to a folder of your own"
+        ),
     )
     compiler = shutil.which("cc") or shutil.which("gcc")
-    yield Finding(what="C compiler", state="good" if compiler else "note", found=compiler or "none", remedy="only for checking exported C headers")
+    yield Finding(
+        what="C compiler",
+        state="good" if compiler else "note",
+        found=compiler or "none",
+        remedy="only for checking exported C headers",
+    )
 
 
 def _folder(out: Path) -> Iterator[Finding]:
@@ -130,7 +180,12 @@ def _folder(out: Path) -> Iterator[Finding]:
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as fault:
-        yield Finding(what="output folder", state="bad", found=f"{place}: {fault.strerror}", remedy="say --out with a folder that may be written")
+        yield Finding(
+            what="output folder",
+            state="bad",
+            found=f"{place}: {fault.strerror}",
+            remedy="say --out with a folder that may be written",
+        )
         return
     free = shutil.disk_usage(place).free
     yield Finding(

@@ -16,10 +16,12 @@ LONG_S, LARGE_MB = 10.0, 1000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Law:
-    """Processor time in s and peak memory in MB: at the start, and per thousand trials at one boundary.
+    """Processor time in s and peak memory in MB: at the start, and per thousand trials at one
+    boundary.
 
-    `apart_s` is the time per thousand trials where they have more than `fitting.stations.MOST` distances, so that every trial is
-    whitened. Measured on the campaigns of docs/benchmarks.md ("Memory of a fit and a diagnosis").
+    `apart_s` is the time per thousand trials where they have more than `fitting.stations.MOST`
+    distances, so that every trial is whitened. Measured on the campaigns of docs/benchmarks.md
+    ("Memory of a fit and a diagnosis").
     """
 
     start_s: float
@@ -38,7 +40,9 @@ FIT = Law(start_s=3.0, each_s=0.5, apart_s=7.0, start_MB=290.0, each_MB=10.0)
 DIAGNOSE = Law(start_s=4.0, each_s=0.6, apart_s=0.6, start_MB=290.0, each_MB=17.0)
 
 
-def announce(say: Callable[[str], None], what: str, law: Law, data: Observations, unless: str = "") -> None:
+def announce(
+    say: Callable[[str], None], what: str, law: Law, data: Observations, unless: str = ""
+) -> None:
     """Say how many trials there are and what they will take, unless that is little."""
     seconds, megabytes = law.of(data)
     if seconds > LONG_S or megabytes > LARGE_MB:

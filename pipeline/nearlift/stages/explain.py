@@ -1,7 +1,8 @@
-"""`diagnose --explain NAME`: one effect in one campaign, from its mechanism to what this design could see of it.
+"""`diagnose --explain NAME`: one effect in one campaign, from its mechanism to what this design
+could see of it.
 
-Not a stage: it makes no product and stales none. It reads trials.parquet, and diagnosis.json where there is one, and writes
-``reports/<campaign>/explain/NAME.*``.
+Not a stage: it makes no product and stales none. It reads trials.parquet, and diagnosis.json where
+there is one, and writes ``reports/<campaign>/explain/NAME.*``.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ MOST = 8
 
 
 def run(job: Job, name: str) -> dict[str, Any]:
-    """Explain the effect of that name at every boundary of the campaign; writes the figure, and returns what the console shows.
+    """Explain the effect of that name at every boundary of the campaign; writes the figure, and
+    returns what the console shows.
 
     Raises
     ------
@@ -55,25 +57,41 @@ def run(job: Job, name: str) -> dict[str, Any]:
         job.say(f"explain {name}: {boundary}")
         base, _ = choice(job.campaign, boundary)
         try:
-            stage, library, untestable = set_up(observe(trials, job.campaign, boundary), base, parts, options)
+            stage, library, untestable = set_up(
+                observe(trials, job.campaign, boundary), base, parts, options
+            )
         except NotConverged as fault:
             refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
         diagnosed = loop[boundary] if "noise_floor" in loop.get(boundary, {}) else None
         if diagnosed is not None:
             stage = _at_floor(stage, diagnosed["noise_floor"])
-        told[boundary], rows = _at(stage, effect, library, untestable, diagnosed, boundary, job.seed)
+        told[boundary], rows = _at(
+            stage, effect, library, untestable, diagnosed, boundary, job.seed
+        )
         pictures += rows
     if not told:
-        raise InputRefused(job.campaign.name, "; ".join(refused) or "no trial was accepted", "an explanation needs what a diagnosis needs")
-    found = {**_words(effect), "campaign": job.campaign.name, "boundaries": told, "notes": refused, "files": []}
+        raise InputRefused(
+            job.campaign.name,
+            "; ".join(refused) or "no trial was accepted",
+            "an explanation needs what a diagnosis needs",
+        )
+    found = {
+        **_words(effect),
+        "campaign": job.campaign.name,
+        "boundaries": told,
+        "notes": refused,
+        "files": [],
+    }
     if pictures:
         found["files"] = _draw(job, name, pictures)
     return found
 
 
 def _at_floor(stage: Stage, floor: dict[str, Any]) -> Stage:
-    """The stage at the noise floor that the loop ended with: beside a large effect it is taken about the explanation."""
+    """The stage at the noise floor that the loop ended with: beside a large effect it is taken
+    about the explanation.
+    """
     noise = Noise.recorded(floor)
     return dataclasses.replace(stage, noise=noise)
 
@@ -89,9 +107,22 @@ def _words(effect: Effect) -> dict[str, Any]:
         "formula": effect.formula,
         "acts_on": effect.acts_on + (", additive" if effect.additive else ""),
         "varies_with": effect.varies_with,
-        "source": {"citation": source.citation, "equation": source.equation, "doi": source.doi, "doubts": list(source.doubts)},
+        "source": {
+            "citation": source.citation,
+            "equation": source.equation,
+            "doi": source.doi,
+            "doubts": list(source.doubts),
+        },
         "parameters": [
-            {"name": p.name, "unit": p.unit, "null": p.value, "bounds": list(p.bounds), "expected": str(p.prior), "meaning": p.meaning, "per": p.per}
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "null": p.value,
+                "bounds": list(p.bounds),
+                "expected": str(p.prior),
+                "meaning": p.meaning,
+                "per": p.per,
+            }
             for p in effect.parameters
         ],
         "log": list(effect.log_next_time),
@@ -110,7 +141,11 @@ def _at(
     """One boundary: numbers, and the rows of the figure."""
     lacking = next((u for u in untestable if u["effect"] == effect.name), None)
     if lacking is not None:
-        return {"testable": False, "needs": lacking["needs"], "log_next_time": lacking["log_next_time"]}, []
+        return {
+            "testable": False,
+            "needs": lacking["needs"],
+            "log_next_time": lacking["log_next_time"],
+        }, []
     if effect.name not in {e.name for e in library}:
         reason = "it does not occur at this boundary, or the base model holds it already"
         return {"testable": False, "needs": [], "log_next_time": [], "reason": reason}, []
@@ -125,7 +160,9 @@ def _at(
         "in_this_campaign": _verdict(effect.name, loop),
     }
     if "drift_hat" in effect.needs:
-        return common | {"within_trial": heating_power(stage.data, stage.options.false_alarm_rate, LIMIT_POWER)}, []
+        return common | {
+            "within_trial": heating_power(stage.data, stage.options.false_alarm_rate, LIMIT_POWER)
+        }, []
     foresight = Foresight(stage=stage, seed=seed)
     sizes, rows = [], []
     for handle in handles(effect):
@@ -135,7 +172,9 @@ def _at(
     return common | {"share_visible": visibility(stage, effect), "sizes": sizes}, rows
 
 
-def _size(foresight: Foresight, handle: Handle, boundary: Boundary) -> tuple[dict[str, Any], Columns]:
+def _size(
+    foresight: Foresight, handle: Handle, boundary: Boundary
+) -> tuple[dict[str, Any], Columns]:
     """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
     from nearlift.summaries.explain import rows
 
@@ -150,7 +189,12 @@ def _size(foresight: Foresight, handle: Handle, boundary: Boundary) -> tuple[dic
     value, u = coefficients.spread(stage, stage.base_fit)
     shift = foresight.harm(handle, shown)
     confused: list[dict[str, Any]] = [
-        {"effect": n, "energy_absorbed": a, "correlation": float(np.sqrt(a)), "rival_chance": contest.rivals.get(n, 0.0) if contest else 0.0}
+        {
+            "effect": n,
+            "energy_absorbed": a,
+            "correlation": float(np.sqrt(a)),
+            "rival_chance": contest.rivals.get(n, 0.0) if contest else 0.0,
+        }
         for n, a in absorbed.items()
     ]
     confused.sort(key=lambda c: (-c["rival_chance"], -c["energy_absorbed"]))
@@ -166,8 +210,16 @@ def _size(foresight: Foresight, handle: Handle, boundary: Boundary) -> tuple[dic
         "limit_within_set": power.limit("within") if power else None,
         "limit_named_alone": power.limit("alone") if power else None,
         "shown_size": shown,
-        "signature": {"rms": _rms(raw), "rms_left": _rms(left), "largest_left": float(np.abs(left).max())},
-        "power": {k: getattr(power, k).tolist() for k in ("size", "seen", "within", "first", "alone")} if power else None,
+        "signature": {
+            "rms": _rms(raw),
+            "rms_left": _rms(left),
+            "largest_left": float(np.abs(left).max()),
+        },
+        "power": {
+            k: getattr(power, k).tolist() for k in ("size", "seen", "within", "first", "alone")
+        }
+        if power
+        else None,
         "confused_with": confused,
         "bias": {
             p.name: {"value": float(v), "shift": float(d), "in_u": float(d / s) if s > 0 else 0.0}
@@ -194,7 +246,9 @@ def _verdict(name: str, loop: dict[str, Any] | None) -> dict[str, Any] | None:
         "parameters": named["parameters"] if named else None,
         "rivals": named["rivals"] if named else [],
         "rival_of": rival_of,
-        "tried": {k: tried[k] for k in ("gain", "p_value", "accepted", "left_in") if k in tried} if tried else None,
+        "tried": {k: tried[k] for k in ("gain", "p_value", "accepted", "left_in") if k in tried}
+        if tried
+        else None,
     }
 
 

@@ -11,7 +11,9 @@ from nearlift.stages.job import Job
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Format:
-    """One form of export: its name on the command line, what it is, and what writes it and returns the path."""
+    """One form of export: its name on the command line, what it is, and what writes it and returns
+    the path.
+    """
 
     name: str
     meaning: str
@@ -19,11 +21,31 @@ class Format:
 
 
 FORMATS = (
-    Format(name="netcdf", meaning="posterior.nc: draws of every model, for ArviZ and xarray", write=netcdf.write),
-    Format(name="c", meaning="export/lift_model.h: a C99 header for firmware, floats only", write=controller.write_c),
-    Format(name="document", meaning="export/lift_model.json, and its JSON Schema", write=controller.write_json),
-    Format(name="python", meaning="export/lift_model.py: a module that needs nothing but Python", write=controller.write_python),
-    Format(name="casadi", meaning="export/lift_model_casadi.py: a module of CasADi expressions", write=controller.write_casadi),
+    Format(
+        name="netcdf",
+        meaning="posterior.nc: draws of every model, for ArviZ and xarray",
+        write=netcdf.write,
+    ),
+    Format(
+        name="c",
+        meaning="export/lift_model.h: a C99 header for firmware, floats only",
+        write=controller.write_c,
+    ),
+    Format(
+        name="document",
+        meaning="export/lift_model.json, and its JSON Schema",
+        write=controller.write_json,
+    ),
+    Format(
+        name="python",
+        meaning="export/lift_model.py: a module that needs nothing but Python",
+        write=controller.write_python,
+    ),
+    Format(
+        name="casadi",
+        meaning="export/lift_model_casadi.py: a module of CasADi expressions",
+        write=controller.write_casadi,
+    ),
 )
 
 

@@ -1,4 +1,6 @@
-"""fit: every lift model that suits each boundary and the vehicle, by least squares and as a posterior, on trials."""
+"""fit: every lift model that suits each boundary and the vehicle, by least squares and as a
+posterior, on trials.
+"""
 
 from __future__ import annotations
 
@@ -26,35 +28,62 @@ def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[Lif
     """Base model and rivals of one boundary: the manifest's, else the vehicle's defaults."""
     chosen = campaign.fit.of(boundary)
     vehicle, geometry = campaign.vehicle, campaign.vehicle.geometry()
-    base = catalogue.model(chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors))
+    base = catalogue.model(
+        chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors)
+    )
     if chosen and chosen.rivals is not None:
         rivals = tuple(catalogue.model(name) for name in chosen.rivals)
     else:
-        rivals = tuple(catalogue.model(name) for name in catalogue.default_rivals(boundary, vehicle.rotors, geometry))
+        rivals = tuple(
+            catalogue.model(name)
+            for name in catalogue.default_rivals(boundary, vehicle.rotors, geometry)
+        )
     for model in (base, *rivals):
         if model.boundary != boundary:
-            raise ManifestError(f"fit.{boundary}", f"{model.name} is a {model.boundary} model", f"`nearlift describe` lists those of the {boundary}")
+            raise ManifestError(
+                f"fit.{boundary}",
+                f"{model.name} is a {model.boundary} model",
+                f"`nearlift describe` lists those of the {boundary}",
+            )
         lacking = [n for n in model.needs if n not in geometry]
         if lacking and model is base:
-            raise ManifestError(f"fit.{boundary}", f"{model.name} needs {', '.join(lacking)}", "give rotor_spacing in [vehicle], or another `base`")
+            raise ManifestError(
+                f"fit.{boundary}",
+                f"{model.name} needs {', '.join(lacking)}",
+                "give rotor_spacing in [vehicle], or another `base`",
+            )
     return base, tuple(m for m in rivals if m.name != base.name)
 
 
-#: A chi² that would be exceeded in all but so small a share of campaigns says that the declared errors are not there.
+#: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
+#: errors are not there.
 SURELY_LESS = 1e-6
 
 
 def run(job: Job) -> Outcome:
-    """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends the run with exit code 5."""
+    """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends
+    the run with exit code 5.
+    """
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
-    content: dict[str, Any] = {"schema": FIT.schema, "base": {}, "noise": {}, "boundaries": {}, "comparison": {}, "failed": {}}
+    content: dict[str, Any] = {
+        "schema": FIT.schema,
+        "base": {},
+        "noise": {},
+        "boundaries": {},
+        "comparison": {},
+        "failed": {},
+    }
     notes, rows = [], []
     quoted: dict[Boundary, BoundaryResult] = {}
     posteriors = Posteriors(job=job)
     present = boundaries(trials)
     if not present:
-        raise InputRefused(job.campaign.name, "no trial was accepted, so there is nothing to fit", "trials.parquet gives the reason for each")
+        raise InputRefused(
+            job.campaign.name,
+            "no trial was accepted, so there is nothing to fit",
+            "trials.parquet gives the reason for each",
+        )
     for boundary in present:
         data = observe(trials, job.campaign, boundary)
         expense.announce(job.announce, f"fit {boundary}", expense.FIT, data)
@@ -76,7 +105,9 @@ def run(job: Job) -> Outcome:
             # one covariance for all models, or their likelihoods could not be compared
             if scatter is None:
                 scatter, plan = result.noise, result.plan
-                slope = height_slope(model, data, dict(zip(result.names, result.theta, strict=True)))
+                slope = height_slope(
+                    model, data, dict(zip(result.names, result.theta, strict=True))
+                )
                 carried = inputs.acting(parts, model, result.theta)
             profiled = profiles.of(result)
             rows += accounts.profile_rows(boundary, result, profiled)
@@ -94,10 +125,16 @@ def run(job: Job) -> Outcome:
             except NotConverged as fault:
                 if model is base:
                     raise
-                notes.append(f"{boundary}: {model.name} has no posterior: {fault.what}; {fault.remedy}")
+                notes.append(
+                    f"{boundary}: {model.name} has no posterior: {fault.what}; {fault.remedy}"
+                )
                 continue
             if model is base:
-                notes += [f"{boundary}: {p['unlike_fit']}" for p in found["parameters"].values() if p["unlike_fit"]]
+                notes += [
+                    f"{boundary}: {p['unlike_fit']}"
+                    for p in found["parameters"].values()
+                    if p["unlike_fit"]
+                ]
                 notes += overdeclared(result)
             fits[model.name] |= {"log_evidence": found.pop("log_evidence"), "posterior": found}
             if model is base:
@@ -125,14 +162,19 @@ def run(job: Job) -> Outcome:
 
 
 def overdeclared(result: Fit) -> list[str]:
-    """A note where trials scatter far less than the manifest declares of what repeats would show; empty where they do not."""
+    """A note where trials scatter far less than the manifest declares of what repeats would show;
+    empty where they do not.
+    """
     from scipy.stats import chi2
 
     if not result.dof or chi2.cdf(result.chi2, result.dof) > SURELY_LESS:
         return []
     found = f"chi² = {result.chi2:.3g} for {result.dof} degrees of freedom"
     where = result.problem.data.boundary
-    note = f"{where}: trials scatter far less than the declared errors would have them ({found}): an [[uncertainty]] is too large for its scope"
+    note = (
+        f"{where}: trials scatter far less than the declared errors would have them ({found}): an"
+        " [[uncertainty]] is too large for its scope"
+    )
     return [f"{note}, and intervals are too wide"]
 
 
@@ -141,7 +183,8 @@ def record(result: Fit, data: Observations) -> dict[str, Any]:
     return {
         "title": result.model.title,
         "parameters": {
-            name: _estimate(e) | {"dof": dof} | _warned(float(dof)) for (name, e), dof in zip(result.estimates.items(), result.effective, strict=True)
+            name: _estimate(e) | {"dof": dof} | _warned(float(dof))
+            for (name, e), dof in zip(result.estimates.items(), result.effective, strict=True)
         },
         "covariance": {"names": list(result.names), "values": result.covariance},
         "chi2": result.chi2,
@@ -149,13 +192,24 @@ def record(result: Fit, data: Observations) -> dict[str, Any]:
         "n_trials": result.n,
         "rmse": result.rmse,
         "r2": result.r2,
-        **({"r2_near": result.r2_near, "r2_near_range": [1.0, 3.0]} if data.boundary == "ground" else {}),
+        **(
+            {"r2_near": result.r2_near, "r2_near_range": [1.0, 3.0]}
+            if data.boundary == "ground"
+            else {}
+        ),
         "log_likelihood": result.log_likelihood,
         "aic": result.aic,
         "bic": result.bic,
         "L_inf_N": {f"{t:g}": _estimate(e) for t, e in result.levels.items()},
         "degeneracies": [
-            {"pair": list(d.pair), "r": d.r, "text": d.text, "u_if_free": d.u_if_free, "known_to": d.known_to} for d in result.degeneracies
+            {
+                "pair": list(d.pair),
+                "r": d.r,
+                "text": d.text,
+                "u_if_free": d.u_if_free,
+                "known_to": d.known_to,
+            }
+            for d in result.degeneracies
         ],
         "excluded": [{"trial": t, "reason": why} for t, why in result.excluded],
     }
@@ -168,9 +222,21 @@ FEW = 5.0
 def _warned(dof: float) -> dict[str, str]:
     """What to say of a coefficient whose uncertainty is itself hardly known."""
     if dof < FEW:
-        return {"warning": f"the uncertainty itself is known with {dof:.1f} degrees of freedom only: measure more visits"}
+        return {
+            "warning": (
+                f"the uncertainty itself is known with {dof:.1f} degrees of freedom only: measure"
+                " more visits"
+            )
+        }
     return {}
 
 
 def _estimate(e: Estimate) -> dict[str, Any]:
-    return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit, "at_bound": e.at_bound}
+    return {
+        "value": e.value,
+        "u": e.u,
+        "lo90": e.lo90,
+        "hi90": e.hi90,
+        "unit": e.unit,
+        "at_bound": e.at_bound,
+    }

@@ -1,4 +1,6 @@
-"""flow: velocity grids to mean fields, downwash beneath the rotors, and the wake's topology, where [piv] lists any."""
+"""flow: velocity grids to mean fields, downwash beneath the rotors, and the wake's topology, where
+[piv] lists any.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ from nearlift.randomness import generator
 from nearlift.readers.piv.cases import Stream, files_of
 from nearlift.stages.job import Job, Outcome
 
-#: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude only.
+#: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
+#: only.
 USUAL_DENSITY = 1.2
 
 
@@ -49,7 +52,8 @@ class Case:
 
 
 def run(job: Job) -> Outcome:
-    """Average every case, cut its wake, compare with the control, describe what the ground makes of it.
+    """Average every case, cut its wake, compare with the control, describe what the ground makes of
+    it.
 
     Raises
     ------
@@ -60,8 +64,13 @@ def run(job: Job) -> Outcome:
     """
     piv = job.campaign.piv
     if piv is None:
-        raise ManifestError("piv", "is missing", "list velocity grids under [piv], or leave this stage out")
-    cases = {c.name: _work_out(job, piv, c) for c in sorted(piv.case, key=lambda c: c.name != piv.control)}
+        raise ManifestError(
+            "piv", "is missing", "list velocity grids under [piv], or leave this stage out"
+        )
+    cases = {
+        c.name: _work_out(job, piv, c)
+        for c in sorted(piv.case, key=lambda c: c.name != piv.control)
+    }
     control = cases[piv.control]
     control.cuts = _cuts(control, None)
     reference = control.cuts["all"].value
@@ -70,15 +79,29 @@ def run(job: Job) -> Outcome:
             case.topology = topology.describe(case.found.mean, case.scene, reference)
         case.cuts = _cuts(case, None if case.topology is None else case.topology.stagnant)
     ordered = [cases[c.name] for c in piv.case]
-    job.write(DOWNWASH, _table(DOWNWASH, [row for case in ordered for row in _downwash_rows(case, control)]))
+    job.write(
+        DOWNWASH,
+        _table(DOWNWASH, [row for case in ordered for row in _downwash_rows(case, control)]),
+    )
     job.write(DOWNWASH_PROFILE, _stacked(DOWNWASH_PROFILE, [_profile(case) for case in ordered]))
     job.write(FLOW_FIELDS, _stacked(FLOW_FIELDS, [_nodes(case) for case in ordered]))
-    job.write(FLOW_TOPOLOGY, _table(FLOW_TOPOLOGY, [row for case in ordered for row in _topology_rows(case, reference)]))
+    job.write(
+        FLOW_TOPOLOGY,
+        _table(FLOW_TOPOLOGY, [row for case in ordered for row in _topology_rows(case, reference)]),
+    )
     job.write_json(
-        FLOW, {"schema": FLOW.schema, "control": piv.control, "reference_m_s": reference, "cases": {c.spec.name: _facts(c) for c in ordered}}
+        FLOW,
+        {
+            "schema": FLOW.schema,
+            "control": piv.control,
+            "reference_m_s": reference,
+            "cases": {c.spec.name: _facts(c) for c in ordered},
+        },
     )
     notes = [f"{c.spec.name}: {file} left out: {why}" for c in ordered for file, why in c.refused]
-    notes += [f"{c.spec.name}: {downwash.WARNINGS[w]}" for c in ordered for w in c.cuts["all"].warnings]
+    notes += [
+        f"{c.spec.name}: {downwash.WARNINGS[w]}" for c in ordered for w in c.cuts["all"].warnings
+    ]
     return Outcome(notes=tuple(notes))
 
 
@@ -112,12 +135,18 @@ def _work_out(job: Job, piv: Piv, spec: PivCase) -> Case:
             wrong = spurious(one.vx_m_s, one.vy_m_s, piv.outliers)
             spoilt[0] += int(wrong.sum())
             spoilt[1] += int(one.valid.sum())
-            kept = replace(one, vx_m_s=np.where(wrong, np.nan, one.vx_m_s), vy_m_s=np.where(wrong, np.nan, one.vy_m_s))
+            kept = replace(
+                one,
+                vx_m_s=np.where(wrong, np.nan, one.vx_m_s),
+                vy_m_s=np.where(wrong, np.nan, one.vy_m_s),
+            )
             whole = kept if half is None else _reflect(kept, half)
             profiles.append(downwash.along_cut(whole.vy_m_s, whole.y_m, below))
             if grounded:
                 if drawn is None:
-                    drawn = Resamples(piv.bootstrap, 2 * whole.vx_m_s.size, block_length(len(files)), rng)
+                    drawn = Resamples(
+                        piv.bootstrap, 2 * whole.vx_m_s.size, block_length(len(files)), rng
+                    )
                 drawn.add(np.concatenate([whole.vx_m_s.ravel(), whole.vy_m_s.ravel()]))
             yield whole
 
@@ -126,11 +155,27 @@ def _work_out(job: Job, piv: Piv, spec: PivCase) -> Case:
     except InputRefused as refusal:
         raise (stream.refused[0][1] if stream.refused and not profiles else refusal) from None
     if len(stream.refused) > 0.5 * len(files):
-        raise InputRefused(f"piv case {spec.name!r}", f"{len(stream.refused)} of {len(files)} files are refused", str(stream.refused[0][1]))
+        raise InputRefused(
+            f"piv case {spec.name!r}",
+            f"{len(stream.refused)} of {len(files)} files are refused",
+            str(stream.refused[0][1]),
+        )
     step = found.mean.dx_m / math.sqrt(12)
     measured = tuple(c for c in rotors if half is None or (c > 0) == (half == "right")) or rotors
-    cut = Cut(below_m=below, half_span_m=piv.half_span or radius, centres_m=measured, u_position_m=piv.u_position or step, u_scale=piv.u_scale)
-    expected = wake_speed_m_s(vehicle.mass, job.campaign.rig.gravity, job.campaign.rig.air_density or USUAL_DENSITY, vehicle.rotors, radius)
+    cut = Cut(
+        below_m=below,
+        half_span_m=piv.half_span or radius,
+        centres_m=measured,
+        u_position_m=piv.u_position or step,
+        u_scale=piv.u_scale,
+    )
+    expected = wake_speed_m_s(
+        vehicle.mass,
+        job.campaign.rig.gravity,
+        job.campaign.rig.air_density or USUAL_DENSITY,
+        vehicle.rotors,
+        radius,
+    )
     refuse_what_cannot_be(found.mean, scene, cut, expected, f"piv case {spec.name!r}")
     x = found.mean.x_m
     return Case(
@@ -151,15 +196,25 @@ def _reflect(one: Field, half: Any) -> Field:
     """The whole of which one half was measured."""
     x, position, sign = mirrored(one.x_m, half)
     noise = None if one.u_m_s is None else take_columns(one.u_m_s, position)
-    return Field(x_m=x, y_m=one.y_m, vx_m_s=sign * take_columns(one.vx_m_s, position), vy_m_s=take_columns(one.vy_m_s, position), u_m_s=noise)
+    return Field(
+        x_m=x,
+        y_m=one.y_m,
+        vx_m_s=sign * take_columns(one.vx_m_s, position),
+        vy_m_s=take_columns(one.vy_m_s, position),
+        u_m_s=noise,
+    )
 
 
 def _cuts(case: Case, stagnant: NDArray[np.bool_] | None) -> dict[str, Downwash]:
     """The cut beneath each measured rotor, and beneath all of them."""
-    series = np.where(case.measured, case.series, np.nan) if not case.measured.all() else case.series
+    series = (
+        np.where(case.measured, case.series, np.nan) if not case.measured.all() else case.series
+    )
     order = {str(list(case.scene.rotors_m).index(c)): (c,) for c in case.cut.centres_m}
     return {
-        name: downwash.measure(case.found, series, replace(case.cut, centres_m=centres), case.scene, stagnant)
+        name: downwash.measure(
+            case.found, series, replace(case.cut, centres_m=centres), case.scene, stagnant
+        )
         for name, centres in (order | {"all": case.cut.centres_m}).items()
     }
 
@@ -167,7 +222,11 @@ def _cuts(case: Case, stagnant: NDArray[np.bool_] | None) -> dict[str, Downwash]
 def _downwash_rows(case: Case, control: Case) -> Iterator[dict[str, Any]]:
     for rotor, d in case.cuts.items():
         against = control.cuts.get(rotor, control.cuts["all"])
-        less = downwash.reduction(d, against) if case is not control else downwash.Reduction(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
+        less = (
+            downwash.reduction(d, against)
+            if case is not control
+            else downwash.Reduction(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
+        )
         yield _place(case) | {
             "rotor": rotor,
             "below_m": case.cut.below_m,
@@ -193,7 +252,12 @@ def _downwash_rows(case: Case, control: Case) -> Iterator[dict[str, Any]]:
 
 def _place(case: Case) -> dict[str, Any]:
     z_hat = math.inf if case.spec.z_hat is None else case.spec.z_hat
-    return {"case": case.spec.name, "boundary": case.spec.boundary, "z_hat": z_hat, "tilt_rad": case.spec.tilt}
+    return {
+        "case": case.spec.name,
+        "boundary": case.spec.boundary,
+        "z_hat": z_hat,
+        "tilt_rad": case.spec.tilt,
+    }
 
 
 def _profile(case: Case) -> dict[str, Any]:
@@ -226,7 +290,9 @@ def _nodes(case: Case) -> dict[str, Any]:
         "stagnant": stagnant.astype(np.int64),
         "mirrored": np.broadcast_to(~case.measured, mean.shape).astype(np.int64),
     }
-    return {"case": np.full(xx.size, case.spec.name, dtype=object)} | {name: grid.ravel() for name, grid in grids.items()}
+    return {"case": np.full(xx.size, case.spec.name, dtype=object)} | {
+        name: grid.ravel() for name, grid in grids.items()
+    }
 
 
 def _topology_rows(case: Case, reference: float) -> Iterator[dict[str, Any]]:
@@ -237,7 +303,11 @@ def _topology_rows(case: Case, reference: float) -> Iterator[dict[str, Any]]:
     for row in case.resamples:
         vx, vy = row.reshape(2, *mean.shape)
         seen = np.where(mean.valid, 1.0, np.nan)
-        draws.append(topology.describe(replace(mean, vx_m_s=seen * vx, vy_m_s=seen * vy, u_m_s=None), case.scene, reference).numbers)
+        draws.append(
+            topology.describe(
+                replace(mean, vx_m_s=seen * vx, vy_m_s=seen * vy, u_m_s=None), case.scene, reference
+            ).numbers
+        )
     for name in topology.QUANTITIES:
         value = case.topology.numbers[name]
         spread = np.array([d[name] for d in draws])
@@ -254,7 +324,9 @@ def _topology_rows(case: Case, reference: float) -> Iterator[dict[str, Any]]:
         yield {k: place[k] for k in ("case", "z_hat", "tilt_rad")} | {
             "quantity": name,
             "value": value,
-            "u": math.hypot(float(spread.std(ddof=1)), step / math.sqrt(12)) if enough else math.nan,
+            "u": math.hypot(float(spread.std(ddof=1)), step / math.sqrt(12))
+            if enough
+            else math.nan,
             "lo90": float(low) - 0.45 * step,
             "hi90": float(high) + 0.45 * step,
             "agreement": float(np.mean(spread == value)) if count and enough else math.nan,
@@ -282,13 +354,24 @@ def _facts(case: Case) -> dict[str, Any]:
         "rotors_m": case.scene.rotors_m,
         "vortices": []
         if case.topology is None
-        else [{"x_m": v.x_m, "y_m": v.y_m, "circulation_m2_s": v.circulation_m2_s, "area_m2": v.area_m2} for v in case.topology.vortices],
+        else [
+            {
+                "x_m": v.x_m,
+                "y_m": v.y_m,
+                "circulation_m2_s": v.circulation_m2_s,
+                "area_m2": v.area_m2,
+            }
+            for v in case.topology.vortices
+        ],
     }
 
 
 def _table(product: Product, rows: list[dict[str, Any]]) -> dict[str, Any]:
     kinds = {"text": object, "integer": np.int64, "real": float}
-    return {c.name: np.array([row[c.name] for row in rows], dtype=kinds[c.kind]) for c in product.columns}
+    return {
+        c.name: np.array([row[c.name] for row in rows], dtype=kinds[c.kind])
+        for c in product.columns
+    }
 
 
 def _stacked(product: Product, tables: list[dict[str, Any]]) -> dict[str, Any]:

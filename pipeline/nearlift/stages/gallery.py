@@ -1,4 +1,6 @@
-"""Every figure of the report: what it needs, how its table is made, how it is drawn. A new figure is one more entry."""
+"""Every figure of the report: what it needs, how its table is made, how it is drawn. A new figure
+is one more entry.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +87,8 @@ class FigureSpec:
     caption, alt : callable
         Evidence and table to text, its numbers computed from them.
     asked : callable
-        Whether a manifest's choices ask for it, beyond the stages that make its products; one that is not asked for is not missed.
+        Whether a manifest's choices ask for it, beyond the stages that make its products; one that
+        is not asked for is not missed.
     """
 
     name: str
@@ -252,6 +255,8 @@ FIGURES: tuple[FigureSpec, ...] = (
         needs=(ROUTES, SAFETY),
         caption=routes.caption,
         alt=routes.alt,
-        asked=lambda campaign: campaign.simulate is not None and campaign.simulate.route is not None,
+        asked=lambda campaign: (
+            campaign.simulate is not None and campaign.simulate.route is not None
+        ),
     ),
 )

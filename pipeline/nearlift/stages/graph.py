@@ -1,8 +1,9 @@
 """The stages in order, what makes one stale, and the run that brings them up to date.
 
-A stage is stale when what it read has changed in content: the manifest's sections that concern it, the raw files, the products
-of earlier stages, the seed, or the code. Times do not count. What a stage wrote is checked by digest too, so a damaged or
-deleted product is made again. `provenance.json`, written last after each stage, is what commits it.
+A stage is stale when what it read has changed in content: the manifest's sections that concern it,
+the raw files, the products of earlier stages, the seed, or the code. Times do not count. What a
+stage wrote is checked by digest too, so a damaged or deleted product is made again.
+`provenance.json`, written last after each stage, is what commits it.
 """
 
 from __future__ import annotations
@@ -52,9 +53,11 @@ from nearlift.transaction import Transaction
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """One verb: what it reads and writes, and the module whose `run(job)` does it (imported only when it runs).
+    """One verb: what it reads and writes, and the module whose `run(job)` does it (imported only
+    when it runs).
 
-    `raw`: it reads the records; `piv`: it reads the velocity grids. `where`: it belongs to a run only where the campaign has that.
+    `raw`: it reads the records; `piv`: it reads the velocity grids. `where`: it belongs to a run
+    only where the campaign has that.
     """
 
     name: str
@@ -83,7 +86,16 @@ STAGES = (
         name="ingest",
         summary="raw records to one row per trial",
         writes=(TRIALS,),
-        sections=("name", "simulated", "vehicle", "rig", "load_cell", "records", "trials", "quality"),
+        sections=(
+            "name",
+            "simulated",
+            "vehicle",
+            "rig",
+            "load_cell",
+            "records",
+            "trials",
+            "quality",
+        ),
         raw=True,
     ),
     Stage(
@@ -150,14 +162,35 @@ STAGES = (
         name="report",
         summary="figures, tables and index.html",
         reads=tuple(product for product in PRODUCTS if product is not PROVENANCE),
-        sections=("name", "simulated", "note", "vehicle", "rig", "load_cell", "fit", "report", "uncertainty", "piv"),
+        sections=(
+            "name",
+            "simulated",
+            "note",
+            "vehicle",
+            "rig",
+            "load_cell",
+            "fit",
+            "report",
+            "uncertainty",
+            "piv",
+        ),
         raw=True,
         piv=True,
         report=True,
     ),
 )
 #: Packages whose version can change a number.
-NUMERICAL = ("numpy", "scipy", "lmfit", "emcee", "numba", "pyarrow", "matplotlib", "pint", "pydantic")
+NUMERICAL = (
+    "numpy",
+    "scipy",
+    "lmfit",
+    "emcee",
+    "numba",
+    "pyarrow",
+    "matplotlib",
+    "pint",
+    "pydantic",
+)
 
 
 def stage(name: str) -> Stage:
@@ -165,7 +198,9 @@ def stage(name: str) -> Stage:
     for item in STAGES:
         if item.name == name:
             return item
-    raise UsageError("stage", f"{name!r} is not a stage", f"stages are {', '.join(s.name for s in STAGES)}")
+    raise UsageError(
+        "stage", f"{name!r} is not a stage", f"stages are {', '.join(s.name for s in STAGES)}"
+    )
 
 
 @functools.cache
@@ -175,7 +210,7 @@ def code_digest() -> str:
     files = []
     for folder, folders, names in os.walk(package):
         folders[:] = [name for name in folders if name != "__pycache__"]
-        files += [os.path.join(folder, name) for name in names]  # noqa: PTH118 - four hundred paths take as long as reading them
+        files += [os.path.join(folder, name) for name in names]  # noqa: PTH118 - four hundred paths take long
     digest = hashlib.sha256()
     for file in sorted(files):
         with open(file, "rb", buffering=0) as source:  # noqa: PTH123
@@ -191,7 +226,11 @@ def versions() -> dict[str, str]:
 
 def _version(package: str) -> str:
     # among the first lines; the library parses all, with the page's description, as an e-mail
-    stated = re.search(r"^Version: *(.+?) *$", metadata.distribution(package).read_text("METADATA") or "", re.MULTILINE)
+    stated = re.search(
+        r"^Version: *(.+?) *$",
+        metadata.distribution(package).read_text("METADATA") or "",
+        re.MULTILINE,
+    )
     return stated.group(1) if stated else metadata.version(package)
 
 
@@ -211,7 +250,10 @@ class Ledger:
 
     def material(self, stage: Stage) -> dict[str, Any]:
         """Everything that decides the stage's output, by content."""
-        sections = {s: _digest(self.job.campaign.model_dump(mode="json", by_alias=True)[s]) for s in stage.sections}
+        sections = {
+            s: _digest(self.job.campaign.model_dump(mode="json", by_alias=True)[s])
+            for s in stage.sections
+        }
         products = {p.file: self.job.processed / p.file for p in stage.reads}
         return {
             "code": code_digest(),
@@ -219,13 +261,25 @@ class Ledger:
             "seed": self.job.seed,
             "manifest": sections,
             "inputs": self._inputs(stage),
-            "products": {file: store.sha256(path) for file, path in products.items() if path.is_file()},
+            "products": {
+                file: store.sha256(path) for file, path in products.items() if path.is_file()
+            },
         }
 
     def _inputs(self, stage: Stage) -> dict[str, str]:
-        """Digests of the raw files that the stage reads; the manifest counts by its sections, but a report quotes its digest."""
-        apart = set() if stage.report else {"campaign.toml", *(overlay.file for overlay in self.job.campaign.report.overlay)}
-        return {name: sha for name, sha in self.job.inputs.items() if name not in apart and (stage.piv if name.startswith(PIV_INPUT) else stage.raw)}
+        """Digests of the raw files that the stage reads; the manifest counts by its sections, but a
+        report quotes its digest.
+        """
+        apart = (
+            set()
+            if stage.report
+            else {"campaign.toml", *(overlay.file for overlay in self.job.campaign.report.overlay)}
+        )
+        return {
+            name: sha
+            for name, sha in self.job.inputs.items()
+            if name not in apart and (stage.piv if name.startswith(PIV_INPUT) else stage.raw)
+        }
 
     def why_stale(self, stage: Stage) -> str:
         """Why the stage must run, in words; empty if it need not."""
@@ -233,7 +287,9 @@ class Ledger:
         if record is None:
             return "has not run yet"
         for file in (f"processed/{p.file}" for p in stage.writes):
-            if file not in record["outputs"] and not any(file in r["outputs"] for r in self._later(stage)):
+            if file not in record["outputs"] and not any(
+                file in r["outputs"] for r in self._later(stage)
+            ):
                 return f"{file} is as an earlier stage left it"
         for file, sha in record["outputs"].items():
             path = self.job.homes.place(file)
@@ -247,8 +303,17 @@ class Ledger:
         before, now = record["material"], self.material(stage)
         if before["code"] != now["code"]:
             return "nearlift itself has changed"
-        for name, meaning in (("versions", "version of {}"), ("manifest", "[{}] of the manifest"), ("inputs", "{}"), ("products", "{}")):
-            changed = sorted(k for k in before[name].keys() | now[name].keys() if before[name].get(k) != now[name].get(k))
+        for name, meaning in (
+            ("versions", "version of {}"),
+            ("manifest", "[{}] of the manifest"),
+            ("inputs", "{}"),
+            ("products", "{}"),
+        ):
+            changed = sorted(
+                k
+                for k in before[name].keys() | now[name].keys()
+                if before[name].get(k) != now[name].get(k)
+            )
             if changed and name == "manifest" and record.get("overrides", {}) != self.job.overrides:
                 return (
                     f"was last run with {_options(record['overrides'])}"
@@ -266,8 +331,16 @@ class Ledger:
         done = self.content.get("stages", {})
         return [done[name] for name in names[names.index(stage.name) + 1 :] if name in done]
 
-    def commit(self, stage: Stage, outcome: Outcome, material: dict[str, Any], wall_s: float, change: Transaction) -> None:
-        """Record that the stage is done, and put the record and all that the stage wrote in their places, in one step.
+    def commit(
+        self,
+        stage: Stage,
+        outcome: Outcome,
+        material: dict[str, Any],
+        wall_s: float,
+        change: Transaction,
+    ) -> None:
+        """Record that the stage is done, and put the record and all that the stage wrote in their
+        places, in one step.
 
         Raises
         ------
@@ -276,12 +349,17 @@ class Ledger:
         """
         lacking = [p.file for p in stage.writes if f"processed/{p.file}" not in change.written]
         if lacking:
-            raise ProductError(lacking[0], f"was not written by {stage.name}", "this is a defect of the stage")
+            raise ProductError(
+                lacking[0], f"was not written by {stage.name}", "this is a defect of the stage"
+            )
         # only what the stage itself made: whatever else lies in the folder is somebody's own
         outputs = dict(sorted(change.written.items()))
         # a file is that of the stage that wrote it last
         stages = {
-            name: {**record, "outputs": {f: sha for f, sha in record["outputs"].items() if f not in outputs}}
+            name: {
+                **record,
+                "outputs": {f: sha for f, sha in record["outputs"].items() if f not in outputs},
+            }
             for name, record in self.content.get("stages", {}).items()
         }
         stages[stage.name] = {
@@ -316,7 +394,9 @@ PAGE_BYTES, TRIAL_BYTES = 12_000_000, 2_000
 
 
 def _needed(job: Job, wanted: Sequence[Stage]) -> int:
-    """Bytes that the stages may write: from the length of the schedule, and twice, since old products stand until new ones are whole."""
+    """Bytes that the stages may write: from the length of the schedule, and twice, since old
+    products stand until new ones are whole.
+    """
     schedule = job.root / job.campaign.trials.file
     rows = schedule.stat().st_size // 8 if schedule.is_file() else 0
     return 2 * (TRIAL_BYTES * rows + (PAGE_BYTES if any(item.report for item in wanted) else 0))
@@ -351,13 +431,24 @@ def plan(job: Job, wanted: Sequence[Stage] = STAGES) -> Iterator[tuple[Stage, st
         yield item, why
 
 
-def run(job: Job, wanted: Sequence[Stage] = STAGES, begin: Callable[[Stage, str], None] = lambda s, w: None, force: bool = False) -> Iterator[Step]:
+def run(
+    job: Job,
+    wanted: Sequence[Stage] = STAGES,
+    begin: Callable[[Stage, str], None] = lambda s, w: None,
+    force: bool = False,
+) -> Iterator[Step]:
     """Bring the wanted stages up to date, in order; yields what happened to each."""
     with contextlib.ExitStack() as held:
         yield from _run(job, wanted, begin, force, held)
 
 
-def _run(job: Job, wanted: Sequence[Stage], begin: Callable[[Stage, str], None], force: bool, held: contextlib.ExitStack) -> Iterator[Step]:
+def _run(
+    job: Job,
+    wanted: Sequence[Stage],
+    begin: Callable[[Stage, str], None],
+    force: bool,
+    held: contextlib.ExitStack,
+) -> Iterator[Step]:
     ledger = Ledger.open(job)
     alone = False
     for item in wanted:
@@ -374,7 +465,14 @@ def _run(job: Job, wanted: Sequence[Stage], begin: Callable[[Stage, str], None],
             why = f"{why}; {left}" if why and left else why
         if not why:
             record = ledger.content["stages"][item.name]
-            yield Step(stage=item, why="", outcome=Outcome(rejected=tuple((t, r) for t, r in record["rejected"]), notes=tuple(record["notes"])))
+            yield Step(
+                stage=item,
+                why="",
+                outcome=Outcome(
+                    rejected=tuple((t, r) for t, r in record["rejected"]),
+                    notes=tuple(record["notes"]),
+                ),
+            )
             continue
         begin(item, why)
         material = ledger.material(item)

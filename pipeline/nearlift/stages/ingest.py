@@ -1,4 +1,6 @@
-"""Ingest: records to one row per trial. Every trial of the schedule has a row; a rejected one says why."""
+"""Ingest: records to one row per trial. Every trial of the schedule has a row; a rejected one says
+why.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,10 @@ MISDESCRIBED = {
     "TARE": "; is tare too long, or sample_rate wrong, under [load_cell]?",
     "MIXED": "; is tare too short, or sample_rate wrong, under [load_cell]?",
     "SATURATED": "; mend range under [load_cell], or the unit under [records] force",
-    "STUCK": '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s", and settle for its head',
+    "STUCK": (
+        '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s",'
+        " and settle for its head"
+    ),
 }
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
@@ -53,16 +58,22 @@ class Task:
 
 
 class Rows:
-    """The answers for n trials, column by column in run order, so that a trial's memory is that of its numbers.
+    """The answers for n trials, column by column in run order, so that a trial's memory is that of
+    its numbers.
 
     A trial without an answer is MISSING.
     """
 
     def __init__(self, n: int) -> None:
-        self.real = {name: np.full(n, np.nan) for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")}
+        self.real = {
+            name: np.full(n, np.nan)
+            for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")
+        }
         self.n, self.samples = (np.zeros(n, dtype=np.int64) for _ in range(2))
         self.codes: list[tuple[str, ...]] = [("MISSING",)] * n
-        self.source_sha256, self.source, self.fault = (np.full(n, "", dtype=object) for _ in range(3))
+        self.source_sha256, self.source, self.fault = (
+            np.full(n, "", dtype=object) for _ in range(3)
+        )
         #: Each remark with the number of records that it is about, and the first of them.
         self.notes: dict[str, tuple[int, str]] = {}
 
@@ -72,7 +83,11 @@ class Rows:
             column[i] = getattr(row.reduced, name)
         self.n[i], self.samples[i] = row.reduced.n, row.samples
         self.codes[i] = row.reduced.codes
-        self.source_sha256[i], self.source[i], self.fault[i] = row.source_sha256, row.source, row.fault
+        self.source_sha256[i], self.source[i], self.fault[i] = (
+            row.source_sha256,
+            row.source,
+            row.fault,
+        )
         for note in row.notes:
             count, first = self.notes.get(note, (0, row.source))
             self.notes[note] = count + 1, first
@@ -86,7 +101,8 @@ class Rows:
 
 
 def inputs(root: Path, campaign: Campaign) -> list[str]:
-    """Every file that trials.parquet is made from, relative to the campaign's folder: manifest, schedule, lists of sums, records.
+    """Every file that trials.parquet is made from, relative to the campaign's folder: manifest,
+    schedule, lists of sums, records.
 
     Raises
     ------
@@ -96,11 +112,21 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
     records = reader.files(campaign, root, list(schedule.trial))
-    return [source_of(root, path) for path in (root / "campaign.toml", schedule_file(campaign, root), *sums.files(root, campaign), *records)]
+    return [
+        source_of(root, path)
+        for path in (
+            root / "campaign.toml",
+            schedule_file(campaign, root),
+            *sums.files(root, campaign),
+            *records,
+        )
+    ]
 
 
 def soon(campaign: Campaign, workers: int) -> None:
-    """Make ready, while files are digested, what reads the records: machine code, or the processes that will, and then what writes tables."""
+    """Make ready, while files are digested, what reads the records: machine code, or the processes
+    that will, and then what writes tables.
+    """
     reader = readers.reader(campaign.records.reader)
     if not reader.series:
         return
@@ -121,7 +147,8 @@ def run(job: Job) -> Outcome:
     Raises
     ------
     NearliftError
-        The schedule or the records are refused, no trial has a record, or none is good. Nothing is written then.
+        The schedule or the records are refused, no trial has a record, or none is good. Nothing is
+        written then.
     """
     campaign = job.campaign
     reader = readers.reader(campaign.records.reader)
@@ -153,11 +180,16 @@ def run(job: Job) -> Outcome:
         reasons = ", ".join(f"{code} {count}" for code, count in told.most_common())
         worst = quality.code(told.most_common(1)[0][0])
         raise InputRefused(
-            str(job.root), f"all {len(bad)} trials are rejected ({reasons})", f"{worst.name}: {worst.meaning}{MISDESCRIBED.get(worst.name, '')}"
+            str(job.root),
+            f"all {len(bad)} trials are rejected ({reasons})",
+            f"{worst.name}: {worst.meaning}{MISDESCRIBED.get(worst.name, '')}",
         )
     job.write(TRIALS, table)
     faults = np.flatnonzero(quality.faulty(table["quality"]))
-    rejected = tuple((str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i])) for i in faults)
+    rejected = tuple(
+        (str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i]))
+        for i in faults
+    )
     return Outcome(rejected=rejected, notes=tuple(notes))
 
 
@@ -182,8 +214,14 @@ def _known(exclude: Mapping[str, str], schedule: Schedule) -> None:
     ids = schedule.trial.tolist()
     for trial in sorted(exclude.keys() - set(ids)):
         near = difflib.get_close_matches(trial, ids, n=3)
-        remedy = f"did you mean {', '.join(map(repr, near))}?" if near else f"the schedule's first is {ids[0]!r}"
-        raise ManifestError("quality.exclude", f"no trial of the schedule is called {trial!r}", remedy)
+        remedy = (
+            f"did you mean {', '.join(map(repr, near))}?"
+            if near
+            else f"the schedule's first is {ids[0]!r}"
+        )
+        raise ManifestError(
+            "quality.exclude", f"no trial of the schedule is called {trial!r}", remedy
+        )
 
 
 def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
@@ -192,7 +230,8 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     Raises
     ------
     InputRefused
-        No trial has a record, or most records cannot be read for what the manifest says of them: the first one's refusal.
+        No trial has a record, or most records cannot be read for what the manifest says of them:
+        the first one's refusal.
     """
     plan = reader.plan(job.campaign, job.root, list(schedule.trial))
     recorded = sum(len(piece.trials) for piece in plan.pieces)
@@ -202,7 +241,11 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
             f"none of the {len(schedule)} trials has a record",
             f"the first would be that of trial {schedule.trial[0]!r}; check [records] files",
         )
-    after = dict(zip(schedule.trial, schedule.covariates["tare_after_N"], strict=True)) if "tare_after_N" in schedule.covariates else {}
+    after = (
+        dict(zip(schedule.trial, schedule.covariates["tare_after_N"], strict=True))
+        if "tare_after_N" in schedule.covariates
+        else {}
+    )
     place = {trial: i for i, trial in enumerate(schedule.trial)}
     rows, done = Rows(len(schedule)), 0
     notes, pieces = plan.notes, deque(plan.pieces)
@@ -220,28 +263,53 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
         job.say(f"ingest {done} of {len(schedule)} trials")
         # while others reduce
         store.ready()
-    told = [note if count == 1 else f"{note} ({count} records, such as {first})" for note, (count, first) in rows.notes.items()]
+    told = [
+        note if count == 1 else f"{note} ({count} records, such as {first})"
+        for note, (count, first) in rows.notes.items()
+    ]
     if job.campaign.load_cell.tare == "none":
-        told.append('the records have no tare: the zero of the force is unknown and wants an [[uncertainty]] on = "force"')
+        told.append(
+            "the records have no tare: the zero of the force is unknown and wants an"
+            ' [[uncertainty]] on = "force"'
+        )
     samples = round(job.campaign.tare_s * (job.campaign.load_cell.sample_rate or 0.0))
     if 0 < samples < FEW_OF_TARE:
-        told.append(f"the tares have {samples} samples: too few to show damage of more than one of them ({FEW_OF_TARE} would)")
+        told.append(
+            f"the tares have {samples} samples: too few to show damage of more than one of them"
+            f" ({FEW_OF_TARE} would)"
+        )
     return rows, [*notes, *told]
 
 
-def _answers(job: Job, reader: Reader, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[list[Row]]:
-    """The rows of each piece; over small records, threads of one interpreter lose more by taking turns than they gain."""
+def _answers(
+    job: Job, reader: Reader, pieces: deque[Piece], after: Mapping[str, float]
+) -> Iterator[list[Row]]:
+    """The rows of each piece; over small records, threads of one interpreter lose more by taking
+    turns than they gain.
+    """
     records, size = sum(len(piece.trials) for piece in pieces), sum(piece.bytes for piece in pieces)
     tasks = _tasks(job, pieces, after)
-    if not isinstance(job.executor, Threads) or reader.reduce_piece is not None or size >= WORTH_A_THREAD * records:
+    if (
+        not isinstance(job.executor, Threads)
+        or reader.reduce_piece is not None
+        or size >= WORTH_A_THREAD * records
+    ):
         return ordered(job.executor, reduce_piece, tasks)
-    return copies.shared_out(reduce_piece, list(tasks), job.executor.workers if copies.alone() else 1)
+    return copies.shared_out(
+        reduce_piece, list(tasks), job.executor.workers if copies.alone() else 1
+    )
 
 
 def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:
-    whole = {piece.paths[0]: "" for piece in pieces if len(piece.paths) == 1 and len(piece.trials) > 1}
+    whole = {
+        piece.paths[0]: "" for piece in pieces if len(piece.paths) == 1 and len(piece.trials) > 1
+    }
     # a file that many trials share is hashed once, here, and not by every worker
-    shared = {source: job.inputs.get(source) or store.sha256(path) for path in whole for source in [source_of(job.root, path)]}
+    shared = {
+        source: job.inputs.get(source) or store.sha256(path)
+        for path in whole
+        for source in [source_of(job.root, path)]
+    }
     while pieces:
         piece = pieces.popleft()
         sources = [source_of(job.root, path) for path in piece.paths]
@@ -257,7 +325,8 @@ def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterat
 def reduce_piece(task: Task) -> list[Row]:
     """Read and reduce the trials of one piece; runs in any thread or process.
 
-    Whatever a record holds, its trial has a row: what is raised over one makes it MALFORMED, and the next is read.
+    Whatever a record holds, its trial has a row: what is raised over one makes it MALFORMED, and
+    the next is read.
 
     Raises
     ------
@@ -290,7 +359,12 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
         rate_Hz=campaign.load_cell.sample_rate or 1.0,
         tare_s=campaign.tare_s,
         settle_s=campaign.load_cell.settle,
-        limits=Limits(drift=choice.drift, missing=choice.missing, out_of_range=choice.out_of_range, range_N=campaign.load_cell.range),
+        limits=Limits(
+            drift=choice.drift,
+            missing=choice.missing,
+            out_of_range=choice.out_of_range,
+            range_N=campaign.load_cell.range,
+        ),
     )
     reader = readers.reader(campaign.records.reader)
     if reader.reduce_piece is not None:
@@ -300,7 +374,12 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
     for record in reader.read_piece(campaign, task.root, piece):
         if record.sha256 and record.source not in digests:
             digests[record.source] = record.sha256()
-        row = row_of(record, conditions, task.tare_after_N.get(record.trial, np.nan), _digest(task, record.source, digests))
+        row = row_of(
+            record,
+            conditions,
+            task.tare_after_N.get(record.trial, np.nan),
+            _digest(task, record.source, digests),
+        )
         yield row
 
 
@@ -316,7 +395,11 @@ def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) ->
     source = source_of(task.root, path)
     if source not in digests:
         digests[source] = store.sha256(path)
-    what = f"{fault.where}: {fault.what}" if isinstance(fault, NearliftError) else f"{source}: {type(fault).__name__}: {fault}"
+    what = (
+        f"{fault.where}: {fault.what}"
+        if isinstance(fault, NearliftError)
+        else f"{source}: {type(fault).__name__}: {fault}"
+    )
     text = " ".join(what.replace(f"{task.root}/", "").split())[:LONGEST_FAULT]
     return Row(
         trial=task.piece.trials[i],
@@ -329,7 +412,9 @@ def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) ->
 
 
 def _of_the_record(fault: Exception) -> bool:
-    """Whether the bytes of a record are to blame, and not the manifest or the machine (libraries call damage an OSError without a number)."""
+    """Whether the bytes of a record are to blame, and not the manifest or the machine (libraries
+    call damage an OSError without a number).
+    """
     if isinstance(fault, OSError):
         return fault.errno is None
     return isinstance(fault, InputRefused) or not isinstance(fault, (NearliftError, MemoryError))
@@ -361,9 +446,18 @@ def _settle(job: Job, rows: Rows) -> None:
             owners[source].append(i)
     for name in moving.changed:
         if len(owners[name]) != 1:
-            raise InputRefused(str(job.root / name), "was changed while it was being read", "run again when nobody writes it any more")
+            raise InputRefused(
+                str(job.root / name),
+                "was changed while it was being read",
+                "run again when nobody writes it any more",
+            )
     late = {owners[name][0] for name in moving.changed}
-    late |= {i for name in moving.young for i in owners[name] if not {"truncated", "MALFORMED"}.isdisjoint(rows.codes[i])}
+    late |= {
+        i
+        for name in moving.young
+        for i in owners[name]
+        if not {"truncated", "MALFORMED"}.isdisjoint(rows.codes[i])
+    }
     for i in late:
         rows.codes[i] = (*rows.codes[i], "PENDING")
 
@@ -375,7 +469,9 @@ def _from_means(job: Job, schedule: Schedule) -> Rows:
     source = path.relative_to(job.root).as_posix()
     lift = means.lift_of(schedule)
     rows = Rows(len(schedule))
-    rows.real |= {name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")} | {"n_eff": lift["n"].astype(float)}
+    rows.real |= {name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")} | {
+        "n_eff": lift["n"].astype(float)
+    }
     rows.n, rows.samples = (lift["n"].astype(np.int64) for _ in range(2))
     rows.codes = [()] * len(schedule)
     rows.source[:], rows.source_sha256[:] = source, job.inputs.get(source) or store.sha256(path)
@@ -383,24 +479,33 @@ def _from_means(job: Job, schedule: Schedule) -> Rows:
 
 
 def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
-    """The columns of trials.parquet in run order, with the codes that need no other trial and those of length."""
+    """The columns of trials.parquet in run order, with the codes that need no other trial and those
+    of length.
+    """
     codes = [list(own) for own in rows.codes]
     if campaign.records.reader != "means":
         cell = campaign.load_cell
         planned = None
         if cell.record and cell.sample_rate:
             planned = round(cell.record * cell.sample_rate)
-            plausibility.planned_length(rows.samples, cell.record, cell.sample_rate, campaign.quality.missing)
+            plausibility.planned_length(
+                rows.samples, cell.record, cell.sample_rate, campaign.quality.missing
+            )
         plausibility.lengths(rows.n, codes, campaign.quality.missing, rows.samples, planned)
         _duplicates(rows, codes)
     if schedule.reached_m is not None:
-        off = np.abs(schedule.reached_m - schedule.z_m) > campaign.quality.height * campaign.vehicle.rotor_radius
+        off = (
+            np.abs(schedule.reached_m - schedule.z_m)
+            > campaign.quality.height * campaign.vehicle.rotor_radius
+        )
         for own, lost in zip(codes, off, strict=True):
             own += ["HEIGHT"] if lost else []
     for i, trial in enumerate(schedule.trial):
         if trial in campaign.quality.exclude:
             codes[i].append(quality.EXCLUDED)
-            rows.fault[i] = "; ".join(filter(None, (rows.fault[i], campaign.quality.exclude[trial])))
+            rows.fault[i] = "; ".join(
+                filter(None, (rows.fault[i], campaign.quality.exclude[trial]))
+            )
     texts = [quality.joined(c) for c in codes]
     return {
         "trial": schedule.trial,
@@ -422,7 +527,9 @@ def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
 
 
 def _duplicates(rows: Rows, codes: Sequence[list[str]]) -> None:
-    """Reject a trial whose file is that of an earlier one; trials of one long table are told apart by their numbers."""
+    """Reject a trial whose file is that of an earlier one; trials of one long table are told apart
+    by their numbers.
+    """
     seen: set[tuple[str, float, float]] = set()
     for i in np.flatnonzero(rows.n).tolist():
         key = (rows.source_sha256[i], float(rows.real["lift_N"][i]), float(rows.real["sd_N"][i]))
@@ -435,7 +542,13 @@ def _same(table: store.Table) -> list[str]:
     """Whose record each duplicate is."""
     notes: list[str] = []
     first: dict[tuple[str, float], str] = {}
-    for trial, sha, lift, text in zip(table["trial"], table["source_sha256"], table["lift_N"].tolist(), table["quality"], strict=True):
+    for trial, sha, lift, text in zip(
+        table["trial"],
+        table["source_sha256"],
+        table["lift_N"].tolist(),
+        table["quality"],
+        strict=True,
+    ):
         owner = first.setdefault((sha, lift), trial)
         if "DUPLICATE" in text.split():
             notes.append(f"the record of {trial} is that of {owner}, byte for byte")
@@ -445,14 +558,22 @@ def _same(table: store.Table) -> list[str]:
 def _mark(table: store.Table, name: str, found: NDArray[np.bool_]) -> None:
     """Add a quality code to the trials found."""
     table["quality"] = np.array(
-        [quality.joined([*text.split(), name]) if f else text for text, f in zip(table["quality"], found, strict=True)], dtype=object
+        [
+            quality.joined([*text.split(), name]) if f else text
+            for text, f in zip(table["quality"], found, strict=True)
+        ],
+        dtype=object,
     )
 
 
 def _unit(campaign: Campaign) -> tuple[str, str]:
     """The unit that forces were read in, and the key where it stands."""
     series = campaign.records.force
-    return (series.unit, "records.force.unit") if series is not None else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
+    return (
+        (series.unit, "records.force.unit")
+        if series is not None
+        else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
+    )
 
 
 def _judge(table: store.Table, campaign: Campaign) -> list[str]:
@@ -463,30 +584,44 @@ def _judge(table: store.Table, campaign: Campaign) -> list[str]:
     _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
     _mark(table, "NO_LIFT", plausibility.without_lift(table))
     _mark(table, "other_throttle", plausibility.other_throttle(table))
-    notes = [*_same(table), *plausibility.odd_weight(table, weight, unit, key), *plausibility.mostly_unsettled(table)]
+    notes = [
+        *_same(table),
+        *plausibility.odd_weight(table, weight, unit, key),
+        *plausibility.mostly_unsettled(table),
+    ]
     notes += plausibility.overstated(table, campaign)
     for side in dict.fromkeys(table["boundary"].tolist()):
         notes += _outlying(table, side)
     for side, lower, upper, below, above in plausibility.not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         far = here & (table["z_hat"] == table["z_hat"][here].max())
-        table["quality"][far] = [quality.joined([*text.split(), "not_rising"]) for text in table["quality"][far]]
+        table["quality"][far] = [
+            quality.joined([*text.split(), "not_rising"]) for text in table["quality"][far]
+        ]
         place = f"far from the {side}" if side != "none" else "in free air"
         step = f"{below:.4g} N at {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} %"
-        notes.append(f"{place} the lift does not rise with throttle: {step} (battery, order of the sweep, or a wrong label?)")
+        notes.append(
+            f"{place} the lift does not rise with throttle: {step} (battery, order of the sweep, or"
+            " a wrong label?)"
+        )
     return notes
 
 
 def _outlying(table: store.Table, side: str) -> list[str]:
-    """Mark the trials at one boundary that repeats and neighbours contradict, and say of each how far off it is."""
-    mine = np.flatnonzero((table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0))
+    """Mark the trials at one boundary that repeats and neighbours contradict, and say of each how
+    far off it is.
+    """
+    mine = np.flatnonzero(
+        (table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0)
+    )
     z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
     found = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
     mask = np.zeros(len(table["quality"]), dtype=bool)
     mask[mine[found.outlying]] = True
     _mark(table, "outlying", mask)
     return [
-        f"{table['trial'][mine[i]]} lifts {100 * np.expm1(found.departure[i]):+.3g} % against its repeats and neighbours, "
-        f"{abs(found.sigmas[i]):.0f} times their scatter: noise does not reach so far; look at its record and its row"
+        f"{table['trial'][mine[i]]} lifts {100 * np.expm1(found.departure[i]):+.3g} % against its"
+        f" repeats and neighbours, {abs(found.sigmas[i]):.0f} times their scatter: noise does not"
+        " reach so far; look at its record and its row"
         for i in np.flatnonzero(found.outlying)
     ]

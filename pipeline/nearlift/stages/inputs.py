@@ -1,4 +1,6 @@
-"""Which raw files a campaign consists of, and their digests; hashed again only where size or time has changed."""
+"""Which raw files a campaign consists of, and their digests; hashed again only where size or time
+has changed.
+"""
 
 from __future__ import annotations
 
@@ -18,19 +20,25 @@ from nearlift.stages.job import PIV_INPUT
 if TYPE_CHECKING:
     from nearlift.piv_manifest import PivCase
 
-#: A file younger than this may change again without its time stamp telling, so its digest is not kept.
+#: A file younger than this may change again without its time stamp telling, so its digest is not
+#: kept.
 RACY_NS = 2_000_000_000
 CACHE = "inputs-cache.json"
-#: Relative path to `stamp` (size, modification time, inode), the digest that went with it, whether that was `remembered` rather than
-#: made, and whether the file was so young (`racy`) that it must not be.
+#: Relative path to `stamp` (size, modification time, inode), the digest that went with it, whether
+#: that was `remembered` rather than made, and whether the file was so young (`racy`) that it must
+#: not be.
 Stamps = dict[str, Any]
 
 
-def digests(root: Path, campaign: Campaign, processed: Path, meanwhile: Callable[[], None] = lambda: None) -> tuple[dict[str, str], Stamps]:
-    """Relative path to SHA-256 of every raw input, in a fixed order, and what `remember` takes. Writes nothing.
+def digests(
+    root: Path, campaign: Campaign, processed: Path, meanwhile: Callable[[], None] = lambda: None
+) -> tuple[dict[str, str], Stamps]:
+    """Relative path to SHA-256 of every raw input, in a fixed order, and what `remember` takes.
+    Writes nothing.
 
-    Digests of files whose size and modification time are as before are taken from the cache beside the products; a damaged
-    cache is no cache. `meanwhile` is called where several must be read: what it starts becomes ready while they are.
+    Digests of files whose size and modification time are as before are taken from the cache beside
+    the products; a damaged cache is no cache. `meanwhile` is called where several must be read:
+    what it starts becomes ready while they are.
     """
     folder = root.as_posix()
     cache: Stamps = store.read_json_if_whole(processed / CACHE)
@@ -41,14 +49,23 @@ def digests(root: Path, campaign: Campaign, processed: Path, meanwhile: Callable
         """Digest those files, all that must be read at once."""
         unknown = []
         for name in names:
-            status = os.stat(f"{folder}/{name}")  # noqa: PTH116 - paths made one by one take longer than the system
+            status = os.stat(f"{folder}/{name}")  # noqa: PTH116 - paths made one by one take longer
             known = cache.get(name)
             stamp = [status.st_size, status.st_mtime_ns, status.st_ino]
             remembered = bool(known and known["stamp"] == stamp)
             racy = time.time_ns() - status.st_mtime_ns <= RACY_NS
-            fresh[name] = {"stamp": stamp, "sha256": known["sha256"] if known and remembered else "", "remembered": remembered, "racy": racy}
+            fresh[name] = {
+                "stamp": stamp,
+                "sha256": known["sha256"] if known and remembered else "",
+                "remembered": remembered,
+                "racy": racy,
+            }
             unknown += [] if remembered else [name]
-        for name, sha in zip(unknown, store.sha256_of([f"{folder}/{name}" for name in unknown], meanwhile), strict=True):
+        for name, sha in zip(
+            unknown,
+            store.sha256_of([f"{folder}/{name}" for name in unknown], meanwhile),
+            strict=True,
+        ):
             fresh[name]["sha256"] = sha
 
     overlays = (o.file for o in campaign.report.overlay if (root / o.file).is_file())
@@ -73,7 +90,13 @@ def listing(root: Path, case: PivCase) -> tuple[str, list[str]]:
 
 
 def remember(processed: Path, stamps: Stamps) -> None:
-    """Keep digests for the next command, beside products where there are any; a file that says the same already is left alone."""
-    stamps = {name: {"stamp": s["stamp"], "sha256": s["sha256"]} for name, s in stamps.items() if not s["racy"]}
+    """Keep digests for the next command, beside products where there are any; a file that says the
+    same already is left alone.
+    """
+    stamps = {
+        name: {"stamp": s["stamp"], "sha256": s["sha256"]}
+        for name, s in stamps.items()
+        if not s["racy"]
+    }
     if processed.is_dir() and stamps != store.read_json_if_whole(processed / CACHE):
         store.write_bytes(processed / CACHE, json.dumps(stamps).encode())

@@ -1,4 +1,6 @@
-"""What a file holds: format, channels with unit, rate, range and a sparkline, and the [records] block to paste into a manifest."""
+"""What a file holds: format, channels with unit, rate, range and a sparkline, and the [records]
+block to paste into a manifest.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,15 @@ from nearlift import readers, toml
 from nearlift.errors import InputRefused, ManifestError, UsageError, brief
 from nearlift.lock import size
 from nearlift.readers import child, csv_trial
-from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, Contents, Malformed, fold, split_unit
+from nearlift.readers.channel import (
+    AS_FORCE,
+    FORCE_UNITS,
+    Channel,
+    Contents,
+    Malformed,
+    fold,
+    split_unit,
+)
 from nearlift.readers.csv_trial import CSV
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
@@ -24,14 +34,28 @@ from nearlift.readers.text import TEXT, with_rate
 BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 WIDTH = 24
 #: Words that a force channel is called by, the surest first.
-FORCE_WORDS = ("thrust", "force fz", "lift", "load cell", "loadcell", "weight", "force", "kraft", "schub", "cell", "fz")
+FORCE_WORDS = (
+    "thrust",
+    "force fz",
+    "lift",
+    "load cell",
+    "loadcell",
+    "weight",
+    "force",
+    "kraft",
+    "schub",
+    "cell",
+    "fz",
+)
 CLOCK_UNITS = ("s", "ms", "us")
 HEAD = 1 << 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """One file's contents, the reader that reads it, and what may be the force and its clock; `columns` of a text that names none."""
+    """One file's contents, the reader that reads it, and what may be the force and its clock;
+    `columns` of a text that names none.
+    """
 
     path: Path
     reader: str
@@ -57,7 +81,11 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
     if not path.exists():
         raise InputRefused(str(path), "is missing", "name a file that an instrument wrote")
     if not path.is_file():
-        raise InputRefused(str(path), "is not a regular file", "a record is a plain file, no folder, pipe or device")
+        raise InputRefused(
+            str(path),
+            "is not a regular file",
+            "a record is a plain file, no folder, pipe or device",
+        )
     length = path.stat().st_size
     if length == 0:
         raise InputRefused(str(path), "is empty", "it was never written, or the disk was full")
@@ -70,17 +98,34 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
     except NoNames as refusal:
         # numbers without names: shown under names that say so
         columns = refusal.columns
-        contents = _contents(form, path, {**said, "columns": [f"column {i + 1}" for i in range(columns)]})
+        contents = _contents(
+            form, path, {**said, "columns": [f"column {i + 1}" for i in range(columns)]}
+        )
     force = likely_force(contents)
     clock = likely_clock(contents, force)
-    reader = CSV.name if form is TEXT and not said and _plain_csv(path, force or contents.channels[0], clock) else form.name
-    return Found(path=path, reader=reader, contents=contents, force=force, clock=clock, bytes=length, columns=columns, dialect=said)
+    reader = (
+        CSV.name
+        if form is TEXT and not said and _plain_csv(path, force or contents.channels[0], clock)
+        else form.name
+    )
+    return Found(
+        path=path,
+        reader=reader,
+        contents=contents,
+        force=force,
+        clock=clock,
+        bytes=length,
+        columns=columns,
+        dialect=said,
+    )
 
 
 def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
     """Whether the stricter and faster reader of plain CSV reads the same numbers."""
     try:
-        values, times, _ = csv_trial.parse(path.read_bytes(), str(path), force.name, clock.name if clock else None)
+        values, times, _ = csv_trial.parse(
+            path.read_bytes(), str(path), force.name, clock.name if clock else None
+        )
     except InputRefused:
         return False
     return np.array_equal(values, force.values, equal_nan=True) and (
@@ -98,10 +143,14 @@ def dialect_of(text: str) -> dict[str, Any]:
     """
     plain = text.strip()
     try:
-        found: dict[str, Any] = toml.loads(b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it")["dialect"]
+        found: dict[str, Any] = toml.loads(
+            b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it"
+        )["dialect"]
     except ManifestError as fault:
         remedy = """such as --dialect 'separator = "semicolon", decimal = ","'"""
-        raise UsageError("--dialect", f"{brief(repr(text))} is not as a manifest has it: {fault.what}", remedy) from None
+        raise UsageError(
+            "--dialect", f"{brief(repr(text))} is not as a manifest has it: {fault.what}", remedy
+        ) from None
     return found
 
 
@@ -120,7 +169,9 @@ def _contents(form: Format, path: Path, dialect: Mapping[str, Any]) -> Contents:
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "copy it anew from the rig") from None
     if not found.channels:
-        raise InputRefused(str(path), "holds no channel of numbers", "it has a header and no samples, or only text")
+        raise InputRefused(
+            str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
+        )
     return with_rate(found) if form is TEXT else found
 
 
@@ -147,23 +198,31 @@ def likely_clock(contents: Contents, force: Channel | None) -> Channel | None:
     clocks = [
         c
         for c in contents.channels
-        if c.unit in ("", *CLOCK_UNITS) and fold(split_unit(c.name)[0].rsplit(".", 1)[-1]) in ("t", "time", "x_value", "zeit")
+        if c.unit in ("", *CLOCK_UNITS)
+        and fold(split_unit(c.name)[0].rsplit(".", 1)[-1]) in ("t", "time", "x_value", "zeit")
     ]
     own = [c for c in clocks if c.name.rpartition(".")[0] == group]
     return next(iter(own or clocks), None)
 
 
 def sparkline(values: FloatArray, width: int = WIDTH) -> str:
-    """The mean of each of so many stretches of a series, as bars; a gap where there is no number."""
+    """The mean of each of so many stretches of a series, as bars; a gap where there is no
+    number.
+    """
     if len(values) == 0:
         return ""
     parts = np.array_split(values, min(width, len(values)))
-    means = np.array([np.mean(p[np.isfinite(p)]) if np.isfinite(p).any() else np.nan for p in parts])
+    means = np.array(
+        [np.mean(p[np.isfinite(p)]) if np.isfinite(p).any() else np.nan for p in parts]
+    )
     known = means[np.isfinite(means)]
     low, span = (float(known.min()), float(np.ptp(known))) if len(known) else (0.0, 0.0)
     # what stands still is drawn in the middle
     place = np.where(np.isfinite(means), (means - low) / span if span > 0 else 0.5, 0)
-    return "".join(" " if not np.isfinite(m) else BARS[min(int(p * len(BARS)), len(BARS) - 1)] for m, p in zip(means, place, strict=True))
+    return "".join(
+        " " if not np.isfinite(m) else BARS[min(int(p * len(BARS)), len(BARS) - 1)]
+        for m, p in zip(means, place, strict=True)
+    )
 
 
 def described(found: Found) -> str:
@@ -173,53 +232,113 @@ def described(found: Found) -> str:
     for c in found.contents.channels:
         known = c.values[np.isfinite(c.values)]
         low, high = (f"{known.min():.6g}", f"{known.max():.6g}") if len(known) else ("-", "-")
-        rows.append((c.name, c.unit or "-", str(len(c.values)), f"{c.rate_Hz:.6g}" if c.rate_Hz else "-", low, high, sparkline(c.values)))
+        rows.append(
+            (
+                c.name,
+                c.unit or "-",
+                str(len(c.values)),
+                f"{c.rate_Hz:.6g}" if c.rate_Hz else "-",
+                low,
+                high,
+                sparkline(c.values),
+            )
+        )
     widths = [max(len(row[i]) for row in rows) for i in range(6)]
-    lines += ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=False)) + "  " + row[6] for row in rows]
+    lines += [
+        "  "
+        + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=False))
+        + "  "
+        + row[6]
+        for row in rows
+    ]
     lines += [f"note: {note}" for note in found.contents.notes]
     for c in found.contents.channels:
         lost = int(np.count_nonzero(~np.isfinite(c.values)))
         if 0 < lost < len(c.values):
-            lines.append(f"note: {lost} of {len(c.values)} samples of {c.name!r} hold no number (blank, NaN, OVER, #NV or the like)")
+            lines.append(
+                f"note: {lost} of {len(c.values)} samples of {c.name!r} hold no number (blank, NaN,"
+                " OVER, #NV or the like)"
+            )
     if "truncated" in found.contents.codes:
-        lines.append("note: the file ends within a line or a segment: it is cut off, or still being written")
+        lines.append(
+            "note: the file ends within a line or a segment: it is cut off, or still being written"
+        )
     if "dead_speed" in found.contents.codes:
         lines.append("note: a rotor's speed reads zero while there is lift")
     return "\n".join(line.rstrip() for line in lines) + "\n\n" + records_block(found)
 
 
 def records_block(found: Found, files: str | None = None) -> str:
-    """The [load_cell] and [records] tables of a manifest, with what cannot be known marked FILL IN."""
-    pattern = files if files is not None else (found.path.name if found.reader == "parquet" else f"{{trial}}{found.path.suffix}")
-    rates = {c.rate_Hz for c in ([found.force] if found.force is not None else found.contents.channels)}
+    """The [load_cell] and [records] tables of a manifest, with what cannot be known
+    marked FILL IN.
+    """
+    pattern = (
+        files
+        if files is not None
+        else (found.path.name if found.reader == "parquet" else f"{{trial}}{found.path.suffix}")
+    )
+    rates = {
+        c.rate_Hz for c in ([found.force] if found.force is not None else found.contents.channels)
+    }
     rate = rates.pop() if len(rates) == 1 else None
     why = "the file does not say" if rates <= {None} else "that of the force: the channels differ"
-    lines = ["[load_cell]", f'sample_rate = "{rate:.6g} Hz"' if rate else f'sample_rate = "FILL IN Hz"           # {why}']
-    lines += ['tare        = "FILL IN s"            # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows', ""]
-    lines += ["[records]", f'reader = "{found.reader}"', f"files  = {json.dumps(pattern, ensure_ascii=False)}"]
+    lines = [
+        "[load_cell]",
+        (
+            f'sample_rate = "{rate:.6g} Hz"'
+            if rate
+            else f'sample_rate = "FILL IN Hz"           # {why}'
+        ),
+    ]
+    lines += [
+        (
+            'tare        = "FILL IN s"            # rotors-stopped head of every record; "0 s":'
+            ' already tared; "none": nobody knows'
+        ),
+        "",
+    ]
+    lines += [
+        "[records]",
+        f'reader = "{found.reader}"',
+        f"files  = {json.dumps(pattern, ensure_ascii=False)}",
+    ]
     if found.force is None:
         names = ", ".join(c.name for c in found.contents.channels[:8])
-        lines.append(f'force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # one of: {names}')
+        lines.append(
+            f'force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # one of: {names}'
+        )
     else:
         unit = AS_FORCE.get(found.force.unit, found.force.unit)
         column = json.dumps(found.force.name, ensure_ascii=False)
         if unit == "count":
             lines.append(
-                f'force  = {{ column = {column}, unit = "count", sign = 1, calibration = {{ gain = "FILL IN mN/count", offset = "FILL IN count" }} }}'
+                f'force  = {{ column = {column}, unit = "count", sign = 1, calibration = {{ gain ='
+                ' "FILL IN mN/count", offset = "FILL IN count" } }'
             )
         else:
             told = [] if unit in FORCE_UNITS else ["the file does not say the unit"]
             if _pulls_down(found.force):
                 told.append("sign = -1 if lift makes these numbers negative")
             remark = "   # " + "; ".join(told) if told else ""
-            lines.append(f'force  = {{ column = {column}, unit = "{unit if unit in FORCE_UNITS else "FILL IN"}", sign = 1 }}{remark}')
+            lines.append(
+                f"force  = {{ column = {column}, unit ="
+                f' "{unit if unit in FORCE_UNITS else "FILL IN"}", sign = 1 }}{remark}'
+            )
     named = {"columns": [c.name for c in found.contents.channels]} if found.columns else {}
     if dialect := {**found.dialect, **named}:
         # texts, whole numbers, booleans and lists of texts are the same in JSON
-        items = ", ".join(f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in dialect.items())
-        lines.append(f"dialect = {{ {items} }}" + ("   # the file names none: FILL IN what they are" if named else ""))
+        items = ", ".join(
+            f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in dialect.items()
+        )
+        lines.append(
+            f"dialect = {{ {items} }}"
+            + ("   # the file names none: FILL IN what they are" if named else "")
+        )
     if found.clock is not None and found.clock is not found.force:
-        lines.append(f'time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit = "{found.clock.unit or "FILL IN"}" }}')
+        lines.append(
+            f"time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit ="
+            f' "{found.clock.unit or "FILL IN"}" }}'
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -1,4 +1,6 @@
-"""Whether raw files are still what was digested: bits that flipped since, and files that somebody is writing."""
+"""Whether raw files are still what was digested: bits that flipped since, and files that somebody
+is writing.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,14 @@ def not_rotten(job: Job) -> None:
         A file is another than was ingested, though its size and times are as before.
     """
     remembered = [name for name, known in job.stamps.items() if known["remembered"]]
-    for name, sha in zip(remembered, store.sha256_of([job.root / name for name in remembered]), strict=True):
+    for name, sha in zip(
+        remembered, store.sha256_of([job.root / name for name in remembered]), strict=True
+    ):
         if sha != job.stamps[name]["sha256"]:
             raise InputRefused(
                 str(job.root / name),
-                "is not what was ingested before, though its size and its time stamp are as they were: bits have flipped on the disk",
+                "is not what was ingested before, though its size and its time stamp are as they"
+                " were: bits have flipped on the disk",
                 "restore it from a copy; if it was changed on purpose, `touch` it",
             )
 

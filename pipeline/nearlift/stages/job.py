@@ -35,7 +35,8 @@ class Job:
     inputs : mapping of str to str
         Every input file under `root`, relative path to SHA-256.
     stamps : mapping of str to dict
-        Size, time and inode with which each of them was seen, and whether its digest is remembered or fresh (`inputs.digests`).
+        Size, time and inode with which each of them was seen, and whether its digest is remembered
+        or fresh (`inputs.digests`).
     seed : int
     executor : Executor
     say : callable
@@ -45,8 +46,8 @@ class Job:
     overrides : mapping of str to value
         What the command line put in place of the manifest, by option.
     change : Transaction or None
-        What the present stage writes, which nobody else sees until the stage is committed; None outside stages, where each file is
-        written for itself.
+        What the present stage writes, which nobody else sees until the stage is committed; None
+        outside stages, where each file is written for itself.
     """
 
     root: Path
@@ -68,7 +69,9 @@ class Job:
         return Homes(processed=self.processed, reports=self.reports)
 
     def put(self, name: str, content: bytes) -> Path:
-        """Write a file, called ``processed/...`` or ``reports/...``; returns its place, which within a stage it takes at the end."""
+        """Write a file, called ``processed/...`` or ``reports/...``; returns its place, which
+        within a stage it takes at the end.
+        """
         place = self.homes.place(name)
         if self.change is None:
             store.write_bytes(place, content)
@@ -88,15 +91,21 @@ class Job:
         return self.homes.place(name) if self.change is None else self.change.at(name)
 
     def overriding(self, section: str, given: Mapping[str, Any]) -> Job:
-        """The same job with keys of one section of the manifest put in place; None leaves a key as it is."""
+        """The same job with keys of one section of the manifest put in place; None leaves a key as
+        it is.
+        """
         known = {k: v for k, v in given.items() if v is not None}
         if not known:
             return self
         wanted = getattr(self.campaign, section).model_copy(update=known)
-        return replace(self, campaign=self.campaign.model_copy(update={section: wanted}), overrides=known)
+        return replace(
+            self, campaign=self.campaign.model_copy(update={section: wanted}), overrides=known
+        )
 
     def unfinished(self, stage: str) -> Path:
-        """Where a stage may keep what an interrupted run can go on from; removed once the stage is committed."""
+        """Where a stage may keep what an interrupted run can go on from; removed once the stage is
+        committed.
+        """
         return self.homes.unfinished / stage
 
     def read(self, product: Product) -> store.Table:
@@ -122,7 +131,9 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What a stage has to say when it is done: trials it rejected with the reason, and notes for the user."""
+    """What a stage has to say when it is done: trials it rejected with the reason, and notes for
+    the user.
+    """
 
     rejected: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()

@@ -1,4 +1,6 @@
-"""joint: the base model of a boundary fitted to lift and downwash together, where `[fit.<boundary>] downwash = true`, to joint.json."""
+"""joint: the base model of a boundary fitted to lift and downwash together, where `[fit.<boundary>]
+downwash = true`, to joint.json.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,11 @@ def run(job: Job) -> Outcome:
     """Fit each boundary that asks for it; one that cannot be is noted."""
     asked = job.campaign.joint
     if asked is None:
-        raise ManifestError("fit.<boundary>.downwash", "is not asked for", "say downwash = true under [fit.ground] or [fit.ceiling]")
+        raise ManifestError(
+            "fit.<boundary>.downwash",
+            "is not asked for",
+            "say downwash = true under [fit.ground] or [fit.ceiling]",
+        )
     trials, table = job.read(TRIALS), job.read(DOWNWASH)
     parts = budget.components(job.campaign)
     content: dict[str, Any] = {}
@@ -50,11 +56,18 @@ def run(job: Job) -> Outcome:
     return Outcome(notes=tuple(notes))
 
 
-def select(table: Table, campaign: Campaign, boundary: Boundary) -> tuple[list[str], list[dict[str, str]], Downwash]:
-    """The untilted cases whose cut stands for the inflow at the disk, why others do not, and the former's downwash."""
+def select(
+    table: Table, campaign: Campaign, boundary: Boundary
+) -> tuple[list[str], list[dict[str, str]], Downwash]:
+    """The untilted cases whose cut stands for the inflow at the disk, why others do not, and the
+    former's downwash.
+    """
     assert campaign.piv is not None
     whole = table["rotor"] == "all"
-    own = np.sqrt(sum(table[f"u_{part}_m_s"] ** 2 for part in ("noise", "mask", "position"))) / table["downwash_m_s"]
+    own = (
+        np.sqrt(sum(table[f"u_{part}_m_s"] ** 2 for part in ("noise", "mask", "position")))
+        / table["downwash_m_s"]
+    )
     (control,) = np.flatnonzero(whole & (table["case"] == campaign.piv.control))
     used, left_out = [], []
     for i in np.flatnonzero(whole & (table["boundary"] == boundary)):
@@ -79,14 +92,27 @@ def select(table: Table, campaign: Campaign, boundary: Boundary) -> tuple[list[s
 
 def _record(alone: Fit, found: JointFit) -> dict[str, Any]:
     def estimates(of: Any) -> dict[str, Any]:
-        return {n: {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit, "at_bound": e.at_bound} for n, e in of.items()}
+        return {
+            n: {
+                "value": e.value,
+                "u": e.u,
+                "lo90": e.lo90,
+                "hi90": e.hi90,
+                "unit": e.unit,
+                "at_bound": e.at_bound,
+            }
+            for n, e in of.items()
+        }
 
     return {
         "model": found.model.name,
         "title": found.model.title,
         "parameters": estimates(found.estimates),
         "lift_alone": estimates(alone.estimates),
-        "covariance": {"names": [p.name for p in found.model.parameters], "values": found.covariance},
+        "covariance": {
+            "names": [p.name for p in found.model.parameters],
+            "values": found.covariance,
+        },
         "chi2_lift": found.chi2_lift,
         "chi2_downwash": found.chi2_downwash,
         "n_downwash": found.n_downwash,

@@ -1,7 +1,8 @@
 """ledger: every trial from raw byte to figure, and what each exclusion is worth, to quality.json.
 
-What it is worth is found by putting the excluded trials back and fitting the base model again, with the noise of the accepted ones: all of
-them, those of each quality code, and, for the first few, one at a time. What a trial named by the fit is worth is a fit without it.
+What it is worth is found by putting the excluded trials back and fitting the base model again, with
+the noise of the accepted ones: all of them, those of each quality code, and, for the first few, one
+at a time. What a trial named by the fit is worth is a fit without it.
 """
 
 from __future__ import annotations
@@ -32,12 +33,20 @@ def run(job: Job) -> Outcome:
     trials = job.read(TRIALS)
     fitted = job.read_json(FIT)
     out = rejected(trials["quality"])
-    beyond = {(b, e["trial"]): e["reason"] for b, models in fitted["boundaries"].items() for e in models[fitted["base"][b]].get("excluded", ())}
+    beyond = {
+        (b, e["trial"]): e["reason"]
+        for b, models in fitted["boundaries"].items()
+        for e in models[fitted["base"][b]].get("excluded", ())
+    }
     # a model without a free coefficient has no headline that a trial could move
     asked = [b for b in boundaries(trials) if choice(job.campaign, b)[0].parameters]
     entries = [_entry(trials, i, bool(out[i]), beyond) for i in range(len(out))]
     words = [set(text.split()) for text in trials["quality"]]
-    codes = {c.name: {"trials": n, "rejects": c.rejects, "meaning": c.meaning} for c in CODES if (n := sum(c.name in w for w in words))}
+    codes = {
+        c.name: {"trials": n, "rejects": c.rejects, "meaning": c.meaning}
+        for c in CODES
+        if (n := sum(c.name in w for w in words))
+    }
     files = sorted({str(s) for s in trials["source"] if s}) if "source" in trials else []
     sizes = [path.stat().st_size for name in files if (path := job.root / name).is_file()]
     job.write_json(
@@ -45,7 +54,10 @@ def run(job: Job) -> Outcome:
         {
             "schema": QUALITY.schema,
             "files": {"number": len(files), "bytes": sum(sizes)},
-            "samples": {"read": int(trials["samples"].sum()) if "samples" in trials else None, "averaged": int(trials["n"].sum())},
+            "samples": {
+                "read": int(trials["samples"].sum()) if "samples" in trials else None,
+                "averaged": int(trials["n"].sum()),
+            },
             "counts": {
                 "scheduled": len(entries),
                 "recorded": sum(e["completeness"] != "missing" for e in entries),
@@ -55,7 +67,10 @@ def run(job: Job) -> Outcome:
             },
             "codes": codes,
             "trials": entries,
-            "put_back": {b: _put_back(job, trials, b, out) | {"left_out": _left_out(fitted, b)} for b in asked},
+            "put_back": {
+                b: _put_back(job, trials, b, out) | {"left_out": _left_out(fitted, b)}
+                for b in asked
+            },
         },
     )
     return Outcome()
@@ -63,7 +78,11 @@ def run(job: Job) -> Outcome:
 
 def _entry(trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str]) -> dict[str, Any]:
     """What became of one trial."""
-    name, boundary, text = str(trials["trial"][i]), str(trials["boundary"][i]), str(trials["quality"][i])
+    name, boundary, text = (
+        str(trials["trial"][i]),
+        str(trials["boundary"][i]),
+        str(trials["quality"][i]),
+    )
     outside = beyond.get((boundary, name), "")
     return {
         "trial": name,
@@ -78,25 +97,34 @@ def _entry(trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str])
         "codes": text.split(),
         "accepted": not out,
         "fitted": not out and not outside,
-        # every accepted trial stands in a mean of Figure 2, but only what the model speaks about has a residual
+        # every accepted trial stands in a mean of Figure 2, but only what the model speaks about
+        # has a residual
         "figures": [] if out else ["fig2"] if outside else ["fig2", "residuals"],
         "why": reason(text, str(trials["fault"][i]) if "fault" in trials else "") or outside,
     }
 
 
 def _left_out(fitted: dict[str, Any], boundary: Boundary) -> list[dict[str, Any]]:
-    """The headline coefficient without each trial or visit that the fit named, all of which are in it."""
+    """The headline coefficient without each trial or visit that the fit named, all of which are in
+    it.
+    """
     base = fitted["boundaries"][boundary][fitted["base"][boundary]]
     u = next((e["u"] for e in base["parameters"].values()), None)
     return [
-        {"what": s["id"] if s["kind"] == "trial" else f"visit {s['id']}", "trials": len(s["trials"]), "why_not": s["text"]}
+        {
+            "what": s["id"] if s["kind"] == "trial" else f"visit {s['id']}",
+            "trials": len(s["trials"]),
+            "why_not": s["text"],
+        }
         | {"value": s["without"] and s["without"]["value"], "u": s["without"] and s["without"]["u"]}
         | {"change": s["shift"], "change_in_u": s["shift"] / u if u and s["without"] else None}
         for s in fitted["influence"][boundary]["suspects"]
     ]
 
 
-def _put_back(job: Job, trials: Table, boundary: Boundary, out: NDArray[np.bool_]) -> dict[str, Any]:
+def _put_back(
+    job: Job, trials: Table, boundary: Boundary, out: NDArray[np.bool_]
+) -> dict[str, Any]:
     """The headline coefficient without the excluded trials, and with them."""
     model, _ = choice(job.campaign, boundary)
     name = model.parameters[0].name
@@ -114,7 +142,12 @@ def _put_back(job: Job, trials: Table, boundary: Boundary, out: NDArray[np.bool_
         quality = trials["quality"].copy()
         quality[chosen] = ""
         try:
-            after = fit(model, observe({**trials, "quality": quality}, job.campaign, boundary), parts, accepted.noise).estimates[name]
+            after = fit(
+                model,
+                observe({**trials, "quality": quality}, job.campaign, boundary),
+                parts,
+                accepted.noise,
+            ).estimates[name]
         except NotConverged as fault:
             return {"trials": int(chosen.sum()), "value": None, "why_not": fault.what}
         return {
@@ -122,7 +155,9 @@ def _put_back(job: Job, trials: Table, boundary: Boundary, out: NDArray[np.bool_
             "value": after.value,
             "u": after.u,
             "change": after.value - before.value,
-            "change_in_u": (after.value - before.value) / before.u if before.u and math.isfinite(before.u) else None,
+            "change_in_u": (after.value - before.value) / before.u
+            if before.u and math.isfinite(before.u)
+            else None,
         }
 
     back = able & within
@@ -132,7 +167,9 @@ def _put_back(job: Job, trials: Table, boundary: Boundary, out: NDArray[np.bool_
         "accepted": {"value": before.value, "u": before.u, "trials": accepted.n},
         "excluded": int(mine.sum()),
         "cannot_be_put_back": {
-            str(trials["trial"][i]): "it has no mean lift" if not able[i] else f"the model has no value at z_hat = {trials['z_hat'][i]:.4g}"
+            str(trials["trial"][i]): "it has no mean lift"
+            if not able[i]
+            else f"the model has no value at z_hat = {trials['z_hat'][i]:.4g}"
             for i in np.flatnonzero(mine & ~back)
         },
         "all": None,

@@ -1,4 +1,6 @@
-"""Several campaigns in one go. Threads share one campaign's trials; processes and clusters take whole campaigns, a few at a time."""
+"""Several campaigns in one go. Threads share one campaign's trials; processes and clusters take
+whole campaigns, a few at a time.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from nearlift.products import DIAGNOSIS
 from nearlift.stages import graph
 from nearlift.stages.opening import open_job
 
-#: From the least to the gravest; a campaign that ran but lost trials is better off than one that did not run.
+#: From the least to the gravest; a campaign that ran but lost trials is better off than one that
+#: did not run.
 GRAVITY = (0, SOME_TRIALS_REJECTED, 2, 5, 4)
 
 
@@ -72,7 +75,15 @@ def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[
     apart = executor.startswith(("processes", "dask"))
     # the workers of a cluster have current folders of their own
     there = Path.absolute if executor.startswith("dask") else Path
-    specs = [Spec(root=str(there(root)), out=str(there(out)), executor="serial" if apart else executor, seed=seed) for root in roots]
+    specs = [
+        Spec(
+            root=str(there(root)),
+            out=str(there(out)),
+            executor="serial" if apart else executor,
+            seed=seed,
+        )
+        for root in roots
+    ]
     if apart:
         with open_executor(executor) as pool:
             yield from ordered(pool, run_one, specs, ahead=max(len(specs), 1))
@@ -101,7 +112,11 @@ def _run(spec: Spec) -> End:
         return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran))
     found = store.read_json_if_whole(job.processed / DIAGNOSIS.file).get("boundaries", {})
     verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in found.items())
-    words = f"{verdicts or 'done'}{f'; {rejected} trials rejected' if rejected else ''}{'' if ran else '; up to date'}"
+    words = (
+        f"{verdicts or 'done'}"
+        f"{f'; {rejected} trials rejected' if rejected else ''}"
+        f"{'' if ran else '; up to date'}"
+    )
     code = SOME_TRIALS_REJECTED if rejected else 0
     return End(campaign=name, exit_code=code, words=words, ran=tuple(ran))
 
@@ -119,10 +134,18 @@ def _distinct(roots: Sequence[Path]) -> None:
         except NearliftError:
             continue  # its turn will say why
         if name in seen:
-            raise UsageError(str(root), f"has the same name as {seen[name]}: {name!r}", "their products would overwrite each other: change `name`")
+            raise UsageError(
+                str(root),
+                f"has the same name as {seen[name]}: {name!r}",
+                "their products would overwrite each other: change `name`",
+            )
         seen[name] = root
 
 
 def gravest(ends: Sequence[End]) -> int:
     """The exit code of them all."""
-    return max((end.exit_code for end in ends), key=lambda code: GRAVITY.index(code) if code in GRAVITY else len(GRAVITY), default=0)
+    return max(
+        (end.exit_code for end in ends),
+        key=lambda code: GRAVITY.index(code) if code in GRAVITY else len(GRAVITY),
+        default=0,
+    )

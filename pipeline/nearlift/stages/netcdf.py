@@ -1,8 +1,9 @@
 """posterior.nc: the draws as netCDF-4, laid out as ArviZ wants them.
 
-Every model of every boundary has a group, such as ``/ground/sanchez_cuevas``, with the groups `posterior` (each parameter by chain and draw,
-and L_inf by throttle) and `sample_stats` in it. The first boundary's base model stands in the root as well, so that a reader who
-names no group finds a posterior.
+Every model of every boundary has a group, such as ``/ground/sanchez_cuevas``, with the groups
+`posterior` (each parameter by chain and draw, and L_inf by throttle) and `sample_stats` in it. The
+first boundary's base model stands in the root as well, so that a reader who names no group finds a
+posterior.
 """
 
 from __future__ import annotations
@@ -35,10 +36,18 @@ def write(job: Job) -> str:
     try:
         import h5netcdf
     except ImportError:
-        raise InputRefused(FILE, "needs the package h5netcdf, which is not installed", "pip install 'nearlift[netcdf]'") from None
+        raise InputRefused(
+            FILE,
+            "needs the package h5netcdf, which is not installed",
+            "pip install 'nearlift[netcdf]'",
+        ) from None
     draws, fits = job.read(POSTERIOR), job.read_json(FIT)
     digest = store.sha256(job.processed / TRIALS.file)
-    about = {"created_by": f"nearlift {nearlift.__version__}", "campaign": job.campaign.name, "data_sha256": digest}
+    about = {
+        "created_by": f"nearlift {nearlift.__version__}",
+        "campaign": job.campaign.name,
+        "data_sha256": digest,
+    }
     sink = io.BytesIO()
     with h5netcdf.File(sink, "w") as file:
         root = False
@@ -50,7 +59,13 @@ def write(job: Job) -> str:
                     continue
                 chosen = {name: column[mine] for name, column in draws.items()}
                 entry = fits["boundaries"][boundary][model]["posterior"]
-                notes = {**about, "boundary": boundary, "model": model, "sampler": entry["sampler"], **_diagnostics(entry)}
+                notes = {
+                    **about,
+                    "boundary": boundary,
+                    "model": model,
+                    "sampler": entry["sampler"],
+                    **_diagnostics(entry),
+                }
                 _model(file.create_group(f"{boundary}/{model}"), model, chosen, notes)
                 if not root:
                     _model(file, model, chosen, notes)
@@ -59,15 +74,25 @@ def write(job: Job) -> str:
 
 
 def _diagnostics(entry: Mapping[str, Any]) -> dict[str, float]:
-    return {k: float(entry[k]) for k in ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof") if entry.get(k) is not None}
+    return {
+        k: float(entry[k])
+        for k in ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof")
+        if entry.get(k) is not None
+    }
 
 
 def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, Any]) -> None:
     """Groups `posterior` and `sample_stats` of one model."""
     chains, length = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
     group.attrs.update(notes)
-    posterior, stats = _group(group, "posterior", chains, length, notes), _group(group, "sample_stats", chains, length, notes)
-    by_name = {n: draws["value"][draws["parameter"] == n].reshape(chains, length) for n in dict.fromkeys(draws["parameter"].tolist())}
+    posterior, stats = (
+        _group(group, "posterior", chains, length, notes),
+        _group(group, "sample_stats", chains, length, notes),
+    )
+    by_name = {
+        n: draws["value"][draws["parameter"] == n].reshape(chains, length)
+        for n in dict.fromkeys(draws["parameter"].tolist())
+    }
     declared = catalogue.model(model)
     levels = {split_level(n): values for n, values in by_name.items() if n.startswith(LEVEL)}
     for name, values in by_name.items():
@@ -75,14 +100,20 @@ def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, Any])
             continue
         variable = posterior.create_variable(name, ("chain", "draw"), data=values)
         parameter = declared.parameter(name)
-        variable.attrs.update({"units": parameter.unit, "long_name": parameter.meaning, "prior": str(parameter.prior)})
+        variable.attrs.update(
+            {"units": parameter.unit, "long_name": parameter.meaning, "prior": str(parameter.prior)}
+        )
     if levels:
         posterior.dimensions["throttle"] = len(levels)
         posterior.create_variable("throttle", ("throttle",), data=np.array(list(levels)))
-        variable = posterior.create_variable(LEVEL, ("chain", "draw", "throttle"), data=np.stack(list(levels.values()), axis=-1))
+        variable = posterior.create_variable(
+            LEVEL, ("chain", "draw", "throttle"), data=np.stack(list(levels.values()), axis=-1)
+        )
         variable.attrs.update({"units": "N", "long_name": "lift far from the boundary"})
     first = draws["parameter"] == draws["parameter"][0]
-    stats.create_variable("lp", ("chain", "draw"), data=draws["log_prob"][first].reshape(chains, length))
+    stats.create_variable(
+        "lp", ("chain", "draw"), data=draws["log_prob"][first].reshape(chains, length)
+    )
 
 
 def _group(parent: Any, name: str, chains: int, length: int, notes: Mapping[str, Any]) -> Any:

@@ -30,7 +30,9 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
     }
     if campaign.load_cell.sample_rate is not None and "n" in trials:
         covariates["record_s"] = trials["n"][mine] / campaign.load_cell.sample_rate
-    session = trials["session"][mine].astype(str) if "session" in trials else np.zeros(int(mine.sum()))
+    session = (
+        trials["session"][mine].astype(str) if "session" in trials else np.zeros(int(mine.sum()))
+    )
     return Observations(
         boundary=boundary,
         trial=trials["trial"][mine],
@@ -58,10 +60,13 @@ def _in_order(labels: np.ndarray) -> np.ndarray:
 def interim_look(trials: Table, campaign: Campaign, boundary: Boundary) -> InterimLook | None:
     """How far the boundary's campaign is, free air included; None where no trial is still to come.
 
-    A trial is to come if neither it nor any later one has a record: what is missing between others was lost. In an unknown order, every
-    missing trial is. ``[diagnose] planned_trials`` is the campaign's length where the schedule's is not.
+    A trial is to come if neither it nor any later one has a record: what is missing between others
+    was lost. In an unknown order, every missing trial is. ``[diagnose] planned_trials`` is the
+    campaign's length where the schedule's is not.
     """
-    coming = np.array([completeness(text) in ("missing", "pending") for text in trials["quality"]], dtype=bool)
+    coming = np.array(
+        [completeness(text) in ("missing", "pending") for text in trials["quality"]], dtype=bool
+    )
     if campaign.trials.order == "run":
         coming[: np.flatnonzero(~coming).max(initial=0)] = False
     coming &= np.array([EXCLUDED not in text.split() for text in trials["quality"]], dtype=bool)

@@ -1,4 +1,6 @@
-"""A campaign opened to be worked on: what every command that reads its records or products begins with."""
+"""A campaign opened to be worked on: what every command that reads its records or products begins
+with.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ def open_job(
     keep: bool = True,
     announce: Callable[[str], None] = silent,
 ) -> Iterator[Job]:
-    """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a finished job knows of its inputs for the next."""
+    """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a
+    finished job knows of its inputs for the next.
+    """
     if executor.startswith("dask"):
         # the workers of a cluster have current folders of their own
         root = root.absolute()

@@ -1,4 +1,6 @@
-"""Further data for Figure 2, as the manifest names them: small CSV files of other groups' measurements."""
+"""Further data for Figure 2, as the manifest names them: small CSV files of other groups'
+measurements.
+"""
 
 from __future__ import annotations
 
@@ -26,17 +28,32 @@ def read(root: Path, campaign: Campaign) -> tuple[tuple[Overlay, Columns], ...]:
     InputRefused
         A file is too large, lacks a column, or holds a cell that is no number.
     """
-    return tuple((overlay, _table(_inside(root, overlay), overlay.file)) for overlay in campaign.report.overlay)
+    return tuple(
+        (overlay, _table(_inside(root, overlay), overlay.file))
+        for overlay in campaign.report.overlay
+    )
 
 
 def _inside(root: Path, overlay: Overlay) -> Path:
     path = (root / overlay.file).resolve()
     if not path.is_relative_to(root.resolve()):
-        raise ManifestError("report.overlay.file", f"{overlay.file!r} lies outside the campaign's folder", "copy it into the folder")
+        raise ManifestError(
+            "report.overlay.file",
+            f"{overlay.file!r} lies outside the campaign's folder",
+            "copy it into the folder",
+        )
     if not path.is_file():
-        raise ManifestError("report.overlay.file", f"there is no file {overlay.file!r} in {root}", "mend the name, or leave the overlay out")
+        raise ManifestError(
+            "report.overlay.file",
+            f"there is no file {overlay.file!r} in {root}",
+            "mend the name, or leave the overlay out",
+        )
     if path.stat().st_size > MAX_BYTES:
-        raise InputRefused(overlay.file, f"has {path.stat().st_size} bytes", f"an overlay is a few points: at most {MAX_BYTES} bytes")
+        raise InputRefused(
+            overlay.file,
+            f"has {path.stat().st_size} bytes",
+            f"an overlay is a few points: at most {MAX_BYTES} bytes",
+        )
     return path
 
 
@@ -44,14 +61,25 @@ def _table(path: Path, name: str) -> Columns:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as fault:
-        raise InputRefused(name, f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8") from None
-    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+        raise InputRefused(
+            name, f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8"
+        ) from None
+    lines = [
+        (i, line)
+        for i, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
     rows = list(csv.DictReader([line for _, line in lines]))
     missing = [c for c in COLUMNS if not rows or c not in rows[0]]
     if missing:
         wanted = f"an overlay has the columns {', '.join(COLUMNS)} (fractions; u may be empty)"
         raise InputRefused(name, f"lacks {', '.join(missing)}" if rows else "holds no rows", wanted)
-    return {c: np.array([_number(row[c], c, name, i) for (i, _), row in zip(lines[1:], rows, strict=True)]) for c in COLUMNS}
+    return {
+        c: np.array(
+            [_number(row[c], c, name, i) for (i, _), row in zip(lines[1:], rows, strict=True)]
+        )
+        for c in COLUMNS
+    }
 
 
 def _number(text: str | None, column: str, name: str, line: int) -> float:
@@ -62,7 +90,15 @@ def _number(text: str | None, column: str, name: str, line: int) -> float:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value) or (column == "z_hat" and value <= 0) or (column == "u" and value < 0):
+    if (
+        not math.isfinite(value)
+        or (column == "z_hat" and value <= 0)
+        or (column == "u" and value < 0)
+    ):
         kind = {"z_hat": "a distance", "delta_L": "a number", "u": "an uncertainty"}[column]
-        raise InputRefused(f"{name}, line {line}", f"{column} = {cell!r} is not {kind} that can be drawn", "mend or remove that line")
+        raise InputRefused(
+            f"{name}, line {line}",
+            f"{column} = {cell!r} is not {kind} that can be drawn",
+            "mend or remove that line",
+        )
     return value

@@ -1,4 +1,6 @@
-"""A campaign before it is run, as trials: from the schedule that lies in its folder, or from `[design]`; and its expected scatter."""
+"""A campaign before it is run, as trials: from the schedule that lies in its folder, or from
+`[design]`; and its expected scatter.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,16 @@ from nearlift.results import Noise
 from nearlift.synthetic.design import Design, balanced, from_both_sides, randomised
 from nearlift.synthetic.records import GRAVITY
 
-#: What is assumed where neither `[design]` nor an earlier campaign says how trials scatter: a small rig in good order.
-ASSUMED = Noise(relative=5e-3, force_N=3e-4, height_m=5e-5, source="assumed: 0.5 % of lift, 0.3 mN, 0.05 mm per visit")
-#: Full throttle lifts twice the weight, and lift goes with this power of throttle: Bitcraze's table of the Crazyflie has 1.3 to 1.5.
+#: What is assumed where neither `[design]` nor an earlier campaign says how trials scatter: a small
+#: rig in good order.
+ASSUMED = Noise(
+    relative=5e-3,
+    force_N=3e-4,
+    height_m=5e-5,
+    source="assumed: 0.5 % of lift, 0.3 mN, 0.05 mm per visit",
+)
+#: Full throttle lifts twice the weight, and lift goes with this power of throttle: Bitcraze's table
+#: of the Crazyflie has 1.3 to 1.5.
 FULL_WEIGHTS, THRUST_POWER = 2.0, 1.4
 #: How far past a station the traverse goes to arrive from the other side.
 OVERSHOOT_RADII = 0.1
@@ -31,7 +40,9 @@ OVERSHOOT_RADII = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """Planned trials as a table in the shape of trials.parquet, `lift_N` being L_inf; where they came from; what was assumed."""
+    """Planned trials as a table in the shape of trials.parquet, `lift_N` being L_inf; where they
+    came from; what was assumed.
+    """
 
     table: store.Table
     source: str
@@ -42,11 +53,20 @@ class Plan:
 def has_schedule(campaign: Campaign, root: Path) -> bool:
     """Whether the folder holds a schedule with at least one trial."""
     path = schedule_file(campaign, root)
-    return path.is_file() and sum(1 for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if line.strip()) > 1
+    return (
+        path.is_file()
+        and sum(
+            1
+            for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+            if line.strip()
+        )
+        > 1
+    )
 
 
 def plan(campaign: Campaign, root: Path, seed: int) -> Plan:
-    """The trials that are planned: the schedule in the folder where there is one, else a random one from `[design]`.
+    """The trials that are planned: the schedule in the folder where there is one, else a random one
+    from `[design]`.
 
     Raises
     ------
@@ -57,20 +77,33 @@ def plan(campaign: Campaign, root: Path, seed: int) -> Plan:
         schedule = read_schedule(campaign, root)
         far, assumed = levels(campaign, schedule.throttle)
         covariates, more = ranged(campaign.design, schedule)
-        return Plan(table=table_of(schedule, far, covariates), source=schedule_file(campaign, root).name, assumed=(*assumed, *more))
+        return Plan(
+            table=table_of(schedule, far, covariates),
+            source=schedule_file(campaign, root).name,
+            assumed=(*assumed, *more),
+        )
     if campaign.design is None:
         raise UsageError(
-            str(root), "has neither a schedule with trials nor a [design]", "write [design] with distances, throttles, visits and sessions"
+            str(root),
+            "has neither a schedule with trials nor a [design]",
+            "write [design] with distances, throttles, visits and sessions",
         )
     drawn = draw(campaign, seed)
     schedule = as_schedule(drawn, campaign)
     far, assumed = levels(campaign, schedule.throttle)
     covariates, more = ranged(campaign.design, schedule)
-    return Plan(table=table_of(schedule, far, covariates), source="[design]", assumed=(*assumed, *more), design=drawn)
+    return Plan(
+        table=table_of(schedule, far, covariates),
+        source="[design]",
+        assumed=(*assumed, *more),
+        design=drawn,
+    )
 
 
 def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Design:
-    """A random schedule of a `[design]`: visits in random order, throttles balanced, each station from both sides where it can be."""
+    """A random schedule of a `[design]`: visits in random order, throttles balanced, each station
+    from both sides where it can be.
+    """
     wanted = planned or campaign.design
     assert wanted is not None
     drawn = randomised(
@@ -85,8 +118,14 @@ def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Desig
     )
     # the usual pause between sessions is the schedule's own; another one shifts all that follows
     starts = drawn.start_s + (wanted.change - 300.0) * drawn.session
-    drawn = balanced(dataclasses.replace(drawn, start_s=np.round(starts - starts[0] + wanted.move, 1)), seed=seed)
-    overshoot = OVERSHOOT_RADII * campaign.vehicle.rotor_radius if wanted.overshoot is None else wanted.overshoot
+    drawn = balanced(
+        dataclasses.replace(drawn, start_s=np.round(starts - starts[0] + wanted.move, 1)), seed=seed
+    )
+    overshoot = (
+        OVERSHOOT_RADII * campaign.vehicle.rotor_radius
+        if wanted.overshoot is None
+        else wanted.overshoot
+    )
     return from_both_sides(drawn, overshoot_m=overshoot, seed=seed) if overshoot > 0 else drawn
 
 
@@ -99,11 +138,17 @@ def as_schedule(design: Design, campaign: Campaign) -> Schedule:
         z_hat=design.z_m / campaign.vehicle.rotor_radius,
         throttle=design.throttle,
         visit=design.visit,
-        covariates={"start_s": design.start_s, "session": design.session.astype(str).astype(object), "approach": design.approach},
+        covariates={
+            "start_s": design.start_s,
+            "session": design.session.astype(str).astype(object),
+            "approach": design.approach,
+        },
     )
 
 
-def table_of(schedule: Schedule, far_N: FloatArray, covariates: dict[str, NDArray[Any]]) -> store.Table:
+def table_of(
+    schedule: Schedule, far_N: FloatArray, covariates: dict[str, NDArray[Any]]
+) -> store.Table:
     """Planned trials in the shape of trials.parquet."""
     n = len(schedule)
     return {
@@ -129,17 +174,30 @@ def levels(campaign: Campaign, throttle: FloatArray) -> tuple[FloatArray, tuple[
         lacking = sorted(set(throttle.tolist()) - set(known))
         if lacking:
             raise ManifestError(
-                "design.lift", f"has no lift for the throttle {lacking[0]:g}", "list every throttle of the schedule in design.throttles"
+                "design.lift",
+                f"has no lift for the throttle {lacking[0]:g}",
+                "list every throttle of the schedule in design.throttles",
             )
         return np.array([known[t] for t in throttle.tolist()]), ()
     full = FULL_WEIGHTS * campaign.vehicle.mass * GRAVITY
-    text = f"lift far away: {FULL_WEIGHTS:g} weights ({full:.3g} N) at full throttle, with throttle to the power {THRUST_POWER:g}"
+    text = (
+        f"lift far away: {FULL_WEIGHTS:g} weights ({full:.3g} N) at full throttle, with throttle to"
+        f" the power {THRUST_POWER:g}"
+    )
     return full * throttle**THRUST_POWER, (text,)
 
 
-def ranged(wanted: Planned | None, schedule: Schedule) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """The schedule's covariates that hold numbers, and those that `[design]` expects; what was assumed."""
-    known = {k: v for k, v in schedule.covariates.items() if v.dtype.kind not in "fiu" or np.isfinite(np.asarray(v, dtype=float)).all()}
+def ranged(
+    wanted: Planned | None, schedule: Schedule
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """The schedule's covariates that hold numbers, and those that `[design]` expects; what was
+    assumed.
+    """
+    known = {
+        k: v
+        for k, v in schedule.covariates.items()
+        if v.dtype.kind not in "fiu" or np.isfinite(np.asarray(v, dtype=float)).all()
+    }
     if wanted is None:
         return known, ()
     n, said = len(schedule), []
@@ -150,19 +208,24 @@ def ranged(wanted: Planned | None, schedule: Schedule) -> tuple[dict[str, NDArra
             here = session == label
             share[here] = np.linspace(0, 1, int(here.sum()))
         known["supply_V"] = wanted.supply[0] + (wanted.supply[1] - wanted.supply[0]) * share
-        said.append(f"supply falls from {wanted.supply[0]:g} to {wanted.supply[1]:g} V in every session")
+        said.append(
+            f"supply falls from {wanted.supply[0]:g} to {wanted.supply[1]:g} V in every session"
+        )
     if wanted.temperature and "temperature_K" not in known:
         low, high = wanted.temperature
         known["temperature_K"] = low + (high - low) * np.sin(np.linspace(0, 3 * np.pi, n)) ** 2
         said.append(f"temperature swings three times between {low:g} and {high:g} K")
     if wanted.tilt and "tilt_rad" not in known:
-        known["tilt_rad"] = np.resize(np.asarray(wanted.tilt), int(schedule.visit.max()) + 1)[schedule.visit]
+        known["tilt_rad"] = np.resize(np.asarray(wanted.tilt), int(schedule.visit.max()) + 1)[
+            schedule.visit
+        ]
         said.append("tilt takes the listed values visit by visit")
     return known, tuple(said)
 
 
 def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noise:
-    """How trials are expected to scatter: an earlier campaign's noise floor, else `[design.noise]`, else `ASSUMED`.
+    """How trials are expected to scatter: an earlier campaign's noise floor, else `[design.noise]`,
+    else `ASSUMED`.
 
     Raises
     ------
@@ -172,13 +235,32 @@ def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noi
     if earlier is not None:
         path = earlier / DIAGNOSIS.file
         if not path.is_file():
-            raise UsageError("--noise-from", f"{earlier.name} has no {DIAGNOSIS.file}", "run it first, or name another with a diagnosis")
-        floors = {b: entry["noise_floor"] for b, entry in store.read_json(path)["boundaries"].items() if "noise_floor" in entry}
+            raise UsageError(
+                "--noise-from",
+                f"{earlier.name} has no {DIAGNOSIS.file}",
+                "run it first, or name another with a diagnosis",
+            )
+        floors = {
+            b: entry["noise_floor"]
+            for b, entry in store.read_json(path)["boundaries"].items()
+            if "noise_floor" in entry
+        }
         if not floors:
-            raise UsageError("--noise-from", f"no boundary of {earlier.name} could be diagnosed", "name another campaign, or give [design.noise]")
+            raise UsageError(
+                "--noise-from",
+                f"no boundary of {earlier.name} could be diagnosed",
+                "name another campaign, or give [design.noise]",
+            )
         floor = floors.get(boundary) or next(iter(floors.values()))
-        return dataclasses.replace(Noise.recorded(floor), dof=np.inf, source=f"the noise floor of {earlier.name}")
+        return dataclasses.replace(
+            Noise.recorded(floor), dof=np.inf, source=f"the noise floor of {earlier.name}"
+        )
     if campaign.design is not None and campaign.design.noise is not None:
         given = campaign.design.noise
-        return Noise(relative=given.relative, force_N=given.force, height_m=given.height, source="[design.noise]")
+        return Noise(
+            relative=given.relative,
+            force_N=given.force,
+            height_m=given.height,
+            source="[design.noise]",
+        )
     return ASSUMED

@@ -1,4 +1,6 @@
-"""What stage fit does with posteriors: sample each model's, keep the draws as rows, and write its part of fit.json."""
+"""What stage fit does with posteriors: sample each model's, keep the draws as rows, and write its
+part of fit.json.
+"""
 
 from __future__ import annotations
 
@@ -47,16 +49,30 @@ class Posteriors:
         return hashlib.sha256(json.dumps(material, sort_keys=True).encode()).hexdigest()
 
     def add(self, fitted: Fit, base: bool) -> dict[str, Any]:
-        """Sample one model's posterior; returns what fit.json says of it. L_inf of each throttle is kept for base models."""
+        """Sample one model's posterior; returns what fit.json says of it. L_inf of each throttle is
+        kept for base models.
+        """
         boundary, name = fitted.problem.data.boundary, fitted.model.name
         density = Density(problem=gum.stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
-        checkpoint = Checkpoint(folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key)
-        found = posterior.sample(density, self.settings, self.job.seed, boundary, name, stored=checkpoint.read(), keep=checkpoint.keep)
+        checkpoint = Checkpoint(
+            folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key
+        )
+        found = posterior.sample(
+            density,
+            self.settings,
+            self.job.seed,
+            boundary,
+            name,
+            stored=checkpoint.read(),
+            keep=checkpoint.keep,
+        )
         throttles = fitted.problem.data.levels
         columns = {n: found.theta[:, :, i] for i, n in enumerate(found.names)}
         if base:
             columns |= {level_name(t): found.levels_N[:, :, i] for i, t in enumerate(throttles)}
-        self.parts += [_rows(boundary, name, n, values, found.log_prob) for n, values in columns.items()]
+        self.parts += [
+            _rows(boundary, name, n, values, found.log_prob) for n, values in columns.items()
+        ]
         entry = _record(density, found, fitted)
         for i, parameter in enumerate(fitted.names):
             if fitted.effective[i] == 0:
@@ -70,7 +86,12 @@ class Posteriors:
 
     def write(self) -> None:
         """All draws to posterior.parquet."""
-        self.job.write(POSTERIOR, {c.name: np.concatenate([p[c.name] for p in self.parts]) for c in POSTERIOR.columns} if self.parts else _empty())
+        self.job.write(
+            POSTERIOR,
+            {c.name: np.concatenate([p[c.name] for p in self.parts]) for c in POSTERIOR.columns}
+            if self.parts
+            else _empty(),
+        )
 
 
 LEVEL = "L_inf_N"
@@ -101,7 +122,9 @@ def _rows(boundary: str, model: str, name: str, values: FloatArray, log_prob: Fl
 
 
 def _empty() -> Table:
-    return {c.name: np.zeros(0, dtype=object if c.kind == "text" else float) for c in POSTERIOR.columns}
+    return {
+        c.name: np.zeros(0, dtype=object if c.kind == "text" else float) for c in POSTERIOR.columns
+    }
 
 
 SHOWN = np.array([0.05, 0.5, 0.95])
@@ -117,7 +140,9 @@ def _entry(mean: float, sd: float, quantiles: FloatArray, unit: str) -> dict[str
 
 
 def _marginal(density: Density, draws: FloatArray, unit: str) -> dict[str, Any]:
-    """One parameter's spread: where it is the only one by the grid that judges the draws, which has no Monte Carlo error; else by the draws."""
+    """One parameter's spread: where it is the only one by the grid that judges the draws, which has
+    no Monte Carlo error; else by the draws.
+    """
     if len(density.problem.names) == 1 and draws.std() > 0:
         exact = grid(density, np.array([draws.mean()]), np.array([[draws.var()]]))
         if exact.resolved:
@@ -139,7 +164,12 @@ def _record(density: Density, found: Posterior, fitted: Fit) -> dict[str, Any]:
             "ess_tail": found.ess_tail[i],
             "r_hat": found.r_hat[i],
             "tau": found.tau[i],
-            "prior": {"text": said.prior, "lo90": said.prior_lo90, "hi90": said.prior_hi90, "bounds": list(belief.parameter.bounds)},
+            "prior": {
+                "text": said.prior,
+                "lo90": said.prior_lo90,
+                "hi90": said.prior_hi90,
+                "bounds": list(belief.parameter.bounds),
+            },
             "width_ratio": said.ratio,
             "at_low": said.at_low,
             "at_high": said.at_high,
@@ -158,8 +188,12 @@ def _record(density: Density, found: Posterior, fitted: Fit) -> dict[str, Any]:
         "steps": found.steps,
         "pareto_k": found.pareto_k,
         "noise_dof": density.dof,
-        "checks": [{"by": c.by, "apart": c.apart, "where": c.where, "unfit": c.unfit} for c in found.checks],
+        "checks": [
+            {"by": c.by, "apart": c.apart, "where": c.where, "unfit": c.unfit} for c in found.checks
+        ],
         "parameters": parameters,
-        "L_inf_N": {f"{t:g}": _spread(found.levels_N[:, :, i].ravel(), "N") for i, t in enumerate(throttles)},
+        "L_inf_N": {
+            f"{t:g}": _spread(found.levels_N[:, :, i].ravel(), "N") for i, t in enumerate(throttles)
+        },
         "log_evidence": {"value": found.log_evidence, "u": found.u_log_evidence},
     }

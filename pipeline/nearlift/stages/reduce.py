@@ -11,15 +11,17 @@ from nearlift.reduction import cells, plausibility
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 
-#: With more cells than this no covariance is written: a column of numbers for every cell, it grows with their square (34 MB here).
+#: With more cells than this no covariance is written: a column of numbers for every cell, it grows
+#: with their square (34 MB here).
 MOST_CELLS = 2000
 
 
 def run(job: Job) -> Outcome:
-    """Average the accepted trials of each (boundary, distance, throttle); write the cells and the covariance of Delta L.
+    """Average the accepted trials of each (boundary, distance, throttle); write the cells and the
+    covariance of Delta L.
 
-    A throttle without a lift far from the boundary has no Delta L (nan), unless ``[quality] near_reference`` asks for it: its L_inf would be
-    a lift that the boundary changes.
+    A throttle without a lift far from the boundary has no Delta L (nan), unless ``[quality]
+    near_reference`` asks for it: its L_inf would be a lift that the boundary changes.
 
     Raises
     ------
@@ -30,26 +32,41 @@ def run(job: Job) -> Outcome:
     found = {}
     for boundary in boundaries(trials):
         data = observe(trials, job.campaign, boundary)
-        found[boundary] = cells.reduce(data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit)
+        found[boundary] = cells.reduce(
+            data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit
+        )
     if not found:
-        remedy = "trials.parquet stands; a change of lift wants trials at some distance to a ground, ceiling or sidewall"
-        raise InputRefused(job.campaign.trials.file, "has no good trial near a boundary, only in free air", remedy)
+        remedy = (
+            "trials.parquet stands; a change of lift wants trials at some distance to a ground,"
+            " ceiling or sidewall"
+        )
+        raise InputRefused(
+            job.campaign.trials.file, "has no good trial near a boundary, only in free air", remedy
+        )
     columns = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L")
     table = {name: np.concatenate([getattr(c, name) for c in found.values()]) for name in columns}
-    table["boundary"] = np.concatenate([np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()])
+    table["boundary"] = np.concatenate(
+        [np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()]
+    )
     wanted, notes = job.campaign.quality.near_reference, []
     for side, far in plausibility.only_near(trials):
         notes.append(
-            f"{side}: no trial is farther than z_hat = {far:.3g}, where the {side} still acts, so Delta L is against that; "
-            "measure farther away, or in free air; or is the unit of distance wrong?"
+            f"{side}: no trial is farther than z_hat = {far:.3g}, where the {side} still acts, so"
+            " Delta L is against that; measure farther away, or in free air; or is the unit of"
+            " distance wrong?"
         )
     lacking = np.zeros(len(table["z_hat"]), dtype=bool)
     for side, level, far, farthest in plausibility.without_reference(trials):
         if not wanted:
             lacking |= (table["boundary"] == side) & (table["throttle"] == level)
         notes.append(
-            f"{side}: at {100 * level:.4g} % throttle no trial is farther than z_hat = {far:.3g}, where others reach {farthest:.3g}: "
-            + ("its Delta L rests on a lift that the boundary changes, as asked" if wanted else "it has no L_inf, hence no Delta L")
+            f"{side}: at {100 * level:.4g} % throttle no trial is farther than z_hat = {far:.3g},"
+            f" where others reach {farthest:.3g}: "
+            + (
+                "its Delta L rests on a lift that the boundary changes, as asked"
+                if wanted
+                else "it has no L_inf, hence no Delta L"
+            )
             + "; measure it far away, or in free air"
             + ("" if wanted else ", or say near_reference = true under [quality]")
         )
@@ -57,7 +74,10 @@ def run(job: Job) -> Outcome:
     job.write(LIFT, table)
     if len(lacking) > MOST_CELLS:
         size = f"{8e-6 * len(lacking) ** 2:.0f} MB"
-        notes.append(f"{len(lacking)} cells: their covariance would be {size}, and {LIFT_COVARIANCE.file} is left empty; u_delta_L is in {LIFT.file}")
+        notes.append(
+            f"{len(lacking)} cells: their covariance would be {size}, and {LIFT_COVARIANCE.file} is"
+            f" left empty; u_delta_L is in {LIFT.file}"
+        )
         job.write(LIFT_COVARIANCE, {})
         return Outcome(notes=tuple(notes))
     covariance = _block_diagonal([c.covariance() for c in found.values()])

@@ -1,4 +1,6 @@
-"""report: every figure as .pdf, .png and .csv, tables for papers, and index.html. matplotlib is imported only here."""
+"""report: every figure as .pdf, .png and .csv, tables for papers, and index.html. matplotlib is
+imported only here.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ NEEDED = (TRIALS, FIT, RESULTS)
 
 
 def run(job: Job) -> Outcome:
-    """Make the whole report anew. A figure whose products are missing is not made, and what an earlier run left of it is removed."""
+    """Make the whole report anew. A figure whose products are missing is not made, and what an
+    earlier run left of it is removed.
+    """
     from nearlift.figures.render import render
     from nearlift.figures.style import style
     from nearlift.pages import methods, tables
@@ -44,31 +48,47 @@ def run(job: Job) -> Outcome:
             job.publish(f"{spec.name}.{kind}", files[kind])
         job.publish(f"{spec.name}.csv", to_csv(rows))
         caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
-        pictures.append(Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"]))
+        pictures.append(
+            Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"])
+        )
     job.publish("tables/coefficients.tex", table(evidence).encode())
     job.publish("tables/coefficients.csv", to_csv(coefficients(evidence)))
     for name in ("budget", "comparison"):
         job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
         job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
-    for name, made in (("methods.md", methods.markdown), ("methods.tex", methods.tex), ("references.bib", methods.references)):
+    for name, made in (
+        ("methods.md", methods.markdown),
+        ("methods.tex", methods.tex),
+        ("references.bib", methods.references),
+    ):
         job.publish(name, made(evidence))
     job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
-    return Outcome(notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out))
+    return Outcome(
+        notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)
+    )
 
 
 def gather(job: Job) -> Evidence:
-    """Everything that some figure or chapter reads, in memory; provenance.json is not among it, since times stand there."""
+    """Everything that some figure or chapter reads, in memory; provenance.json is not among it,
+    since times stand there.
+    """
     from nearlift.pages.chapters import CHAPTERS
     from nearlift.stages.gallery import FIGURES
     from nearlift.stages.graph import versions
 
-    read = {p for spec in FIGURES for p in spec.needs} | {p for chapter in CHAPTERS for p in chapter.needs} | {JOINT, RESULTS}
+    read = (
+        {p for spec in FIGURES for p in spec.needs}
+        | {p for chapter in CHAPTERS for p in chapter.needs}
+        | {JOINT, RESULTS}
+    )
     tables: dict[str, Any] = {}
     documents: dict[str, Any] = {}
     digests = {}
     for product in PRODUCTS:
         path = job.processed / product.file
-        gone = (product in FLOW_PRODUCTS and job.campaign.piv is None) or (product == JOINT and job.campaign.joint is None)
+        gone = (product in FLOW_PRODUCTS and job.campaign.piv is None) or (
+            product == JOINT and job.campaign.joint is None
+        )
         if product not in read or gone or (product not in NEEDED and not path.is_file()):
             continue
         if path.suffix == ".json":
@@ -82,7 +102,9 @@ def gather(job: Job) -> Evidence:
         campaign=job.campaign,
         tables=tables,
         documents=documents,
-        observations={b: observe(trials, job.campaign, b) for b in boundaries(trials) if b in fitted},
+        observations={
+            b: observe(trials, job.campaign, b) for b in boundaries(trials) if b in fitted
+        },
         overlays=overlays.read(job.root, job.campaign),
         digests=digests,
         inputs=dict(job.inputs),
@@ -92,10 +114,14 @@ def gather(job: Job) -> Evidence:
 
 
 def _expected(job: Job, spec: FigureSpec) -> bool:
-    """Whether the campaign asks for the figure and for every stage that makes what it shows; one that it does not ask for is not missed."""
+    """Whether the campaign asks for the figure and for every stage that makes what it shows; one
+    that it does not ask for is not missed.
+    """
     from nearlift.stages.graph import STAGES
 
-    return spec.asked(job.campaign) and all(stage.configured(job) for stage in STAGES if not set(stage.writes).isdisjoint(spec.needs))
+    return spec.asked(job.campaign) and all(
+        stage.configured(job) for stage in STAGES if not set(stage.writes).isdisjoint(spec.needs)
+    )
 
 
 def _remove(job: Job, spec: FigureSpec) -> None:

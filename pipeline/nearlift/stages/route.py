@@ -1,4 +1,6 @@
-"""The way through the manifest's corridor, from the crash rates and powers of the fitted models; a part of the stage simulate."""
+"""The way through the manifest's corridor, from the crash rates and powers of the fitted models; a
+part of the stage simulate.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,11 @@ from nearlift.stages.job import Job
 
 
 def plan(
-    job: Job, chosen: Simulate, craft: Craft, fitted: dict[Boundary, Any], flown: dict[Boundary, Sweep]
+    job: Job,
+    chosen: Simulate,
+    craft: Craft,
+    fitted: dict[Boundary, Any],
+    flown: dict[Boundary, Sweep],
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """The route's entry in safety.json, and the rows of routes.parquet.
 
@@ -39,10 +45,22 @@ def plan(
         speed_m_s=asked.speed,
         induced_m_s=math.sqrt(craft.weight_N / (2 * craft.density_kg_m3 * disks)),
     )
-    grid = route.field(route.Corridor(length_m=asked.length, height_m=asked.height, boxes=boxes), pilot, near)
+    grid = route.field(
+        route.Corridor(length_m=asked.length, height_m=asked.height, boxes=boxes), pilot, near
+    )
     found = route.ways(grid, pilot, asked.start, asked.goal)
     best = route.cheapest(found, asked.risk, chosen.flights)
-    told = [{"price": w.price, "energy": w.energy, "risk": w.risk, "lo90": w.lo90, "hi90": w.hi90, "chosen": int(w is best)} for w in found]
+    told = [
+        {
+            "price": w.price,
+            "energy": w.energy,
+            "risk": w.risk,
+            "lo90": w.lo90,
+            "hi90": w.hi90,
+            "chosen": int(w is best),
+        }
+        for w in found
+    ]
     table = [
         {"way": i, **own, "risk_from": route.BASES[basis], "x_m": float(x), "z_m": float(z)}
         for i, (w, own) in enumerate(zip(found, told, strict=True))
@@ -65,29 +83,47 @@ def plan(
         "lo90": best.lo90,
         "hi90": best.hi90,
         # how much of the chosen way lies where no flight crashed, or none was flown
-        "share_by_basis": {basis: float(np.mean(best.basis == i)) for i, basis in enumerate(route.BASES)},
+        "share_by_basis": {
+            basis: float(np.mean(best.basis == i)) for i, basis in enumerate(route.BASES)
+        },
     }
     return entry, table
 
 
-def _nearness(job: Job, boundary: Boundary, own: dict[str, Any], flown: Sweep, chosen: Simulate, craft: Craft) -> route.Nearness:
-    """Power and hazard near one boundary, from what was flown with the best estimate (row 1 of the sweep) and with the model's draws."""
+def _nearness(
+    job: Job, boundary: Boundary, own: dict[str, Any], flown: Sweep, chosen: Simulate, craft: Craft
+) -> route.Nearness:
+    """Power and hazard near one boundary, from what was flown with the best estimate (row 1 of the
+    sweep) and with the model's draws.
+    """
     z_hat = flown.target_z_hat
     cost = energy.cost(flown.ratio[1], job.campaign.rig.held)[1]
     crashes = flown.crashed[1].sum(axis=1)
     duration_s = own["groups"]["duration"] * craft.time_s
     rng = generator(job.seed, "route", boundary)
     low, high = (
-        np.concatenate([safety.rate_draws(c, safety.PER_DRAW, rng, crash=crash, safe=1.0 - crash) for c in flown.crashed[1:]]) for crash in (0.0, 1.0)
+        np.concatenate(
+            [
+                safety.rate_draws(c, safety.PER_DRAW, rng, crash=crash, safe=1.0 - crash)
+                for c in flown.crashed[1:]
+            ]
+        )
+        for crash in (0.0, 1.0)
     )
     # beyond the highest set-point the saving falls as the square of distance, as an image's does
     last = 1 - cost[-1]
     return route.Nearness(
-        power=lambda z: np.where(z > z_hat[-1], 1 - last * (z_hat[-1] / np.maximum(z, z_hat[-1])) ** 2, np.interp(z, z_hat, cost)),
+        power=lambda z: np.where(
+            z > z_hat[-1],
+            1 - last * (z_hat[-1] / np.maximum(z, z_hat[-1])) ** 2,
+            np.interp(z, z_hat, cost),
+        ),
         hazard=route.hazard_of(z_hat, safety.estimate(crashes, flown.flights), duration_s),
         low=route.hazard_of(z_hat, low, duration_s),
         high=route.hazard_of(z_hat, high, duration_s),
-        lowest_z_hat=max(float(z_hat[0]), own["measured_z_hat"][0], chosen.contact_z_hat.get(boundary, 0.0)),
+        lowest_z_hat=max(
+            float(z_hat[0]), own["measured_z_hat"][0], chosen.contact_z_hat.get(boundary, 0.0)
+        ),
         seen_z_hat=float(z_hat[np.flatnonzero(crashes)[-1]]) if crashes.any() else -np.inf,
         flown_z_hat=float(z_hat[-1]),
     )

@@ -1,4 +1,6 @@
-"""What single trials and visits are worth to the base fit: the screen's entry in fit.json, and its notes."""
+"""What single trials and visits are worth to the base fit: the screen's entry in fit.json, and its
+notes.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,21 @@ def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, A
     left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
     # trials without repeats could not be compared before there was a curve
     seen = outliers.screen(left, data.z_hat, data.throttle, data.visit, curve_removed=True)
-    marked = {str(t) for t, text in zip(trials["trial"], trials["quality"], strict=True) if "outlying" in text.split()}
+    marked = {
+        str(t)
+        for t, text in zip(trials["trial"], trials["quality"], strict=True)
+        if "outlying" in text.split()
+    }
     outlying = marked.union(data.trial[seen.outlying]) & {*data.trial}
     odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD_TRIAL]}
     odd_visits = outliers.odd_visits(left, data.z_hat, data.throttle, data.visit)
     found = influential.screen(fitted, parts, outlying, odd, odd_visits)
     why_not = found.why_not or seen.why_not
     return {
-        "suspects": [asdict(s) | {"text": text} for s, text in zip(found.suspects, words(fitted, found), strict=True)],
+        "suspects": [
+            asdict(s) | {"text": text}
+            for s, text in zip(found.suspects, words(fitted, found), strict=True)
+        ],
         "without_all": asdict(found.without_all) if found.without_all else None,
         "unscreened": seen.unscreened,
         "why_not": why_not,
@@ -48,11 +57,22 @@ def words(fitted: Fit, found: Screening) -> list[str]:
             return f"{what} stands out, and without it the base model does not fit"
         alone = s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u)
         ratio = f"{abs(s.shift) / min(headline.u, s.without.u):.2g}"
-        moves = f"moves {name} by {ratio} standard uncertainties" if alone else f"moves {name} with others that stand out"
+        moves = (
+            f"moves {name} by {ratio} standard uncertainties"
+            if alone
+            else f"moves {name} with others that stand out"
+        )
         why = "stands beyond what noise allows" if s.outlying else moves
-        beside = " and the trials named" if s.kind == "visit" and any(o.kind == "trial" for o in found.suspects) else ""
+        beside = (
+            " and the trials named"
+            if s.kind == "visit" and any(o.kind == "trial" for o in found.suspects)
+            else ""
+        )
         moved = f"{like(abs(s.shift), s.without.u)} {'higher' if s.shift > 0 else 'lower'}"
-        return f"{what} {why}: without it{beside} the base fit’s {name} is {moved}, ± {plain(s.without.u, 2)} for ± {plain(headline.u, 2)}"
+        return (
+            f"{what} {why}: without it{beside} the base fit’s {name} is {moved}, ±"
+            f" {plain(s.without.u, 2)} for ± {plain(headline.u, 2)}"
+        )
 
     return [said(s) for s in found.suspects]
 
@@ -61,9 +81,15 @@ def notes(boundary: str, entry: dict[str, Any]) -> Iterable[str]:
     """What the console says of an entry, with the remedy."""
     for suspect in entry["suspects"]:
         ids = ", ".join(f'"{t}"' for t in suspect["trials"])
-        yield f"{boundary}: {suspect['text']}; it stays in unless [quality] exclude = [{ids}] leaves it out"
+        yield (
+            f"{boundary}: {suspect['text']}; it stays in unless [quality] exclude = [{ids}] leaves"
+            " it out"
+        )
     if entry["without_all"]:
         both = entry["without_all"]
-        yield f"{boundary}: without all the trials named the base fit has {plus_minus(both['value'], both['u'])}"
+        yield (
+            f"{boundary}: without all the trials named the base fit has"
+            f" {plus_minus(both['value'], both['u'])}"
+        )
     if entry["why_not"]:
         yield f"{boundary}: trials were not screened: {entry['why_not']}"

@@ -1,4 +1,6 @@
-"""simulate: flights near ground and ceiling, to crash_rates.parquet, flights.parquet, crash_map.parquet and safety.json."""
+"""simulate: flights near ground and ceiling, to crash_rates.parquet, flights.parquet,
+crash_map.parquet and safety.json.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,17 @@ from nearlift.errors import ManifestError
 from nearlift.flight_manifest import Simulate
 from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
 from nearlift.randomness import generator
-from nearlift.simulation import claims, energy, groups, histories, maps, presets, roll, safety, variants
+from nearlift.simulation import (
+    claims,
+    energy,
+    groups,
+    histories,
+    maps,
+    presets,
+    roll,
+    safety,
+    variants,
+)
 from nearlift.simulation.control import Gains, stable
 from nearlift.simulation.craft import Craft
 from nearlift.simulation.curve import tabulate
@@ -31,7 +43,9 @@ Rows = list[dict[str, Any]]
 
 
 def run(job: Job) -> Outcome:
-    """Fly the presets and this campaign's fitted models; every run tests its own time step, and says where it fails."""
+    """Fly the presets and this campaign's fitted models; every run tests its own time step, and
+    says where it fails.
+    """
     chosen = job.campaign.simulate or Simulate()
     for risk in chosen.risks:
         safety.refuse_few(risk, chosen.flights)
@@ -46,7 +60,9 @@ def run(job: Job) -> Outcome:
         content["presets"][name] = {"meaning": preset.meaning, "boundaries": {}}
         for boundary in presets.MODELS:
             job.say(f"simulate {name} {boundary}")
-            flown, varied, entry = _preset(preset, boundary, chosen, key, spread(job), rows, levels[name])
+            flown, varied, entry = _preset(
+                preset, boundary, chosen, key, spread(job), rows, levels[name]
+            )
             content["presets"][name]["boundaries"][boundary] = entry
             samples += histories.paper(preset, boundary, key) if name == "paper" else []
             _note(notes, f"{name} {boundary}", flown.convergence)
@@ -67,12 +83,22 @@ def run(job: Job) -> Outcome:
             how = _how(chosen, boundary, craft)
             spacing = belief.arguments.get("spacing_hat")
             cells, tested = maps.scan(
-                boundary, belief.spaced, belief.model.name, bound(belief, chosen), spacing, **how, flights=chosen.flights, key=key, spread=spread(job)
+                boundary,
+                belief.spaced,
+                belief.model.name,
+                bound(belief, chosen),
+                spacing,
+                **how,
+                flights=chosen.flights,
+                key=key,
+                spread=spread(job),
             )
             mapped += cells
             entry["maps"] = asdict(tested)
             _note(notes, f"map {boundary}", tested)
-    content["route"], routes = plan(job, chosen, craft, content["fitted"], flights) if chosen.route else (None, [])
+    content["route"], routes = (
+        plan(job, chosen, craft, content["fitted"], flights) if chosen.route else (None, [])
+    )
     content["claims"] = claims.table(levels)
     content["roll"] = _roll(job, chosen)
     job.write(CRASH_RATES, columns(CRASH_RATES, rows))
@@ -84,14 +110,18 @@ def run(job: Job) -> Outcome:
 
 
 def spread(job: Job) -> Map:
-    """The executor's map: blocks of flights are plain values that threads, processes or a cluster may fly in any order."""
+    """The executor's map: blocks of flights are plain values that threads, processes or a cluster
+    may fly in any order.
+    """
     return job.executor.map
 
 
 def columns(product: Any, rows: Rows) -> dict[str, Any]:
     """Rows as the columns of a product."""
     kinds: dict[str, Any] = {"text": object, "integer": np.int64, "real": float}
-    return {c.name: np.array([r[c.name] for r in rows], dtype=kinds[c.kind]) for c in product.columns}
+    return {
+        c.name: np.array([r[c.name] for r in rows], dtype=kinds[c.kind]) for c in product.columns
+    }
 
 
 def vehicle(job: Job, chosen: Simulate) -> Craft:
@@ -108,7 +138,8 @@ def vehicle(job: Job, chosen: Simulate) -> Craft:
 
 
 def _how(chosen: Simulate, boundary: Boundary, craft: Craft) -> dict[str, Any]:
-    """Groups, scheme and step of this campaign's flights: the manifest's, else the paper's carried over to the vehicle.
+    """Groups, scheme and step of this campaign's flights: the manifest's, else the paper's carried
+    over to the vehicle.
 
     Raises
     ------
@@ -118,30 +149,60 @@ def _how(chosen: Simulate, boundary: Boundary, craft: Craft) -> dict[str, Any]:
     like = presets.preset("converged")
     carried = groups.of(like.craft, like.gains(boundary), like.disturbance, like.duration_s)
     given = chosen.gains.get(boundary)
-    gains = Gains(kP=given.proportional, kD=given.derivative, kI=given.integral) if given else groups.gains_for(carried, craft)
+    gains = (
+        Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
+        if given
+        else groups.gains_for(carried, craft)
+    )
     stable(gains, craft, boundary)
     g = chosen.gusts
-    gusts = Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation) if g else groups.disturbance_for(carried, craft)
+    gusts = (
+        Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation)
+        if g
+        else groups.disturbance_for(carried, craft)
+    )
     duration_s = chosen.duration or carried.duration * craft.time_s
     if duration_s < gusts.hold_s:
-        raise ManifestError("simulate.duration", f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s", "fly at least so long")
+        raise ManifestError(
+            "simulate.duration",
+            f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s",
+            "fly at least so long",
+        )
     step_s = chosen.step or gusts.hold_s / steps_per_hold(like.disturbance.hold_s, like.step_s)
     own = groups.of(craft, gains, gusts, duration_s, chosen.contact_z_hat.get(boundary, 0.0))
-    return {"groups": own, "scheme": chosen.scheme, "steps_per_hold": steps_per_hold(gusts.hold_s, step_s), "step_s": step_s}
+    return {
+        "groups": own,
+        "scheme": chosen.scheme,
+        "steps_per_hold": steps_per_hold(gusts.hold_s, step_s),
+        "step_s": step_s,
+    }
 
 
 def bound(belief: Belief, chosen: Simulate) -> float:
-    """The height below which L / L_inf is held constant: the manifest's, else that of the nearest station, since nothing is known below."""
+    """The height below which L / L_inf is held constant: the manifest's, else that of the nearest
+    station, since nothing is known below.
+    """
     return chosen.bound_z_hat.get(belief.boundary, belief.measured_z_hat[0])
 
 
 def _preset(
-    preset: presets.Preset, boundary: Boundary, chosen: Simulate, key: int, over: Map, rows: Rows, levels: claims.Levels
+    preset: presets.Preset,
+    boundary: Boundary,
+    chosen: Simulate,
+    key: int,
+    over: Map,
+    rows: Rows,
+    levels: claims.Levels,
 ) -> tuple[Sweep, safety.Convergence, dict[str, Any]]:
-    """The paper's models and powers under one preset; `levels` takes what its claims are judged by. Second: the step of the variants."""
+    """The paper's models and powers under one preset; `levels` takes what its claims are judged by.
+    Second: the step of the variants.
+    """
     model = catalogue.model(presets.MODELS[boundary])
     geometry = {n: presets.GEOMETRY[n] for n in model.needs}
-    curves = tabulate([lambda z, k=k: model(z, **geometry) ** k for k in presets.EXPONENTS], presets.BOUND_Z_HAT)  # type: ignore[misc]
+    curves = tabulate(
+        [lambda z, k=k: model(z, **geometry) ** k for k in presets.EXPONENTS],  # type: ignore[misc]
+        presets.BOUND_Z_HAT,
+    )
     gains = stable(preset.gains(boundary), preset.craft, boundary)
     own = groups.of(preset.craft, gains, preset.disturbance, preset.duration_s)
     how: dict[str, Any] = {
@@ -153,11 +214,28 @@ def _preset(
         "spread": over,
     }
     flown = sweep(boundary, curves, presets.TARGETS[boundary], own, **how)
-    entry: dict[str, Any] = {"convergence": asdict(flown.convergence), "groups": asdict(own), "flights": flown.flights, "levels": []}
+    entry: dict[str, Any] = {
+        "convergence": asdict(flown.convergence),
+        "groups": asdict(own),
+        "flights": flown.flights,
+        "levels": [],
+    }
     # one resampling for all curves: they met the same gusts
-    weights = safety.resamples(flown.flights, generator(key % 2**32, "levels", preset.name, boundary))
+    weights = safety.resamples(
+        flown.flights, generator(key % 2**32, "levels", preset.name, boundary)
+    )
     for i, k in enumerate(presets.EXPONENTS):
-        _rows(rows, preset.name, boundary, model.name if k else "none", k, -1, flown, i, energy.cost(flown.ratio[i], "thrust"))
+        _rows(
+            rows,
+            preset.name,
+            boundary,
+            model.name if k else "none",
+            k,
+            -1,
+            flown,
+            i,
+            energy.cost(flown.ratio[i], "thrust"),
+        )
         for risk in chosen.risks:
             values = safety.levels(flown.target_z_hat, flown.crashed[i], risk, weights)
             levels.flown[boundary, k, risk] = safety.held(flown.target_z_hat, values)
@@ -172,15 +250,27 @@ def _preset(
 def _level(flown: Sweep, values: FloatArray, risk: float) -> dict[str, Any]:
     """The lowest set-point for a risk, with the flights' own uncertainty."""
     lo90, hi90 = safety.spread90(values)
-    return {"risk": risk, "value": float(values[0]), "lo90": lo90, "hi90": hi90, "lowest_flown": float(flown.target_z_hat[0])}
+    return {
+        "risk": risk,
+        "value": float(values[0]),
+        "lo90": lo90,
+        "hi90": hi90,
+        "lowest_flown": float(flown.target_z_hat[0]),
+    }
 
 
-def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, rows: Rows) -> tuple[Sweep, dict[str, Any]]:
-    """The campaign's model, its best estimate and every draw of it, and no model at all for comparison."""
+def _fitted(
+    job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, rows: Rows
+) -> tuple[Sweep, dict[str, Any]]:
+    """The campaign's model, its best estimate and every draw of it, and no model at all for
+    comparison.
+    """
     boundary = belief.boundary
     how = _how(chosen, boundary, craft)
     usual = presets.TARGETS[boundary]
-    targets = np.array(chosen.set_points.get(boundary, usual[usual > how["groups"].contact].tolist()))
+    targets = np.array(
+        chosen.set_points.get(boundary, usual[usual > how["groups"].contact].tolist())
+    )
     members = range(-1, belief.number)
     curves = tabulate([np.ones_like, *(belief.ratio(m) for m in members)], bound(belief, chosen))
     droops = [0.0, *(belief.droop(chosen.supply_end, m) for m in members)]
@@ -227,9 +317,14 @@ def _fitted(job: Job, belief: Belief, chosen: Simulate, craft: Craft, key: int, 
 
 
 def _levels_of_draws(flown: Sweep, risk: float, rng: np.random.Generator) -> dict[str, Any]:
-    """The lowest set-point for a risk with the model's uncertainty and the flights' together; without a model for comparison."""
+    """The lowest set-point for a risk with the model's uncertainty and the flights' together;
+    without a model for comparison.
+    """
     weights = safety.resamples(flown.flights, rng)
-    per_draw = [safety.levels(flown.target_z_hat, c, risk, weights[: safety.PER_DRAW]) for c in flown.crashed[2:]]
+    per_draw = [
+        safety.levels(flown.target_z_hat, c, risk, weights[: safety.PER_DRAW])
+        for c in flown.crashed[2:]
+    ]
     own, none = (safety.levels(flown.target_z_hat, flown.crashed[i], risk, weights) for i in (1, 0))
     lo90, hi90 = safety.spread90(np.concatenate(per_draw))
     model_lo, model_hi = safety.spread90(np.array([v[0] for v in per_draw]))
@@ -242,14 +337,23 @@ def _levels_of_draws(flown: Sweep, risk: float, rng: np.random.Generator) -> dic
     }
 
 
-def _best(flown: Sweep, costs: list[Any], prices: list[float], rng: np.random.Generator) -> list[dict[str, Any]]:
-    """For each price of a crash the set-point of least expected cost, over draws of the model and resamples of the flights; or a refusal."""
+def _best(
+    flown: Sweep, costs: list[Any], prices: list[float], rng: np.random.Generator
+) -> list[dict[str, Any]]:
+    """For each price of a crash the set-point of least expected cost, over draws of the model and
+    resamples of the flights; or a refusal.
+    """
     z_hat = flown.target_z_hat
-    drawn = [(c[1], safety.rate_draws(crashed, safety.PER_DRAW, rng)) for c, crashed in zip(costs[2:], flown.crashed[2:], strict=True)]
+    drawn = [
+        (c[1], safety.rate_draws(crashed, safety.PER_DRAW, rng))
+        for c, crashed in zip(costs[2:], flown.crashed[2:], strict=True)
+    ]
     found = []
     for price in prices:
         own = energy.choose(z_hat, costs[1][1], flown.crashed[1].sum(axis=1), flown.flights, price)
-        each = [z_hat[energy.best_set_point(z_hat, c, r, price)[0]] for c, rates in drawn for r in rates]
+        each = [
+            z_hat[energy.best_set_point(z_hat, c, r, price)[0]] for c, rates in drawn for r in rates
+        ]
         lo90, hi90 = safety.spread90(np.array(each)) if own.resolved else (None, None)
         told = asdict(own)
         index = told.pop("index")
@@ -267,7 +371,15 @@ def _best(flown: Sweep, costs: list[Any], prices: list[float], rng: np.random.Ge
 
 
 def _rows(
-    rows: Rows, preset: str, boundary: Boundary, model: str, exponent: float, member: int, flown: Sweep, i: int, cost: tuple[FloatArray, ...]
+    rows: Rows,
+    preset: str,
+    boundary: Boundary,
+    model: str,
+    exponent: float,
+    member: int,
+    flown: Sweep,
+    i: int,
+    cost: tuple[FloatArray, ...],
 ) -> None:
     crashes = flown.crashed[i].sum(axis=1)
     low, high = safety.binomial90(crashes, flown.flights)
@@ -295,9 +407,15 @@ def _rows(
 
 
 def _roll(job: Job, chosen: Simulate) -> dict[str, Any]:
-    """What a sidewall's differential lift does, from the paper's numbers and from this campaign's fit where it has a sidewall."""
+    """What a sidewall's differential lift does, from the paper's numbers and from this campaign's
+    fit where it has a sidewall.
+    """
     content: dict[str, Any] = {"paper": [asdict(r) for r in roll.PAPER_READINGS]}
-    if "sidewall" in job.read_json(FIT)["boundaries"] and job.campaign.vehicle.rotors == 4 and job.campaign.vehicle.rotor_spacing:
+    if (
+        "sidewall" in job.read_json(FIT)["boundaries"]
+        and job.campaign.vehicle.rotors == 4
+        and job.campaign.vehicle.rotor_spacing
+    ):
         belief = believe(job, "sidewall", 400)
         content["fitted"] = roll.of_belief(
             [belief.ratio(m) for m in range(-1, belief.number)],
@@ -307,7 +425,11 @@ def _roll(job: Job, chosen: Simulate) -> dict[str, Any]:
             arm_m=job.campaign.vehicle.rotor_spacing / 2,
             spacing_hat=job.campaign.vehicle.rotor_spacing / job.campaign.vehicle.rotor_radius,
             inertia_kg_m2=chosen.roll_inertia,
-            u_inertia=roll.INERTIA_SPREAD if chosen.roll_inertia_uncertainty is None else chosen.roll_inertia_uncertainty,
+            u_inertia=(
+                roll.INERTIA_SPREAD
+                if chosen.roll_inertia_uncertainty is None
+                else chosen.roll_inertia_uncertainty
+            ),
             rng=generator(job.seed, "roll"),
         )
     return content
@@ -316,6 +438,7 @@ def _roll(job: Job, chosen: Simulate) -> dict[str, Any]:
 def _note(notes: list[str], what: str, c: safety.Convergence) -> None:
     if not c.converged:
         notes.append(
-            f"{what}: a step of {c.step_s:g} s is too long: halving it changes the crash rate by {c.worst:.2f} at z_hat {c.worst_target_z_hat:g} "
-            f"({c.beyond} of {c.settings} settings leave their interval)"
+            f"{what}: a step of {c.step_s:g} s is too long: halving it changes the crash rate by"
+            f" {c.worst:.2f} at z_hat {c.worst_target_z_hat:g} ({c.beyond} of {c.settings} settings"
+            " leave their interval)"
         )

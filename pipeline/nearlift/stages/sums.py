@@ -1,6 +1,8 @@
-"""SHA256SUMS, as `sha256sum * > SHA256SUMS` writes it beside the manifest or the records, held against every file that is read.
+"""SHA256SUMS, as `sha256sum * > SHA256SUMS` writes it beside the manifest or the records, held
+against every file that is read.
 
-Most formats have no check sum of their own: what a copy, a disk or a colleague changed between the rig and the first ingest shows only here.
+Most formats have no check sum of their own: what a copy, a disk or a colleague changed between the
+rig and the first ingest shows only here.
 """
 
 from __future__ import annotations
@@ -23,14 +25,18 @@ _ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """What is wrong with records that are one trial's each, by file, and what the user should know."""
+    """What is wrong with records that are one trial's each, by file, and what the user
+    should know.
+    """
 
     faults: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 
 def files(root: Path, campaign: Campaign) -> list[Path]:
-    """The lists of sums that there are: in the campaign's folder, and in that of the records where it is the same for all of them."""
+    """The lists of sums that there are: in the campaign's folder, and in that of the records where
+    it is the same for all of them.
+    """
     folder = PurePosixPath((campaign.records.files or "").partition(MARK)[0] + "x").parent
     places = dict.fromkeys((NAME, (folder / NAME).as_posix()))
     return [path for place in places if (path := inside(root, place, NAME)).is_file()]
@@ -42,10 +48,13 @@ def stated(root: Path, path: Path) -> dict[str, str]:
     Raises
     ------
     InputRefused
-        A line is none of `sha256sum`, names a file outside the campaign's folder, or says another sum than an earlier one.
+        A line is none of `sha256sum`, names a file outside the campaign's folder, or says another
+        sum than an earlier one.
     """
     if path.stat().st_size > MOST_BYTES:
-        raise InputRefused(str(path), f"has more than {MOST_BYTES >> 20} MB", "list the campaign's own files")
+        raise InputRefused(
+            str(path), f"has more than {MOST_BYTES >> 20} MB", "list the campaign's own files"
+        )
     found: dict[str, str] = {}
     folder = PurePosixPath(source_of(root, path)).parent
     text = path.read_bytes().decode("utf-8-sig", "surrogateescape")
@@ -56,12 +65,26 @@ def stated(root: Path, path: Path) -> dict[str, str]:
         where = f"{path}, line {number}"
         plain = line.removeprefix("\\")
         sha, mark, name = plain[:64].lower(), plain[64:66], plain[66:]
-        if mark not in ("  ", " *") or not name or "\0" in name or len(sha) != 64 or sha.strip("0123456789abcdef"):
-            raise InputRefused(where, f"is no line of sha256sum: {brief(repr(line), 100)}", f"write it anew: sha256sum * > {NAME}")
+        if (
+            mark not in ("  ", " *")
+            or not name
+            or "\0" in name
+            or len(sha) != 64
+            or sha.strip("0123456789abcdef")
+        ):
+            raise InputRefused(
+                where,
+                f"is no line of sha256sum: {brief(repr(line), 100)}",
+                f"write it anew: sha256sum * > {NAME}",
+            )
         source = (folder / (_unescaped(name) if line.startswith("\\") else name)).as_posix()
         inside(root, source, where)
         if found.setdefault(source, sha) != sha:
-            raise InputRefused(where, f"states another sum for {source} than a line above", f"write it anew: sha256sum * > {NAME}")
+            raise InputRefused(
+                where,
+                f"states another sum for {source} than a line above",
+                f"write it anew: sha256sum * > {NAME}",
+            )
     # written into the folder that it lists, it lists itself, empty
     found.pop(source_of(root, path), None)
     return found
@@ -78,7 +101,8 @@ def _unescaped(name: str) -> str:
 
 
 def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> Checked:
-    """Hold what is to be read against the sums that are stated. Digests that the job has are not made again.
+    """Hold what is to be read against the sums that are stated. Digests that the job has are not
+    made again.
 
     Parameters
     ----------
@@ -90,14 +114,22 @@ def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> Checked:
     Raises
     ------
     InputRefused
-        A list cannot be read, a file that is not one trial's is not what it says, or most records are not.
+        A list cannot be read, a file that is not one trial's is not what it says, or most records
+        are not.
     """
     faults: dict[str, str] = {}
     notes: list[str] = []
     alone = set(records)
     for path in files(job.root, job.campaign):
         name, sums = source_of(job.root, path), stated(job.root, path)
-        digests = _digests(job, [source for source in sums if source in alone or source in job.stamps or source in shared])
+        digests = _digests(
+            job,
+            [
+                source
+                for source in sums
+                if source in alone or source in job.stamps or source in shared
+            ],
+        )
         wrong = [source for source, sha in digests.items() if sha != sums[source]]
         remedy = f"copy it anew from the rig; if it was changed on purpose, write {name} anew"
         for source in wrong:
@@ -106,21 +138,39 @@ def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> Checked:
             faults[source] = f"{source} is not what {name} states; {remedy}"
         listed = [source for source in digests if source in alone]
         if 2 * len(wrong) > len(listed):
-            remedy = "were they copied as text, which changes line ends? copy them anew from the rig, or write the list anew"
-            what = f"states other sums for {len(wrong)} of {len(listed)} records, such as {wrong[0]}"
+            remedy = (
+                "were they copied as text, which changes line ends? copy them anew from the rig, or"
+                " write the list anew"
+            )
+            what = (
+                f"states other sums for {len(wrong)} of {len(listed)} records, such as {wrong[0]}"
+            )
             raise InputRefused(
-                str(path), what, "were they copied as text, which changes line ends? copy them anew from the rig, or write the list anew"
+                str(path),
+                what,
+                "were they copied as text, which changes line ends? copy them anew from the rig, or"
+                " write the list anew",
             )
         missing = [source for source in sums if not (job.root / source).is_file()]
         notes += _note(missing, f"{name} lists", "missing: copy anew from the rig")
         folder = PurePosixPath(name).parent
-        beside = [source for source in (*shared, *records) if PurePosixPath(source).parent == folder and source != name]
-        notes += _note([source for source in beside if source not in sums], f"{name} does not list", "read all the same, and unchecked")
+        beside = [
+            source
+            for source in (*shared, *records)
+            if PurePosixPath(source).parent == folder and source != name
+        ]
+        notes += _note(
+            [source for source in beside if source not in sums],
+            f"{name} does not list",
+            "read all the same, and unchecked",
+        )
     return Checked(faults=faults, notes=tuple(notes))
 
 
 def _digests(job: Job, sources: Sequence[str]) -> dict[str, str]:
-    known = {s: job.stamps[s]["sha256"] if s in job.stamps else job.inputs.get(s, "") for s in sources}
+    known = {
+        s: job.stamps[s]["sha256"] if s in job.stamps else job.inputs.get(s, "") for s in sources
+    }
     unknown = [s for s, sha in known.items() if not sha]
     return known | dict(zip(unknown, store.sha256_of([job.root / s for s in unknown]), strict=True))
 

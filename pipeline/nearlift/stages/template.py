@@ -79,53 +79,83 @@ SCHEDULE = "trial,boundary,distance,throttle,start,session,approach\n"
 
 
 def write_template(folder: Path) -> list[Path]:
-    """Write campaign.toml, trials.csv and an empty trials/ into a new folder; returns what was written."""
+    """Write campaign.toml, trials.csv and an empty trials/ into a new folder; returns what was
+    written.
+    """
     (folder / "trials").mkdir(parents=True)
-    (folder / "campaign.toml").write_text(MANIFEST.format(name=slug(folder), records=RECORDS), encoding="utf-8")
+    (folder / "campaign.toml").write_text(
+        MANIFEST.format(name=slug(folder), records=RECORDS), encoding="utf-8"
+    )
     (folder / "trials.csv").write_text(SCHEDULE, encoding="utf-8")
     return [folder / "campaign.toml", folder / "trials.csv", folder / "trials"]
 
 
 def slug(folder: Path) -> str:
     """A campaign's name from its folder's."""
-    plain = unicodedata.normalize("NFKD", folder.resolve().name.lower()).encode("ascii", "ignore").decode()
+    plain = (
+        unicodedata.normalize("NFKD", folder.resolve().name.lower())
+        .encode("ascii", "ignore")
+        .decode()
+    )
     return "".join(c if c.isalnum() else "-" for c in plain).strip("-") or "campaign"
 
 
-def write_from(folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] | None = None) -> tuple[list[Path], list[str]]:
-    """Write a campaign for records that are there: the manifest with what the files say, a schedule with a line for each.
+def write_from(
+    folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] | None = None
+) -> tuple[list[Path], list[str]]:
+    """Write a campaign for records that are there: the manifest with what the files say, a schedule
+    with a line for each.
 
     A folder among `files` stands for all plain files in it, hidden ones aside.
-    `dialect` is how to read them, as ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied into
-    ``trials/``. Returns what was written, and what is left to fill in.
+    `dialect` is how to read them, as ``[records] dialect`` takes it. Files inside the folder stay
+    where they are; others are copied into ``trials/``. Returns what was written, and what is left
+    to fill in.
 
     Raises
     ------
     UsageError
-        The folder has a manifest or a schedule already, a folder of records is empty, or two files would be one trial.
+        The folder has a manifest or a schedule already, a folder of records is empty, or two files
+        would be one trial.
     InputRefused
         A file cannot be read, or the files are not of one kind.
     """
     for name in ("campaign.toml", "trials.csv"):
         if (folder / name).exists():
-            raise UsageError(str(folder / name), "is there already", "name a new folder; nothing is ever overwritten")
+            raise UsageError(
+                str(folder / name),
+                "is there already",
+                "name a new folder; nothing is ever overwritten",
+            )
     files = [file for path in files for file in (_within(path) if path.is_dir() else (path,))]
     found = [inspect(path, dialect) for path in files]
     if {f.reader for f in found} == {CSV.name, TEXT.name}:
         # one reader for all: the one that reads plain CSV as well
         found = [replace(f, reader=TEXT.name) for f in found]
     for other in found[1:]:
-        if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {c.name for c in found[0].contents.channels}:
+        if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {
+            c.name for c in found[0].contents.channels
+        }:
             raise InputRefused(
-                str(other.path), f"is {other.contents.kind} with other channels than {found[0].path.name}", "make a campaign of files of one kind"
+                str(other.path),
+                f"is {other.contents.kind} with other channels than {found[0].path.name}",
+                "make a campaign of files of one kind",
             )
     root = folder.resolve()
     inside = all(path.resolve().is_relative_to(root) for path in files)
-    targets = [path.resolve().relative_to(root).as_posix() if inside else f"trials/{path.name}" for path in files]
+    targets = [
+        path.resolve().relative_to(root).as_posix() if inside else f"trials/{path.name}"
+        for path in files
+    ]
     before, after = _around(targets)
-    trials = [target[len(before) : len(target) - len(after) if after else None] for target in targets]
+    trials = [
+        target[len(before) : len(target) - len(after) if after else None] for target in targets
+    ]
     if len(set(targets)) != len(targets) or found[0].reader == "parquet":
-        what = "takes one long table: write the manifest by hand" if found[0].reader == "parquet" else "two files have one name"
+        what = (
+            "takes one long table: write the manifest by hand"
+            if found[0].reader == "parquet"
+            else "two files have one name"
+        )
         raise UsageError("--from", what, "`nearlift inspect FILE` prints its [records] block")
     written = [folder / "campaign.toml", folder / "trials.csv"]
     if not inside:
@@ -134,7 +164,9 @@ def write_from(folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] |
             shutil.copyfile(path, folder / target)
             written.append(folder / target)
     block = records_block(found[0], f"{before}{{trial}}{after}")
-    text = MANIFEST.format(name=slug(folder), records=block.replace("\n[records]", CELL + "\n[records]") + "\n")
+    text = MANIFEST.format(
+        name=slug(folder), records=block.replace("\n[records]", CELL + "\n[records]") + "\n"
+    )
     for known in ('= "throttle"    ', '= "rotor plane" ', '"0 mm"   ', '"9.80665 m/s^2"'):
         # no file says how the rig stood
         unit = known.split()[-1].strip('"') if known[0] == '"' else ""
@@ -143,25 +175,41 @@ def write_from(folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] |
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     lines = SCHEDULE + "".join(f"{cell(trial)},FILL IN,FILL IN,FILL IN,,,\n" for trial in trials)
     (folder / "trials.csv").write_text(lines, encoding="utf-8")
-    left = [f"campaign.toml, line {i}: {line.split('#')[0].strip()}" for i, line in enumerate(text.splitlines(), 1) if "FILL IN" in line]
+    left = [
+        f"campaign.toml, line {i}: {line.split('#')[0].strip()}"
+        for i, line in enumerate(text.splitlines(), 1)
+        if "FILL IN" in line
+    ]
     return written, [*left, f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
 
 
 def _within(folder: Path) -> list[Path]:
-    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    files = sorted(
+        path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")
+    )
     if not files:
-        raise UsageError(str(folder), "holds no files", "name the folder that the records are in, or the records")
+        raise UsageError(
+            str(folder), "holds no files", "name the folder that the records are in, or the records"
+        )
     return files
 
 
 def _around(targets: Sequence[str]) -> tuple[str, str]:
-    """What stands before and behind the trial's id in every name: the folder, and the suffix; more only if all names agree in it."""
+    """What stands before and behind the trial's id in every name: the folder, and the suffix; more
+    only if all names agree in it.
+    """
     folder = PurePosixPath(targets[0]).parent.as_posix()
     before = "" if folder == "." else folder + "/"
     suffix = PurePosixPath(targets[0]).suffix
-    if all(t.startswith(before) and t.endswith(suffix) and "/" not in t[len(before) :] for t in targets):
+    if all(
+        t.startswith(before) and t.endswith(suffix) and "/" not in t[len(before) :] for t in targets
+    ):
         return before, suffix
-    raise UsageError("--from", "the files lie in different folders, or have different suffixes", "put them into one folder")
+    raise UsageError(
+        "--from",
+        "the files lie in different folders, or have different suffixes",
+        "put them into one folder",
+    )
 
 
 def cell(text: str) -> str:

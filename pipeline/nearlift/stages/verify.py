@@ -16,7 +16,8 @@ from nearlift.transaction import Homes
 
 
 def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[str]]:
-    """Number of entries that provenance.json has, and those that are not what it says, with what they are.
+    """Number of entries that provenance.json has, and those that are not what it says, with what
+    they are.
 
     An entry is a file, or all velocity grids of one case.
 
@@ -37,7 +38,10 @@ def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[st
     for name, sha in inputs.items():
         if name.startswith(PIV_INPUT):
             if grids.get(name) != sha:
-                found.append(f"{name}: {'are not what they were' if name in grids else 'are other files by now'}")
+                found.append(
+                    f"{name}:"
+                    f" {'are not what they were' if name in grids else 'are other files by now'}"
+                )
         else:
             found += _difference(root / name, sha)
     for name, sha in outputs.items():
@@ -49,9 +53,17 @@ def _entries(content: dict[str, Any], where: str) -> tuple[dict[str, str], dict[
     """Digests of inputs and of products, by name."""
     try:
         inputs = {str(name): str(entry["sha256"]) for name, entry in content["inputs"].items()}
-        outputs = {str(name): str(sha) for stage in content["stages"].values() for name, sha in stage["outputs"].items()}
+        outputs = {
+            str(name): str(sha)
+            for stage in content["stages"].values()
+            for name, sha in stage["outputs"].items()
+        }
     except (KeyError, TypeError, AttributeError):
-        raise ProductError(where, "is not what nearlift writes", "restore it from a copy, or delete it and run again") from None
+        raise ProductError(
+            where,
+            "is not what nearlift writes",
+            "restore it from a copy, or delete it and run again",
+        ) from None
     return inputs, outputs
 
 

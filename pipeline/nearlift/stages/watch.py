@@ -1,7 +1,9 @@
-"""A campaign that is still being recorded: whatever is stale is run again as often as its folder has changed.
+"""A campaign that is still being recorded: whatever is stale is run again as often as its folder
+has changed.
 
-The folder is looked at by `stat` alone, every `period_s` seconds; no file is opened to find out whether anything is new. A run that
-is refused (a schedule half saved, too few trials for a fit yet) is told, and waits for the next change.
+The folder is looked at by `stat` alone, every `period_s` seconds; no file is opened to find out
+whether anything is new. A run that is refused (a schedule half saved, too few trials for a fit yet)
+is told, and waits for the next change.
 """
 
 from __future__ import annotations
@@ -61,7 +63,8 @@ def watch(
     say: Callable[[str], None] = silent,
     stages: Sequence[graph.Stage] = graph.STAGES,
 ) -> Iterator[Round]:
-    """Rounds without end; one is yielded whenever something was run or refused, or need not wait any longer.
+    """Rounds without end; one is yielded whenever something was run or refused, or need not wait
+    any longer.
 
     Raises
     ------
@@ -83,7 +86,9 @@ def watch(
 
 
 def _stamps(root: Path) -> dict[str, tuple[int, int]]:
-    """Size and time of last change of every file in the campaign's folder; links are not followed."""
+    """Size and time of last change of every file in the campaign's folder; links are not
+    followed.
+    """
     found = {}
     for folder, _, names in os.walk(root):
         for name in names:
@@ -96,8 +101,17 @@ def _stamps(root: Path) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _round(root: Path, out: Path, executor: str, seed: int, say: Callable[[str], None], stages: Sequence[graph.Stage]) -> tuple[Round, bool]:
-    """Run what is stale; the answer, and whether to look again although nothing changes (a record was still being written)."""
+def _round(
+    root: Path,
+    out: Path,
+    executor: str,
+    seed: int,
+    say: Callable[[str], None],
+    stages: Sequence[graph.Stage],
+) -> tuple[Round, bool]:
+    """Run what is stale; the answer, and whether to look again although nothing changes (a record
+    was still being written).
+    """
     ran: list[str] = []
     pending = False
     try:
@@ -106,16 +120,22 @@ def _round(root: Path, out: Path, executor: str, seed: int, say: Callable[[str],
                 ran += [step.stage.name] if step.why else []
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
-            quoted, found = (store.read_json_if_whole(job.processed / p.file) for p in (RESULTS, DIAGNOSIS))
+            quoted, found = (
+                store.read_json_if_whole(job.processed / p.file) for p in (RESULTS, DIAGNOSIS)
+            )
     except NearliftError as refusal:
-        return Round(ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)), isinstance(refusal, Busy)
+        return Round(
+            ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)
+        ), isinstance(refusal, Busy)
     good = len(quality) - int(rejected(quality).sum())
     words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted, found)])
     return Round(ran=tuple(ran), good=good, scheduled=len(quality), words=words), pending
 
 
 def _headlines(quoted: dict[str, Any], diagnosis: dict[str, Any]) -> Iterator[str]:
-    """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs where trials are still to come."""
+    """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs
+    where trials are still to come.
+    """
     for boundary, own in Results.model_validate(quoted).boundaries.items() if quoted else ():
         if own.headline:
             c = own.coefficients[own.headline]

@@ -1,4 +1,6 @@
-"""Where products go: ``processed/`` and ``reports/`` stand beside ``raw/``, never within it or within a campaign's folder."""
+"""Where products go: ``processed/`` and ``reports/`` stand beside ``raw/``, never within it or
+within a campaign's folder.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from nearlift.errors import UsageError
 def workspace(campaigns: Iterable[Path]) -> Path:
     """The folder for products unless another is named: the current one.
 
-    From within the folder ``raw`` in which the first of `campaigns` lies, it is the folder that holds ``raw``.
+    From within the folder ``raw`` in which the first of `campaigns` lies, it is the folder that
+    holds ``raw``.
     """
     here = Path.cwd()
     for campaign in campaigns:
@@ -29,4 +32,8 @@ def spare_raw(campaign: Path, out: Path) -> None:
         `out` is the campaign's folder, or lies in it.
     """
     if campaign.is_dir() and out.resolve().is_relative_to(campaign.resolve()):
-        raise UsageError("--out", f"{str(out.resolve())!r} lies in the campaign's folder, where nothing is written", "name a folder outside it")
+        raise UsageError(
+            "--out",
+            f"{str(out.resolve())!r} lies in the campaign's folder, where nothing is written",
+            "name a folder outside it",
+        )

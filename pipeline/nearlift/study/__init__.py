@@ -1,1 +1,3 @@
-"""The Python interface: a campaign opened for work, and what its stages found, as typed values. `nearlift.load` is the way in."""
+"""The Python interface: a campaign opened for work, and what its stages found, as typed values.
+`nearlift.load` is the way in.
+"""

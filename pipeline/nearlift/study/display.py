@@ -1,4 +1,6 @@
-"""What an answer looks like in a notebook: a table of intervals, and under it a small figure. HTML as text, nothing loaded."""
+"""What an answer looks like in a notebook: a table of intervals, and under it a small figure. HTML
+as text, nothing loaded.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ LISTED = 5
 
 
 def reduction(found: Reduction) -> str:
-    """Cells of each boundary: how many, from how near to how far, and the largest change of lift."""
+    """Cells of each boundary: how many, from how near to how far, and the largest change
+    of lift.
+    """
     rows = []
     for boundary, cells in found.cells.groupby("boundary", sort=False):
         change, u, z_hat = (cells[name].to_numpy() for name in ("delta_L", "u_delta_L", "z_hat"))
@@ -36,37 +40,92 @@ def fit(found: Fit) -> str:
     for boundary, own in found.quoted.items():
         base = found[boundary].base
         for name, c in own.coefficients.items():
-            rows.append((boundary, base.title, letter(name), plus_minus(c.value, c.u), _interval(c), c.holds, plain(base.chi2 / base.dof, 3)))
-    return _whole(found, ("boundary", "base model", "", "value (k = 1)", "90 % interval", "", "χ²/dof"), rows)
+            rows.append(
+                (
+                    boundary,
+                    base.title,
+                    letter(name),
+                    plus_minus(c.value, c.u),
+                    _interval(c),
+                    c.holds,
+                    plain(base.chi2 / base.dof, 3),
+                )
+            )
+    return _whole(
+        found, ("boundary", "base model", "", "value (k = 1)", "90 % interval", "", "χ²/dof"), rows
+    )
 
 
 def diagnosis(found: Diagnosis) -> str:
-    """Verdicts, named effects with rivals, coefficients to be quoted, error on what was held out."""
+    """Verdicts, named effects with rivals, coefficients to be quoted, error on what was
+    held out.
+    """
     rows = []
     for at in found:
         others = [stand_ins(at.content, e) for e in at.content["effects"]]
-        named = "; ".join(e.name + (f" (or {', '.join(o)})" if o else "") for e, o in zip(at.effects, others, strict=True))
-        error = f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor {plain(100 * at.noise_floor, 2)})"
+        named = "; ".join(
+            e.name + (f" (or {', '.join(o)})" if o else "")
+            for e, o in zip(at.effects, others, strict=True)
+        )
+        error = (
+            f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor"
+            f" {plain(100 * at.noise_floor, 2)})"
+        )
         could = could_have_seen(at.content)
-        verdict = f"not diagnosed: {at.reason}" if at.reason else f"{at.verdict}; {could}" if could else at.verdict
+        verdict = (
+            f"not diagnosed: {at.reason}"
+            if at.reason
+            else f"{at.verdict}; {could}"
+            if could
+            else at.verdict
+        )
         for name, c in found.quoted[at.boundary].coefficients.items():
-            told = (named or "none", letter(name), plus_minus(c.value, c.u), _interval(c), c.holds, "" if at.reason else error)
+            told = (
+                named or "none",
+                letter(name),
+                plus_minus(c.value, c.u),
+                _interval(c),
+                c.holds,
+                "" if at.reason else error,
+            )
             rows.append((at.boundary, verdict, *told))
-    return _whole(found, ("boundary", "verdict", "effects", "", "value (k = 1)", "90 % interval", "", "held-out error, % of lift"), rows)
+    return _whole(
+        found,
+        (
+            "boundary",
+            "verdict",
+            "effects",
+            "",
+            "value (k = 1)",
+            "90 % interval",
+            "",
+            "held-out error, % of lift",
+        ),
+        rows,
+    )
 
 
 def finished(found: Finished) -> str:
     """Where the report is, and what ran."""
     where = found.report.resolve()
     ran = ", ".join(found.ran) or "nothing: all was up to date"
-    return f'<p>Report: <a href="{escape(where.as_uri())}">{escape(str(where))}</a>. Ran: {escape(ran)}.</p>' + _words(found)
+    return (
+        f'<p>Report: <a href="{escape(where.as_uri())}">{escape(str(where))}</a>. Ran:'
+        f" {escape(ran)}.</p>" + _words(found)
+    )
 
 
 def drawing(found: Drawing) -> str:
     """The picture with its caption; who cannot see it hears `alt`."""
     data = base64.b64encode(found.png).decode()
-    picture = f'<img src="data:image/png;base64,{data}" alt="{escape(found.alt)}" style="max-width:44em;width:100%;background:white">'
-    return f'<figure style="margin:0.5em 0">{picture}<figcaption>{escape(found.caption)}</figcaption></figure>'
+    picture = (
+        f'<img src="data:image/png;base64,{data}" alt="{escape(found.alt)}"'
+        ' style="max-width:44em;width:100%;background:white">'
+    )
+    return (
+        '<figure style="margin:0.5em'
+        f' 0">{picture}<figcaption>{escape(found.caption)}</figcaption></figure>'
+    )
 
 
 def _interval(c: CoefficientResult) -> str:
@@ -74,9 +133,14 @@ def _interval(c: CoefficientResult) -> str:
 
 
 def _whole(found: Finding, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    cells = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    cells = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
     names = "".join(f"<th>{escape(name)}</th>" for name in head)
-    table = f"<table><caption>{escape(found.campaign)}</caption><thead><tr>{names}</tr></thead><tbody>{cells}</tbody></table>"
+    table = (
+        f"<table><caption>{escape(found.campaign)}</caption>"
+        f"<thead><tr>{names}</tr></thead><tbody>{cells}</tbody></table>"
+    )
     return table + _words(found) + (drawing(found.drawing) if found.drawing is not None else "")
 
 
@@ -86,6 +150,7 @@ def _words(found: Finding) -> str:
     if len(found.rejected) > LISTED:
         lines.append(f"and {len(found.rejected) - LISTED} more trials rejected")
     lines += found.notes
-    return (
-        f"<details><summary>{len(lines)} remarks</summary><ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul></details>" if lines else ""
-    )
+    if not lines:
+        return ""
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<details><summary>{len(lines)} remarks</summary><ul>{items}</ul></details>"

@@ -1,4 +1,6 @@
-"""What a stage found, as frozen values: reductions, fits, diagnoses. Each shows itself in a notebook, intervals first."""
+"""What a stage found, as frozen values: reductions, fits, diagnoses. Each shows itself in a
+notebook, intervals first.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +96,8 @@ class Reduction(Finding):
     cells : DataFrame
         Change of lift per boundary, distance and throttle: ``lift.parquet``.
     covariance : (n, n) DataFrame
-        Of `delta_L`, in the order of `cells` along both axes. Cells share `L_inf`, so it is not diagonal. Empty beyond 2000 cells.
+        Of `delta_L`, in the order of `cells` along both axes. Cells share `L_inf`, so it is not
+        diagonal. Empty beyond 2000 cells.
     """
 
     trials: pd.DataFrame = field(repr=False, compare=False)
@@ -170,10 +173,12 @@ class BoundaryFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit(Finding):
-    """Every model at every boundary: ``fit.json``, the draws of ``posterior.parquet``, and what is to be quoted: ``results.json``.
+    """Every model at every boundary: ``fit.json``, the draws of ``posterior.parquet``, and what is
+    to be quoted: ``results.json``.
 
-    ``fit.quoted["ground"].coefficients["K_b"].lo90`` is the lower end of the 90 % interval to publish; until the residuals have been
-    diagnosed it is that of the base fit. A model's own `coefficients` are what it would be if that model were right and nothing missing.
+    ``fit.quoted["ground"].coefficients["K_b"].lo90`` is the lower end of the 90 % interval to
+    publish; until the residuals have been diagnosed it is that of the base fit. A model's own
+    `coefficients` are what it would be if that model were right and nothing missing.
     """
 
     boundaries: Mapping[Boundary, BoundaryFit]
@@ -194,12 +199,22 @@ class Fit(Finding):
         return _quoted(self.quoted)
 
     def draws(self, boundary: str, model: str | None = None) -> pd.DataFrame:
-        """Posterior draws, a draw a row and a parameter a column; of the base model unless another is named."""
+        """Posterior draws, a draw a row and a parameter a column; of the base model unless another
+        is named.
+        """
         wanted = self[boundary].base.model if model is None else self[boundary][model].model
-        rows = self.posterior[(self.posterior["boundary"] == boundary) & (self.posterior["model"] == wanted)]
+        rows = self.posterior[
+            (self.posterior["boundary"] == boundary) & (self.posterior["model"] == wanted)
+        ]
         if rows.empty:
-            raise UsageError(f"draws of {wanted}", f"there are none at the {boundary}", "its posterior was not reached: see `notes`")
-        return rows.pivot_table(index=["chain", "draw"], columns="parameter", values="value", sort=False)
+            raise UsageError(
+                f"draws of {wanted}",
+                f"there are none at the {boundary}",
+                "its posterior was not reached: see `notes`",
+            )
+        return rows.pivot_table(
+            index=["chain", "draw"], columns="parameter", values="value", sort=False
+        )
 
     def _repr_html_(self) -> str:
         return display.fit(self)
@@ -255,7 +270,8 @@ class BoundaryDiagnosis:
     untestable : mapping of str to tuple of str
         Effects that nothing can be said of, and what to log next time.
     content : dict
-        The whole entry of ``diagnosis.json``: structure, rounds, silent effects, the next experiment.
+        The whole entry of ``diagnosis.json``: structure, rounds, silent effects, the next
+        experiment.
     """
 
     boundary: Boundary
@@ -290,18 +306,25 @@ class BoundaryDiagnosis:
                 )
                 for e in entry["effects"]
             ),
-            **{when: {n: _coefficient(c) for n, c in coefficients.get(when, {}).items()} for when in ("before", "after")},
+            **{
+                when: {n: _coefficient(c) for n, c in coefficients.get(when, {}).items()}
+                for when in ("before", "after")
+            },
             held_out_before=_real(error.get("before", {}).get("held_out_rmse")),
             held_out_after=_real(error.get("after", {}).get("held_out_rmse")),
             noise_floor=_real(error.get("noise_floor")),
-            untestable={u["effect"]: tuple(u.get("log_next_time") or u["needs"]) for u in entry.get("untestable", [])},
+            untestable={
+                u["effect"]: tuple(u.get("log_next_time") or u["needs"])
+                for u in entry.get("untestable", [])
+            },
             content=entry,
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis(Finding):
-    """The closed loop at every boundary: ``diagnosis.json``, and what is to be quoted after it: ``results.json``.
+    """The closed loop at every boundary: ``diagnosis.json``, and what is to be quoted after it:
+    ``results.json``.
 
     ``diagnosis["ground"].verdict`` is one word.
     """
@@ -344,7 +367,13 @@ def _quoted(quoted: Mapping[Boundary, BoundaryResult]) -> pd.DataFrame:
     keys = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit", "holds")
     return pd.DataFrame(
         [
-            {"boundary": boundary, "model": own.base_model, "verdict": own.verdict, "effects": " + ".join(own.effects), "coefficient": name}
+            {
+                "boundary": boundary,
+                "model": own.base_model,
+                "verdict": own.verdict,
+                "effects": " + ".join(own.effects),
+                "coefficient": name,
+            }
             | {key: getattr(c, key) for key in keys}
             for boundary, own in quoted.items()
             for name, c in own.coefficients.items()
@@ -365,5 +394,9 @@ def _real(value: float | None) -> float:
 
 def _coefficient(entry: Mapping[str, Any]) -> Coefficient:
     numbers = {key: _real(entry[key]) for key in ("value", "lo90", "hi90")}
-    pairs = {key: (_real(entry[key][0]), _real(entry[key][1])) for key in ("conditional", "constrained") if entry.get(key)}
+    pairs = {
+        key: (_real(entry[key][0]), _real(entry[key][1]))
+        for key in ("conditional", "constrained")
+        if entry.get(key)
+    }
     return Coefficient(**numbers, **pairs)  # type: ignore[arg-type]

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from nearlift import campaign as manifests
 from nearlift.errors import UsageError
-from nearlift.study.found import BoundaryDiagnosis, BoundaryFit, Diagnosis, Drawing, Finished, Fit, ModelFit, Reduction
+from nearlift.study.found import (
+    BoundaryDiagnosis,
+    BoundaryFit,
+    Diagnosis,
+    Drawing,
+    Finished,
+    Fit,
+    ModelFit,
+    Reduction,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,8 +31,9 @@ if TYPE_CHECKING:
 class Study:
     """One campaign, its products and reports. Made by `nearlift.load`.
 
-    Each method brings the stages up to and including its own up to date, as ``nearlift run`` would, and answers from the
-    products; what is up to date does not run again. Nothing is ever written into the campaign's folder.
+    Each method brings the stages up to and including its own up to date, as ``nearlift run`` would,
+    and answers from the products; what is up to date does not run again. Nothing is ever written
+    into the campaign's folder.
 
     Attributes
     ----------
@@ -38,7 +48,10 @@ class Study:
     def __init__(self, root: Path, out: Path, seed: int, executor: str) -> None:
         self.root, self.out, self.seed, self.executor = root, out, seed, executor
         self.manifest: Campaign = manifests.load(root)
-        self.processed, self.reports = out / "processed" / self.manifest.name, out / "reports" / self.manifest.name
+        self.processed, self.reports = (
+            out / "processed" / self.manifest.name,
+            out / "reports" / self.manifest.name,
+        )
 
     @property
     def name(self) -> str:
@@ -76,25 +89,45 @@ class Study:
         boundaries = {}
         for boundary, entries in content["boundaries"].items():
             models = {name: ModelFit.of(name, entry) for name, entry in entries.items()}
-            boundaries[boundary] = BoundaryFit(boundary=boundary, base=models[content["base"][boundary]], models=models)
-        return Fit(**told, drawing=self.figure("fig2", bring=False), boundaries=boundaries, quoted=self._quoted(), posterior=self.read(POSTERIOR))
+            boundaries[boundary] = BoundaryFit(
+                boundary=boundary, base=models[content["base"][boundary]], models=models
+            )
+        return Fit(
+            **told,
+            drawing=self.figure("fig2", bring=False),
+            boundaries=boundaries,
+            quoted=self._quoted(),
+            posterior=self.read(POSTERIOR),
+        )
 
     def diagnose(self) -> Diagnosis:
         """The loop: what the base models leave, traced to a named effect, or not."""
         from nearlift.products import DIAGNOSIS
 
         told = self._bring("diagnose")
-        found = {boundary: BoundaryDiagnosis.of(boundary, entry) for boundary, entry in self._document(DIAGNOSIS)["boundaries"].items()}
+        found = {
+            boundary: BoundaryDiagnosis.of(boundary, entry)
+            for boundary, entry in self._document(DIAGNOSIS)["boundaries"].items()
+        }
         drawn = any(not at.reason for at in found.values())
-        return Diagnosis(**told, drawing=self.figure("diagnosis", bring=False) if drawn else None, boundaries=found, quoted=self._quoted())
+        return Diagnosis(
+            **told,
+            drawing=self.figure("diagnosis", bring=False) if drawn else None,
+            boundaries=found,
+            quoted=self._quoted(),
+        )
 
     def run(self) -> Finished:
         """Every stage that is stale, the report last: what ``nearlift run`` does."""
         steps, told = self._steps("report")
-        return Finished(**told, report=self.report, ran=tuple(step.stage.name for step in steps if step.why))
+        return Finished(
+            **told, report=self.report, ran=tuple(step.stage.name for step in steps if step.why)
+        )
 
     def plan(self) -> dict[str, str]:
-        """Each stage with the reason for which it is stale, empty if it is up to date; runs nothing."""
+        """Each stage with the reason for which it is stale, empty if it is up to date; runs
+        nothing.
+        """
         from nearlift.stages import graph
         from nearlift.stages.opening import open_job
 
@@ -125,7 +158,9 @@ class Study:
 
         spec = {item.name: item for item in FIGURES}.get(name)
         if spec is None:
-            raise UsageError(name, "is no figure", f"there are {', '.join(item.name for item in FIGURES)}")
+            raise UsageError(
+                name, "is no figure", f"there are {', '.join(item.name for item in FIGURES)}"
+            )
         if bring:
             makers = [stage.name for stage in graph.STAGES if set(stage.writes) & set(spec.needs)]
             self._bring(makers[-1])
@@ -133,13 +168,20 @@ class Study:
             evidence = gather(job)
         rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
         if not any(len(column) for column in rows.values()):
-            raise UsageError(name, "cannot be drawn: this campaign does not have what it shows", "`plan()` says which stages belong to it")
+            raise UsageError(
+                name,
+                "cannot be drawn: this campaign does not have what it shows",
+                "`plan()` says which stages belong to it",
+            )
         files = render(spec.draw, rows, style(self.manifest.report.style))
         words = {"caption": spec.caption(evidence, rows), "alt": spec.alt(evidence, rows)}
-        return Drawing(name=name, title=spec.title, **words, png=files["page"], pdf=files["pdf"], table=rows)
+        return Drawing(
+            name=name, title=spec.title, **words, png=files["page"], pdf=files["pdf"], table=rows
+        )
 
     def read(self, product: Product | str) -> pd.DataFrame:
-        """A table product as it stands on the disk, verified; `nearlift describe` lists their names, such as ``"trials.parquet"``.
+        """A table product as it stands on the disk, verified; `nearlift describe` lists their
+        names, such as ``"trials.parquet"``.
 
         Raises
         ------
@@ -154,9 +196,18 @@ class Study:
         from nearlift.products import PRODUCTS
 
         if isinstance(product, str):
-            tables = {name: p for p in PRODUCTS if p.file.endswith(".parquet") for name in (p.file, p.name)}
+            tables = {
+                name: p
+                for p in PRODUCTS
+                if p.file.endswith(".parquet")
+                for name in (p.file, p.name)
+            }
             if product not in tables:
-                raise UsageError(product, "is no table product", f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}")
+                raise UsageError(
+                    product,
+                    "is no table product",
+                    f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}",
+                )
             product = tables[product]
         return pd.DataFrame(store.read_table(self._whole(product), product))
 
@@ -183,7 +234,9 @@ class Study:
         return self._steps(last)[1]
 
     def _steps(self, last: str) -> tuple[list[Step], dict[str, Any]]:
-        """Run what is stale up to and including the stage `last`: its steps, and what every answer says of them."""
+        """Run what is stale up to and including the stage `last`: its steps, and what every answer
+        says of them.
+        """
         from nearlift.stages import graph
         from nearlift.stages.opening import open_job
 
@@ -200,8 +253,14 @@ class Study:
     def _repr_html_(self) -> str:
         from html import escape
 
-        rows = "".join(f"<tr><td>{escape(stage)}</td><td>{escape(why or 'up to date')}</td></tr>" for stage, why in self.plan().items())
-        return f"<table><caption>{escape(self.name)}</caption><thead><tr><th>stage</th><th>state</th></tr></thead><tbody>{rows}</tbody></table>"
+        rows = "".join(
+            f"<tr><td>{escape(stage)}</td><td>{escape(why or 'up to date')}</td></tr>"
+            for stage, why in self.plan().items()
+        )
+        return (
+            f"<table><caption>{escape(self.name)}</caption>"
+            f"<thead><tr><th>stage</th><th>state</th></tr></thead><tbody>{rows}</tbody></table>"
+        )
 
 
 def _cells(names: list[tuple[str, float, float]]) -> Any:
@@ -210,7 +269,9 @@ def _cells(names: list[tuple[str, float, float]]) -> Any:
     return pd.MultiIndex.from_tuples(names, names=["boundary", "z_hat", "throttle"])
 
 
-def load(campaign: str | Path, out: str | Path = ".", *, seed: int = 0, executor: str = "threads:2") -> Study:
+def load(
+    campaign: str | Path, out: str | Path = ".", *, seed: int = 0, executor: str = "threads:2"
+) -> Study:
     """Open a campaign; its manifest is checked, nothing is run yet.
 
     Parameters

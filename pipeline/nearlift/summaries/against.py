@@ -1,8 +1,9 @@
-"""What a residual is drawn against: the covariate that betrays it, as numbers in drawing units, with means over bins.
+"""What a residual is drawn against: the covariate that betrays it, as numbers in drawing units,
+with means over bins.
 
-L_inf is free at every throttle, so nothing can show against throttle alone: such structure is drawn against distance, a series
-for each throttle; backlash likewise, a series for each direction of approach. Time is drawn as run order, since sessions may lie
-days apart.
+L_inf is free at every throttle, so nothing can show against throttle alone: such structure is drawn
+against distance, a series for each throttle; backlash likewise, a series for each direction of
+approach. Time is drawn as run order, since sessions may lie days apart.
 """
 
 from __future__ import annotations
@@ -57,22 +58,32 @@ AXES: dict[str, Axis] = {
 
 
 def chosen(found: Mapping[str, Any]) -> list[str]:
-    """The covariate of the most significant structure; after two effects also that of the effect which it does not concern."""
+    """The covariate of the most significant structure; after two effects also that of the effect
+    which it does not concern.
+    """
     words = [str(s["covariate"]) for s in found.get("structure", [])[:1]] or ["distance"]
     if len(found.get("effects", [])) > 1:
         known = {e.name: e.varies_with for e in catalogue.effects()}
-        words += [SCHEDULE_WORDS.get(known[e["name"]], known[e["name"]]) for e in found["effects"] if e["name"] in known]
+        words += [
+            SCHEDULE_WORDS.get(known[e["name"]], known[e["name"]])
+            for e in found["effects"]
+            if e["name"] in known
+        ]
     return list(dict.fromkeys(words))[:MOST]
 
 
 def axis(word: str, data: Observations) -> Axis:
-    """Where residuals with that covariate are drawn; run order where it is not among the trials' own."""
+    """Where residuals with that covariate are drawn; run order where it is not among the trials'
+    own.
+    """
     wanted = AXES.get(word, Axis(column=word))
     return wanted if np.isfinite(column(wanted.column, data)).any() else AXES["start"]
 
 
 def column(name: str, data: Observations) -> FloatArray:
-    """A covariate in drawing units, nan where it says nothing (free air, the first trial of a session)."""
+    """A covariate in drawing units, nan where it says nothing (free air, the first trial of a
+    session).
+    """
     known = data.covariates
     nothing = np.full(data.n, np.nan)
     if name == "z_hat":
@@ -106,7 +117,10 @@ def series(name: str, data: Observations) -> Iterator[tuple[str, NDArray[np.bool
         return
     ends = np.quantile(values[np.isfinite(values)], [0, 1 / 3, 2 / 3, 1])
     for i, (low, high) in enumerate(pairwise(ends)):
-        yield f"{plain(float(low), 3)} to {plain(float(high), 3)}{_unit(name)}", (values >= low if i == 0 else values > low) & (values <= high)
+        yield (
+            f"{plain(float(low), 3)} to {plain(float(high), 3)}{_unit(name)}",
+            (values >= low if i == 0 else values > low) & (values <= high),
+        )
 
 
 def _level(name: str, level: float) -> str:
@@ -120,11 +134,18 @@ def _unit(name: str) -> str:
 
 
 def label(name: str, x: FloatArray, y: FloatArray, session: NDArray[Any]) -> NDArray[np.int64]:
-    """Bin of each trial. Run order is parted within sessions, into as many bins as Akaike's criterion wants."""
+    """Bin of each trial. Run order is parted within sessions, into as many bins as Akaike's
+    criterion wants.
+    """
     if name != "run_order":
         return bins(x)
     tried = [_within(session, count) for count in TIME_BINS]
-    return min(tried, key=lambda own: _akaike(y - (np.bincount(own, y) / np.bincount(own))[own], int(own.max()) + 1))
+    return min(
+        tried,
+        key=lambda own: _akaike(
+            y - (np.bincount(own, y) / np.bincount(own))[own], int(own.max()) + 1
+        ),
+    )
 
 
 def _within(session: NDArray[Any], count: int) -> NDArray[np.int64]:
@@ -139,14 +160,21 @@ def _within(session: NDArray[Any], count: int) -> NDArray[np.int64]:
 
 
 def curve(name: str, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A smooth curve without a name through residuals, its number of terms chosen by Akaike's criterion; empty for few levels."""
+    """A smooth curve without a name through residuals, its number of terms chosen by Akaike's
+    criterion; empty for few levels.
+    """
     if len(np.unique(x)) <= DISTINCT:
         return np.zeros(0), np.zeros(0)
     terms = min(TIME_TERMS if name == "run_order" else TERMS, len(x) // 8)
     columns = np.hstack([np.ones((len(x), 1)), cosines(x, terms)])
-    fits = [columns[:, : m + 1] @ np.linalg.lstsq(columns[:, : m + 1], y, rcond=None)[0] for m in range(1, terms + 1)]
+    fits = [
+        columns[:, : m + 1] @ np.linalg.lstsq(columns[:, : m + 1], y, rcond=None)[0]
+        for m in range(1, terms + 1)
+    ]
     best = min(range(terms), key=lambda i: _akaike(y - fits[i], i + 2))
-    order = np.argsort(x, kind="stable")[np.unique(np.linspace(0, len(x) - 1, CURVE_POINTS).astype(int))]
+    order = np.argsort(x, kind="stable")[
+        np.unique(np.linspace(0, len(x) - 1, CURVE_POINTS).astype(int))
+    ]
     return x[order], fits[best][order]
 
 

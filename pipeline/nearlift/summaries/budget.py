@@ -1,4 +1,6 @@
-"""What each source of error holds: the fall of each coefficient's uncertainty if that source were known exactly."""
+"""What each source of error holds: the fall of each coefficient's uncertainty if that source were
+known exactly.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ from nearlift.quotation import BudgetLine, CoefficientResult
 from nearlift.rounding import letter
 from nearlift.summaries.evidence import Columns, Evidence
 
-#: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is not drawn; what was declared always is.
+#: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
+#: not drawn; what was declared always is.
 LEAST = 0.002
 
 
@@ -21,11 +24,17 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared), `fall_percent` of the coefficient's standard
-        uncertainty if the source were known exactly, `u` that it adds, `u_without` it. Every panel has every component, the largest fall first;
+        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared),
+        `fall_percent` of the coefficient's standard uncertainty if the source were known exactly,
+        `u` that it adds, `u_without` it. Every panel has every component, the largest fall first;
         numbers are NaN where a coefficient has no such source.
     """
-    bars = [(b, name, c) for b in evidence.boundaries for name, c in evidence.quoted(b).coefficients.items() if c.budget]
+    bars = [
+        (b, name, c)
+        for b in evidence.boundaries
+        for name, c in evidence.quoted(b).coefficients.items()
+        if c.budget
+    ]
     rows = _rows(bars)
     kinds: tuple[tuple[str, type], ...] = (
         ("panel", object),
@@ -36,11 +45,15 @@ def summarise(evidence: Evidence) -> Columns:
         ("u", float),
         ("u_without", float),
     )
-    return {name: np.array([row[i] for row in rows], dtype=kind) for i, (name, kind) in enumerate(kinds)}
+    return {
+        name: np.array([row[i] for row in rows], dtype=kind) for i, (name, kind) in enumerate(kinds)
+    }
 
 
 def fall(line: BudgetLine, u: float) -> float:
-    """By which part of itself the coefficient's standard uncertainty `u` falls if the source of `line` were known exactly."""
+    """By which part of itself the coefficient's standard uncertainty `u` falls if the source of
+    `line` were known exactly.
+    """
     return 1.0 - line.u_without / u if np.isfinite(u) else 0.0
 
 
@@ -51,13 +64,20 @@ def _rows(bars: Sequence[tuple[str, str, CoefficientResult]]) -> list[tuple[Any,
         for line in own.budget:
             falls.setdefault(line.source, []).append(fall(line, own.u))
             kinds[line.source] = line.kind
-    shown = sorted((c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"), key=lambda c: -sum(falls[c]))
+    shown = sorted(
+        (c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"),
+        key=lambda c: -sum(falls[c]),
+    )
     rows: list[tuple[Any, ...]] = []
     for boundary, name, own in bars:
         lines = {line.source: line for line in own.budget}
         for source in shown:
             held = lines.get(source)
-            found = (100 * fall(held, own.u), held.u, held.u_without) if held else (np.nan, np.nan, np.nan)
+            found = (
+                (100 * fall(held, own.u), held.u, held.u_without)
+                if held
+                else (np.nan, np.nan, np.nan)
+            )
             rows.append((boundary, name, source, kinds[source], *found))
     return rows
 
@@ -68,15 +88,22 @@ def caption(evidence: Evidence, table: Columns) -> str:
     for panel, name in dict.fromkeys(zip(table["panel"], table["parameter"], strict=True)):
         mine = (table["panel"] == panel) & (table["parameter"] == name)
         top = np.flatnonzero(mine)[np.nanargmax(table["fall_percent"][mine])]
-        words.append(f"{letter(name)} ({panel}): {table['component'][top]}, {table['fall_percent'][top]:.0f} %")
+        words.append(
+            f"{letter(name)} ({panel}): {table['component'][top]},"
+            f" {table['fall_percent'][top]:.0f} %"
+        )
     return (
-        "By how much the standard uncertainty of each coefficient would fall if one source of error were known exactly; "
-        f"type A from repeats, type B declared in the manifest, always shown. Sources are correlated through "
-        f"the fit, so the falls do not add. Largest: {'; '.join(words)}."
+        "By how much the standard uncertainty of each coefficient would fall if one source of"
+        " error were known exactly; type A from repeats, type B declared in the manifest, always"
+        " shown. Sources are correlated through the fit, so the falls do not add. Largest:"
+        f" {'; '.join(words)}."
     )
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """The same for who cannot see it."""
     n = len(set(zip(table["panel"], table["parameter"], strict=True)))
-    return f"Horizontal bars in {n} panel{'s' if n != 1 else ''}. " + caption(evidence, table).split("Largest: ")[1]
+    return (
+        f"Horizontal bars in {n} panel{'s' if n != 1 else ''}. "
+        + caption(evidence, table).split("Largest: ")[1]
+    )

@@ -1,4 +1,6 @@
-"""The base models' posteriors: each parameter's histogram and each pair's regions of highest density, with one throttle's L_inf."""
+"""The base models' posteriors: each parameter's histogram and each pair's regions of highest
+density, with one throttle's L_inf.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,18 @@ SHOWN = (0.001, 0.999)
 
 
 def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
-    """Draws of the base model's parameters, and of L_inf in mN at the highest throttle, (n,) each."""
+    """Draws of the base model's parameters, and of L_inf in mN at the highest throttle,
+    (n,) each.
+    """
     table = evidence.table(POSTERIOR)
     model, _ = evidence.base(boundary)
     mine = (table["boundary"] == boundary) & (table["model"] == model.name)
     names = list(dict.fromkeys(table["parameter"][mine].tolist()))
     parameters = [n for n in names if not n.startswith("L_inf_N")]
     levels = [n for n in names if n.startswith("L_inf_N")]
-    found = {n: table["value"][mine & (table["parameter"] == n)] for n in (*parameters, *levels[-1:])}
+    found = {
+        n: table["value"][mine & (table["parameter"] == n)] for n in (*parameters, *levels[-1:])
+    }
     return {n.replace("_N[", "_mN["): 1000 * x if n in levels else x for n, x in found.items()}
 
 
@@ -33,8 +39,9 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `kind` (histogram or region), `x_name`, `y_name` (empty for a histogram), the cell's `x_low`, `x_high`, `y_low`,
-        `y_high`, and `value`: of a histogram the density over its greatest, of a region the share of the posterior that lies where it is at
+        `panel` (boundary), `kind` (histogram or region), `x_name`, `y_name` (empty for a
+        histogram), the cell's `x_low`, `x_high`, `y_low`, `y_high`, and `value`: of a histogram the
+        density over its greatest, of a region the share of the posterior that lies where it is at
         least as dense as here.
     """
     rows = []
@@ -43,7 +50,10 @@ def summarise(evidence: Evidence) -> Columns:
         edges = {name: _edges(x, CELLS) for name, x in found.items()}
         for i, (name, x) in enumerate(found.items()):
             rows.append(_histogram(boundary, name, x))
-            rows += [_region(boundary, (name, x, edges[name]), (other, found[other], edges[other])) for other in list(found)[i + 1 :]]
+            rows += [
+                _region(boundary, (name, x, edges[name]), (other, found[other], edges[other]))
+                for other in list(found)[i + 1 :]
+            ]
     return stack(rows) if rows else {}
 
 
@@ -61,10 +71,20 @@ def _histogram(boundary: str, name: str, x: FloatArray) -> Columns:
     edges = _edges(x, BINS)
     count = np.histogram(x, edges)[0]
     none = np.full(BINS, np.nan)
-    return _rows(boundary, "histogram", (name, ""), (edges[:-1], edges[1:], none, none), count / max(int(count.max()), 1))
+    return _rows(
+        boundary,
+        "histogram",
+        (name, ""),
+        (edges[:-1], edges[1:], none, none),
+        count / max(int(count.max()), 1),
+    )
 
 
-def _region(boundary: str, first: tuple[str, FloatArray, FloatArray], second: tuple[str, FloatArray, FloatArray]) -> Columns:
+def _region(
+    boundary: str,
+    first: tuple[str, FloatArray, FloatArray],
+    second: tuple[str, FloatArray, FloatArray],
+) -> Columns:
     (x_name, x, x_edges), (y_name, y, y_edges) = first, second
     count = np.histogram2d(x, y, (x_edges, y_edges))[0]
     count = _smooth(_smooth(count).T).T
@@ -79,13 +99,23 @@ def _region(boundary: str, first: tuple[str, FloatArray, FloatArray], second: tu
 
 
 def _smooth(count: FloatArray) -> FloatArray:
-    """A binomial window over neighbouring cells along the first axis; counts of a few draws scatter more than the density."""
+    """A binomial window over neighbouring cells along the first axis; counts of a few draws scatter
+    more than the density.
+    """
     padded = np.pad(count, ((2, 2), (0, 0)))
     n = len(count)
-    return np.asarray(sum(w * padded[k : k + n] for k, w in enumerate((1, 4, 6, 4, 1))) / 16, dtype=np.float64)
+    return np.asarray(
+        sum(w * padded[k : k + n] for k, w in enumerate((1, 4, 6, 4, 1))) / 16, dtype=np.float64
+    )
 
 
-def _rows(boundary: str, kind: str, names: tuple[str, str], ends: tuple[NDArray[np.float64], ...], value: FloatArray) -> Columns:
+def _rows(
+    boundary: str,
+    kind: str,
+    names: tuple[str, str],
+    ends: tuple[NDArray[np.float64], ...],
+    value: FloatArray,
+) -> Columns:
     n = len(value)
     x_low, x_high, y_low, y_high = ends
     return {
@@ -103,16 +133,33 @@ def _rows(boundary: str, kind: str, names: tuple[str, str], ends: tuple[NDArray[
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know to read the figure, numbers included."""
-    parts = ["Posterior of each base model: histograms of the draws and, for each pair, the regions of highest density that hold 50, 90 and 99 %."]
+    parts = [
+        (
+            "Posterior of each base model: histograms of the draws and, for each pair, the regions"
+            " of highest density that hold 50, 90 and 99 %."
+        )
+    ]
     for boundary in evidence.boundaries:
         found = draws(evidence, boundary)
         names = list(found)
         model, entry = evidence.base(boundary)
         n = len(found[names[0]]) if names else 0
-        pairs = [(a, b, _correlation(found[a], found[b])) for i, a in enumerate(names) for b in names[i + 1 :]]
+        pairs = [
+            (a, b, _correlation(found[a], found[b]))
+            for i, a in enumerate(names)
+            for b in names[i + 1 :]
+        ]
         strongest = max(pairs, key=lambda p: abs(p[2]), default=None)
-        told = f"; strongest correlation {plain(strongest[2], 2)}, of {_word(strongest[0])} and {_word(strongest[1])}" if strongest else ""
-        parts.append(f"{boundary.capitalize()}: {model.title}, {n} draws by {SAMPLERS[entry['posterior']['sampler']]}{told}.")
+        told = (
+            f"; strongest correlation {plain(strongest[2], 2)}, of {_word(strongest[0])} and"
+            f" {_word(strongest[1])}"
+            if strongest
+            else ""
+        )
+        parts.append(
+            f"{boundary.capitalize()}: {model.title}, {n} draws by"
+            f" {SAMPLERS[entry['posterior']['sampler']]}{told}."
+        )
     return " ".join(parts)
 
 
@@ -131,5 +178,8 @@ def _word(name: str) -> str:
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
-    told = [f"{b.capitalize()}: {', '.join(_word(name) for name in draws(evidence, b))}." for b in evidence.boundaries]
+    told = [
+        f"{b.capitalize()}: {', '.join(_word(name) for name in draws(evidence, b))}."
+        for b in evidence.boundaries
+    ]
     return f"Corner plots of the posteriors. {' '.join(told)}"

@@ -1,4 +1,6 @@
-"""Crash rate over pairs of dimensionless groups: gains, noise, the noise's memory, the rotors' spacing."""
+"""Crash rate over pairs of dimensionless groups: gains, noise, the noise's memory, the rotors'
+spacing.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,20 @@ from nearlift.products import CRASH_MAP, SAFETY
 from nearlift.simulation.maps import PAIRS
 from nearlift.summaries.evidence import Columns, Evidence
 
-SHOWN = ("boundary", "model", "map", "x_group", "y_group", "x", "y", "target_z_hat", "flights", "rate", "lo90", "hi90")
+SHOWN = (
+    "boundary",
+    "model",
+    "map",
+    "x_group",
+    "y_group",
+    "x",
+    "y",
+    "target_z_hat",
+    "flights",
+    "rate",
+    "lo90",
+    "hi90",
+)
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -17,7 +32,8 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        The product's columns, and `x_flown`, `y_flown`: the groups of the campaign's own flights; 0 where they lie off the map's axis.
+        The product's columns, and `x_flown`, `y_flown`: the groups of the campaign's own flights; 0
+        where they lie off the map's axis.
     """
     table, fitted = evidence.table(CRASH_MAP), evidence.document(SAFETY)["fitted"]
     shown: Columns = {name: table[name] for name in SHOWN}
@@ -36,23 +52,29 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and at which other groups."""
     parts = [
         (
-            "Crash rate of the fitted model over pairs of groups of Eq. 6 and of those that it leaves out, all others as flown elsewhere (circle; an "
-            "arrow where that is off the map: gusts without memory). White lines: 10 % (dotted), 50 % (solid) and 90 % (dashed), which so many "
-            "flights resolve."
+            "Crash rate of the fitted model over pairs of groups of Eq. 6 and of those that it"
+            " leaves out, all others as flown elsewhere (circle; an arrow where that is off the"
+            " map: gusts without memory). White lines: 10 % (dotted), 50 % (solid) and 90 %"
+            " (dashed), which so many flights resolve."
         ),
     ]
     along = [p for p in PAIRS if p.along]
     if along:
-        parts.append("Where noise stands against gain, α and γ change in proportion to β, so that the loop keeps its shape.")
+        parts.append(
+            "Where noise stands against gain, α and γ change in proportion to β, so that the loop"
+            " keeps its shape."
+        )
     for side, own in evidence.document(SAFETY)["fitted"].items():
         mine = table["boundary"] == side
         if mine.any():
             g = own["groups"]
             parts.append(
-                f"{side.capitalize()}: set-point ẑ = {table['target_z_hat'][mine][0]:g}, {table['flights'][mine][0]} flights a cell; α = "
-                f"{abs(g['alpha']):.3g}, β = {abs(g['beta']):.3g}, γ = {abs(g['gamma']):.2g}, δ = {g['delta']:.3g} (over hover far away), σ/mg = "
-                f"{g['noise']:.3g}, gusts held {g['hold']:.3g} √(r/g); halving the step changes a rate by up to {own['maps']['worst']:.2g} ("
-                f"{own['maps']['settings']} cells, corners and those between 10 and 90 %)."
+                f"{side.capitalize()}: set-point ẑ = {table['target_z_hat'][mine][0]:g},"
+                f" {table['flights'][mine][0]} flights a cell; α = {abs(g['alpha']):.3g}, β ="
+                f" {abs(g['beta']):.3g}, γ = {abs(g['gamma']):.2g}, δ = {g['delta']:.3g} (over"
+                f" hover far away), σ/mg = {g['noise']:.3g}, gusts held {g['hold']:.3g} √(r/g);"
+                f" halving the step changes a rate by up to {own['maps']['worst']:.2g}"
+                f" ({own['maps']['settings']} cells, corners and those between 10 and 90 %)."
             )
     return " ".join(parts)
 

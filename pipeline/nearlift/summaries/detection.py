@@ -20,44 +20,77 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `row` (range, located, reading), `panel` (boundary), `case` (what weight and supply are known to, in words), `payload_percent`,
-        `voltage_percent`, `x`, `y`, `lo90`, `hi90`. In `range`, x is the averaging time in s and y the range in z_hat (nan: none); in
-        `located`, x is the true z_hat and y the posterior's median; in `reading`, y is what one of the manifest's readings says.
+        `row` (range, located, reading), `panel` (boundary), `case` (what weight and supply are
+        known to, in words), `payload_percent`, `voltage_percent`, `x`, `y`, `lo90`, `hi90`. In
+        `range`, x is the averaging time in s and y the range in z_hat (nan: none); in `located`, x
+        is the true z_hat and y the posterior's median; in `reading`, y is what one of the
+        manifest's readings says.
     """
     table, content = evidence.table(DETECTION), evidence.document(PROXIMITY)["boundaries"]
     parts = []
     for side in (b for b in BOUNDARIES if b in content):
         mine = table["boundary"] == side
         least = (float(table["payload"][mine].min()), float(table["voltage"][mine].min()))
-        for voltage, payload in sorted(set(zip(table["voltage"][mine].tolist(), table["payload"][mine].tolist(), strict=True))):
+        for voltage, payload in sorted(
+            set(zip(table["voltage"][mine].tolist(), table["payload"][mine].tolist(), strict=True))
+        ):
             if payload != least[0] and voltage != least[1]:
                 # each alone shows what it costs; both together are in the product
                 continue
             own = mine & (table["payload"] == payload) & (table["voltage"] == voltage)
-            known = {"payload_percent": 100 * payload, "voltage_percent": 100 * voltage, "lo90": table["lo90"][own], "hi90": table["hi90"][own]}
-            parts.append(_rows("range", side, table["averaging_s"][own], table["range_z_hat"][own], case=case(payload, voltage), **known))
+            known = {
+                "payload_percent": 100 * payload,
+                "voltage_percent": 100 * voltage,
+                "lo90": table["lo90"][own],
+                "hi90": table["hi90"][own],
+            }
+            parts.append(
+                _rows(
+                    "range",
+                    side,
+                    table["averaging_s"][own],
+                    table["range_z_hat"][own],
+                    case=case(payload, voltage),
+                    **known,
+                )
+            )
         found = content[side].get("located", [])
         if found:
-            z_hat, median, lo90, hi90 = (np.array([f[k] for f in found]) for k in ("z_hat", "median", "lo90", "hi90"))
+            z_hat, median, lo90, hi90 = (
+                np.array([f[k] for f in found]) for k in ("z_hat", "median", "lo90", "hi90")
+            )
             parts.append(_rows("located", side, z_hat, median, lo90=lo90, hi90=hi90))
         for read in evidence.document(PROXIMITY)["readings"]:
             if read["boundary"] == side and "refused" not in read:
                 z = read["z_hat"]
-                parts.append(_rows("reading", side, [np.nan], [z["median"]], lo90=[z["lo90"]], hi90=[z["hi90"]]))
+                parts.append(
+                    _rows(
+                        "reading", side, [np.nan], [z["median"]], lo90=[z["lo90"]], hi90=[z["hi90"]]
+                    )
+                )
     return stack(parts) if parts else {}
 
 
 def case(payload: float, voltage: float) -> str:
     """What weight and supply voltage are known to (standard uncertainties, fractions), in words."""
-    known = [f"{name} ±{plain(100 * u, 2)} %" for name, u in (("weight", payload), ("supply voltage", voltage)) if u > 0]
+    known = [
+        f"{name} ±{plain(100 * u, 2)} %"
+        for name, u in (("weight", payload), ("supply voltage", voltage))
+        if u > 0
+    ]
     return ", ".join(known) if known else "weight and supply known exactly"
 
 
 def _rows(row: str, panel: str, x: Any, y: Any, case: str = "", **further: Any) -> Columns:
     n = len(x)
     real = {"x": x, "y": y, **further}
-    return {"row": text_column(row, n), "panel": text_column(panel, n), "case": text_column(case, n)} | {
-        name: np.broadcast_to(np.asarray(real.get(name, np.nan), dtype=float), (n,)) for name in REAL
+    return {
+        "row": text_column(row, n),
+        "panel": text_column(panel, n),
+        "case": text_column(case, n),
+    } | {
+        name: np.broadcast_to(np.asarray(real.get(name, np.nan), dtype=float), (n,))
+        for name in REAL
     }
 
 
@@ -66,23 +99,33 @@ def caption(evidence: Evidence, table: Columns) -> str:
     content = evidence.document(PROXIMITY)
     parts = [
         (
-            f"Above: the farthest distance at which a boundary is noticed with {100 * content['false_alarm_rate']:g} % false alarms and "
-            f"{100 * content['miss_rate']:g} % misses, against averaging time, by the standard uncertainty of weight or supply voltage; bands: "
-            "90 % over the model's uncertainty. An alarm is one-sided: more lift near ground and ceiling, less near a wall. Where there is no "
-            "curve, no distance that was measured would do."
+            "Above: the farthest distance at which a boundary is noticed with"
+            f" {100 * content['false_alarm_rate']:g} % false alarms and"
+            f" {100 * content['miss_rate']:g} % misses, against averaging time, by the standard"
+            " uncertainty of weight or supply voltage; bands: 90 % over the model's uncertainty."
+            " An alarm is one-sided: more lift near ground and ceiling, less near a wall. Where"
+            " there is no curve, no distance that was measured would do."
         ),
         (
-            f"Below: what a reading averaged over {content['averaging_s']:g} s says of the distance (median and 90 %, weight and supply known best)"
-            + ("; shaded across: the manifest's readings." if (table["row"] == "reading").any() else ".")
+            f"Below: what a reading averaged over {content['averaging_s']:g} s says of the distance"
+            " (median and 90 %, weight and supply known best)"
+            + (
+                "; shaded across: the manifest's readings."
+                if (table["row"] == "reading").any()
+                else "."
+            )
         ),
     ]
     for side, own in content["boundaries"].items():
-        largest, noise, floor = (100 * own[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor"))
+        largest, noise, floor = (
+            100 * own[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor")
+        )
         plus = "+" if largest > 0 else ""
         parts.append(
-            f"{side.capitalize()}, {own['title']}: largest change of lift measured {plus}{plain(largest, 2)} %, "
-            f"noise {plain(noise, 2)} %/√Hz and {plain(floor, 2)} % that averaging leaves; lift is taken to go as the voltage to the power "
-            f"{own['lift_per_voltage']:.2g}."
+            f"{side.capitalize()}, {own['title']}: largest change of lift measured"
+            f" {plus}{plain(largest, 2)} %, noise {plain(noise, 2)} %/√Hz and {plain(floor, 2)} %"
+            " that averaging leaves; lift is taken to go as the voltage to the power"
+            f" {own['lift_per_voltage']:.2g}."
         )
         if "refused" in own:
             parts.append(f"Not inverted: {own['refused']}.")
@@ -96,5 +139,9 @@ def alt(evidence: Evidence, table: Columns) -> str:
     for side in dict.fromkeys(rows["boundary"].tolist()):
         ranges = rows["range_z_hat"][rows["boundary"] == side]
         known = ranges[np.isfinite(ranges)]
-        parts.append(f"{side}: noticed from z_hat {known.min():.2g} to {known.max():.2g} away" if len(known) else f"{side}: never noticed")
+        parts.append(
+            f"{side}: noticed from z_hat {known.min():.2g} to {known.max():.2g} away"
+            if len(known)
+            else f"{side}: never noticed"
+        )
     return "Detection range against averaging time. " + "; ".join(parts) + "."

@@ -62,13 +62,21 @@ class Evidence:
     def table(self, product: Product) -> Columns:
         """A table product; `ProductError` if it does not exist."""
         if product.file not in self.tables:
-            raise ProductError(product.file, "is missing", "run the stage that writes it (`nearlift plan CAMPAIGN` says which)")
+            raise ProductError(
+                product.file,
+                "is missing",
+                "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
+            )
         return self.tables[product.file]
 
     def document(self, product: Product) -> dict[str, Any]:
         """A JSON product; `ProductError` if it does not exist."""
         if product.file not in self.documents:
-            raise ProductError(product.file, "is missing", "run the stage that writes it (`nearlift plan CAMPAIGN` says which)")
+            raise ProductError(
+                product.file,
+                "is missing",
+                "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
+            )
         return self.documents[product.file]
 
     @property
@@ -87,7 +95,9 @@ class Evidence:
         return BoundaryResult.model_validate(self.document(RESULTS)["boundaries"][boundary])
 
     def diagnosed(self, boundary: str) -> dict[str, Any]:
-        """The loop's findings at a boundary; empty where there are none, as where it could not be diagnosed."""
+        """The loop's findings at a boundary; empty where there are none, as where it could not be
+        diagnosed.
+        """
         entry = self._block(boundary)
         return {} if entry.get("verdict") == NOT_DIAGNOSED else entry
 
@@ -98,15 +108,23 @@ class Evidence:
 
     def _block(self, boundary: str) -> dict[str, Any]:
         """A boundary's block of diagnosis.json; empty where there is none."""
-        entry: dict[str, Any] = self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {}) if self.has(DIAGNOSIS) else {}
+        entry: dict[str, Any] = (
+            self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {})
+            if self.has(DIAGNOSIS)
+            else {}
+        )
         return entry
 
     def known(self, boundary: Boundary, model: LiftModel) -> dict[str, Any]:
-        """What `model` needs besides its parameters, one value for a whole curve: geometry, else the covariate's median."""
+        """What `model` needs besides its parameters, one value for a whole curve: geometry, else
+        the covariate's median.
+        """
         geometry = self.campaign.vehicle.geometry()
         data = self.observations[boundary]
         own = {"throttle": data.throttle, **data.covariates}
-        return {n: geometry[n] if n in geometry else float(np.nanmedian(own[n])) for n in model.needs}
+        return {
+            n: geometry[n] if n in geometry else float(np.nanmedian(own[n])) for n in model.needs
+        }
 
 
 def values(entry: dict[str, Any]) -> dict[str, float]:

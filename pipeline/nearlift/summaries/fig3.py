@@ -1,4 +1,6 @@
-"""Figure 3: mean airspeed and streamlines for the control, a ground and a ceiling; beneath, the downwash along the cut."""
+"""Figure 3: mean airspeed and streamlines for the control, a ground and a ceiling; beneath, the
+downwash along the cut.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +9,25 @@ import numpy as np
 from nearlift.piv_manifest import Piv, PivCase
 from nearlift.rounding import fixed, plain
 from nearlift.summaries.evidence import Columns, Evidence, stack
-from nearlift.summaries.flow_panels import cut, field_rows, manifest, origin, profile_rows, reduction_text, rows, title
+from nearlift.summaries.flow_panels import (
+    cut,
+    field_rows,
+    manifest,
+    origin,
+    profile_rows,
+    reduction_text,
+    rows,
+    title,
+)
 
 #: Distances of the paper's Figure 3, taken where the manifest names no cases.
 PAPER_Z_HAT = {"ground": 3.4, "ceiling": 2.0}
 
 
 def columns(piv: Piv) -> list[PivCase]:
-    """The cases of the figure: the manifest's, else the control and the untilted cases nearest to the paper's distances."""
+    """The cases of the figure: the manifest's, else the control and the untilted cases nearest to
+    the paper's distances.
+    """
     if piv.figure3:
         return [piv.named(n) for n in piv.figure3]
     found = [piv.named(piv.control)]
@@ -26,7 +39,9 @@ def columns(piv: Piv) -> list[PivCase]:
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Rows by `kind`: node, rotor, boundary (upper panels); profile, control, span, cut (lower panels). Lengths over rotor radius."""
+    """Rows by `kind`: node, rotor, boundary (upper panels); profile, control, span, cut (lower
+    panels). Lengths over rotor radius.
+    """
     piv = manifest(evidence)
     parts = []
     for case in columns(piv):
@@ -38,7 +53,9 @@ def summarise(evidence: Evidence) -> Columns:
             parts.append(profile_rows(evidence, piv.control, case.name, "control"))
         for centre in piv.of(case, "rotors"):
             ends = (np.array([-1.0, 1.0]) * row["half_span_m"] + centre) / r
-            parts.append(rows(case.name, "span", "", x_hat=ends, y_hat=np.full(2, -row["below_m"] / r)))
+            parts.append(
+                rows(case.name, "span", "", x_hat=ends, y_hat=np.full(2, -row["below_m"] / r))
+            )
     return stack(parts)
 
 
@@ -49,17 +66,31 @@ def caption(evidence: Evidence, table: Columns) -> str:
     r = evidence.campaign.vehicle.rotor_radius
     first = cut(evidence, piv.control)
     cross = (
-        f"Below: downwash along the dashed cut, {plain(first['below_m'] / r, 3)} rotor radii beneath the rotor plane, with its 90 % band; "
-        f"dotted: the control; shade: the span that is averaged. Control: {fixed(first['downwash_m_s'], 2)} m/s."
+        f"Below: downwash along the dashed cut, {plain(first['below_m'] / r, 3)} rotor radii"
+        " beneath the rotor plane, with its 90 % band; dotted: the control; shade: the span that"
+        f" is averaged. Control: {fixed(first['downwash_m_s'], 2)} m/s."
     )
-    first_words = "Time-averaged airspeed (colour) and streamlines; thrust points up, also where the vehicle hung inverted; grey: no vectors."
+    first_words = (
+        "Time-averaged airspeed (colour) and streamlines; thrust points up, also where the vehicle"
+        " hung inverted; grey: no vectors."
+    )
     parts = [first_words, origin(evidence), cross]
-    parts += [f"{c.boundary.capitalize()} at ẑ = {plain(c.z_hat or 0.0, 3)}: reduced by {reduction_text(cut(evidence, c.name))}." for c in shown]
+    parts += [
+        f"{c.boundary.capitalize()} at ẑ = {plain(c.z_hat or 0.0, 3)}: reduced by"
+        f" {reduction_text(cut(evidence, c.name))}."
+        for c in shown
+    ]
     return " ".join(parts)
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     piv = manifest(evidence)
-    named = [f"{c.name}, downwash {plain(float(cut(evidence, c.name)['downwash_m_s']), 3)} m/s" for c in columns(piv)]
-    return f"{len(named)} panels of airspeed with streamlines, and beneath each the downwash along a cut: {'; '.join(named)}."
+    named = [
+        f"{c.name}, downwash {plain(float(cut(evidence, c.name)['downwash_m_s']), 3)} m/s"
+        for c in columns(piv)
+    ]
+    return (
+        f"{len(named)} panels of airspeed with streamlines, and beneath each the downwash along a"
+        f" cut: {'; '.join(named)}."
+    )

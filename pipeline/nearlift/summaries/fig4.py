@@ -1,4 +1,6 @@
-"""Figure 4: airspeed less the control's, near the ceiling and near the ground, as the boundary is approached."""
+"""Figure 4: airspeed less the control's, near the ceiling and near the ground, as the boundary is
+approached.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +29,22 @@ def as_field(table: Columns) -> Field:
     """The mean field of one case from its rows."""
     x, y = np.unique(table["x_m"]), np.unique(table["y_m"])
     shape = (len(y), len(x))
-    return Field(x_m=x, y_m=y, vx_m_s=table["vx_m_s"].reshape(shape), vy_m_s=table["vy_m_s"].reshape(shape))
+    return Field(
+        x_m=x, y_m=y, vx_m_s=table["vx_m_s"].reshape(shape), vy_m_s=table["vy_m_s"].reshape(shape)
+    )
 
 
 def less_control(evidence: Evidence, name: str) -> FloatArray:
     """Airspeed less the control's at each node of a case; nan where either has no vector."""
-    return difference(as_field(nodes(evidence, name)), as_field(nodes(evidence, manifest(evidence).control))).ravel()
+    return difference(
+        as_field(nodes(evidence, name)), as_field(nodes(evidence, manifest(evidence).control))
+    ).ravel()
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Rows as in Figure 3's upper panels; `value_m_s` is airspeed less the control's. Empty where no case lies near a boundary."""
+    """Rows as in Figure 3's upper panels; `value_m_s` is airspeed less the control's. Empty where
+    no case lies near a boundary.
+    """
     found = cases(evidence)
     if not found:
         return {}
@@ -46,9 +54,10 @@ def summarise(evidence: Evidence) -> Columns:
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know."""
     return (
-        "Time-averaged airspeed less that of the control (blue: slower, red: faster) with the streamlines of each case, as the ceiling "
-        "(upper row) and the ground (lower row) come nearer; one colour scale for each row; grey: no vectors in the case or in the "
-        f"control. {origin(evidence)}"
+        "Time-averaged airspeed less that of the control (blue: slower, red: faster) with the"
+        " streamlines of each case, as the ceiling (upper row) and the ground (lower row) come"
+        " nearer; one colour scale for each row; grey: no vectors in the case or in the control."
+        f" {origin(evidence)}"
     )
 
 
@@ -58,5 +67,11 @@ def alt(evidence: Evidence, table: Columns) -> str:
     for case in cases(evidence):
         value = table["value_m_s"][(table["panel"] == case.name) & (table["kind"] == "node")]
         known = value[np.isfinite(value)]
-        parts.append(f"{case.boundary} {plain(case.z_hat or 0.0, 3)}: {plain(float(known.min()), 2)} to {plain(float(known.max()), 2)} m/s")
-    return f"Maps of airspeed less the control's. Range at each distance over rotor radius: {'; '.join(parts)}."
+        parts.append(
+            f"{case.boundary} {plain(case.z_hat or 0.0, 3)}: {plain(float(known.min()), 2)} to"
+            f" {plain(float(known.max()), 2)} m/s"
+        )
+    return (
+        "Maps of airspeed less the control's. Range at each distance over rotor radius:"
+        f" {'; '.join(parts)}."
+    )

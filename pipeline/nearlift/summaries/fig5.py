@@ -1,4 +1,6 @@
-"""Figure 5: the wake over a tilted ground: airspeed, streamlines, vortex cores, the stagnation zone."""
+"""Figure 5: the wake over a tilted ground: airspeed, streamlines, vortex cores, the stagnation
+zone.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def cases(evidence: Evidence) -> list[PivCase]:
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Rows as in Figure 3's upper panels; `vortex` rows carry the sign of rotation in `flag`. Empty without tilted cases."""
+    """Rows as in Figure 3's upper panels; `vortex` rows carry the sign of rotation in `flag`. Empty
+    without tilted cases.
+    """
     found = cases(evidence)
     if not found:
         return {}
@@ -54,13 +58,17 @@ def number(evidence: Evidence, case: str, quantity: str) -> dict[str, Any]:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know, numbers included."""
-    areas = [f"{fixed(number(evidence, c.name, 'stagnation_area_hat2')['value'], 2)}" for c in cases(evidence)]
+    areas = [
+        f"{fixed(number(evidence, c.name, 'stagnation_area_hat2')['value'], 2)}"
+        for c in cases(evidence)
+    ]
     tilts = [f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases(evidence)]
     return (
-        "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls away to the right). Circles: standing "
-        "vortices (cores of Γ₂ > 2/π in which Γ₁ exceeds 0.5), filled where they turn counter-clockwise. Outline: the stagnation zone, air "
-        "slower than 0.3 of the control's downwash that rests on the ground beneath the rotors; its area for "
-        f"{', '.join(tilts)} is {', '.join(areas)} r². {origin(evidence)}"
+        "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls"
+        " away to the right). Circles: standing vortices (cores of Γ₂ > 2/π in which Γ₁ exceeds"
+        " 0.5), filled where they turn counter-clockwise. Outline: the stagnation zone, air slower"
+        " than 0.3 of the control's downwash that rests on the ground beneath the rotors; its area"
+        f" for {', '.join(tilts)} is {', '.join(areas)} r². {origin(evidence)}"
     )
 
 
@@ -68,7 +76,9 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
     for case in cases(evidence):
-        ccw, cw = (plain(number(evidence, case.name, f"vortices_{s}")["value"]) for s in ("ccw", "cw"))
+        ccw, cw = (
+            plain(number(evidence, case.name, f"vortices_{s}")["value"]) for s in ("ccw", "cw")
+        )
         angle = f"{math.degrees(case.tilt):+.1f}".replace("-", "−")
         parts.append(f"{angle} degrees: {ccw} counter-clockwise and {cw} clockwise vortices")
     return f"{len(parts)} panels of airspeed with streamlines. {'; '.join(parts)}."

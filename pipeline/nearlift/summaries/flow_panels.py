@@ -1,4 +1,6 @@
-"""Mean fields as rows that a figure draws: nodes over rotor radius, rotors, boundary, vortices, the cut."""
+"""Mean fields as rows that a figure draws: nodes over rotor radius, rotors, boundary, vortices, the
+cut.
+"""
 
 from __future__ import annotations
 
@@ -48,8 +50,16 @@ def rows(panel: str, kind: str, label: str, **columns: Any) -> Columns:
     """Rows of one kind in one panel."""
     n = max(len(np.atleast_1d(c)) for c in columns.values())
     empty = np.full(n, np.nan)
-    numbers = {name: np.broadcast_to(np.asarray(columns.get(name, empty), dtype=float), (n,)) for name in NUMBERS}
-    return {"panel": text_column(panel, n), "kind": text_column(kind, n), "label": text_column(label, n), **numbers}
+    numbers = {
+        name: np.broadcast_to(np.asarray(columns.get(name, empty), dtype=float), (n,))
+        for name in NUMBERS
+    }
+    return {
+        "panel": text_column(panel, n),
+        "kind": text_column(kind, n),
+        "label": text_column(label, n),
+        **numbers,
+    }
 
 
 def nodes(evidence: Evidence, name: str) -> Columns:
@@ -58,10 +68,16 @@ def nodes(evidence: Evidence, name: str) -> Columns:
     mine = table["case"] == name
     r = evidence.campaign.vehicle.rotor_radius
     found = {k: v[mine] for k, v in table.items()}
-    return found | {"x_hat": found["x_m"] / r, "y_hat": found["y_m"] / r, "speed_m_s": np.hypot(found["vx_m_s"], found["vy_m_s"])}
+    return found | {
+        "x_hat": found["x_m"] / r,
+        "y_hat": found["y_m"] / r,
+        "speed_m_s": np.hypot(found["vx_m_s"], found["vy_m_s"]),
+    }
 
 
-def field_rows(evidence: Evidence, case: PivCase, label: str, value: FloatArray | None = None) -> Columns:
+def field_rows(
+    evidence: Evidence, case: PivCase, label: str, value: FloatArray | None = None
+) -> Columns:
     """One panel: its nodes coloured by speed (or by `value`), its rotors and its boundary."""
     r = evidence.campaign.vehicle.rotor_radius
     found = nodes(evidence, case.name)
@@ -80,11 +96,21 @@ def field_rows(evidence: Evidence, case: PivCase, label: str, value: FloatArray 
             flag=found["stagnant"],
         )
     ]
-    parts += [rows(case.name, "rotor", label, x_hat=[c / r - 1, c / r + 1], y_hat=[0.0, 0.0]) for c in place.rotors_m]
+    parts += [
+        rows(case.name, "rotor", label, x_hat=[c / r - 1, c / r + 1], y_hat=[0.0, 0.0])
+        for c in place.rotors_m
+    ]
     if case.boundary != "none":
         ends = np.array([found["x_m"].min() - 2 * r, found["x_m"].max() + 2 * r])
         parts.append(
-            rows(case.name, "boundary", label, x_hat=ends / r, y_hat=place.boundary_y_m(ends) / r, flag=1.0 if case.boundary == "ground" else -1.0)
+            rows(
+                case.name,
+                "boundary",
+                label,
+                x_hat=ends / r,
+                y_hat=place.boundary_y_m(ends) / r,
+                flag=1.0 if case.boundary == "ground" else -1.0,
+            )
         )
     return stack(parts)
 
@@ -113,10 +139,16 @@ def cut(evidence: Evidence, name: str, rotor: str = "all") -> dict[str, Any]:
 
 
 def reduction_text(row: dict[str, Any]) -> str:
-    """``8.7 % (90 %: 3.4 to 13.9)``, and where that does not speak of the disk, so; a dash where the cut has no vectors."""
+    """``8.7 % (90 %: 3.4 to 13.9)``, and where that does not speak of the disk, so; a dash where
+    the cut has no vectors.
+    """
     if not math.isfinite(row["reduction"]):
         return "–"
-    elsewhere = ", not the inflow at the disk" if set(str(row["warnings"]).split()) & set(NOT_AT_THE_DISK) else ""
+    elsewhere = (
+        ", not the inflow at the disk"
+        if set(str(row["warnings"]).split()) & set(NOT_AT_THE_DISK)
+        else ""
+    )
     if not math.isfinite(row["reduction_lo90"]):
         return f"{fixed(100 * row['reduction'], 1)} %{elsewhere}"
     span = f"{fixed(100 * row['reduction_lo90'], 1)} to {fixed(100 * row['reduction_hi90'], 1)}"
@@ -128,7 +160,10 @@ def origin(evidence: Evidence) -> str:
     facts = evidence.document(FLOW)["cases"]
     counts = sorted({int(f["fields"]) for f in facts.values()})
     number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    said = f"{'SIMULATED fields, no measurement. ' if evidence.campaign.simulated else ''}Each panel is the mean of {number} velocity fields"
+    said = (
+        f"{'SIMULATED fields, no measurement. ' if evidence.campaign.simulated else ''}Each panel"
+        f" is the mean of {number} velocity fields"
+    )
     reflected = [n for n, f in facts.items() if f["mirrored"]]
     if reflected:
         share = "all" if len(reflected) == len(facts) else f"{len(reflected)} of {len(facts)}"

@@ -1,4 +1,6 @@
-"""The wake's topology against tilt: vortices, stagnation zone, split angle, left and right, each with its bootstrap interval."""
+"""The wake's topology against tilt: vortices, stagnation zone, split angle, left and right, each
+with its bootstrap interval.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ PANELS = (
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """A row for each number of each tilted case: `panel`, `axis`, `label`, `tilt_deg`, `value`, `lo90`, `hi90`."""
+    """A row for each number of each tilted case: `panel`, `axis`, `label`, `tilt_deg`, `value`,
+    `lo90`, `hi90`.
+    """
     names = [c.name for c in fig5.cases(evidence)]
     if not names:
         return {}
@@ -49,8 +53,9 @@ def summarise(evidence: Evidence) -> Columns:
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know."""
     return (
-        "Topology of the wake against tilt of the ground. Bars: 90 % intervals over resampled sets of fields. Asymmetry: right-going less left-going "
-        f"momentum beneath the rotor plane over their sum. {origin(evidence)}"
+        "Topology of the wake against tilt of the ground. Bars: 90 % intervals over resampled sets"
+        " of fields. Asymmetry: right-going less left-going momentum beneath the rotor plane over"
+        f" their sum. {origin(evidence)}"
     )
 
 

@@ -1,4 +1,6 @@
-"""A coefficient over many campaigns, as the forest plot draws it: one row a campaign, then the population and the next campaign."""
+"""A coefficient over many campaigns, as the forest plot draws it: one row a campaign, then the
+population and the next campaign.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,28 @@ def summarise(content: Mapping[str, Any]) -> Columns:
         shared = {"panel": group["boundary"], "coefficient": group["coefficient"], "unit": unit}
         for own in group["campaigns"]:
             rows.append(
-                {**shared, "kind": "campaign", "label": own["campaign"], "vehicle": own["vehicle"], "verdict": own["verdict"]}
+                {
+                    **shared,
+                    "kind": "campaign",
+                    "label": own["campaign"],
+                    "vehicle": own["vehicle"],
+                    "verdict": own["verdict"],
+                }
                 | _interval(own["quoted"])
             )
         together = group.get("population")
         if together:
-            rows.append({**shared, "kind": "population", "label": "population mean"} | _interval(together["mean"]))
-            rows.append({**shared, "kind": "next", "label": "next campaign"} | _interval(together["next"]))
+            rows.append(
+                {**shared, "kind": "population", "label": "population mean"}
+                | _interval(together["mean"])
+            )
+            rows.append(
+                {**shared, "kind": "next", "label": "next campaign"} | _interval(together["next"])
+            )
     text = {name: np.array([row.get(name, "") for row in rows], dtype=object) for name in TEXT}
-    return text | {name: np.array([row.get(name, np.nan) for row in rows], dtype=float) for name in REAL}
+    return text | {
+        name: np.array([row.get(name, np.nan) for row in rows], dtype=float) for name in REAL
+    }
 
 
 def _interval(estimate: Mapping[str, Any]) -> dict[str, float]:
@@ -60,14 +75,18 @@ def caption(table: Columns) -> str:
     if (table["verdict"][campaigns] == "unexplained").any():
         parts.append("Open symbols: structure that no named effect explains.")
     if (table["kind"] == "population").any():
-        parts.append("Diamond and band: the population's mean; dashed: what a further campaign would find.")
+        parts.append(
+            "Diamond and band: the population's mean; dashed: what a further campaign would find."
+        )
     return " ".join(parts)
 
 
 def alt(table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
-    for boundary, coefficient in dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)):
+    for boundary, coefficient in dict.fromkeys(
+        zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)
+    ):
         rows = select(table, boundary, coefficient)
         told = "; ".join(f"{name} {interval(rows, i)}" for i, name in enumerate(rows["label"]))
         parts.append(f"{boundary.capitalize()}, {letter(coefficient)}: {told}.")

@@ -1,7 +1,9 @@
-"""The loop in pictures: at each boundary the residual before and after, the candidates, the held-out error, the coefficient.
+"""The loop in pictures: at each boundary the residual before and after, the candidates, the
+held-out error, the coefficient.
 
-One table holds everything that is drawn. Its column `letter` names the panel, so that picture and caption agree; an adequate
-boundary has no panels for candidates and for the residual after, one that stays unexplained none for the latter.
+One table holds everything that is drawn. Its column `letter` names the panel, so that picture and
+caption agree; an adequate boundary has no panels for candidates and for the residual after, one
+that stays unexplained none for the latter.
 """
 
 from __future__ import annotations
@@ -33,9 +35,11 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `letter`, `part` (verdict, residual, candidate, error, coefficient), `kind`, `when` (before or after),
-        `covariate` and `series` (of a residual), `label` (trial, candidate or coefficient), `note`, `unit`, `x`, `value`, `u` (one
-        standard error), `lo90`, `hi90`, `n_trials`. A candidate's value is twice the log evidence by which it trails the best.
+        `panel` (boundary), `letter`, `part` (verdict, residual, candidate, error, coefficient),
+        `kind`, `when` (before or after), `covariate` and `series` (of a residual), `label` (trial,
+        candidate or coefficient), `note`, `unit`, `x`, `value`, `u` (one standard error), `lo90`,
+        `hi90`, `n_trials`. A candidate's value is twice the log evidence by which it trails the
+        best.
     """
     letters = iter(string.ascii_lowercase + string.ascii_uppercase)
     parts: list[Columns] = []
@@ -46,8 +50,16 @@ def summarise(evidence: Evidence) -> Columns:
         for word in against.chosen(own):
             drawn = residuals(evidence, boundary, own, word)
             for when in dict.fromkeys(drawn["when"].tolist() if drawn else []):
-                parts.append(_lettered({k: v[drawn["when"] == when] for k, v in drawn.items()}, next(letters)))
-        for table in (candidates(boundary, own), errors(boundary, own), coefficients(evidence, boundary, own)):
+                parts.append(
+                    _lettered(
+                        {k: v[drawn["when"] == when] for k, v in drawn.items()}, next(letters)
+                    )
+                )
+        for table in (
+            candidates(boundary, own),
+            errors(boundary, own),
+            coefficients(evidence, boundary, own),
+        ):
             if len(table["panel"]):
                 parts.append(_lettered(table, next(letters)))
     return stack([_full(p) for p in parts]) if parts else {}
@@ -70,7 +82,9 @@ def rows(boundary: str, **columns: Any) -> Columns:
 
 def _full(table: Columns) -> Columns:
     n = len(table["panel"])
-    return {name: table.get(name, text_column("", n)) for name in TEXT} | {name: table.get(name, np.full(n, np.nan)) for name in REAL}
+    return {name: table.get(name, text_column("", n)) for name in TEXT} | {
+        name: table.get(name, np.full(n, np.nan)) for name in REAL
+    }
 
 
 def _lettered(table: Columns, letter: str) -> Columns:
@@ -80,12 +94,19 @@ def _lettered(table: Columns, letter: str) -> Columns:
 def _headline(found: Mapping[str, Any]) -> str:
     if found["verdict"] == "effect":
         named = ((str(e["name"]), stand_ins(found, e)) for e in found.get("effects", []))
-        return ", and ".join(f"{name} (or {', '.join(others)})" if others else name for name, others in named)
-    return {"adequate": "nothing beyond the noise", "unexplained": "structure that no candidate explains"}.get(found["verdict"], "")
+        return ", and ".join(
+            f"{name} (or {', '.join(others)})" if others else name for name, others in named
+        )
+    return {
+        "adequate": "nothing beyond the noise",
+        "unexplained": "structure that no candidate explains",
+    }.get(found["verdict"], "")
 
 
 def stand_ins(found: Mapping[str, Any], effect: Mapping[str, Any]) -> list[str]:
-    """What this design cannot tell from a named effect: single effects in its place, then two where one was named, as "a + b"."""
+    """What this design cannot tell from a named effect: single effects in its place, then two where
+    one was named, as "a + b".
+    """
     rivals = [str(r) for r in effect.get("rivals", [])]
     explanations = found.get("explanations", [])
     together = [e for e in explanations if len(e) > len(found["effects"])]
@@ -96,12 +117,17 @@ def stand_ins(found: Mapping[str, Any], effect: Mapping[str, Any]) -> list[str]:
 def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Every candidate of every round: the named one, its rivals, then by evidence.
 
-    `behind` is twice the log evidence by which it trails the best that was accepted (of all, if none was); `kind` is named,
-    rival (among the explanations that the design cannot tell apart), worse (accepted, and beyond their reach) or rejected.
+    `behind` is twice the log evidence by which it trails the best that was accepted (of all, if
+    none was); `kind` is named, rival (among the explanations that the design cannot tell apart),
+    worse (accepted, and beyond their reach) or rejected.
     """
     known: dict[str, dict[str, Any]] = {}
     for i, r in enumerate(found.get("rounds", [])):
-        known |= {str(c["name"]): {**c, "round": i} for c in r.get("candidates", []) if c.get("log_evidence") is not None}
+        known |= {
+            str(c["name"]): {**c, "round": i}
+            for c in r.get("candidates", [])
+            if c.get("log_evidence") is not None
+        }
     accepted = [float(c["log_evidence"]) for c in known.values() if c.get("accepted")]
     best = max(accepted or [float(c["log_evidence"]) for c in known.values()], default=0.0)
     explanations = [{*e} for e in found.get("explanations", [])]
@@ -119,8 +145,16 @@ def tried(found: Mapping[str, Any]) -> list[dict[str, Any]]:
             kind, c = "rejected", {**c, "refuted": True}
         listed.append({**c, "behind": behind, "kind": kind})
     order = {"named": 0, "rival": 1}
-    # where visits left out decide, a second effect that did not earn its place is no better for its score
-    return sorted(listed, key=lambda c: (order.get(c["kind"], 2), c["round"] if c.get("judged_by") else 0, c["behind"]))
+    # where visits left out decide, a second effect that did not earn its place is no better for its
+    # score
+    return sorted(
+        listed,
+        key=lambda c: (
+            order.get(c["kind"], 2),
+            c["round"] if c.get("judged_by") else 0,
+            c["behind"],
+        ),
+    )
 
 
 def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
@@ -147,24 +181,48 @@ def _why_not(candidate: Mapping[str, Any]) -> str:
         return "not confirmed"
     if candidate.get("judged_by"):
         return "too little"
-    return f"leaves {candidate['left_in'].replace('_', ' ')}" if candidate.get("left_in") else "explains too little"
+    return (
+        f"leaves {candidate['left_in'].replace('_', ' ')}"
+        if candidate.get("left_in")
+        else "explains too little"
+    )
 
 
 def errors(boundary: str, found: Mapping[str, Any]) -> Columns:
-    """Held-out errors in percent of lift, before and (where an effect was named) after, and the noise floor."""
+    """Held-out errors in percent of lift, before and (where an effect was named) after, and the
+    noise floor.
+    """
     error = found.get("error")
     if not error:
         return rows(boundary, label=[])
     whens = ("before", "after") if found["verdict"] == "effect" else ("before",)
-    columns = [rows(boundary, part="error", kind="floor", value=100 * error["noise_floor"], unit="%")]
+    columns = [
+        rows(boundary, part="error", kind="floor", value=100 * error["noise_floor"], unit="%")
+    ]
     for when in whens:
-        own = {k: np.nan if error[when][k] is None else 100 * error[when][k] for k in ("held_out_rmse", "lo90", "hi90")}
-        columns.append(rows(boundary, part="error", kind="rmse", when=when, value=own["held_out_rmse"], lo90=own["lo90"], hi90=own["hi90"], unit="%"))
+        own = {
+            k: np.nan if error[when][k] is None else 100 * error[when][k]
+            for k in ("held_out_rmse", "lo90", "hi90")
+        }
+        columns.append(
+            rows(
+                boundary,
+                part="error",
+                kind="rmse",
+                when=when,
+                value=own["held_out_rmse"],
+                lo90=own["lo90"],
+                hi90=own["hi90"],
+                unit="%",
+            )
+        )
     return stack([_full(c) for c in columns])
 
 
 def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any]) -> Columns:
-    """The first coefficients as quoted, beneath them what they would be on other conditions, and the literature's value where there is one."""
+    """The first coefficients as quoted, beneath them what they would be on other conditions, and
+    the literature's value where there is one.
+    """
     columns = []
     when = "after" if found["verdict"] == "effect" else "before"
     for name, c in list(evidence.quoted(boundary).coefficients.items())[:COEFFICIENTS]:
@@ -172,24 +230,51 @@ def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any
         shown += [("doubt", d.condition, d.value, d.lo90, d.hi90) for d in c.doubts[:DOUBTS]]
         for kind, note, value, low, high in shown:
             columns.append(
-                rows(boundary, part="coefficient", kind=kind, when=when, label=name, note=note, value=value, lo90=low, hi90=high, unit=c.unit)
+                rows(
+                    boundary,
+                    part="coefficient",
+                    kind=kind,
+                    when=when,
+                    label=name,
+                    note=note,
+                    value=value,
+                    lo90=low,
+                    hi90=high,
+                    unit=c.unit,
+                )
             )
         for reference in fig2.references(evidence, boundary):
             if reference.model == found.get("base_model") and name in reference.arguments:
                 source = reference.label.partition("(")[2].rstrip(")")
                 value = float(reference.arguments[name])
-                columns.append(rows(boundary, part="coefficient", kind="reference", label=name, note=source, value=value, unit=c.unit))
+                columns.append(
+                    rows(
+                        boundary,
+                        part="coefficient",
+                        kind="reference",
+                        label=name,
+                        note=source,
+                        value=value,
+                        unit=c.unit,
+                    )
+                )
     return stack([_full(c) for c in columns]) if columns else rows(boundary, label=[])
 
 
 def could_have_seen(found: Mapping[str, Any]) -> str:
-    """What a diagnosis of few trials could have seen, and what not, in words; empty where trials are not few."""
+    """What a diagnosis of few trials could have seen, and what not, in words; empty where trials
+    are not few.
+    """
     block = found.get("sensitivity")
     if not block:
         return ""
     seen = [str(row["text"]) for row in block["limits"] if row["size"] is not None]
-    unseen = list(dict.fromkeys(str(row["effect"]) for row in block["limits"] if row["size"] is None))
+    unseen = list(
+        dict.fromkeys(str(row["effect"]) for row in block["limits"] if row["size"] is None)
+    )
     if not seen:
         return "could have seen no effect at any size that is possible"
-    words = f"could have seen {', '.join(seen)} (each with a chance of {100 * block['chance']:.0f} %)"
+    words = (
+        f"could have seen {', '.join(seen)} (each with a chance of {100 * block['chance']:.0f} %)"
+    )
     return f"{words}; not, at any size that is possible, {', '.join(unseen)}" if unseen else words

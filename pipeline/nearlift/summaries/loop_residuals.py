@@ -1,4 +1,6 @@
-"""The residual before and after, against one covariate: a cloud of trials, means over bins, the noise floor."""
+"""The residual before and after, against one covariate: a cloud of trials, means over bins, the
+noise floor.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,14 @@ from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 REACH = 3.2
 
 
-def residuals(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any], word: str) -> Columns:
-    """Rows of one covariate, in percent: `trial` (`beyond` where outside the axis), `bin`, `curve`, `floor`, `reach`, `session`.
+def residuals(
+    evidence: Evidence, boundary: Boundary, found: Mapping[str, Any], word: str
+) -> Columns:
+    """Rows of one covariate, in percent: `trial` (`beyond` where outside the axis), `bin`, `curve`,
+    `floor`, `reach`, `session`.
 
-    `when` is before and, where an effect was named, after. A curve without a name follows what stays unexplained.
+    `when` is before and, where an effect was named, after. A curve without a name follows what
+    stays unexplained.
     """
     data, both = _joined(evidence, boundary)
     if not data.n:
@@ -35,12 +41,18 @@ def residuals(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any], 
     for when in whens:
         for name, mine in against.series(axis.series, data):
             x, y = against.column(axis.column, data)[mine], both[when][mine]
-            keep = np.isfinite(x) & np.isfinite(both["before"][mine]) & np.isfinite(both["after"][mine])
+            keep = (
+                np.isfinite(x)
+                & np.isfinite(both["before"][mine])
+                & np.isfinite(both["after"][mine])
+            )
             x, y, trial = x[keep], y[keep], data.trial[mine][keep]
             if not len(x):
                 continue
             # the same bins before and after
-            own = labels.setdefault(name, against.label(axis.column, x, y, data.session[mine][keep]))
+            own = labels.setdefault(
+                name, against.label(axis.column, x, y, data.session[mine][keep])
+            )
             parts += [_rows("trial", when, name, x, y, label=trial), _means(when, name, x, y, own)]
             if found["verdict"] == "unexplained" and not axis.series:
                 parts.append(_rows("curve", when, name, *against.curve(axis.column, x, y)))
@@ -53,17 +65,25 @@ def residuals(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any], 
         return {}
     table = stack(parts)
     reach = _reach(table)
-    table["kind"] = np.where((table["kind"] == "trial") & (np.abs(table["value"]) > reach), "beyond", table["kind"])
+    table["kind"] = np.where(
+        (table["kind"] == "trial") & (np.abs(table["value"]) > reach), "beyond", table["kind"]
+    )
     ends = [_rows("reach", when, "", np.array([np.nan]), np.array([reach])) for when in whens]
     table = stack([table, *ends])
     n = len(table["x"])
     fixed = {"panel": boundary, "part": "residual", "covariate": axis.column, "unit": "%"}
     # what the series are levels of, for the legend
-    return {**table, **{k: text_column(v, n) for k, v in fixed.items()}, "note": text_column(axis.series, n)}
+    return {
+        **table,
+        **{k: text_column(v, n) for k, v in fixed.items()},
+        "note": text_column(axis.series, n),
+    }
 
 
 def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[str, FloatArray]]:
-    """The boundary's trials with derived covariates, and their residuals before and after in percent."""
+    """The boundary's trials with derived covariates, and their residuals before and after in
+    percent.
+    """
     model, entry = evidence.base(boundary)
     data = evidence.observations[boundary]
     data = data.take(usable(model, data))
@@ -73,7 +93,9 @@ def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[
     row = {str(table["trial"][i]): i for i in mine.tolist()}
     data = data.take(np.array([str(t) in row for t in data.trial.tolist()], dtype=bool))
     at = np.array([row[str(t)] for t in data.trial.tolist()], dtype=int)
-    return data, {when: 100 * np.asarray(table[when], dtype=float)[at] for when in ("before", "after")}
+    return data, {
+        when: 100 * np.asarray(table[when], dtype=float)[at] for when in ("before", "after")
+    }
 
 
 def _rows(kind: str, when: str, series: str, x: FloatArray, y: FloatArray, **more: Any) -> Columns:
@@ -96,11 +118,15 @@ def _means(when: str, series: str, x: FloatArray, y: FloatArray, label: Any) -> 
     mean = np.bincount(label, y) / count
     spread = np.sqrt(np.bincount(label, (y - mean[label]) ** 2) / np.maximum(count - 1, 1))
     error = np.where(count > 1, spread / np.sqrt(count), np.nan)
-    return _rows("bin", when, series, np.bincount(label, x) / count, mean, u=error, n=count.astype(float))
+    return _rows(
+        "bin", when, series, np.bincount(label, x) / count, mean, u=error, n=count.astype(float)
+    )
 
 
 def _reach(table: Columns) -> float:
-    """Half the height of the axis: most of the trials before, and every mean with its standard error."""
+    """Half the height of the axis: most of the trials before, and every mean with its standard
+    error.
+    """
     cloud = table["value"][(table["kind"] == "trial") & (table["when"] == "before")]
     means = table["kind"] == "bin"
     ends = np.abs(table["value"][means]) + np.nan_to_num(table["u"][means])

@@ -1,4 +1,6 @@
-"""Profile likelihoods of the base models' coefficients, beside the parabola that a standard uncertainty stands for."""
+"""Profile likelihoods of the base models' coefficients, beside the parabola that a standard
+uncertainty stands for.
+"""
 
 from __future__ import annotations
 
@@ -23,15 +25,20 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `parameter`, `unit`, `kind` (``profile``, or ``68``, ``90``, ``95`` for the ends of an interval), `x`, `rise` of chi2,
-        of an interval the profile's at that end, `quadratic` the parabola's. An open end has no row.
+        `panel` (boundary), `parameter`, `unit`, `kind` (``profile``, or ``68``, ``90``, ``95`` for
+        the ends of an interval), `x`, `rise` of chi2, of an interval the profile's at that end,
+        `quadratic` the parabola's. An open end has no row.
     """
     table = evidence.table(PROFILES)
     rows = []
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)
         for name, interval in entry.get("profiles", {}).items():
-            mine = (table["boundary"] == boundary) & (table["model"] == model.name) & (table["parameter"] == name)
+            mine = (
+                (table["boundary"] == boundary)
+                & (table["model"] == model.name)
+                & (table["parameter"] == name)
+            )
             mine &= np.minimum(table["rise"], table["quadratic"]) < TOP + 3
             if not mine.any():
                 continue
@@ -39,14 +46,36 @@ def summarise(evidence: Evidence) -> Columns:
             x, rise, quadratic = (table[c][mine] for c in ("value", "rise", "quadratic"))
             rows.append(_rows(boundary, name, unit, "profile", x, rise, quadratic))
             for level in LEVELS:
-                ends = np.array([float(interval[f"{end}{level}"]) for end in ("lo", "hi") if interval.get(f"{end}{level}") is not None])
-                rows.append(_rows(boundary, name, unit, str(level), ends, np.interp(ends, x, rise), np.interp(ends, x, quadratic)))
+                ends = np.array(
+                    [
+                        float(interval[f"{end}{level}"])
+                        for end in ("lo", "hi")
+                        if interval.get(f"{end}{level}") is not None
+                    ]
+                )
+                rows.append(
+                    _rows(
+                        boundary,
+                        name,
+                        unit,
+                        str(level),
+                        ends,
+                        np.interp(ends, x, rise),
+                        np.interp(ends, x, quadratic),
+                    )
+                )
     return stack(rows) if rows else {}
 
 
-def _rows(boundary: str, name: str, unit: str, kind: str, x: Any, rise: Any, quadratic: Any) -> Columns:
+def _rows(
+    boundary: str, name: str, unit: str, kind: str, x: Any, rise: Any, quadratic: Any
+) -> Columns:
     texts = {"panel": boundary, "parameter": name, "unit": unit, "kind": kind}
-    return {k: text_column(v, len(x)) for k, v in texts.items()} | {"x": x, "rise": rise, "quadratic": quadratic}
+    return {k: text_column(v, len(x)) for k, v in texts.items()} | {
+        "x": x,
+        "rise": rise,
+        "quadratic": quadratic,
+    }
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -56,19 +85,26 @@ def caption(evidence: Evidence, table: Columns) -> str:
         for name, own in evidence.base(boundary)[1].get("profiles", {}).items():
             what = f"{letter(name)} ({boundary})"
             if own["open"]:
-                open_ends.append(f"{what}: no {' or '.join(sorted({e for ends in own['open'].values() for e in ends}))} end within the bounds")
+                open_ends.append(
+                    f"{what}: no"
+                    f" {' or '.join(sorted({e for ends in own['open'].values() for e in ends}))}"
+                    " end within the bounds"
+                )
             elif own["skew"] is not None and abs(np.log(own["skew"])) > LOPSIDED:
                 lopsided.append(f"{what}: {own['skew']:.2f}")
             else:
                 straight.append(what)
     words = [f"the parabola serves for {', '.join(straight)}"] if straight else []
-    words += [f"upper over lower half of the 90 % interval, {'; '.join(lopsided)}"] if lopsided else []
+    words += (
+        [f"upper over lower half of the 90 % interval, {'; '.join(lopsided)}"] if lopsided else []
+    )
     words += [f"the profile stays open, {'; '.join(open_ends)}"] if open_ends else []
     text = "; ".join(words)
     return (
-        "Rise of chi² above its least with one coefficient held, L_inf and everything else optimised again (line), and the parabola of its standard "
-        f"uncertainty (dashes), of the base fits, without effects. Marks: ends of the 68, 90 and "
-        f"95 % intervals. {text[:1].upper()}{text[1:]}."
+        "Rise of chi² above its least with one coefficient held, L_inf and everything else"
+        " optimised again (line), and the parabola of its standard uncertainty (dashes), of the"
+        " base fits, without effects. Marks: ends of the 68, 90 and 95 % intervals."
+        f" {text[:1].upper()}{text[1:]}."
     )
 
 
@@ -76,6 +112,6 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """The same for who cannot see it."""
     n = len(set(zip(table["panel"], table["parameter"], strict=True)))
     return (
-        f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each beside a parabola. "
-        + caption(evidence, table).rsplit("intervals. ", 1)[1]
+        f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each beside a"
+        " parabola. " + caption(evidence, table).rsplit("intervals. ", 1)[1]
     )

@@ -1,4 +1,6 @@
-"""What stands behind each dot and each mean of the residuals: the trial, its counts, its uncertainty, its quality; sums from which means follow."""
+"""What stands behind each dot and each mean of the residuals: the trial, its counts, its
+uncertainty, its quality; sums from which means follow.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,12 @@ from nearlift.summaries.residuals import ORDER, bins, covariates, residuals
 
 #: More dots than this are drawn in part, evenly in run order; means are always of all trials.
 DRAWN = 1000
-WORDS = {"z_hat": "distance ẑ", "throttle_percent": "throttle (%)", "run_order": "run order", "session": "session, in order"}
+WORDS = {
+    "z_hat": "distance ẑ",
+    "throttle_percent": "throttle (%)",
+    "run_order": "run order",
+    "session": "session, in order",
+}
 
 
 def word(covariate: str) -> str:
@@ -35,7 +42,9 @@ def word(covariate: str) -> str:
 
 def every_covariate(evidence: Evidence) -> list[str]:
     """Those that vary near some boundary, in the order of the figure."""
-    found = dict.fromkeys(name for b in evidence.boundaries for name in covariates(residuals(evidence, b)[0]))
+    found = dict.fromkeys(
+        name for b in evidence.boundaries for name in covariates(residuals(evidence, b)[0])
+    )
     return [*(n for n in ORDER if n in found), *(n for n in found if n not in ORDER)]
 
 
@@ -45,8 +54,8 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
     Returns
     -------
     dict of arrays
-        `trial`, `throttle` (key), `residual` (percent), and as text `label` (throttle), `at`, `residual_text`, `lift`, `samples`, `session`,
-        `quality`.
+        `trial`, `throttle` (key), `residual` (percent), and as text `label` (throttle), `at`,
+        `residual_text`, `lift`, `samples`, `session`, `quality`.
     dict of arrays
         The covariates that vary here, of the same rows.
     int
@@ -56,7 +65,11 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
     table = evidence.table(TRIALS)
     row = {str(t): i for i, t in enumerate(table["trial"])}
     scale, unit = force_unit(evidence)
-    keep = np.unique(np.linspace(0, data.n - 1, min(data.n, DRAWN)).round().astype(int)) if data.n else np.zeros(0, dtype=int)
+    keep = (
+        np.unique(np.linspace(0, data.n - 1, min(data.n, DRAWN)).round().astype(int))
+        if data.n
+        else np.zeros(0, dtype=int)
+    )
     kept: list[dict[str, Any]] = []
     for i in keep.tolist():
         j = row[str(data.trial[i])]
@@ -67,15 +80,28 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
                 "throttle": throttle_key(float(data.throttle[i])),
                 "residual": 100 * float(residual[i]),
                 "label": f"{100 * data.throttle[i]:.3g} %",
-                "at": f"{plain(z)} ({plain(1e3 * z * data.radius_m, 3)} mm)" if np.isfinite(z) else "free air",
-                "residual_text": f"{fixed(100 * float(residual[i]), 2)} %, where ± {100 * float(sigma[i]):.2f} % is expected",
-                "lift": f"{plus_minus(scale * float(data.lift_N[i]), scale * float(data.u_lift_N[i]))} {unit}",
+                "at": (
+                    f"{plain(z)} ({plain(1e3 * z * data.radius_m, 3)} mm)"
+                    if np.isfinite(z)
+                    else "free air"
+                ),
+                "residual_text": (
+                    f"{fixed(100 * float(residual[i]), 2)} %, where ± {100 * float(sigma[i]):.2f} %"
+                    " is expected"
+                ),
+                "lift": (
+                    f"{plus_minus(scale * float(data.lift_N[i]), scale * float(data.u_lift_N[i]))}"
+                    f" {unit}"
+                ),
                 "samples": _samples(int(table["n"][j]), float(table["n_eff"][j])),
                 "session": str(table["session"][j]) if "session" in table else "not recorded",
                 "quality": str(table["quality"][j]) or "good",
             }
         )
-    columns = {n: np.array([k[n] for k in kept], dtype=float if n == "residual" else object) for n in (kept[0] if kept else ())}
+    columns = {
+        n: np.array([k[n] for k in kept], dtype=float if n == "residual" else object)
+        for n in (kept[0] if kept else ())
+    }
     return columns, {name: x[keep] for name, x in covariates(data).items()}, data.n
 
 
@@ -84,20 +110,30 @@ def _samples(n: int, effective: float) -> str:
 
 
 def sums(evidence: Evidence, boundary: Boundary, *, by_throttle: bool = True) -> Columns:
-    """Sums over the trials of each bin and throttle, from which the means of any choice of throttles follow.
+    """Sums over the trials of each bin and throttle, from which the means of any choice of
+    throttles follow.
 
     Returns
     -------
     dict of arrays
-        `covariate`, `bin`, `throttle` (key; ``all`` unless `by_throttle`), `n`, and in percent the sums `x`, `r`, `rr` (of squares), `vv` (of
-        variances in the noise model). The bins are those of the printed figure.
+        `covariate`, `bin`, `throttle` (key; ``all`` unless `by_throttle`), `n`, and in percent the
+        sums `x`, `r`, `rr` (of squares), `vv` (of variances in the noise model). The bins are those
+        of the printed figure.
     """
     data, residual, sigma = residuals(evidence, boundary)
-    keys = np.array([throttle_key(float(t)) for t in data.throttle], dtype=object) if by_throttle else text_column("all", data.n)
-    return stack([_sums(name, x, 100 * residual, 100 * sigma, keys) for name, x in covariates(data).items()])
+    keys = (
+        np.array([throttle_key(float(t)) for t in data.throttle], dtype=object)
+        if by_throttle
+        else text_column("all", data.n)
+    )
+    return stack(
+        [_sums(name, x, 100 * residual, 100 * sigma, keys) for name, x in covariates(data).items()]
+    )
 
 
-def _sums(name: str, x: NDArray[Any], residual: NDArray[Any], sigma: NDArray[Any], throttle: NDArray[Any]) -> Columns:
+def _sums(
+    name: str, x: NDArray[Any], residual: NDArray[Any], sigma: NDArray[Any], throttle: NDArray[Any]
+) -> Columns:
     keep = np.isfinite(x) & np.isfinite(residual)
     x, residual, sigma = x[keep], residual[keep], sigma[keep]
     keys, which = np.unique(throttle[keep].astype(str), return_inverse=True)

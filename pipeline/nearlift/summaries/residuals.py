@@ -1,7 +1,9 @@
-"""Residuals of the base model against everything that was recorded: where a model that lacks something shows it.
+"""Residuals of the base model against everything that was recorded: where a model that lacks
+something shows it.
 
-A residual is log lift - log model - log L_inf of one accepted trial, in percent. Means over bins carry their standard error,
-the trials taken as independent; the band is one standard deviation of a trial as the fit's noise model has it.
+A residual is log lift - log model - log L_inf of one accepted trial, in percent. Means over bins
+carry their standard error, the trials taken as independent; the band is one standard deviation of a
+trial as the fit's noise model has it.
 """
 
 from __future__ import annotations
@@ -28,7 +30,17 @@ BINS = 16
 GAP = 0.05
 FEWEST = 8
 #: These come first, in this order; other covariates follow as the schedule has them.
-ORDER = ("z_hat", "throttle_percent", "run_order", "start_s", "session", "supply_V", "temperature_K", "tilt_rad", "approach")
+ORDER = (
+    "z_hat",
+    "throttle_percent",
+    "run_order",
+    "start_s",
+    "session",
+    "supply_V",
+    "temperature_K",
+    "tilt_rad",
+    "approach",
+)
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -37,9 +49,9 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `panel` (boundary), `covariate`, `kind` (trial, bin or noise), `trial` (its id), `x`, `residual_percent`,
-        `u_residual_percent`: of a bin the standard error of its mean, of noise the standard deviation of a trial there,
-        `n_trials` of a bin.
+        `panel` (boundary), `covariate`, `kind` (trial, bin or noise), `trial` (its id), `x`,
+        `residual_percent`, `u_residual_percent`: of a bin the standard error of its mean, of noise
+        the standard deviation of a trial there, `n_trials` of a bin.
     """
     rows = []
     for boundary in evidence.boundaries:
@@ -49,8 +61,12 @@ def summarise(evidence: Evidence) -> Columns:
     return stack(rows)
 
 
-def residuals(evidence: Evidence, boundary: Boundary) -> tuple[Observations, FloatArray, FloatArray]:
-    """The trials that the base model speaks about, their relative residuals, and the standard deviation expected of each."""
+def residuals(
+    evidence: Evidence, boundary: Boundary
+) -> tuple[Observations, FloatArray, FloatArray]:
+    """The trials that the base model speaks about, their relative residuals, and the standard
+    deviation expected of each.
+    """
     model, entry = evidence.base(boundary)
     data = evidence.observations[boundary]
     parameters = values(entry)
@@ -58,7 +74,11 @@ def residuals(evidence: Evidence, boundary: Boundary) -> tuple[Observations, Flo
     known = {n: need(data, n, model.name) for n in model.needs}
     # where the trials told a shared height error, that is where they stand
     z_hat = data.z_hat + curves.height_found_m(entry) / data.radius_m
-    log_ratio = np.log(np.broadcast_to(np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape))
+    log_ratio = np.log(
+        np.broadcast_to(
+            np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape
+        )
+    )
     log_level = np.log([entry["L_inf_N"][f"{t:g}"]["value"] for t in data.levels])[data.level]
     kept = Noise.recorded(evidence.document(FIT)["noise"][boundary])
     sigma = noise.trial_covariance(data, kept, height_slope(model, data, parameters)).sigma
@@ -75,10 +95,20 @@ def covariates(data: Observations) -> dict[str, FloatArray]:
         "session": data.session + 1.0,
     }
     varying = {name: x for name, x in found.items() if len(np.unique(x[np.isfinite(x)])) > 1}
-    return {name: varying[name] for name in (*(n for n in ORDER if n in varying), *(n for n in varying if n not in ORDER))}
+    return {
+        name: varying[name]
+        for name in (*(n for n in ORDER if n in varying), *(n for n in varying if n not in ORDER))
+    }
 
 
-def _panel(boundary: str, name: str, trial: NDArray[np.object_], x: FloatArray, residual: FloatArray, sigma: FloatArray) -> Columns:
+def _panel(
+    boundary: str,
+    name: str,
+    trial: NDArray[np.object_],
+    x: FloatArray,
+    residual: FloatArray,
+    sigma: FloatArray,
+) -> Columns:
     keep = np.isfinite(x) & np.isfinite(residual)
     trial, x, residual, sigma = trial[keep], x[keep], residual[keep], sigma[keep]
     label = bins(x)
@@ -91,7 +121,9 @@ def _panel(boundary: str, name: str, trial: NDArray[np.object_], x: FloatArray, 
     return {
         "panel": text_column(boundary, n + 2 * k),
         "covariate": text_column(name, n + 2 * k),
-        "kind": np.concatenate([text_column("trial", n), text_column("bin", k), text_column("noise", k)]),
+        "kind": np.concatenate(
+            [text_column("trial", n), text_column("bin", k), text_column("noise", k)]
+        ),
         "trial": np.concatenate([trial, text_column("", 2 * k)]),
         "x": np.concatenate([x, centre, centre]),
         "residual_percent": np.concatenate([residual, mean, np.zeros(k)]),
@@ -101,7 +133,9 @@ def _panel(boundary: str, name: str, trial: NDArray[np.object_], x: FloatArray, 
 
 
 def bins(x: FloatArray) -> NDArray[np.int64]:
-    """Bin of each value, 0, 1, ... without gaps: by value where there are few, else by quantiles."""
+    """Bin of each value, 0, 1, ... without gaps: by value where there are few, else by
+    quantiles.
+    """
     distinct, index = np.unique(x, return_inverse=True)
     if len(distinct) <= DISTINCT:
         return index.astype(np.int64)
@@ -109,15 +143,22 @@ def bins(x: FloatArray) -> NDArray[np.int64]:
     first = 0
     for members in _clusters(x):
         own = x[members]
-        edges = np.unique(np.quantile(own, np.linspace(0, 1, max(round(BINS * len(own) / len(x)), 1) + 1)))
-        _, inside = np.unique(np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0)), return_inverse=True)
+        edges = np.unique(
+            np.quantile(own, np.linspace(0, 1, max(round(BINS * len(own) / len(x)), 1) + 1))
+        )
+        _, inside = np.unique(
+            np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0)),
+            return_inverse=True,
+        )
         label[members] = first + inside
         first = int(label[members].max()) + 1
     return label
 
 
 def _clusters(x: FloatArray) -> list[NDArray[np.int64]]:
-    """Indices of the values, parted where nothing was measured for a while: a mean must not stand in such a gap."""
+    """Indices of the values, parted where nothing was measured for a while: a mean must not stand
+    in such a gap.
+    """
     order = np.argsort(x, kind="stable")
     gaps = np.flatnonzero(np.diff(x[order]) > GAP * (x.max() - x.min())) + 1
     kept: list[int] = []
@@ -133,12 +174,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
     out = rejected(trials["quality"])
     parts = ["Relative residuals of the base model, log lift − log model − log L∞, in percent."]
     parts.append(
-        "Dots: accepted trials; circles: means over bins with their standard error (trials taken as independent); "
-        "shade: ± 1 standard deviation of a trial in the fit's noise model."
+        "Dots: accepted trials; circles: means over bins with their standard error (trials taken as"
+        " independent); shade: ± 1 standard deviation of a trial in the fit's noise model."
     )
     for boundary in evidence.boundaries:
         model, _ = evidence.base(boundary)
-        shown = np.count_nonzero((table["panel"] == boundary) & (table["kind"] == "trial") & (table["covariate"] == "run_order"))
+        shown = np.count_nonzero(
+            (table["panel"] == boundary)
+            & (table["kind"] == "trial")
+            & (table["covariate"] == "run_order")
+        )
         lost = np.count_nonzero(out & (trials["boundary"] == boundary))
         beyond = evidence.observations[boundary].n - shown
         notes = [f"{shown} trials", f"{lost} rejected (not shown)"]
@@ -149,17 +194,26 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it: where bin means stray farthest from zero."""
+    """What the picture shows, for those who do not see it: where bin means stray farthest from
+    zero.
+    """
     parts = []
     for boundary in evidence.boundaries:
-        mine = (table["panel"] == boundary) & (table["kind"] == "bin") & (table["u_residual_percent"] > 0) & (table["n_trials"] >= FEWEST)
+        mine = (
+            (table["panel"] == boundary)
+            & (table["kind"] == "bin")
+            & (table["u_residual_percent"] > 0)
+            & (table["n_trials"] >= FEWEST)
+        )
         if not mine.any():
             continue
         pull = np.abs(table["residual_percent"][mine]) / table["u_residual_percent"][mine]
         i = int(np.argmax(pull))
         name, x, mean = (table[k][mine][i] for k in ("covariate", "x", "residual_percent"))
         parts.append(
-            f"{boundary.capitalize()}: against {', '.join(dict.fromkeys(table['covariate'][mine].tolist()))}; the bin mean farthest from zero is "
-            f"{plain(float(mean), 2)} % ({plain(float(pull[i]), 2)} standard errors) at {name} = {plain(float(x), 3)}."
+            f"{boundary.capitalize()}: against"
+            f" {', '.join(dict.fromkeys(table['covariate'][mine].tolist()))}; the bin mean farthest"
+            f" from zero is {plain(float(mean), 2)} % ({plain(float(pull[i]), 2)} standard errors)"
+            f" at {name} = {plain(float(x), 3)}."
         )
     return "Residuals in percent against each covariate. " + " ".join(parts)

@@ -1,4 +1,6 @@
-"""A table as CSV: the same bytes everywhere, numbers to nine digits, and no cell that a spreadsheet would run as a formula."""
+"""A table as CSV: the same bytes everywhere, numbers to nine digits, and no cell that a spreadsheet
+would run as a formula.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def to_csv(table: Columns) -> bytes:
-    """UTF-8 text, comma separated, a header line, line feeds between lines; what is not a number is left empty."""
+    """UTF-8 text, comma separated, a header line, line feeds between lines; what is not a number is
+    left empty.
+    """
     sink = io.StringIO()
     writer = csv.writer(sink, lineterminator="\n")
     writer.writerow(table)

@@ -1,1 +1,3 @@
-"""Campaigns with known truth, written at record level from the declarations: for the demo, for planning, for tests."""
+"""Campaigns with known truth, written at record level from the declarations: for the demo, for
+planning, for tests.
+"""

@@ -1,7 +1,9 @@
-"""The demo: a small simulated campaign at all three boundaries, with something in it that its manifest does not mention.
+"""The demo: a small simulated campaign at all three boundaries, with something in it that its
+manifest does not mention.
 
-Ground trials ran on batteries, ceiling and sidewall trials on a bench supply, and lift goes with the square of the supply. The
-schedule logs the supply, as a lab's would; nothing says that it matters. Finding that out is what the demo is about.
+Ground trials ran on batteries, ceiling and sidewall trials on a bench supply, and lift goes with
+the square of the supply. The schedule logs the supply, as a lab's would; nothing says that it
+matters. Finding that out is what the demo is about.
 """
 
 from __future__ import annotations
@@ -25,15 +27,18 @@ NAME = "demo"
 VISITS = 8
 SUPPLY_EXPONENT = 2.0
 SUPPLY_REFERENCE_V = 3.9
-#: Every other station of Table 1 read as hundredths of a diameter, and two in the gap that this reading leaves at the ground.
+#: Every other station of Table 1 read as hundredths of a diameter, and two in the gap that this
+#: reading leaves at the ground.
 TAKEN = (0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 19)
 GAP_M = (45e-3, 90e-3)
-#: Whole-vehicle thrust of a Crazyflie 2.0 in grams-force by throttle (Bitcraze's bench table; 92 % between its entries).
+#: Whole-vehicle thrust of a Crazyflie 2.0 in grams-force by throttle (Bitcraze's bench table; 92 %
+#: between its entries).
 THRUST_GF = {0.25: 10.9, 0.5: 24.4, 0.75: 41.7, 0.92: 56.2}
 
 NOTE = (
-    "Simulated by nearlift for its demo, after Carter, Bouchard and Quinn 2021: ground (Sanchez-Cuevas, K_b = 2), ceiling "
-    "(Hsiao-Chirarattananon, alpha = 0.125), sidewall (loss of 5 % at the wall). Something else is in it that this manifest does not mention."
+    "Simulated by nearlift for its demo, after Carter, Bouchard and Quinn 2021: ground"
+    " (Sanchez-Cuevas, K_b = 2), ceiling (Hsiao-Chirarattananon, alpha = 0.125), sidewall (loss of"
+    " 5 % at the wall). Something else is in it that this manifest does not mention."
 )
 UNCERTAINTY = """
 [[uncertainty]]
@@ -99,8 +104,18 @@ SUPPLY = Effect(
         ),
     ),
     needs=("supply_V",),
-    source=Source(citation="own form; a DC motor's speed goes with its voltage, lift with the square of speed"),
-    checks=(Check(x=1.0, expected=0.81, arguments={"supply_V": 3.51, "exponent": 2.0}, tolerance=1e-12, quoted_by="0.9 squared"),),
+    source=Source(
+        citation="own form; a DC motor's speed goes with its voltage, lift with the square of speed"
+    ),
+    checks=(
+        Check(
+            x=1.0,
+            expected=0.81,
+            arguments={"supply_V": 3.51, "exponent": 2.0},
+            tolerance=1e-12,
+            quoted_by="0.9 squared",
+        ),
+    ),
 )
 
 
@@ -111,14 +126,22 @@ def design(seed: int = SEED) -> Design:
     stations["ground"] = np.sort(np.concatenate([stations["ground"], GAP_M]))
     plan = randomised(stations, seed=seed, visits=VISITS, sessions=4)
     on_battery = plan.boundary == "ground"
-    return dataclasses.replace(plan, further={"supply_V": np.where(on_battery, battery_V(plan, seed=seed), bench_V(plan, seed=seed))})
+    return dataclasses.replace(
+        plan,
+        further={
+            "supply_V": np.where(on_battery, battery_V(plan, seed=seed), bench_V(plan, seed=seed))
+        },
+    )
 
 
 def truths() -> dict[Boundary, Truth]:
     """What is true in the demo."""
     bench = Bench()
     far = {throttle: 1e-3 * GRAVITY * grams for throttle, grams in THRUST_GF.items()}
-    geometry = {"spacing_hat": bench.spacing_m / bench.radius_m, "diagonal_hat": np.sqrt(2) * bench.spacing_m / bench.radius_m}
+    geometry = {
+        "spacing_hat": bench.spacing_m / bench.radius_m,
+        "diagonal_hat": np.sqrt(2) * bench.spacing_m / bench.radius_m,
+    }
     undeclared = ((SUPPLY, {"exponent": SUPPLY_EXPONENT}),)
     values: dict[Boundary, tuple[str, dict[str, float]]] = {
         "ground": ("sanchez_cuevas", {"K_b": 2.0}),
@@ -126,7 +149,13 @@ def truths() -> dict[Boundary, Truth]:
         "sidewall": ("sidewall_decay", {"a": 0.05, "lambda_": 0.5}),
     }
     return {
-        side: Truth(model=catalogue.model(name), parameters=given, effects=undeclared, lift_inf_N=far, geometry=geometry)
+        side: Truth(
+            model=catalogue.model(name),
+            parameters=given,
+            effects=undeclared,
+            lift_inf_N=far,
+            geometry=geometry,
+        )
         for side, (name, given) in values.items()
     }
 
@@ -146,7 +175,9 @@ def write_demo(folder: Path) -> Path:
 def simulated_demo(folder: Path, seed: int = SEED) -> Simulated:
     """Write the demo campaign and return what is true in it, trial by trial."""
     bench = Bench(rate_Hz=500.0, tare_s=0.5, record_s=2.0, text=UNCERTAINTY)
-    true = write_campaign(folder, design(seed), truths(), name=NAME, note=NOTE, seed=seed, bench=bench)
+    true = write_campaign(
+        folder, design(seed), truths(), name=NAME, note=NOTE, seed=seed, bench=bench
+    )
     listed = write_piv(folder, bench, seed)
     manifest = folder / "campaign.toml"
     manifest.write_text(manifest.read_text(encoding="utf-8") + listed, encoding="utf-8")

@@ -1,4 +1,6 @@
-"""The demo's velocity grids: control, a ground and a ceiling series of which half was measured, and six tilts of the ground."""
+"""The demo's velocity grids: control, a ground and a ceiling series of which half was measured, and
+six tilts of the ground.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,12 @@ TILTS, TILT_Z_HAT = (4.6, 3.1, 1.5, -1.7, -3.2, -4.9), 3.0
 FREE_WAKE_M_S = 8.0
 #: How much less the far wake is than the control's, as the demo has it; not taken from any model.
 LESS = {("ground", 4.0): 0.02, ("ground", 3.4): 0.03, ("ground", 2.6): 0.05, ("ground", 1.8): 0.09}
-LESS |= {("ceiling", 3.0): 0.003, ("ceiling", 2.0): 0.008, ("ceiling", 0.7): 0.06, ("ceiling", 0.3): 0.15}
+LESS |= {
+    ("ceiling", 3.0): 0.003,
+    ("ceiling", 2.0): 0.008,
+    ("ceiling", 0.7): 0.06,
+    ("ceiling", 0.3): 0.15,
+}
 
 
 def wakes(bench: Bench) -> dict[str, Wake]:
@@ -27,20 +34,35 @@ def wakes(bench: Bench) -> dict[str, Wake]:
     r, half = bench.radius_m, bench.spacing_m / 2
 
     def scene(boundary: str, z_hat: float, tilt_deg: float = 0.0) -> Scene:
-        return Scene(boundary=boundary, distance_m=z_hat * r, tilt_rad=math.radians(tilt_deg), rotors_m=(-half, half), radius_m=r)  # type: ignore[arg-type]
+        return Scene(
+            boundary=boundary,  # type: ignore[arg-type]
+            distance_m=z_hat * r,
+            tilt_rad=math.radians(tilt_deg),
+            rotors_m=(-half, half),
+            radius_m=r,
+        )
 
     found = {"control": Wake(scene=scene("none", math.inf), speed_m_s=FREE_WAKE_M_S)}
     for boundary, stations in (("ground", GROUND), ("ceiling", CEILING)):
         for z_hat in stations:
-            found[f"{boundary}-{z_hat:g}"] = Wake(scene=scene(boundary, z_hat), speed_m_s=FREE_WAKE_M_S * (1 - LESS[boundary, z_hat]))
+            found[f"{boundary}-{z_hat:g}"] = Wake(
+                scene=scene(boundary, z_hat), speed_m_s=FREE_WAKE_M_S * (1 - LESS[boundary, z_hat])
+            )
     for tilt in TILTS:
         lean, blobs = _tilted(tilt)
-        found[f"tilt{tilt:+g}"] = Wake(scene=scene("ground", TILT_Z_HAT, tilt), speed_m_s=0.96 * FREE_WAKE_M_S, lean=lean, blobs=blobs)
+        found[f"tilt{tilt:+g}"] = Wake(
+            scene=scene("ground", TILT_Z_HAT, tilt),
+            speed_m_s=0.96 * FREE_WAKE_M_S,
+            lean=lean,
+            blobs=blobs,
+        )
     return found
 
 
 def _tilted(tilt_deg: float) -> tuple[float, tuple[Blob, ...]]:
-    """Two pairs of vortices at the steepest positive tilts, one pair, then a single counter-clockwise one: as the paper describes."""
+    """Two pairs of vortices at the steepest positive tilts, one pair, then a single
+    counter-clockwise one: as the paper describes.
+    """
     lean = 0.015 * tilt_deg
     if tilt_deg > 3:
         return lean, (
@@ -50,21 +72,31 @@ def _tilted(tilt_deg: float) -> tuple[float, tuple[Blob, ...]]:
             Blob(x_hat=0.4, y_hat=-1.9, strength=0.5, size=0.33),
         )
     if tilt_deg > 0:
-        return lean, (Blob(x_hat=-0.4, y_hat=-1.4, strength=0.25, size=0.35), Blob(x_hat=0.4, y_hat=-1.4, strength=-0.25, size=0.35))
+        return lean, (
+            Blob(x_hat=-0.4, y_hat=-1.4, strength=0.25, size=0.35),
+            Blob(x_hat=0.4, y_hat=-1.4, strength=-0.25, size=0.35),
+        )
     return lean, (Blob(x_hat=0.1, y_hat=-1.3, strength=0.15, size=0.3),)
 
 
 def camera(wake: Wake, half: bool) -> Camera:
     """The picture of one case: the half at positive x, or all; a shadow about the body."""
     r = wake.scene.radius_m
-    reach = {"ground": min(wake.scene.distance_m + 0.35 * r, 0.1), "ceiling": 0.1, "none": 0.1}[wake.scene.boundary]
+    reach = {"ground": min(wake.scene.distance_m + 0.35 * r, 0.1), "ceiling": 0.1, "none": 0.1}[
+        wake.scene.boundary
+    ]
     top = min(0.036, wake.scene.distance_m) if wake.scene.boundary == "ceiling" else 0.036
     first = 0 if half else -27
     return Camera(
         x_m=SPACING_M * np.arange(first, 28, dtype=np.float64),
-        y_m=SPACING_M * np.arange(-math.floor(reach / SPACING_M), math.floor(top / SPACING_M) + 1, dtype=np.float64),
+        y_m=SPACING_M
+        * np.arange(
+            -math.floor(reach / SPACING_M), math.floor(top / SPACING_M) + 1, dtype=np.float64
+        ),
         gust=0.02,
-        shadows=((-0.046, 0.046, -0.006, 0.003),) if not half else ((-0.002, 0.046, -0.006, 0.003), (-0.002, 0.0025, 0.003, 0.04)),
+        shadows=((-0.046, 0.046, -0.006, 0.003),)
+        if not half
+        else ((-0.002, 0.046, -0.006, 0.003), (-0.002, 0.0025, 0.003, 0.04)),
     )
 
 
@@ -91,7 +123,13 @@ def write_piv(folder: Path, bench: Bench, seed: int) -> str:
         for i, one in enumerate(fields(wake, camera(wake, half), FIELDS, seed, name)):
             write_openpiv(place / f"{i:04d}.txt", one)
         scene = wake.scene
-        text += ["", "[[piv.case]]", f'name = "{name}"', f'boundary = "{scene.boundary}"', f'files = "piv/{name}/*.txt"']
+        text += [
+            "",
+            "[[piv.case]]",
+            f'name = "{name}"',
+            f'boundary = "{scene.boundary}"',
+            f'files = "piv/{name}/*.txt"',
+        ]
         if math.isfinite(scene.distance_m):
             text.append(f"z_hat = {scene.distance_m / scene.radius_m:.6g}")
         if scene.tilt_rad:

@@ -1,4 +1,6 @@
-"""Schedules: which station, throttle and side of approach, in which order, when, and on which battery."""
+"""Schedules: which station, throttle and side of approach, in which order, when, and on which
+battery.
+"""
 
 from __future__ import annotations
 
@@ -67,11 +69,12 @@ def randomised(
     trial_s: float = 20.0,
     move_s: float = 8.0,
 ) -> Design:
-    """Each station visited so many times in a random order, every throttle run at each visit in a random order.
+    """Each station visited so many times in a random order, every throttle run at each visit in a
+    random order.
 
-    Boundaries follow one another, and each is run in `sessions` sessions of equal length, changed between visits. `trial_s`
-    and `move_s` are the usual times from trial to trial and for a move of the traverse; starts scatter by a twentieth about
-    them.
+    Boundaries follow one another, and each is run in `sessions` sessions of equal length, changed
+    between visits. `trial_s` and `move_s` are the usual times from trial to trial and for a move of
+    the traverse; starts scatter by a twentieth about them.
 
     Returns
     -------
@@ -120,9 +123,11 @@ def randomised(
 
 
 def _order(distances: FloatArray, visits: int, rng: np.random.Generator) -> FloatArray:
-    """Rounds over all stations, each in a random order; the end of one never meets itself at the start of the next.
+    """Rounds over all stations, each in a random order; the end of one never meets itself at the
+    start of the next.
 
-    A station that stands several times in `distances` is visited so many times a round, and not twice running if that can be helped.
+    A station that stands several times in `distances` is visited so many times a round, and not
+    twice running if that can be helped.
     """
     rounds: list[FloatArray] = []
     for _ in range(visits):
@@ -139,10 +144,11 @@ def _order(distances: FloatArray, visits: int, rng: np.random.Generator) -> Floa
 
 
 def balanced(design: Design, *, seed: int) -> Design:
-    """The same visits with throttles in Williams's orders: over a few visits each throttle follows each other one equally often.
+    """The same visits with throttles in Williams's orders: over a few visits each throttle follows
+    each other one equally often.
 
-    What one trial leaves behind for the next (creep, heat) then falls on all throttles alike. Visits that lack a throttle keep
-    their own order.
+    What one trial leaves behind for the next (creep, heat) then falls on all throttles alike.
+    Visits that lack a throttle keep their own order.
     """
     rng = generator(seed, "design", "throttles")
     orders = _williams(len(np.unique(design.throttle)))
@@ -154,13 +160,17 @@ def balanced(design: Design, *, seed: int) -> Design:
             continue
         if not turn:
             # the numbering of the throttles is drawn anew for each square
-            turn = [rng.permutation(len(levels))[row] for row in orders[rng.permutation(len(orders))]]
+            turn = [
+                rng.permutation(len(levels))[row] for row in orders[rng.permutation(len(orders))]
+            ]
         throttle[here] = levels[turn.pop()]
     return dataclasses.replace(design, throttle=throttle)
 
 
 def _williams(count: int) -> NDArray[np.int64]:
-    """Orders of `count` things, each following each other one equally often: `count` rows, or twice as many if it is odd."""
+    """Orders of `count` things, each following each other one equally often: `count` rows, or twice
+    as many if it is odd.
+    """
     first = np.array([(j + 1) // 2 if j % 2 else (count - j // 2) % count for j in range(count)])
     rows = (first + np.arange(count)[:, None]) % count
     result: NDArray[np.int64] = np.vstack([rows, rows[:, ::-1]]) if count % 2 else rows
@@ -168,10 +178,12 @@ def _williams(count: int) -> NDArray[np.int64]:
 
 
 def from_both_sides(design: Design, *, overshoot_m: float, seed: int) -> Design:
-    """Each station approached equally often from either side, by driving past it where the last station lies on the wrong one.
+    """Each station approached equally often from either side, by driving past it where the last
+    station lies on the wrong one.
 
-    Adds ``further["via_m"]``, the recorded distance to go to first (nan: go straight). The side is free only between the nearest
-    and the farthest station: nobody is asked to go closer, or farther, than the campaign does anyway.
+    Adds ``further["via_m"]``, the recorded distance to go to first (nan: go straight). The side is
+    free only between the nearest and the farthest station: nobody is asked to go closer, or
+    farther, than the campaign does anyway.
     """
     rng = generator(seed, "design", "sides")
     approach, via = design.approach.copy(), np.full(len(design), np.nan)
@@ -189,8 +201,17 @@ def from_both_sides(design: Design, *, overshoot_m: float, seed: int) -> Design:
     return dataclasses.replace(design, approach=approach, further={**design.further, "via_m": via})
 
 
-def battery_V(design: Design, *, seed: int, full_V: float = 4.0, falls_V: float = 0.15, scatter_V: float = 0.02) -> FloatArray:
-    """Supply of each trial, a battery per session: it falls by `falls_V`, fast at both ends, and each starts a little differently."""
+def battery_V(
+    design: Design,
+    *,
+    seed: int,
+    full_V: float = 4.0,
+    falls_V: float = 0.15,
+    scatter_V: float = 0.02,
+) -> FloatArray:
+    """Supply of each trial, a battery per session: it falls by `falls_V`, fast at both ends, and
+    each starts a little differently.
+    """
     rng = generator(seed, "battery")
     volts = np.empty(len(design))
     for session in np.unique(design.session):
@@ -198,19 +219,33 @@ def battery_V(design: Design, *, seed: int, full_V: float = 4.0, falls_V: float 
         t = design.start_s[here] - design.start_s[here][0]
         x = t / max(t[-1], 1.0)
         start = full_V + scatter_V * rng.standard_normal()
-        volts[here] = start - falls_V * (0.35 * (1 - np.exp(-6 * x)) + 0.35 * x + 0.3 * x**4) + 0.1 * scatter_V * rng.standard_normal(len(t))
+        volts[here] = (
+            start
+            - falls_V * (0.35 * (1 - np.exp(-6 * x)) + 0.35 * x + 0.3 * x**4)
+            + 0.1 * scatter_V * rng.standard_normal(len(t))
+        )
     return np.round(volts, 4)
 
 
-def bench_V(design: Design, *, seed: int, volts: float = 4.0, scatter_V: float = 0.001) -> FloatArray:
+def bench_V(
+    design: Design, *, seed: int, volts: float = 4.0, scatter_V: float = 0.001
+) -> FloatArray:
     """Supply of each trial on a bench supply, which holds its voltage."""
     return np.round(volts + scatter_V * generator(seed, "bench").standard_normal(len(design)), 4)
 
 
 def of_preset(preset: Preset, *, seed: int, visits: int = VISITS, sessions: int = 86) -> Design:
-    """The paper's campaign under one reading of Table 1: 3 boundaries, 20 stations, 4 throttles, 15 visits.
+    """The paper's campaign under one reading of Table 1: 3 boundaries, 20 stations, 4 throttles, 15
+    visits.
 
-    86 batteries of seven minutes are what its ten hours of running take; the paper does not say what it ran on.
+    86 batteries of seven minutes are what its ten hours of running take; the paper does not say
+    what it ran on.
     """
     recorded: dict[Boundary, FloatArray] = {side: preset.recorded_m(side) for side in TABLE_1}
-    return randomised(recorded, seed=seed, offset_m=preset.offset_m, visits=visits, sessions=-(-sessions // len(recorded)))
+    return randomised(
+        recorded,
+        seed=seed,
+        offset_m=preset.offset_m,
+        visits=visits,
+        sessions=-(-sessions // len(recorded)),
+    )

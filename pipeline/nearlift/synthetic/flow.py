@@ -1,10 +1,13 @@
-"""Velocity grids with known downwash: two rotor jets from a stream function, so that no air is made or lost.
+"""Velocity grids with known downwash: two rotor jets from a stream function, so that no air is made
+or lost.
 
-    psi(x, y) = V r sum_i F((x - x_i) / r) A(y) G(h) + side wind + vortices,    vx = d psi / dy,  vy = -d psi / dx
+    psi(x, y) = V r sum_i F((x - x_i) / r) A(y) G(h) + side wind + vortices,    vx = d psi / dy,  vy
+    = -d psi / dx
 
-F is the running integral of a top-hat jet; A grows from 0 high above the rotors through 1/2 at the disk to 1 in the wake
-(momentum theory); G vanishes on the ground with height h above it and splits each jet into two wall jets around slow air; at a
-ceiling A is brought to 0 there, and air enters sideways. A kinematic picture for tests and the demo, no solution of the flow.
+F is the running integral of a top-hat jet; A grows from 0 high above the rotors through 1/2 at the
+disk to 1 in the wake (momentum theory); G vanishes on the ground with height h above it and splits
+each jet into two wall jets around slow air; at a ceiling A is brought to 0 there, and air enters
+sideways. A kinematic picture for tests and the demo, no solution of the flow.
 """
 
 from __future__ import annotations
@@ -29,7 +32,9 @@ EDGE, WALL = 0.22, 1.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Blob:
-    """A vortex in the picture: centre over radius (beneath is negative), strength over V r (counter-clockwise positive), size over radius."""
+    """A vortex in the picture: centre over radius (beneath is negative), strength over V r
+    (counter-clockwise positive), size over radius.
+    """
 
     x_hat: float
     y_hat: float
@@ -76,7 +81,9 @@ class Wake:
             wall = 1 - np.exp(-((np.maximum(height, 0.0) / WALL) ** 2))
         elif scene.boundary == "ceiling":
             above = np.maximum(height, 0.0)
-            along = along * np.where(y > 0, np.tanh(above / 0.5) / math.tanh(scene.distance_m / r / 0.5), 1.0)
+            along = along * np.where(
+                y > 0, np.tanh(above / 0.5) / math.tanh(scene.distance_m / r / 0.5), 1.0
+            )
         total = across * along * wall
         for b in self.blobs:
             distance2 = (x_m / r - b.x_hat) ** 2 + (y - b.y_hat) ** 2
@@ -84,10 +91,15 @@ class Wake:
         result: FloatArray = self.speed_m_s * r * total
         return result
 
-    def downwash_m_s(self, below_m: float, half_span_m: float, centres_m: tuple[float, ...]) -> float:
+    def downwash_m_s(
+        self, below_m: float, half_span_m: float, centres_m: tuple[float, ...]
+    ) -> float:
         """True mean downwash through a cut: a difference of stream functions, exact."""
         found = [
-            (self._psi(np.array([c + half_span_m]), np.array([-below_m])) - self._psi(np.array([c - half_span_m]), np.array([-below_m])))[0]
+            (
+                self._psi(np.array([c + half_span_m]), np.array([-below_m]))
+                - self._psi(np.array([c - half_span_m]), np.array([-below_m]))
+            )[0]
             for c in centres_m
         ]
         return float(np.mean(found)) / (2 * half_span_m)
@@ -95,7 +107,9 @@ class Wake:
 
 def _integral(xi: FloatArray) -> FloatArray:
     """Running integral of a smooth top hat of half-width 1 and height 1, odd."""
-    return np.asarray(0.5 * EDGE * (_log_cosh((xi + 1) / EDGE) - _log_cosh((xi - 1) / EDGE)), dtype=np.float64)
+    return np.asarray(
+        0.5 * EDGE * (_log_cosh((xi + 1) / EDGE) - _log_cosh((xi - 1) / EDGE)), dtype=np.float64
+    )
 
 
 def _log_cosh(a: FloatArray) -> FloatArray:
@@ -113,7 +127,8 @@ class Camera:
     noise_m_s : float
         Of one vector's component, sd.
     gust, memory : float
-        Relative sd of the whole wake's speed from field to field, and its correlation from one field to the next.
+        Relative sd of the whole wake's speed from field to field, and its correlation from one
+        field to the next.
     outliers, dropouts : float
         Shares of vectors that are wrong, and that are missing.
     shadows : tuple of (x from, x to, y from, y to)
@@ -146,12 +161,19 @@ def fields(wake: Wake, camera: Camera, n: int, seed: int, name: str) -> Iterator
         wrong = rng.random(vx.shape) < camera.outliers
         u[wrong], v[wrong] = wake.speed_m_s * rng.uniform(-1.5, 1.5, (2, int(wrong.sum())))
         missing = hidden | (rng.random(vx.shape) < camera.dropouts)
-        yield Field(x_m=camera.x_m, y_m=camera.y_m, vx_m_s=np.where(missing, np.nan, u), vy_m_s=np.where(missing, np.nan, v))
+        yield Field(
+            x_m=camera.x_m,
+            y_m=camera.y_m,
+            vx_m_s=np.where(missing, np.nan, u),
+            vy_m_s=np.where(missing, np.nan, v),
+        )
         gust = camera.memory * gust + math.sqrt(1 - camera.memory**2) * rng.standard_normal()
 
 
 def write_openpiv(path: Path, field: Field) -> None:
-    """OpenPIV's text: x, y in mm, u, v in m/s, flags (1 where there is no vector, written as 0), mask."""
+    """OpenPIV's text: x, y in mm, u, v in m/s, flags (1 where there is no vector, written as 0),
+    mask.
+    """
     import pyarrow as pa
     import pyarrow.csv as pc
 

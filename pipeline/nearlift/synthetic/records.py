@@ -1,7 +1,9 @@
-"""A synthetic campaign on disk, as a lab would have written it: manifest, schedule, and records sample by sample.
+"""A synthetic campaign on disk, as a lab would have written it: manifest, schedule, and records
+sample by sample.
 
-Every trial has a random stream of its own, so that adding a boundary or a visit changes no other trial's samples. The folder
-holds nothing that a lab would not know; the truth is what `simulate` returns.
+Every trial has a random stream of its own, so that adding a boundary or a visit changes no other
+trial's samples. The folder holds nothing that a lab would not know; the truth is what `simulate`
+returns.
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ GRAVITY = 9.8
 class Bench:
     """The rig of a synthetic campaign; the paper's, unless said otherwise.
 
-    `offset_m` is what the manifest declares between datum and rotor plane. `text` is appended to the manifest as it stands
-    (an ``[[uncertainty]]`` table, say).
+    `offset_m` is what the manifest declares between datum and rotor plane. `text` is appended to
+    the manifest as it stands (an ``[[uncertainty]]`` table, say).
     """
 
     vehicle: str = "Crazyflie 2.0"
@@ -50,31 +52,47 @@ class Bench:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """What is true, trial by trial: distance with the visit's jitter, lift with the trial's noise, and lift as the model has it."""
+    """What is true, trial by trial: distance with the visit's jitter, lift with the trial's noise,
+    and lift as the model has it.
+    """
 
     z_m: FloatArray
     lift_N: FloatArray
     expected_N: FloatArray
 
 
-def simulate(design: Design, truths: Mapping[Boundary, Truth], *, bench: Bench = Bench(), seed: int) -> Simulated:
+def simulate(
+    design: Design, truths: Mapping[Boundary, Truth], *, bench: Bench = Bench(), seed: int
+) -> Simulated:
     """The true lift of every trial; all randomness but the samples'."""
     z_m, lift, expected = np.empty(len(design)), np.empty(len(design)), np.empty(len(design))
-    columns = {"approach": design.approach, "session": design.session.astype(float), "start_s": design.start_s, **design.further}
+    columns = {
+        "approach": design.approach,
+        "session": design.session.astype(float),
+        "start_s": design.start_s,
+        **design.further,
+    }
     for side, truth in truths.items():
         here = design.boundary == side
-        jitter = {v: generator(seed, "height", side, str(v)).standard_normal() for v in np.unique(design.visit[here])}
+        jitter = {
+            v: generator(seed, "height", side, str(v)).standard_normal()
+            for v in np.unique(design.visit[here])
+        }
         away = truth.noise.height_m * np.array([jitter[v] for v in design.visit[here]])
         # a traverse does not push the blades into the wall
         z_m[here] = np.maximum(design.z_m[here] + away, 0.1 * design.z_m[here])
         own = {name: values[here] for name, values in columns.items()}
         expected[here] = truth.lift_N(z_m[here] / bench.radius_m, design.throttle[here], own)
-        scatter = np.array([generator(seed, "trial", t).standard_normal() for t in design.trial[here]])
+        scatter = np.array(
+            [generator(seed, "trial", t).standard_normal() for t in design.trial[here]]
+        )
         lift[here] = expected[here] * (1 + truth.noise.trial * scatter)
     return Simulated(z_m=z_m, lift_N=lift, expected_N=expected)
 
 
-def record(trial: str, lift_N: float, throttle: float, truth: Truth, bench: Bench, seed: int) -> NDArray[np.int32]:
+def record(
+    trial: str, lift_N: float, throttle: float, truth: Truth, bench: Bench, seed: int
+) -> NDArray[np.int32]:
     """Counts of one record: tare head, then the rotors at this lift."""
     noise = truth.noise
     rng = generator(seed, "record", trial)
@@ -83,8 +101,15 @@ def record(trial: str, lift_N: float, throttle: float, truth: Truth, bench: Benc
     strongest = max(truth.lift_inf_N.values())
     share = truth.lift_inf_N[throttle] / strongest
     force = noise.sample_N * rng.standard_normal(n)
-    force += noise.zero_N * rng.standard_normal() + noise.drift_N * rng.standard_normal() * np.arange(n) / n
-    phase = 2 * np.pi * (rng.random() + noise.tone_Hz * np.sqrt(share) / bench.rate_Hz * np.arange(live))
+    force += (
+        noise.zero_N * rng.standard_normal()
+        + noise.drift_N * rng.standard_normal() * np.arange(n) / n
+    )
+    phase = (
+        2
+        * np.pi
+        * (rng.random() + noise.tone_Hz * np.sqrt(share) / bench.rate_Hz * np.arange(live))
+    )
     force[head:] += lift_N + noise.tone_N * share * np.sin(phase)
     return np.asarray(np.round(force / noise.quantum_N), dtype=np.int32)
 
@@ -107,9 +132,11 @@ def write_campaign(
     folder : Path
         New, or empty, or one that this function has written before, which it replaces.
     truths : mapping of boundary to Truth
-        One for each boundary of the design. All share the cell, so the `quantum_N` of the first counts.
+        One for each boundary of the design. All share the cell, so the `quantum_N` of the first
+        counts.
     form : str
-        ``"parquet"`` (one long table of counts), ``"csv"`` (a file per trial with the force in mN) or ``"csv_with_time"``.
+        ``"parquet"`` (one long table of counts), ``"csv"`` (a file per trial with the force in mN)
+        or ``"csv_with_time"``.
 
     Raises
     ------
@@ -119,29 +146,51 @@ def write_campaign(
     _claim(folder)
     true = simulate(design, truths, bench=bench, seed=seed)
     quantum = next(iter(truths.values())).noise.quantum_N
-    (folder / "campaign.toml").write_text(manifest(name, note, bench, form, quantum, design), encoding="utf-8")
+    (folder / "campaign.toml").write_text(
+        manifest(name, note, bench, form, quantum, design), encoding="utf-8"
+    )
     (folder / "trials.csv").write_text(schedule(design, bench), encoding="utf-8")
     samples = (
-        (str(trial), record(str(trial), float(true.lift_N[i]), float(design.throttle[i]), truths[design.boundary[i]], bench, seed))
+        (
+            str(trial),
+            record(
+                str(trial),
+                float(true.lift_N[i]),
+                float(design.throttle[i]),
+                truths[design.boundary[i]],
+                bench,
+                seed,
+            ),
+        )
         for i, trial in enumerate(design.trial)
     )
     if form == "parquet":
         _write_parquet(folder / "records.parquet", samples, design)
     else:
-        _write_csv(folder / "trials", samples, quantum, bench.rate_Hz if form == "csv_with_time" else None)
+        _write_csv(
+            folder / "trials", samples, quantum, bench.rate_Hz if form == "csv_with_time" else None
+        )
     return true
 
 
 def _claim(folder: Path) -> None:
     manifest_there = folder / "campaign.toml"
-    if manifest_there.is_file() and "\nsimulated = true" in manifest_there.read_text(encoding="utf-8"):
+    if manifest_there.is_file() and "\nsimulated = true" in manifest_there.read_text(
+        encoding="utf-8"
+    ):
         return
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(str(folder), "holds something other than a simulated campaign", "name an empty or a new folder; nothing there was touched")
+        raise UsageError(
+            str(folder),
+            "holds something other than a simulated campaign",
+            "name an empty or a new folder; nothing there was touched",
+        )
     folder.mkdir(parents=True, exist_ok=True)
 
 
-def _write_parquet(path: Path, samples: Iterator[tuple[str, NDArray[np.int32]]], design: Design) -> None:
+def _write_parquet(
+    path: Path, samples: Iterator[tuple[str, NDArray[np.int32]]], design: Design
+) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -163,10 +212,18 @@ def _group(held: list[NDArray[np.int32]], first: int, names: Any, schema: Any) -
     import pyarrow as pa
 
     index = np.repeat(np.arange(first, first + len(held), dtype=np.int32), [len(h) for h in held])
-    return pa.table([pa.DictionaryArray.from_arrays(pa.array(index), names), pa.array(np.concatenate(held))], schema=schema)
+    return pa.table(
+        [pa.DictionaryArray.from_arrays(pa.array(index), names), pa.array(np.concatenate(held))],
+        schema=schema,
+    )
 
 
-def _write_csv(folder: Path, samples: Iterator[tuple[str, NDArray[np.int32]]], quantum_N: float, rate_Hz: float | None) -> None:
+def _write_csv(
+    folder: Path,
+    samples: Iterator[tuple[str, NDArray[np.int32]]],
+    quantum_N: float,
+    rate_Hz: float | None,
+) -> None:
     folder.mkdir(exist_ok=True)
     for trial, counts in samples:
         force = (1e3 * quantum_N * counts).tolist()
@@ -180,26 +237,65 @@ def _write_csv(folder: Path, samples: Iterator[tuple[str, NDArray[np.int32]]], q
 def schedule(design: Design, bench: Bench) -> str:
     """The text of trials.csv."""
     per_unit = {"mm": 1e3, "cm": 1e2, "m": 1.0}[bench.distance_unit]
-    outside = {"supply_V": "supply", "current_A": "current", "temperature_K": "temperature", "tilt_rad": "tilt", "power_W": "power"}
+    outside = {
+        "supply_V": "supply",
+        "current_A": "current",
+        "temperature_K": "temperature",
+        "tilt_rad": "tilt",
+        "power_W": "power",
+    }
     extra = {outside.get(name, name): values for name, values in design.further.items()}
-    rows = [",".join(("trial", "boundary", "distance", "throttle", "start", "session", "approach", *extra))]
+    rows = [
+        ",".join(
+            ("trial", "boundary", "distance", "throttle", "start", "session", "approach", *extra)
+        )
+    ]
     for i, trial in enumerate(design.trial):
-        cells = [f"{per_unit * design.recorded_m[i]:.6g}", f"{100 * design.throttle[i]:.6g}", f"{design.start_s[i]:.2f}", str(design.session[i])]
-        rows.append(",".join((trial, design.boundary[i], *cells, f"{design.approach[i]:+.0f}", *(f"{values[i]:.7g}" for values in extra.values()))))
+        cells = [
+            f"{per_unit * design.recorded_m[i]:.6g}",
+            f"{100 * design.throttle[i]:.6g}",
+            f"{design.start_s[i]:.2f}",
+            str(design.session[i]),
+        ]
+        rows.append(
+            ",".join(
+                (
+                    trial,
+                    design.boundary[i],
+                    *cells,
+                    f"{design.approach[i]:+.0f}",
+                    *(f"{values[i]:.7g}" for values in extra.values()),
+                )
+            )
+        )
     return "\n".join(rows) + "\n"
 
 
-def manifest(name: str, note: str, bench: Bench, form: Form, quantum_N: float, design: Design) -> str:
-    """The text of campaign.toml, which says that it is simulated, and of the truth only what a lab would know."""
-    offsets = {side: (bench.offset_m or {}).get(side, 0.0) for side in dict.fromkeys(design.boundary)}
-    datum = ", ".join(f'{side} = "{"blade tip" if side == "sidewall" else "rotor plane"}"' for side in offsets)
+def manifest(
+    name: str, note: str, bench: Bench, form: Form, quantum_N: float, design: Design
+) -> str:
+    """The text of campaign.toml, which says that it is simulated, and of the truth only what a lab
+    would know.
+    """
+    offsets = {
+        side: (bench.offset_m or {}).get(side, 0.0) for side in dict.fromkeys(design.boundary)
+    }
+    datum = ", ".join(
+        f'{side} = "{"blade tip" if side == "sidewall" else "rotor plane"}"' for side in offsets
+    )
     offset = ", ".join(f'{side} = "{1e3 * value:g} mm"' for side, value in offsets.items())
     spacing = f'rotor_spacing = "{1e3 * bench.spacing_m:g} mm"\n' if bench.rotors > 1 else ""
     if form == "parquet":
-        force = f'{{ column = "force", unit = "count", sign = 1, calibration = {{ gain = "{1e3 * quantum_N:g} mN/count", offset = "0 count" }} }}'
+        force = (
+            '{ column = "force", unit = "count", sign = 1, calibration = { gain ='
+            f' "{1e3 * quantum_N:g} mN/count", offset = "0 count" }} }}'
+        )
         records = f'reader = "parquet"\nfiles  = "records.parquet"\nforce  = {force}\n'
     else:
-        records = 'reader = "csv"\nfiles  = "trials/{trial}.csv"\nforce  = { column = "force", unit = "mN", sign = 1 }\n'
+        records = (
+            'reader = "csv"\nfiles  = "trials/{trial}.csv"\nforce  = { column = "force", unit ='
+            ' "mN", sign = 1 }\n'
+        )
         records += 'time   = { column = "t", unit = "s" }\n' if form == "csv_with_time" else ""
     si = {
         "supply_V": ("supply", "V"),
@@ -209,7 +305,8 @@ def manifest(name: str, note: str, bench: Bench, form: Form, quantum_N: float, d
         "power_W": ("power", "W"),
     }
     further = "".join(f'{si[n][0]} = "{si[n][1]}"\n' for n in design.further if n in si)
-    return f"""# SIMULATED. No such measurement was ever made: this campaign was written by nearlift.synthetic.
+    return f"""# SIMULATED. No such measurement was ever made: this campaign was written by \
+nearlift.synthetic.
 schema = "nearlift.campaign/1"
 name   = "{name}"
 simulated = true

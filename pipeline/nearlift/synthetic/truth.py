@@ -1,4 +1,6 @@
-"""What is true in a synthetic campaign: a lift model, effects on it, and noise of every kind that a bench has."""
+"""What is true in a synthetic campaign: a lift model, effects on it, and noise of every kind that a
+bench has.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,8 @@ class Noise:
     sample_N : float
         White noise of a sample, sd.
     tone_N, tone_Hz : float
-        Rotor tone at the largest throttle: amplitude (it grows with lift) and frequency (with the root of lift, as a rotor's does).
-        There is none while the rotors stand.
+        Rotor tone at the largest throttle: amplitude (it grows with lift) and frequency (with the
+        root of lift, as a rotor's does). There is none while the rotors stand.
     drift_N : float
         Slow drift of the zero over a record, sd of the change from its head to its end.
     zero_N : float
@@ -76,7 +78,9 @@ class Truth:
     constants: Mapping[str, Any] = field(default_factory=dict)
     noise: Noise = Noise()
 
-    def lift_N(self, z_hat: FloatArray, throttle: FloatArray, columns: Mapping[str, FloatArray]) -> FloatArray:
+    def lift_N(
+        self, z_hat: FloatArray, throttle: FloatArray, columns: Mapping[str, FloatArray]
+    ) -> FloatArray:
         """Expected lift of trials, N, without noise.
 
         Parameters
@@ -88,12 +92,22 @@ class Truth:
         Raises
         ------
         DeclarationError
-            A throttle has no `lift_inf_N`, or an effect needs what neither `columns`, `geometry` nor `constants` has.
+            A throttle has no `lift_inf_N`, or an effect needs what neither `columns`, `geometry`
+            nor `constants` has.
         """
         far = self.far_N(throttle)
         whole = compose(self.model, *(effect for effect, _ in self.effects))
-        values = dict(self.parameters) | {name: value for _, given in self.effects for name, value in given.items()}
-        known = {"throttle": throttle, "lift_inf_N": far, "z_hat": z_hat, **columns, **self.geometry, **self.constants}
+        values = dict(self.parameters) | {
+            name: value for _, given in self.effects for name, value in given.items()
+        }
+        known = {
+            "throttle": throttle,
+            "lift_inf_N": far,
+            "z_hat": z_hat,
+            **columns,
+            **self.geometry,
+            **self.constants,
+        }
         needs = {name: known[name] for name in whole.needs if name in known}
         return np.asarray(far * whole(z_hat, **needs, **values), dtype=np.float64)
 
@@ -101,5 +115,9 @@ class Truth:
         """`lift_inf_N` of each trial."""
         unknown = sorted(set(np.unique(throttle)) - set(self.lift_inf_N))
         if unknown:
-            raise DeclarationError("truth", f"has no lift_inf_N for the throttles {unknown}", f"it has {sorted(self.lift_inf_N)}")
+            raise DeclarationError(
+                "truth",
+                f"has no lift_inf_N for the throttles {unknown}",
+                f"it has {sorted(self.lift_inf_N)}",
+            )
         return np.array([self.lift_inf_N[t] for t in throttle])

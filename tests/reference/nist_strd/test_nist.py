@@ -1,7 +1,9 @@
-"""Certified answers: every NIST StRD nonlinear data set, from both of NIST's starts, through the optimiser that fits lift models.
+"""Certified answers: every NIST StRD nonlinear data set, from both of NIST's starts, through the
+optimiser that fits lift models.
 
-A data set becomes a model with the parameters' declared starts and bounds, in a `Problem` whose predictions are the curve itself
-(NIST's y is not a lift: no logarithm, no L_inf). `minimise`, `Problem.chi2`, `Problem.jacobian` and `parameter_covariance` are the library's own.
+A data set becomes a model with the parameters' declared starts and bounds, in a `Problem` whose
+predictions are the curve itself (NIST's y is not a lift: no logarithm, no L_inf). `minimise`,
+`Problem.chi2`, `Problem.jacobian` and `parameter_covariance` are the library's own.
 """
 
 from __future__ import annotations
@@ -27,9 +29,15 @@ DIGITS = 4
 
 exp, pi = np.exp, np.pi
 CHWIRUT = lambda x, b1, b2, b3: exp(-b1 * x) / (b2 + b3 * x)  # noqa: E731
-GAUSS = lambda x, b1, b2, b3, b4, b5, b6, b7, b8: b1 * exp(-b2 * x) + b3 * exp(-((x - b4) ** 2) / b5**2) + b6 * exp(-((x - b7) ** 2) / b8**2)  # noqa: E731
-CUBICS = lambda x, b1, b2, b3, b4, b5, b6, b7: (b1 + b2 * x + b3 * x**2 + b4 * x**3) / (1 + b5 * x + b6 * x**2 + b7 * x**3)  # noqa: E731
-LANCZOS = lambda x, b1, b2, b3, b4, b5, b6: b1 * exp(-b2 * x) + b3 * exp(-b4 * x) + b5 * exp(-b6 * x)  # noqa: E731
+GAUSS = lambda x, b1, b2, b3, b4, b5, b6, b7, b8: (  # noqa: E731
+    b1 * exp(-b2 * x) + b3 * exp(-((x - b4) ** 2) / b5**2) + b6 * exp(-((x - b7) ** 2) / b8**2)
+)
+CUBICS = lambda x, b1, b2, b3, b4, b5, b6, b7: (  # noqa: E731
+    (b1 + b2 * x + b3 * x**2 + b4 * x**3) / (1 + b5 * x + b6 * x**2 + b7 * x**3)
+)
+LANCZOS = lambda x, b1, b2, b3, b4, b5, b6: (  # noqa: E731
+    b1 * exp(-b2 * x) + b3 * exp(-b4 * x) + b5 * exp(-b6 * x)
+)
 CURVES: dict[str, Any] = {
     "Bennett5": lambda x, b1, b2, b3: b1 * (b2 + x) ** (-1 / b3),
     "BoxBOD": lambda x, b1, b2: b1 * (1 - exp(-b2 * x)),
@@ -67,7 +75,12 @@ CURVES: dict[str, Any] = {
     "Roszman1": lambda x, b1, b2, b3, b4: b1 - b2 * x - np.arctan(b3 / (x - b4)) / pi,
     "Thurber": CUBICS,
 }
-NO_SD = {"Lanczos1": "exact to 11 digits by construction: its residuals, of 1e-13, are rounding, and so are deviations scaled by them"}
+NO_SD = {
+    "Lanczos1": (
+        "exact to 11 digits by construction: its residuals, of 1e-13, are rounding, and so are"
+        " deviations scaled by them"
+    )
+}
 
 
 @dataclass(frozen=True)
@@ -87,10 +100,20 @@ def read(name: str) -> DataSet:
     number = r"\s+([-+.\dEe]+)"
     rows = [m for line in lines[40:58] if (m := re.match(rf"\s*b\d+ ={number * 4}\s*$", line))]
     table = np.array([[float(v) for v in m.groups()] for m in rows])
-    rss = next(float(line.split(":")[1]) for line in lines if line.startswith("Residual Sum of Squares"))
+    rss = next(
+        float(line.split(":")[1]) for line in lines if line.startswith("Residual Sum of Squares")
+    )
     data = np.array([[float(v) for v in line.split()] for line in lines[60:] if line.strip()]).T
     y = np.log(data[0]) if name == "Nelson" else data[0]
-    return DataSet(name=name, starts=table[:, :2].T, certified=table[:, 2], sd=table[:, 3], rss=rss, x=data[1] if len(data) == 2 else data[1:], y=y)
+    return DataSet(
+        name=name,
+        starts=table[:, :2].T,
+        certified=table[:, 2],
+        sd=table[:, 3],
+        rss=rss,
+        x=data[1] if len(data) == 2 else data[1:],
+        y=y,
+    )
 
 
 class Curve(Problem):
@@ -99,7 +122,10 @@ class Curve(Problem):
     def log_ratio(self, theta, offset_m=0.0):
         columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
         with np.errstate(all="ignore"):
-            return np.broadcast_to(self.model.evaluate(self.data.geometry["x"], **columns), (*np.shape(theta)[:-1], self.data.n))
+            return np.broadcast_to(
+                self.model.evaluate(self.data.geometry["x"], **columns),
+                (*np.shape(theta)[:-1], self.data.n),
+            )
 
     def residuals(self, theta, offset_m=0.0):
         return self.data.lift_N - self.log_ratio(theta)
@@ -109,7 +135,9 @@ class Curve(Problem):
 
 
 def problem(given: DataSet, start: int) -> Curve:
-    """Bounds ten times as wide as NIST's starts are large, either way: as little as a declaration can say."""
+    """Bounds ten times as wide as NIST's starts are large, either way: as little as a declaration
+    can say.
+    """
     names = [f"b{i}" for i in range(1, len(given.certified) + 1)]
     width = 10 * np.abs(given.starts).max(axis=0)
     scope: dict[str, Any] = {"curve": CURVES[given.name]}
@@ -123,7 +151,9 @@ def problem(given: DataSet, start: int) -> Curve:
         evaluate=evaluate,
         boundary="ground",
         parameters=tuple(
-            Parameter(name=n, unit="1", value=v, bounds=(-w, w), prior=uniform(-w, w), meaning="NIST's")
+            Parameter(
+                name=n, unit="1", value=v, bounds=(-w, w), prior=uniform(-w, w), meaning="NIST's"
+            )
             for n, v, w in zip(names, given.starts[start], width, strict=True)
         ),
         source=Source(citation="NIST StRD"),
@@ -145,12 +175,20 @@ def problem(given: DataSet, start: int) -> Curve:
         radius_m=1.0,
         geometry={"x": given.x},
     )
-    return Curve(model=model, data=data, covariance=Covariance(variance=one, visit=np.arange(n), per_visit=0 * one, shared=np.zeros((n, 0))))
+    return Curve(
+        model=model,
+        data=data,
+        covariance=Covariance(
+            variance=one, visit=np.arange(n), per_visit=0 * one, shared=np.zeros((n, 0))
+        ),
+    )
 
 
 def digits(found: np.ndarray, certified: np.ndarray) -> float:
     """Of the worst."""
-    return float(np.min(np.minimum(-np.log10(np.maximum(np.abs(found / certified - 1), 1e-16)), 11)))
+    return float(
+        np.min(np.minimum(-np.log10(np.maximum(np.abs(found / certified - 1), 1e-16)), 11))
+    )
 
 
 @functools.cache
@@ -166,12 +204,16 @@ def test_certified_parameters(name, start):
     given = read(name)
     p, theta = solved(name, start)
     assert digits(theta, given.certified) >= DIGITS
-    assert float(p.chi2(theta)) == pytest.approx(given.rss, rel=1e-2 if name == "Lanczos1" else 1e-6)
+    assert float(p.chi2(theta)) == pytest.approx(
+        given.rss, rel=1e-2 if name == "Lanczos1" else 1e-6
+    )
 
 
 @pytest.mark.parametrize("name", [n for n in CURVES if n not in NO_SD])
 def test_certified_standard_deviations(name):
-    """From `Problem.jacobian` at the fit and `parameter_covariance`, times the residual variance: 3 digits, where a fit quotes 2."""
+    """From `Problem.jacobian` at the fit and `parameter_covariance`, times the residual variance: 3
+    digits, where a fit quotes 2.
+    """
     given = read(name)
     p, theta = solved(name, 1)
     covariance, determined = parameter_covariance(p.jacobian(theta).T)
@@ -188,4 +230,6 @@ def test_every_data_set_is_here_and_whole():
         assert len(given.certified) == int(re.search(r"(\d+) Parameters", text)[1])
         # the certified values and the transcribed curve give the certified sum of squares
         p = problem(given, 0)
-        assert float(p.chi2(given.certified)) == pytest.approx(given.rss, rel=1e-6 if name != "Lanczos1" else 0.1)
+        assert float(p.chi2(given.certified)) == pytest.approx(
+            given.rss, rel=1e-6 if name != "Lanczos1" else 0.1
+        )

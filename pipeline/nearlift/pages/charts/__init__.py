@@ -1,1 +1,3 @@
-"""The interactive charts of index.html: Vega-Lite specifications, the data that they draw, and the controls that switch them."""
+"""The interactive charts of index.html: Vega-Lite specifications, the data that they draw, and the
+controls that switch them.
+"""

@@ -1,4 +1,6 @@
-"""An interactive chart as data: views side by side, native controls bound to their signals, and a table of what can be pointed at."""
+"""An interactive chart as data: views side by side, native controls bound to their signals, and a
+table of what can be pointed at.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,8 @@ DIGITS = 6
 #: Colours are properties of the page's style sheet, so that a chart follows the reader's scheme.
 SERIES = tuple(f"var(--s{i})" for i in range(6))
 SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross")
-#: In the order of `SHAPES`: where points fall on one another, each next one is smaller, so that all can be seen.
+#: In the order of `SHAPES`: where points fall on one another, each next one is smaller, so that all
+#: can be seen.
 AREAS = (90, 70, 58, 46, 36, 30)
 DASHES = ((6, 3), (2, 2), (8, 3, 2, 3), (4, 4), (10, 4), (1, 3))
 
@@ -37,7 +40,8 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Control:
-    """A group of native inputs that sets one signal: to the list of what is ticked, to the one chosen, or to true or false.
+    """A group of native inputs that sets one signal: to the list of what is ticked, to the one
+    chosen, or to true or false.
 
     `folded` controls stand behind a summary.
     """
@@ -57,7 +61,8 @@ class View:
     ----------
     name, title : str
     spec : dict
-        A text in it that begins with ``$`` stands for the value of the control of that signal, or for what `follows` from one.
+        A text in it that begins with ``$`` stands for the value of the control of that signal, or
+        for what `follows` from one.
     data : dict of str to Columns
     controls : tuple of Control
         Those that concern this view alone.
@@ -75,7 +80,8 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """What stands on the screen for the figure of the same name, whose description serves as its own.
+    """What stands on the screen for the figure of the same name, whose description serves as its
+    own.
 
     Attributes
     ----------
@@ -86,7 +92,8 @@ class Chart:
     controls : tuple of Control
         Those that concern all views.
     across, among : str
-        Marks that the left and right, and the up and down arrow keys go along, by what the marks are called.
+        Marks that the left and right, and the up and down arrow keys go along, by what the marks
+        are called.
     down : bool
         Whether the marks stand below one another, and the keys go along them so.
     heads, rows : tuple
@@ -108,9 +115,19 @@ class Chart:
 
 
 def embedded(charts: Sequence[Chart]) -> str:
-    """All specifications and data as JSON that can stand in a page: nothing in it ends a script or begins a comment."""
+    """All specifications and data as JSON that can stand in a page: nothing in it ends a script or
+    begins a comment.
+    """
     content = {
-        c.name: {v.name: {"spec": v.spec, "follows": v.follows, "data": {n: _columns(d) for n, d in v.data.items()}} for v in c.views} for c in charts
+        c.name: {
+            v.name: {
+                "spec": v.spec,
+                "follows": v.follows,
+                "data": {n: _columns(d) for n, d in v.data.items()},
+            }
+            for v in c.views
+        }
+        for c in charts
     }
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     for character in "<>&\u2028\u2029":
@@ -166,8 +183,16 @@ def frame(description: str, *, height: int, parameters: list[Spec], layers: list
             "font": "system-ui, sans-serif",
             "view": {"stroke": rule},
             "axis": {
-                "labelColor": ink, "titleColor": ink, "domainColor": rule, "tickColor": rule, "gridColor": rule, "gridOpacity": 0.35,
-                "labelFontSize": 12, "titleFontSize": 13, "titleFontWeight": "normal", "tickCount": 6,
+                "labelColor": ink,
+                "titleColor": ink,
+                "domainColor": rule,
+                "tickColor": rule,
+                "gridColor": rule,
+                "gridOpacity": 0.35,
+                "labelFontSize": 12,
+                "titleFontSize": 13,
+                "titleFontWeight": "normal",
+                "tickCount": 6,
             },
         },
-    }  # fmt: skip
+    }

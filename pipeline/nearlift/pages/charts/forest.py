@@ -12,7 +12,12 @@ from nearlift.summaries.forest import interval, select
 
 LINE = 30
 SHAPES = {"effect": "square"}
-TOOLTIP = (("label", "campaign"), ("vehicle", "vehicle"), ("told", "value, 90 %"), ("judged", "verdict"))
+TOOLTIP = (
+    ("label", "campaign"),
+    ("vehicle", "vehicle"),
+    ("told", "value, 90 %"),
+    ("judged", "verdict"),
+)
 
 
 def chart(table: Columns) -> Chart:
@@ -24,7 +29,10 @@ def chart(table: Columns) -> Chart:
             signal="order",
             legend="Order",
             kind="one",
-            choices=(Choice(value="given", label="as given"), Choice(value="value", label="by value", on=False)),
+            choices=(
+                Choice(value="given", label="as given"),
+                Choice(value="value", label="by value", on=False),
+            ),
         ),
     )
     return Chart(
@@ -41,7 +49,10 @@ def chart(table: Columns) -> Chart:
 def _view(boundary: str, coefficient: str, rows: Columns) -> View:
     unit = "" if rows["unit"][0] == "1" else f" ({rows['unit'][0]})"
     told = [interval(rows, i) for i in range(len(rows["value"]))]
-    judged = [VERDICTS[v] if k == "campaign" else "" for v, k in zip(rows["verdict"], rows["kind"], strict=True)]
+    judged = [
+        VERDICTS[v] if k == "campaign" else ""
+        for v, k in zip(rows["verdict"], rows["kind"], strict=True)
+    ]
     lines = {
         "label": rows["label"],
         "kind": rows["kind"],
@@ -50,14 +61,21 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
         "told": column(told),
         "judged": column(judged),
         "shape": column([SHAPES.get(v, "circle") for v in rows["verdict"]]),
-        "fill": column(["var(--paper)" if v == "unexplained" else "var(--s0)" for v in rows["verdict"]]),
+        "fill": column(
+            ["var(--paper)" if v == "unexplained" else "var(--s0)" for v in rows["verdict"]]
+        ),
         "words": column(
-            [f"{name}: {letter(coefficient)} = {t}" + (f"; {j}" if j else "") for name, t, j in zip(rows["label"], told, judged, strict=True)]
+            [
+                f"{name}: {letter(coefficient)} = {t}" + (f"; {j}" if j else "")
+                for name, t, j in zip(rows["label"], told, judged, strict=True)
+            ]
         ),
     }
     own = rows["kind"] == "campaign"
     given = rows["label"].tolist()
-    sorted_by = np.concatenate([np.argsort(rows["value"][own], kind="stable"), np.flatnonzero(~own)])
+    sorted_by = np.concatenate(
+        [np.argsort(rows["value"][own], kind="stable"), np.flatnonzero(~own)]
+    )
     spec = frame(
         f"{letter(coefficient)} near the {boundary}, campaign by campaign",
         height=LINE * len(given) + 10,
@@ -69,14 +87,24 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
         title=f"{boundary.capitalize()}: {letter(coefficient)}",
         spec=spec,
         data={"lines": lines},
-        follows={"order": {"given": {"places": given}, "value": {"places": [given[i] for i in sorted_by]}}},
+        follows={
+            "order": {
+                "given": {"places": given},
+                "value": {"places": [given[i] for i in sorted_by]},
+            }
+        },
     )
 
 
 def _layers(title: str) -> list[Spec]:
     """From back to front: the population's band, intervals, values."""
     x: Spec = {"type": "quantitative", "scale": {"zero": False}, "axis": {"title": title}}
-    y: Spec = {"field": "label", "type": "nominal", "scale": {"domain": "$places"}, "axis": {"title": None, "labelLimit": 220}}
+    y: Spec = {
+        "field": "label",
+        "type": "nominal",
+        "scale": {"domain": "$places"},
+        "axis": {"title": None, "labelLimit": 220},
+    }
     raw: Spec = {"type": "nominal", "scale": None}
     data: Spec = {"name": "lines"}
 
@@ -92,22 +120,50 @@ def _layers(title: str) -> list[Spec]:
             "mark": {"type": "rect", "aria": False, "color": "var(--soft)", "opacity": 0.2},
             "encoding": span,
         },
-        {"data": data, "transform": only("campaign"), "mark": {**rule, "color": "var(--s0)"}, "encoding": {**span, "y": y}},
-        {"data": data, "transform": only("population"), "mark": {**rule, "color": "var(--s1)", "strokeWidth": 3}, "encoding": {**span, "y": y}},
-        {"data": data, "transform": only("next"), "mark": {**rule, "color": "var(--s1)", "strokeDash": [5, 3]}, "encoding": {**span, "y": y}},
+        {
+            "data": data,
+            "transform": only("campaign"),
+            "mark": {**rule, "color": "var(--s0)"},
+            "encoding": {**span, "y": y},
+        },
+        {
+            "data": data,
+            "transform": only("population"),
+            "mark": {**rule, "color": "var(--s1)", "strokeWidth": 3},
+            "encoding": {**span, "y": y},
+        },
+        {
+            "data": data,
+            "transform": only("next"),
+            "mark": {**rule, "color": "var(--s1)", "strokeDash": [5, 3]},
+            "encoding": {**span, "y": y},
+        },
         {
             "data": data,
             "transform": [
-                {"calculate": "datum.kind == 'campaign' ? datum.fill : 'var(--s1)'", "as": "inside"},
+                {
+                    "calculate": "datum.kind == 'campaign' ? datum.fill : 'var(--s1)'",
+                    "as": "inside",
+                },
                 {"calculate": "datum.kind == 'campaign' ? 'var(--s0)' : 'var(--s1)'", "as": "edge"},
                 {"calculate": "datum.kind == 'campaign' ? datum.shape : 'diamond'", "as": "form"},
             ],
-            "mark": {"type": "point", "filled": True, "size": 80, "opacity": 1, "strokeWidth": 1.8, "ariaRoleDescription": "line"},
+            "mark": {
+                "type": "point",
+                "filled": True,
+                "size": 80,
+                "opacity": 1,
+                "strokeWidth": 1.8,
+                "ariaRoleDescription": "line",
+            },
             "encoding": {
-                "x": {**x, "field": "value"}, "y": y,
-                "fill": {**raw, "field": "inside"}, "stroke": {**raw, "field": "edge"}, "shape": {**raw, "field": "form"},
+                "x": {**x, "field": "value"},
+                "y": y,
+                "fill": {**raw, "field": "inside"},
+                "stroke": {**raw, "field": "edge"},
+                "shape": {**raw, "field": "form"},
                 "tooltip": [{"field": f, "type": "nominal", "title": t} for f, t in TOOLTIP],
                 "description": {"field": "words", "type": "nominal"},
             },
         },
-    ]  # fmt: skip
+    ]

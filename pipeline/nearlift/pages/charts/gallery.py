@@ -1,4 +1,6 @@
-"""Every interactive chart: what it needs, and how it is made. A new chart is one more entry, and its name in a chapter."""
+"""Every interactive chart: what it needs, and how it is made. A new chart is one more entry, and
+its name in a chapter.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from nearlift.summaries.evidence import Evidence
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChartSpec:
-    """One chart; it is made when every product in `needs` exists, and left out where it has no views."""
+    """One chart; it is made when every product in `needs` exists, and left out where it has no
+    views.
+    """
 
     name: str
     make: Callable[[Evidence], Chart]

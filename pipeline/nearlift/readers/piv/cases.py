@@ -28,20 +28,37 @@ def files_of(root: Path, case: PivCase) -> list[Path]:
     """
     where = f"piv case {case.name!r}: files"
     if Path(case.files).is_absolute() or ".." in Path(case.files).parts:
-        raise ManifestError(where, f"{case.files!r} leads outside the campaign's folder", "put the files themselves into the folder")
-    found = sorted((p for p in root.glob(case.files) if p.is_file()), key=lambda p: _natural(source_of(root, p)))
+        raise ManifestError(
+            where,
+            f"{case.files!r} leads outside the campaign's folder",
+            "put the files themselves into the folder",
+        )
+    found = sorted(
+        (p for p in root.glob(case.files) if p.is_file()),
+        key=lambda p: _natural(source_of(root, p)),
+    )
     if not found:
-        raise ManifestError(where, f"no file matches {case.files!r} in {root}", 'write a pattern such as "piv/ground-3.4/*.txt"')
+        raise ManifestError(
+            where,
+            f"no file matches {case.files!r} in {root}",
+            'write a pattern such as "piv/ground-3.4/*.txt"',
+        )
     return [inside(root, source_of(root, p), where) for p in found]
 
 
 def _natural(name: str) -> list[tuple[int, int, str]]:
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+    return [
+        (0, int(part), "") if part.isdigit() else (1, 0, part)
+        for part in re.split(r"(\d+)", name)
+        if part
+    ]
 
 
 @dataclass
 class Stream:
-    """The fields of one case, one in memory at a time; what was refused is listed in `refused` (file, reason) as it goes."""
+    """The fields of one case, one in memory at a time; what was refused is listed in `refused`
+    (file, reason) as it goes.
+    """
 
     root: Path
     piv: Piv
@@ -50,9 +67,15 @@ class Stream:
     refused: list[tuple[str, InputRefused]] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Field]:
-        said = {key: self.piv.of(self.case, key) for key in ("length_unit", "velocity_unit", "scale", "frame_time", "format")}
+        said = {
+            key: self.piv.of(self.case, key)
+            for key in ("length_unit", "velocity_unit", "scale", "frame_time", "format")
+        }
         setting = Setting(
-            length_unit=said["length_unit"], velocity_unit=said["velocity_unit"], scale_m=said["scale"], frame_time_s=said["frame_time"]
+            length_unit=said["length_unit"],
+            velocity_unit=said["velocity_unit"],
+            scale_m=said["scale"],
+            frame_time_s=said["frame_time"],
         )
         lie = {
             "thrust": self.piv.of(self.case, "thrust"),

@@ -20,12 +20,15 @@ def open_hdf5(path: Path) -> Iterator[Any]:
     Raises
     ------
     InputRefused
-        h5py is not installed; the file is damaged, too large once unpacked, or links to other files.
+        h5py is not installed; the file is damaged, too large once unpacked, or links to other
+        files.
     """
     try:
         import h5py
     except ImportError:
-        raise InputRefused(str(path), "is HDF5, which needs h5py", "pip install nearlift[netcdf]") from None
+        raise InputRefused(
+            str(path), "is HDF5, which needs h5py", "pip install nearlift[netcdf]"
+        ) from None
     try:
         file = h5py.File(path, "r")
     except OSError as fault:
@@ -34,12 +37,22 @@ def open_hdf5(path: Path) -> Iterator[Any]:
         total = 0
         for name in file:
             if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
-                raise InputRefused(str(path), f"{name} is a link to another file", "copy the data into one file")
+                raise InputRefused(
+                    str(path), f"{name} is a link to another file", "copy the data into one file"
+                )
             item = file[name]
             if isinstance(item, h5py.Dataset):
                 if item.is_virtual or item.external:
-                    raise InputRefused(str(path), f"{name} keeps its data in another file", "copy the data into one file")
+                    raise InputRefused(
+                        str(path),
+                        f"{name} keeps its data in another file",
+                        "copy the data into one file",
+                    )
                 total += item.size or 0
         if total > MAX_VALUES:
-            raise InputRefused(str(path), f"unpacks to {total} values", f"split it: at most {MAX_VALUES} in one file")
+            raise InputRefused(
+                str(path),
+                f"unpacks to {total} values",
+                f"split it: at most {MAX_VALUES} in one file",
+            )
         yield file

@@ -1,6 +1,8 @@
-"""TSI Insight ``.vec``: one header line (TITLE, VARIABLES, auxiliary data), then comma rows x, y, u, v, CHC.
+"""TSI Insight ``.vec``: one header line (TITLE, VARIABLES, auxiliary data), then comma rows x, y,
+u, v, CHC.
 
-CHC 1 is a measured vector; 2 is interpolated, everything else void. The header gives um per pixel and us between images.
+CHC 1 is a measured vector; 2 is interpolated, everything else void. The header gives um per pixel
+and us between images.
 """
 
 from __future__ import annotations
@@ -28,12 +30,23 @@ def read(path: Path) -> Iterator[Raw]:
     names = re.findall(r'"([^"]*)"', found[1]) if found else []
     columns = [name.split()[0].upper() for name in names if name.split()]
     if columns[:4] != ["X", "Y", "U", "V"] or "CHC" not in columns:
-        raise InputRefused(f"{path}, line 1", f"lists the variables {names}, not X, Y, U, V, CHC", "export a two-component field")
+        raise InputRefused(
+            f"{path}, line 1",
+            f"lists the variables {names}, not X, Y, U, V, CHC",
+            "export a two-component field",
+        )
     table = rows(body.split("\n"), path, 2, ",")
     if table.shape[1] != len(columns):
-        raise InputRefused(f"{path}, line 2", f"has {table.shape[1]} columns where the header names {len(columns)}", "export it again")
+        raise InputRefused(
+            f"{path}, line 2",
+            f"has {table.shape[1]} columns where the header names {len(columns)}",
+            "export it again",
+        )
     unit = [name.partition(" ")[2] or None for name in names]
-    um, us = _number(header, "MicrometersPerPixelX", path), _number(header, "MicrosecondsPerDeltaT", path)
+    um, us = (
+        _number(header, "MicrometersPerPixelX", path),
+        _number(header, "MicrosecondsPerDeltaT", path),
+    )
     yield Raw(
         x=table[:, 0],
         y=table[:, 1],
@@ -52,7 +65,9 @@ def _number(header: str, key: str, path: Path) -> float | None:
     if not end:
         return None
     if not NUMBER.fullmatch(text):
-        raise InputRefused(f"{path}, line 1", f"has {key} {text!r}, which is no number", "export it again")
+        raise InputRefused(
+            f"{path}, line 1", f"has {key} {text!r}, which is no number", "export it again"
+        )
     value = float(text)
     return value if value > 0 else None
 

@@ -1,4 +1,5 @@
-"""netCDF in pivpy's layout: dimensions x, y, t; variables u, v and the choice code chc (1 is measured); units as attributes.
+"""netCDF in pivpy's layout: dimensions x, y, t; variables u, v and the choice code chc (1 is
+measured); units as attributes.
 
 pivpy writes what it could not read as zeros with chc 0; such a vector is none here either.
 """
@@ -28,14 +29,20 @@ def read(path: Path) -> Iterator[Raw]:
     """Every time of a file, in order."""
     with path.open("rb") as file:
         if file.read(3) == b"CDF":
-            raise InputRefused(str(path), "is classic netCDF", "write netCDF-4: dataset.to_netcdf(path, engine='h5netcdf')")
+            raise InputRefused(
+                str(path),
+                "is classic netCDF",
+                "write netCDF-4: dataset.to_netcdf(path, engine='h5netcdf')",
+            )
     # opened once by h5py for its checks, then by h5netcdf, which knows dimensions
     with open_hdf5(path):
         pass
     try:
         import h5netcdf
     except ImportError:
-        raise InputRefused(str(path), "is netCDF, which needs h5netcdf", "pip install nearlift[netcdf]") from None
+        raise InputRefused(
+            str(path), "is netCDF, which needs h5netcdf", "pip install nearlift[netcdf]"
+        ) from None
     try:
         dataset = h5netcdf.File(path, "r")
     except (OSError, ValueError) as fault:
@@ -50,8 +57,16 @@ def read(path: Path) -> Iterator[Raw]:
             )
         x, y = (np.asarray(dataset.variables[n][...], dtype=float) for n in "xy")
         u, v = (_frames(dataset.variables[n], n, path) for n in "uv")
-        chc = _frames(dataset.variables["chc"], "chc", path) if "chc" in dataset.variables else np.ones(u.shape)
-        mask = _frames(dataset.variables["mask"], "mask", path) if "mask" in dataset.variables else np.zeros(u.shape)
+        chc = (
+            _frames(dataset.variables["chc"], "chc", path)
+            if "chc" in dataset.variables
+            else np.ones(u.shape)
+        )
+        mask = (
+            _frames(dataset.variables["mask"], "mask", path)
+            if "mask" in dataset.variables
+            else np.zeros(u.shape)
+        )
         length, velocity = _unit(dataset.variables["x"]), _unit(dataset.variables["u"])
         frame = float(np.ravel(dataset.attrs["delta_t"])[0]) if "delta_t" in dataset.attrs else 0.0
     across, up = np.meshgrid(x, y)
@@ -75,7 +90,9 @@ def _frames(variable: Any, name: str, path: Path) -> FloatArray:
     if sorted(dims) == ["x", "y"]:
         values, dims = values[None], ("t", *dims)
     if sorted(dims) != ["t", "x", "y"]:
-        raise InputRefused(str(path), f"has {name} on {', '.join(dims)}", "pivpy's layout is u, v on x, y, t")
+        raise InputRefused(
+            str(path), f"has {name} on {', '.join(dims)}", "pivpy's layout is u, v on x, y, t"
+        )
     return np.transpose(values, [dims.index(d) for d in ("t", "y", "x")])
 
 
@@ -85,4 +102,6 @@ def _unit(variable: Any) -> str | None:
     return text or None
 
 
-NETCDF = Dialect(name="netcdf", title="netCDF in pivpy's layout", sniff=sniff, read=read, child=True)
+NETCDF = Dialect(
+    name="netcdf", title="netCDF in pivpy's layout", sniff=sniff, read=read, child=True
+)

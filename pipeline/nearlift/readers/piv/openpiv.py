@@ -1,7 +1,9 @@
-"""OpenPIV text. New: a line ``# x y u v flags mask``; old: five columns without a header, the fifth the signal-to-noise ratio.
+"""OpenPIV text. New: a line ``# x y u v flags mask``; old: five columns without a header, the fifth
+the signal-to-noise ratio.
 
-flags 0 is a measured vector (1 invalid, 2 interpolated); mask 1 is masked, so a column of zeros masks nothing. The files say no
-unit: pixels, millimetres and metres, displacements and velocities all occur, so the manifest must say.
+flags 0 is a measured vector (1 invalid, 2 interpolated); mask 1 is masked, so a column of zeros
+masks nothing. The files say no unit: pixels, millimetres and metres, displacements and velocities
+all occur, so the manifest must say.
 """
 
 from __future__ import annotations
@@ -40,10 +42,18 @@ def read(path: Path) -> Iterator[Raw]:
     if first.startswith("#"):
         names = first.lstrip("# ").split()
         if tuple(names[:4]) != NEW[:4]:
-            raise InputRefused(f"{path}, line 1", f"names {names}, not {' '.join(NEW)}", "export it with OpenPIV's own save")
+            raise InputRefused(
+                f"{path}, line 1",
+                f"names {names}, not {' '.join(NEW)}",
+                "export it with OpenPIV's own save",
+            )
         table = rows(rest.split("\n"), path, 2, None)
         if table.shape[1] != len(names):
-            raise InputRefused(f"{path}, line 2", f"has {table.shape[1]} columns where the header names {len(names)}", "export it again")
+            raise InputRefused(
+                f"{path}, line 2",
+                f"has {table.shape[1]} columns where the header names {len(names)}",
+                "export it again",
+            )
         good = np.ones(len(table), dtype=bool)
         if "flags" in names:
             good &= table[:, names.index("flags")] == 0
@@ -52,15 +62,30 @@ def read(path: Path) -> Iterator[Raw]:
     else:
         table = rows(text.split("\n"), path, 1, None)
         if table.shape[1] != OLD_COLUMNS:
-            raise InputRefused(f"{path}, line 1", f"has {table.shape[1]} columns and no header", f"the old form has {OLD_COLUMNS}: x y u v s2n")
+            raise InputRefused(
+                f"{path}, line 1",
+                f"has {table.shape[1]} columns and no header",
+                f"the old form has {OLD_COLUMNS}: x y u v s2n",
+            )
         if np.isin(table[:, 4], (0, 1, 2)).all():
             raise InputRefused(
                 str(path),
                 "has a fifth column of flags, and no header says whether 0 or 1 is a good vector",
-                'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is good)',
+                'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is'
+                " good)",
             )
         good = np.isfinite(table[:, 4])
-    yield Raw(x=table[:, 0], y=table[:, 1], u=table[:, 2], v=table[:, 3], good=good, length_unit=None, velocity_unit=None)
+    yield Raw(
+        x=table[:, 0],
+        y=table[:, 1],
+        u=table[:, 2],
+        v=table[:, 3],
+        good=good,
+        length_unit=None,
+        velocity_unit=None,
+    )
 
 
-OPENPIV = Dialect(name="openpiv", title="OpenPIV text, with or without header", sniff=sniff, read=read)
+OPENPIV = Dialect(
+    name="openpiv", title="OpenPIV text, with or without header", sniff=sniff, read=read
+)

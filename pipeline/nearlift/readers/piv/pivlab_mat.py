@@ -1,7 +1,9 @@
-"""PIVlab's MATLAB files: version 5 by scipy, version 7.3 (HDF5) by h5py; one file holds many fields.
+"""PIVlab's MATLAB files: version 5 by scipy, version 7.3 (HDF5) by h5py; one file holds many
+fields.
 
-Variables x, y, u_filtered (else u_original), v_..., typevector_... as cells, one per pair; or numbered, x_0, u_0, ...
-With a text `units` the arrays are in those units; else they are in pixels, `calxy` is m per pixel and `caluv` (m/s) per (px/frame).
+Variables x, y, u_filtered (else u_original), v_..., typevector_... as cells, one per pair; or
+numbered, x_0, u_0, ... With a text `units` the arrays are in those units; else they are in pixels,
+`calxy` is m per pixel and `caluv` (m/s) per (px/frame).
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 def sniff(head: bytes) -> bool:
     """MATLAB's own first words, or HDF5 with what PIVlab names."""
-    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (head.startswith(HDF5_MAGIC) and b"typevector" in head)
+    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
+        head.startswith(HDF5_MAGIC) and b"typevector" in head
+    )
 
 
 def read(path: Path) -> Iterator[Raw]:
@@ -31,16 +35,22 @@ def read(path: Path) -> Iterator[Raw]:
     with path.open("rb") as file:
         old = file.read(19) == b"MATLAB 5.0 MAT-file"
     variables = _version_5(path) if old else _version_73(path)
-    stem = next((s for s in ("u_filtered", "u_original", "u") if s in variables and len(variables[s])), None)
+    stem = next(
+        (s for s in ("u_filtered", "u_original", "u") if s in variables and len(variables[s])), None
+    )
     if stem is None or "x" not in variables or "y" not in variables:
         raise InputRefused(
-            str(path), f"holds {', '.join(sorted(variables)) or 'nothing'}, not PIVlab's x, y and u_original", "save the PIVlab session"
+            str(path),
+            f"holds {', '.join(sorted(variables)) or 'nothing'}, not PIVlab's x, y and u_original",
+            "save the PIVlab session",
         )
     v, flags = variables.get("v" + stem[1:], []), variables.get("typevector" + stem[1:], [])
     length, velocity, scale, frame = _units(variables, path)
     for i, u in enumerate(variables[stem]):
         if i >= len(v) or i >= len(flags) or flags[i].shape != u.shape:
-            raise InputRefused(f"{path}, field {i + 1}", "lacks v or its vector types", "save the session again")
+            raise InputRefused(
+                f"{path}, field {i + 1}", "lacks v or its vector types", "save the session again"
+            )
         x, y = (variables[name][min(i, len(variables[name]) - 1)] for name in "xy")
         columns = [np.asarray(a, dtype=float).ravel() for a in (x, y, u, v[i])]
         yield Raw(
@@ -56,15 +66,29 @@ def read(path: Path) -> Iterator[Raw]:
         )
 
 
-def _units(variables: Mapping[str, list[Any]], path: Path) -> tuple[str, str, float | None, float | None]:
+def _units(
+    variables: Mapping[str, list[Any]], path: Path
+) -> tuple[str, str, float | None, float | None]:
     if variables.get("units"):
         found = re.findall(r"\[([^\[\]]+)\]", str(variables["units"][0]))
         if len(found) == 2:
             return found[0], found[1], None, None
-        raise InputRefused(str(path), f"has units {variables['units'][0]!r}", "PIVlab writes '[m] respectively [m/s]'")
-    xy, uv = (float(np.ravel(variables[name][0])[0]) if variables.get(name) else 1.0 for name in ("calxy", "caluv"))
+        raise InputRefused(
+            str(path),
+            f"has units {variables['units'][0]!r}",
+            "PIVlab writes '[m] respectively [m/s]'",
+        )
+    xy, uv = (
+        float(np.ravel(variables[name][0])[0]) if variables.get(name) else 1.0
+        for name in ("calxy", "caluv")
+    )
     calibrated = xy != 1 and uv != 1 and xy > 0 and uv > 0
-    return "px", "px/frame", (xy if calibrated else None), (xy / uv if calibrated and xy != uv else None)
+    return (
+        "px",
+        "px/frame",
+        (xy if calibrated else None),
+        (xy / uv if calibrated and xy != uv else None),
+    )
 
 
 def _version_5(path: Path) -> dict[str, list[Any]]:
@@ -79,7 +103,13 @@ def _version_5(path: Path) -> dict[str, list[Any]]:
         if name.startswith("__"):
             continue
         array = np.asarray(value)
-        found[name] = [str(array.ravel()[0])] if array.dtype.kind in "US" else list(array.ravel()) if array.dtype == object else [array]
+        found[name] = (
+            [str(array.ravel()[0])]
+            if array.dtype.kind in "US"
+            else list(array.ravel())
+            if array.dtype == object
+            else [array]
+        )
     return found
 
 
@@ -102,4 +132,10 @@ def _version_73(path: Path) -> dict[str, list[Any]]:
     return found | {name: [fields[i] for i in sorted(fields)] for name, fields in numbered.items()}
 
 
-PIVLAB_MAT = Dialect(name="pivlab_mat", title="PIVlab MATLAB file, version 5 or 7.3", sniff=sniff, read=read, child=True)
+PIVLAB_MAT = Dialect(
+    name="pivlab_mat",
+    title="PIVlab MATLAB file, version 5 or 7.3",
+    sniff=sniff,
+    read=read,
+    child=True,
+)

@@ -1,7 +1,9 @@
-"""PIVlab's ASCII chart: up to three header lines, each of which may be missing, then x, y, u, v, vector type, further columns.
+"""PIVlab's ASCII chart: up to three header lines, each of which may be missing, then x, y, u, v,
+vector type, further columns.
 
-Vector type 1 is measured, 0 masked, 2 interpolated. Line 2 gives the two conversion factors; where it and the units of line 3
-disagree, the factors are right: PIVlab writes m/s above displacements in metres, then both factors are equal.
+Vector type 1 is measured, 0 masked, 2 interpolated. Line 2 gives the two conversion factors; where
+it and the units of line 3 disagree, the factors are right: PIVlab writes m/s above displacements in
+metres, then both factors are equal.
 """
 
 from __future__ import annotations
@@ -34,7 +36,11 @@ def read(path: Path) -> Iterator[Raw]:
     scale = next((i for i, line in enumerate(header) if "conversion factor" in line), None)
     factors = None if scale is None else _factors(header[scale])
     if scale is not None and factors is None:
-        raise InputRefused(f"{path}, line {scale + 1}", "has conversion factors that are no numbers", "export it again")
+        raise InputRefused(
+            f"{path}, line {scale + 1}",
+            "has conversion factors that are no numbers",
+            "export it again",
+        )
     named = next((line for line in header if re.match(r"\s*x\s*\[", line)), "")
     names = [(name.strip(), unit) for name, unit in NAME.findall(named)]
     body = lines[len(header) :]
@@ -43,10 +49,19 @@ def read(path: Path) -> Iterator[Raw]:
     table = rows(body, path, len(header) + 1, separator)
     if table.shape[1] < 5 or (names and len(names) != table.shape[1]):
         raise InputRefused(
-            f"{path}, line {len(header) + 1}", f"has {table.shape[1]} columns, not x, y, u, v, vector type and what follows", "export it again"
+            f"{path}, line {len(header) + 1}",
+            f"has {table.shape[1]} columns, not x, y, u, v, vector type and what follows",
+            "export it again",
         )
     length, velocity = _units(names, factors)
-    noise = next((i for i, (name, unit) in enumerate(names) if name.lower().startswith("uncertainty") and "/" in unit), None)
+    noise = next(
+        (
+            i
+            for i, (name, unit) in enumerate(names)
+            if name.lower().startswith("uncertainty") and "/" in unit
+        ),
+        None,
+    )
     yield Raw(
         x=table[:, 0],
         y=table[:, 1],
@@ -67,7 +82,9 @@ def _factors(line: str) -> tuple[float, float] | None:
     return None if xy is None or uv[0] is None or uv[1].startswith(".") else (xy, uv[0])
 
 
-def _units(names: list[tuple[str, str]], factors: tuple[float, float] | None) -> tuple[str | None, str | None]:
+def _units(
+    names: list[tuple[str, str]], factors: tuple[float, float] | None
+) -> tuple[str | None, str | None]:
     length, velocity = (names[0][1], names[2][1]) if len(names) >= 4 else (None, None)
     if factors is None:
         return length, velocity

@@ -1,7 +1,8 @@
-"""What every dialect of exported velocity grids has in common: rows, units, what counts as no vector, and the way into SI.
+"""What every dialect of exported velocity grids has in common: rows, units, what counts as no
+vector, and the way into SI.
 
-A vector that is exactly (0, 0) is none: correlating software writes that where it found nothing or was told to look away, and
-no measured vector has it to all printed digits.
+A vector that is exactly (0, 0) is none: correlating software writes that where it found nothing or
+was told to look away, and no measured vector has it to all printed digits.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ MAX_BYTES = 200_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What the manifest says of the files: units where they lack them, m per pixel, s between a pair's images."""
+    """What the manifest says of the files: units where they lack them, m per pixel, s between a
+    pair's images.
+    """
 
     length_unit: str | None = None
     velocity_unit: str | None = None
@@ -79,7 +82,8 @@ class Dialect:
     read : callable
         Path to the fields in it, one in memory at a time.
     child : bool
-        Whether a library written in C parses the file: it then does so in a process of its own (`readers.child`).
+        Whether a library written in C parses the file: it then does so in a process of its own
+        (`readers.child`).
     """
 
     name: str
@@ -101,7 +105,9 @@ def text_of(path: Path) -> str:
     if size == 0:
         raise InputRefused(str(path), "is empty", "export it again")
     if size > MAX_BYTES:
-        raise InputRefused(str(path), f"has {size} bytes", f"one field per file: at most {MAX_BYTES} bytes")
+        raise InputRefused(
+            str(path), f"has {size} bytes", f"one field per file: at most {MAX_BYTES} bytes"
+        )
     content = path.read_bytes()
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = content.decode("utf-16", errors="replace")
@@ -111,12 +117,19 @@ def text_of(path: Path) -> str:
         except UnicodeDecodeError:
             text = content.decode("latin-1")
     if "\0" in text:
-        raise InputRefused(str(path), "holds zero bytes: it is binary, or was cut off by a loss of power", "export it again as text")
+        raise InputRefused(
+            str(path),
+            "holds zero bytes: it is binary, or was cut off by a loss of power",
+            "export it again as text",
+        )
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def rows(lines: list[str], path: Path, first: int, separator: str | None, comma: bool = False) -> FloatArray:
-    """Numbers of data lines as (n, columns); `first` is the file's line number of the first of them.
+def rows(
+    lines: list[str], path: Path, first: int, separator: str | None, comma: bool = False
+) -> FloatArray:
+    """Numbers of data lines as (n, columns); `first` is the file's line number of the first of
+    them.
 
     Parameters
     ----------
@@ -128,7 +141,8 @@ def rows(lines: list[str], path: Path, first: int, separator: str | None, comma:
     Raises
     ------
     InputRefused
-        Nothing there, a line with more or fewer columns, or a cell that is no number, with its line.
+        Nothing there, a line with more or fewer columns, or a cell that is no number, with its
+        line.
     """
     lines = [line for line in lines if line.strip()]
     if not lines:
@@ -145,23 +159,37 @@ def rows(lines: list[str], path: Path, first: int, separator: str | None, comma:
             flat = np.fromstring(body, sep=" ")
         except (DeprecationWarning, ValueError):
             flat = np.zeros(0)
-    if flat.size == width * len(lines) and all(len(line.split(separator)) >= width for line in (lines[0], lines[-1])):
+    if flat.size == width * len(lines) and all(
+        len(line.split(separator)) >= width for line in (lines[0], lines[-1])
+    ):
         return np.asarray(flat.reshape(len(lines), width), dtype=np.float64)
     raise _what_is_wrong(lines, path, first, separator, comma, width)
 
 
-def _what_is_wrong(lines: list[str], path: Path, first: int, separator: str | None, comma: bool, width: int) -> InputRefused:
+def _what_is_wrong(
+    lines: list[str], path: Path, first: int, separator: str | None, comma: bool, width: int
+) -> InputRefused:
     for i, line in enumerate(lines):
         cells = line.strip().strip(separator or " ").split(separator)
         if len(cells) != width:
             more = "the file was cut off there" if i == len(lines) - 1 else "mend that line"
-            return InputRefused(f"{path}, line {first + i}", f"has {len(cells)} cells where the first has {width}", more)
+            return InputRefused(
+                f"{path}, line {first + i}",
+                f"has {len(cells)} cells where the first has {width}",
+                more,
+            )
         for cell in cells:
             try:
                 float(cell.strip().replace(",", ".") if comma else cell)
             except ValueError:
-                hint = "decimal commas? this dialect writes points" if re.fullmatch(r"\s*-?\d+,\d+\s*", cell) else "mend that line"
-                return InputRefused(f"{path}, line {first + i}", f"{cell.strip()!r} is no number", hint)
+                hint = (
+                    "decimal commas? this dialect writes points"
+                    if re.fullmatch(r"\s*-?\d+,\d+\s*", cell)
+                    else "mend that line"
+                )
+                return InputRefused(
+                    f"{path}, line {first + i}", f"{cell.strip()!r} is no number", hint
+                )
     return InputRefused(str(path), "cannot be read as a table of numbers", "export it again")
 
 
@@ -171,53 +199,86 @@ def settle(raw: Raw, setting: Setting, where: str) -> Field:
     Raises
     ------
     InputRefused
-        A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame time; every vector is zero or
-        missing; the grid is not rectangular and even.
+        A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame
+        time; every vector is zero or missing; the grid is not rectangular and even.
     """
     length = _one(raw.length_unit, setting.length_unit, "length_unit", '"mm"', where)
-    velocity = _one(raw.velocity_unit, setting.velocity_unit, "velocity_unit", '"m/s" (or "px/frame")', where)
+    velocity = _one(
+        raw.velocity_unit, setting.velocity_unit, "velocity_unit", '"m/s" (or "px/frame")', where
+    )
     per_length = _length(length, raw, setting, where)
     per_velocity = _velocity(velocity, raw, setting, where)
     u, v = np.asarray(raw.u, dtype=float), np.asarray(raw.v, dtype=float)
     nothing = (u == 0) & (v == 0)
     if len(u) and nothing.all():
-        raise InputRefused(where, "every vector is zero", "an export that took the mask for validity? export it again")
+        raise InputRefused(
+            where,
+            "every vector is zero",
+            "an export that took the mask for validity? export it again",
+        )
     good = raw.good & np.isfinite(u) & np.isfinite(v) & ~nothing
     if not good.any():
-        raise InputRefused(where, f"none of its {len(u)} vectors is valid", "check the mask and the flags of the export")
+        raise InputRefused(
+            where,
+            f"none of its {len(u)} vectors is valid",
+            "check the mask and the flags of the export",
+        )
     columns = [np.where(good, per_velocity * u, np.nan), np.where(good, per_velocity * v, np.nan)]
     if raw.noise is not None:
         columns.append(np.where(good & (raw.noise > 0), abs(per_velocity) * raw.noise, np.nan))
     x, y, grids = on_grid(per_length * raw.x, per_length * raw.y, tuple(columns), where)
-    return Field(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=grids[2] if raw.noise is not None else None)
+    return Field(
+        x_m=x,
+        y_m=y,
+        vx_m_s=grids[0],
+        vy_m_s=grids[1],
+        u_m_s=grids[2] if raw.noise is not None else None,
+    )
 
 
 def _one(said: str | None, told: str | None, key: str, example: str, where: str) -> str:
     if said is None and told is None:
-        raise InputRefused(where, f"does not say its {key.replace('_', ' ')}", f"add {key} = {example} under [piv]")
+        raise InputRefused(
+            where, f"does not say its {key.replace('_', ' ')}", f"add {key} = {example} under [piv]"
+        )
     if said is not None and told is not None and _plain(said) != _plain(told):
-        raise InputRefused(where, f"says {said!r} where the manifest's {key} is {told!r}", f"leave {key} out, or export in {told!r}")
+        raise InputRefused(
+            where,
+            f"says {said!r} where the manifest's {key} is {told!r}",
+            f"leave {key} out, or export in {told!r}",
+        )
     return _plain(said if said is not None else told or "")
 
 
 def _plain(unit: str) -> str:
     text = unit.strip().strip("[]()").replace(" ", "").replace("µ", "u")
     head, _, tail = text.partition("/")
-    head, tail = ("px" if head.lower() in PIXEL else head), ("frame" if tail.lower() in FRAME else tail)
+    head, tail = (
+        ("px" if head.lower() in PIXEL else head),
+        ("frame" if tail.lower() in FRAME else tail),
+    )
     return f"{head}/{tail}" if tail else head
 
 
 def _scale(raw: Raw, setting: Setting, where: str) -> float:
     found = raw.scale_m if raw.scale_m is not None else setting.scale_m
     if found is None:
-        raise InputRefused(where, "is in pixels, and nothing says how large a pixel is", 'add scale = "20 um/px" under [piv]')
+        raise InputRefused(
+            where,
+            "is in pixels, and nothing says how large a pixel is",
+            'add scale = "20 um/px" under [piv]',
+        )
     return found
 
 
 def _frame_time(raw: Raw, setting: Setting, where: str, unit: str) -> float:
     found = raw.frame_time_s if raw.frame_time_s else setting.frame_time_s
     if found is None:
-        raise InputRefused(where, f"holds displacements ({unit}), not velocities", 'add frame_time = "100 us", the time between a pair\'s images')
+        raise InputRefused(
+            where,
+            f"holds displacements ({unit}), not velocities",
+            'add frame_time = "100 us", the time between a pair\'s images',
+        )
     return found
 
 

@@ -30,7 +30,11 @@ def dialect(name: str) -> Dialect:
     known = {d.name: d for d in DIALECTS}
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)
-        raise ManifestError("piv.format", f"there is no format {name!r}", f"did you mean {near[0]!r}?" if near else f"formats are {', '.join(known)}")
+        raise ManifestError(
+            "piv.format",
+            f"there is no format {name!r}",
+            f"did you mean {near[0]!r}?" if near else f"formats are {', '.join(known)}",
+        )
     return known[name]
 
 
@@ -56,11 +60,21 @@ def told_apart(path: Path) -> Dialect:
         return claimed[0]
     names = ", ".join(d.name for d in claimed or DIALECTS)
     what = f"could be any of {names}" if claimed else "is of no known format"
-    raise InputRefused(str(path), what, f'say format = "..." under [piv]; formats are {", ".join(d.name for d in DIALECTS)}')
+    raise InputRefused(
+        str(path),
+        what,
+        f'say format = "..." under [piv]; formats are {", ".join(d.name for d in DIALECTS)}',
+    )
 
 
-def read(path: Path, setting: Setting = UNSAID, format_name: str | None = None, child: Child | None = None) -> Iterator[Field]:
-    """The fields of one file in SI, in the file's own axes; `child` is the process that parses what a C library must, else one for this file.
+def read(
+    path: Path,
+    setting: Setting = UNSAID,
+    format_name: str | None = None,
+    child: Child | None = None,
+) -> Iterator[Field]:
+    """The fields of one file in SI, in the file's own axes; `child` is the process that parses what
+    a C library must, else one for this file.
 
     Raises
     ------
@@ -69,7 +83,11 @@ def read(path: Path, setting: Setting = UNSAID, format_name: str | None = None, 
     """
     of = told_apart(path) if format_name is None else dialect(format_name)
     with contextlib.ExitStack() as own:
-        found = _fields(child or own.enter_context(Child()), of.name, path) if of.child else of.read(path)
+        found = (
+            _fields(child or own.enter_context(Child()), of.name, path)
+            if of.child
+            else of.read(path)
+        )
         for i, raw in enumerate(found):
             yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
 
@@ -80,7 +98,8 @@ def _fields(child: Child, dialect: str, path: Path) -> Iterator[Raw]:
     Raises
     ------
     InputRefused
-        As the dialect's own reader does; or the file is damaged, or its reader crashed or came to a limit.
+        As the dialect's own reader does; or the file is damaged, or its reader crashed or came to a
+        limit.
     """
     try:
         for answer, (x, y, u, v, good) in child.ask({"piv": dialect, "path": str(path)}):
