@@ -123,8 +123,8 @@ def ingest(folder: Path, threads: int = 2) -> None:
     """What the stage does, of a campaign never seen before."""
     import tempfile
 
-    from nearlift import campaign as manifests
     from nearlift import executors
+    from nearlift.manifest import campaign as manifests
     from nearlift.stages import ingest as stage
     from nearlift.stages.job import Job
 

@@ -95,9 +95,9 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
     """From resampled lifts to coefficients, the whitening included."""
     import numpy as np
 
-    from nearlift.fitting.covariance import Covariance
-    from nearlift.fitting.problem import Problem
-    from nearlift.fitting.refit import refit
+    from nearlift.fit.refit import refit
+    from nearlift.likelihood.covariance import Covariance
+    from nearlift.likelihood.problem import Problem
     from nearlift.models.sanchez_cuevas_free_exponent import MODEL
     from nearlift.results import Observations
 

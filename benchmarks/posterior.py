@@ -65,10 +65,10 @@ def nearlift(path: Path, ess: int, sampler: str) -> Any:
     """This library: the fast path ("auto", checked by a grid), or emcee checked by both."""
     import numpy as np
 
-    from nearlift.fitting import posterior
-    from nearlift.fitting.covariance import Covariance
-    from nearlift.fitting.density import Density
-    from nearlift.fitting.problem import Problem
+    from nearlift.fit import posterior
+    from nearlift.fit.density import Density
+    from nearlift.likelihood.covariance import Covariance
+    from nearlift.likelihood.problem import Problem
     from nearlift.models.sanchez_cuevas_free_exponent import MODEL as model
     from nearlift.results import Observations
 
@@ -217,7 +217,7 @@ def contestant(
         draws = draw(data / DATA, ESS)
 
         def yardstick() -> dict[str, float]:
-            from nearlift.fitting.convergence import ess
+            from nearlift.fit.convergence import ess
 
             return {
                 "ESS of K_b": float(round(ess(draws[:, :, 0]))),

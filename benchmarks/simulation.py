@@ -94,9 +94,9 @@ FLIGHTS = "simulation-flights"
 def plans() -> list[Any]:
     """The paper's settings, a plan for each boundary."""
     from nearlift import catalogue
-    from nearlift.simulation import groups, presets
-    from nearlift.simulation.curve import tabulate
-    from nearlift.simulation.flight import Plan, Setting
+    from nearlift.flight.simulation import groups, presets
+    from nearlift.flight.simulation.curve import tabulate
+    from nearlift.flight.simulation.flight import Plan, Setting
 
     preset = presets.preset("paper")
     found = []
@@ -141,7 +141,7 @@ def nearlift(data: Path, common: bool) -> dict[str, Any]:
 
     import numpy as np
 
-    from nearlift.simulation.flight import fly
+    from nearlift.flight.simulation.flight import fly
 
     steps = crashes = 0
     wall = cpu = 0.0

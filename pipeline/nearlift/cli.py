@@ -201,8 +201,8 @@ def open_plan(campaign: Path, out: Path, seed: int, voice: Voice) -> Iterator[Jo
     """The campaign as a job that has no records yet: the manifest is checked, no input is looked
     for.
     """
-    from nearlift import campaign as manifests
     from nearlift.executors import open_executor
+    from nearlift.manifest import campaign as manifests
     from nearlift.stages.job import Job
 
     loaded = manifests.load(campaign)
@@ -555,8 +555,8 @@ def detect(
             )
         execute(campaign, ("detect",), force=True, **options)
         return
-    from nearlift.campaign import validated
-    from nearlift.flight_manifest import Reading
+    from nearlift.manifest.campaign import validated
+    from nearlift.manifest.flight import Reading
     from nearlift.stages.reading import read, text
     from nearlift.store import plain
 
@@ -829,7 +829,7 @@ def verify(campaign: Path, out: Path, as_json: bool, quiet: bool, **_: Any) -> N
     """Hash every input and product anew and hold them against provenance.json; exit code 4 where
     one differs.
     """
-    from nearlift import campaign as manifests
+    from nearlift.manifest import campaign as manifests
     from nearlift.stages.verify import differences
 
     checked, differing = differences(campaign, out, manifests.load(campaign))

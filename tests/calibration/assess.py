@@ -28,12 +28,12 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     answer, as in a run of the pipeline: the base fit then stands alone.
     """
     from nearlift import catalogue
-    from nearlift.diagnosis.interim import InterimLook
-    from nearlift.diagnosis.loop import diagnose
-    from nearlift.diagnosis.search import Options
     from nearlift.errors import NotConverged
-    from nearlift.fitting.estimator import Estimator
-    from nearlift.fitting.least_squares import fit
+    from nearlift.fit.estimator import Estimator
+    from nearlift.fit.least_squares import fit
+    from nearlift.loop.diagnose import diagnose
+    from nearlift.loop.interim import InterimLook
+    from nearlift.loop.search import Options
     from nearlift.products import NOT_DIAGNOSED
 
     base = catalogue.model(catalogue.default_base(campaign.data.boundary, 4))
@@ -229,7 +229,7 @@ def rebuilt(campaign: Campaign, result: dict[str, Any]) -> np.ndarray:
     """
     from nearlift import catalogue
     from nearlift.declare import compose
-    from nearlift.diagnosis.setting import derive
+    from nearlift.loop.setting import derive
 
     data = campaign.data
     base = catalogue.model(result["base_model"])

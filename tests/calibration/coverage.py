@@ -27,11 +27,11 @@ from scipy.stats import beta, binom, norm, t
 from tests.calibration import forms, spread
 from tests.calibration.simulator import Shared, Spec, simulate
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.executors import unordered
-from nearlift.fitting import budget
-from nearlift.fitting.least_squares import Fit, fit
+from nearlift.fit.least_squares import Fit, fit
+from nearlift.likelihood import budget
+from nearlift.manifest import campaign as manifests
 from nearlift.results import Observations
 
 LEVELS = (0.68, 0.9, 0.95)

@@ -23,7 +23,7 @@ from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
 from nearlift.executors import ordered
-from nearlift.fitting.least_squares import fit
+from nearlift.fit.least_squares import fit
 
 #: Distances and visits of each.
 DESIGNS = {"4x2": (4, 2), "5x2": (5, 2), "9x1": (9, 1), "6x3": (6, 3)}

@@ -24,11 +24,11 @@ from tests.calibration import spread
 from tests.calibration.bench import RADIUS, SPACING
 from tests.calibration.simulator import Shared, Spec, simulate
 
-from nearlift import campaign as manifest
 from nearlift.errors import NearliftError
 from nearlift.executors import SerialExecutor, unordered
-from nearlift.fitting import budget
-from nearlift.fitting.least_squares import fit
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
+from nearlift.manifest import campaign as manifest
 from nearlift.products import TRIALS
 from nearlift.results import Observations
 from nearlift.stages import ingest, screening

@@ -110,7 +110,7 @@ def folds(campaign: Campaign) -> list[Array]:
     """Masks of the trials left out in turn: the library's own split, so that both are scored on the
     same trials.
     """
-    from nearlift.diagnosis import confirmation
+    from nearlift.loop import confirmation
 
     return confirmation.folds(campaign.data)
 

@@ -17,9 +17,9 @@ from tests.calibration.simulator import Campaign, Spec, simulate
 
 from nearlift import catalogue
 from nearlift.declare import LiftModel, uniform
-from nearlift.fitting import posterior
-from nearlift.fitting.density import Density
-from nearlift.fitting.least_squares import fit
+from nearlift.fit import posterior
+from nearlift.fit.density import Density
+from nearlift.fit.least_squares import fit
 from nearlift.results import Noise
 
 SPREAD = 0.6

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from tests.unit import written
 from tests.unit.bench_campaign import manifest
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
-from nearlift.campaign import Campaign
-from nearlift.fitting import budget
-from nearlift.fitting.least_squares import fit
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
+from nearlift.manifest import campaign as manifests
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import reader
 from nearlift.reduction.quality import joined, rejected

@@ -34,7 +34,7 @@ from tests.calibration.bench import (
     wander,
 )
 
-from nearlift.fitting.budget import Component
+from nearlift.likelihood.budget import Component
 from nearlift.reduction.quality import rejected
 from nearlift.reduction.record import Limits, reduce_record
 from nearlift.results import Observations

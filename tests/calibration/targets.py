@@ -15,9 +15,10 @@ import numpy as np
 from tests.unit import written
 from tests.unit.written import MANIFEST
 
-import nearlift.campaign as manifests
-from nearlift import toml, units
+import nearlift.manifest.campaign as manifests
+from nearlift import units
 from nearlift.errors import NearliftError
+from nearlift.manifest import toml
 from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text, usd
 from nearlift.readers.channel import Malformed
 from nearlift.readers.piv import DIALECTS, Setting, settle

@@ -16,12 +16,12 @@ import pytest
 from scipy.stats import beta
 from tests.calibration import spread
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
-from nearlift.diagnosis.foresight import handles, planned
-from nearlift.diagnosis.loop import diagnose
-from nearlift.diagnosis.search import Options
 from nearlift.executors import ordered
+from nearlift.loop.diagnose import diagnose
+from nearlift.loop.foresight import handles, planned
+from nearlift.loop.search import Options
+from nearlift.manifest import campaign as manifests
 from nearlift.stages.observe import observe
 from nearlift.stages.plans import plan, scatter
 

@@ -26,9 +26,9 @@ from scipy.optimize import least_squares
 from scipy.stats import binom, norm, t
 from tests.calibration import spread
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.executors import SerialExecutor, ordered
+from nearlift.manifest import campaign as manifests
 from nearlift.products import FIT, LIFT
 from nearlift.stages import graph
 from nearlift.stages.job import Job

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from nearlift import campaign as manifests
 from nearlift.executors import SerialExecutor
+from nearlift.manifest import campaign as manifests
 from nearlift.stages import flow
 from nearlift.stages.job import Job, Outcome
 from nearlift.synthetic import demo_flow

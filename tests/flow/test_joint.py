@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from tests.unit import small_run
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.fitting.joint import Downwash, JointProblem, fit_joint
-from nearlift.fitting.least_squares import assemble, fit
+from nearlift.fit.joint import Downwash, JointProblem, fit_joint
+from nearlift.fit.least_squares import assemble, fit
+from nearlift.manifest import campaign as manifests
 from nearlift.products import DOWNWASH, JOINT
 from nearlift.results import Observations
 from nearlift.stages import flow, graph, joint

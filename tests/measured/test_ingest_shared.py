@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift import campaign
 from nearlift.executors import SerialExecutor
+from nearlift.manifest import campaign
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.stages import ingest

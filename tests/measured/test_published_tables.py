@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from tests.unit import small_run
 
-from nearlift.diagnosis.loop import diagnose
-from nearlift.diagnosis.search import Options
-from nearlift.fitting import budget
+from nearlift.likelihood import budget
+from nearlift.loop.diagnose import diagnose
+from nearlift.loop.search import Options
 from nearlift.products import TRIALS
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import observe

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nearlift.fitting import rotor
+from nearlift.fit import rotor
 
 PLACE = Path(__file__).resolve().parents[3] / "shared" / "data" / "crazyflie-thrust-stand"
 pytestmark = pytest.mark.skipif(not PLACE.is_dir(), reason=f"{PLACE} is not here")

@@ -14,13 +14,22 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
-from nearlift.simulation import claims, energy, groups, presets, roll, safety, stream, variants
-from nearlift.simulation.control import PAPER_CEILING, PAPER_GAINS, Gains, poles, stable
-from nearlift.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
-from nearlift.simulation.curve import tabulate
-from nearlift.simulation.disturbance import PAPER_DISTURBANCE, Disturbance
-from nearlift.simulation.flight import Plan, Setting, fly, steps_per_hold, trace
-from nearlift.simulation.sweep import sweep
+from nearlift.flight.simulation import (
+    claims,
+    energy,
+    groups,
+    presets,
+    roll,
+    safety,
+    stream,
+    variants,
+)
+from nearlift.flight.simulation.control import PAPER_CEILING, PAPER_GAINS, Gains, poles, stable
+from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
+from nearlift.flight.simulation.curve import tabulate
+from nearlift.flight.simulation.disturbance import PAPER_DISTURBANCE, Disturbance
+from nearlift.flight.simulation.flight import Plan, Setting, fly, steps_per_hold, trace
+from nearlift.flight.simulation.sweep import sweep
 
 KEY = 20210401
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.proximity import inverse, reach
+from nearlift.flight.proximity import inverse, reach
 
 CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.simulation import route, safety
+from nearlift.flight.simulation import route, safety
 
 RADIUS = 0.023
 PILOT = route.Pilot(radius_m=RADIUS, half_width_m=0.055, speed_m_s=0.5, induced_m_s=4.0)

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import campaign
-from nearlift.campaign import Campaign
 from nearlift.executors import SerialExecutor
+from nearlift.manifest import campaign
+from nearlift.manifest.campaign import Campaign
 from nearlift.stages import ingest
 from nearlift.stages.job import Job, Outcome
 

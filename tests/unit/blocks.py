@@ -23,8 +23,8 @@ from typing import Any
 
 from click.testing import CliRunner
 
-from nearlift import campaign
 from nearlift.cli import main
+from nearlift.manifest import campaign
 
 from .conftest import raw_manifest
 

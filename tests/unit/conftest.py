@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift import campaign as manifest
 from nearlift.executors import SerialExecutor
+from nearlift.manifest import campaign as manifest
 from nearlift.products import FIT, RESULTS, TRIALS
 from nearlift.stages import fit, reduce
 from nearlift.stages.job import Job

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from click.testing import CliRunner, Result
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.cli import main
 from nearlift.executors import SerialExecutor
+from nearlift.manifest import campaign as manifests
 from nearlift.stages import graph
 from nearlift.stages.inputs import digests
 from nearlift.stages.job import Job

@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import binom
 from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, sanchez_cuevas
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
 from nearlift.errors import ManifestError
-from nearlift.fitting import collapse, held_quantity, rotor
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import assemble, fit
+from nearlift.fit import collapse, held_quantity, rotor
+from nearlift.fit.least_squares import assemble, fit
+from nearlift.likelihood.budget import Component
+from nearlift.manifest import campaign as manifests
 from nearlift.results import Noise
 from nearlift.stages import beside
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 import nearlift
-from nearlift import campaign, toml
 from nearlift.errors import ManifestError
+from nearlift.manifest import campaign, toml
 
 PACKAGE = Path(nearlift.__file__).parent
 GOOD = Path(__file__).with_name("broken_manifests").joinpath("good.txt").read_text(encoding="utf-8")
@@ -57,7 +57,7 @@ for question in json.load(sys.stdin):
 
 LOAD = """
 from pathlib import Path
-from nearlift import campaign
+from nearlift.manifest import campaign
 from nearlift.errors import ManifestError
 def answer(name, folder):
     try:

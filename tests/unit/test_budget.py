@@ -9,13 +9,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nearlift import campaign as manifest
 from nearlift import catalogue
-from nearlift.fitting import budget
-from nearlift.fitting.budget import Component
-from nearlift.fitting.heights import Plan
-from nearlift.fitting.least_squares import assemble, fit
-from nearlift.fitting.problem import height_slope
+from nearlift.fit.heights import Plan
+from nearlift.fit.least_squares import assemble, fit
+from nearlift.likelihood import budget
+from nearlift.likelihood.budget import Component
+from nearlift.likelihood.problem import height_slope
+from nearlift.manifest import campaign as manifest
 from nearlift.results import Noise, Observations
 from nearlift.stages.fit import overdeclared
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nearlift import campaign
 from nearlift.errors import ManifestError
+from nearlift.manifest import campaign
 
 FOLDER = Path(__file__).with_name("broken_manifests")
 GOOD = (FOLDER / "good.txt").read_text(encoding="utf-8")

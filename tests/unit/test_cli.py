@@ -19,10 +19,10 @@ import click
 import numpy as np
 import pytest
 
-from nearlift import campaign as manifests
 from nearlift import console, store
 from nearlift.cli import STAGE_NAMES, main, no_garbage
 from nearlift.errors import ManifestError
+from nearlift.manifest import campaign as manifests
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.stages import fit, graph
 

@@ -21,8 +21,8 @@ import pytest
 from nearlift import catalogue
 from nearlift.declare import compose
 from nearlift.errors import InputRefused
-from nearlift.portable import closed, document
-from nearlift.portable.table import tabulate
+from nearlift.flight.export import closed, document
+from nearlift.flight.export.table import tabulate
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.stages import controller
 from nearlift.stages.belief import believe

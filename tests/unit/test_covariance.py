@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nearlift.fitting.covariance import Covariance
+from nearlift.likelihood.covariance import Covariance
 
 
 def example(seed, n=23, shared=2, height=1.0):

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fitting import gum, heights
-from nearlift.fitting.deletion import influence
-from nearlift.fitting.least_squares import fit
+from nearlift.fit import gum, heights
+from nearlift.fit.deletion import influence
+from nearlift.fit.least_squares import fit
 from nearlift.results import Noise
 
 from .simulated import campaign

@@ -13,7 +13,7 @@ import pytest
 from nearlift.errors import ManifestError
 from nearlift.figures.render import render
 from nearlift.figures.style import style
-from nearlift.flight_manifest import Reading
+from nearlift.manifest.flight import Reading
 from nearlift.pages import proximity as chapter
 from nearlift.products import DETECTION, FIT, PROXIMITY, RESULTS
 from nearlift.stages import detect

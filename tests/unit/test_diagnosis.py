@@ -9,23 +9,23 @@ import pytest
 from scipy.stats import binom
 
 from nearlift import catalogue
-from nearlift.diagnosis import (
+from nearlift.errors import NotConverged
+from nearlift.likelihood import budget, noise
+from nearlift.loop import (
     adequacy,
     confirmation,
     families,
     few_visits,
-    loop,
     search,
     separation,
     structure,
 )
-from nearlift.diagnosis.candidate import Candidate
-from nearlift.diagnosis.candidate import fit as candidate_fit
-from nearlift.diagnosis.loop import close_loop, set_up
-from nearlift.diagnosis.search import EFFECT, Options, pair_gains, run
-from nearlift.diagnosis.setting import missing
-from nearlift.errors import NotConverged
-from nearlift.fitting import budget, noise
+from nearlift.loop import diagnose as loop
+from nearlift.loop.candidate import Candidate
+from nearlift.loop.candidate import fit as candidate_fit
+from nearlift.loop.diagnose import close_loop, set_up
+from nearlift.loop.search import EFFECT, Options, pair_gains, run
+from nearlift.loop.setting import missing
 
 from .simulated import L_INF, STATIONS, campaign, hsiao
 

@@ -11,17 +11,10 @@ import pytest
 from scipy.stats import chi2, t
 
 from nearlift import catalogue
-from nearlift.diagnosis import (
-    absorption,
-    coefficients,
-    confirmation,
-    discrepancy,
-    search,
-    structure,
-)
-from nearlift.diagnosis.families import STEP, families
-from nearlift.diagnosis.loop import set_up
-from nearlift.diagnosis.search import Options
+from nearlift.loop import absorption, coefficients, confirmation, discrepancy, search, structure
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.families import STEP, families
+from nearlift.loop.search import Options
 
 from .simulated import campaign
 

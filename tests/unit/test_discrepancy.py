@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis import discrepancy
-from nearlift.diagnosis.families import indicators, powers
-from nearlift.diagnosis.loop import close_loop, set_up
-from nearlift.diagnosis.search import Options
+from nearlift.loop import discrepancy
+from nearlift.loop.diagnose import close_loop, set_up
+from nearlift.loop.families import indicators, powers
+from nearlift.loop.search import Options
 
 from .simulated import campaign, sanchez_cuevas
 

@@ -5,7 +5,7 @@ nan.
 import numpy as np
 import pytest
 
-from nearlift.fitting.finite import where_finite
+from nearlift.likelihood.finite import where_finite
 
 
 @pytest.mark.parametrize("lost", [np.inf, -np.inf, np.nan])

@@ -9,16 +9,16 @@ import json
 import numpy as np
 import pytest
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
-from nearlift.diagnosis import outlook, proposals
-from nearlift.diagnosis.absorption import unknowable
-from nearlift.diagnosis.foresight import LIMIT_POWER, Power, handles, planned
-from nearlift.diagnosis.loop import set_up
-from nearlift.diagnosis.search import Options, run
-from nearlift.diagnosis.setting import derive
-from nearlift.diagnosis.within_trial import heating, power
 from nearlift.errors import NotConverged
+from nearlift.loop import outlook, proposals
+from nearlift.loop.absorption import unknowable
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.foresight import LIMIT_POWER, Power, handles, planned
+from nearlift.loop.search import Options, run
+from nearlift.loop.setting import derive
+from nearlift.loop.within_trial import heating, power
+from nearlift.manifest import campaign as manifests
 from nearlift.readers.schedule import read_schedule
 from nearlift.results import Noise
 from nearlift.stages.design import schedule_text

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fitting import budget, gum, heights
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import assemble, fit
-from nearlift.fitting.refit import refit
+from nearlift.fit import gum, heights
+from nearlift.fit.least_squares import assemble, fit
+from nearlift.fit.refit import refit
+from nearlift.likelihood import budget
+from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
 from .simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao

@@ -11,9 +11,9 @@ import pytest
 from scipy.stats import norm
 
 from nearlift import catalogue
-from nearlift.fitting import gum, heights
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import assemble, fit
+from nearlift.fit import gum, heights
+from nearlift.fit.least_squares import assemble, fit
+from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
 from .simulated import RADIUS, campaign, hsiao

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fitting import influential, least_squares
-from nearlift.fitting.budget import Component
+from nearlift.fit import influential, least_squares
+from nearlift.likelihood.budget import Component
 
 from .simulated import campaign
 

@@ -10,12 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from nearlift import campaign as manifest
 from nearlift import catalogue
 from nearlift.errors import ManifestError
-from nearlift.fitting import budget, gum, heights, inputs
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import fit
+from nearlift.fit import gum, heights, inputs
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
+from nearlift.likelihood.budget import Component
+from nearlift.manifest import campaign as manifest
 from nearlift.pages import verdict
 from nearlift.results import Noise
 

@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import norm
 
 from nearlift import catalogue
-from nearlift.diagnosis import search, structure
-from nearlift.diagnosis.interim import INTERIM_SHARE, InterimLook, nominal_level
-from nearlift.diagnosis.loop import diagnose, set_up
+from nearlift.loop import search, structure
+from nearlift.loop.diagnose import diagnose, set_up
+from nearlift.loop.interim import INTERIM_SHARE, InterimLook, nominal_level
 from nearlift.stages.observe import interim_look
 
 from .simulated import campaign

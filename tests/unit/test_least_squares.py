@@ -14,10 +14,10 @@ import scipy.stats
 from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import NotConverged
-from nearlift.fitting import noise
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import Fit, assemble, fit, minimise, parameter_covariance
-from nearlift.fitting.problem import Problem
+from nearlift.fit.least_squares import Fit, assemble, fit, minimise, parameter_covariance
+from nearlift.likelihood import noise
+from nearlift.likelihood.budget import Component
+from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise, Observations
 
 from .simulated import GEOMETRY, L_INF, THROTTLES, campaign, hsiao, sanchez_cuevas

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis import loop, search
-from nearlift.diagnosis.candidate import Candidate
-from nearlift.fitting import collapse, gum, least_squares, predictive, profiles
+from nearlift.fit import collapse, gum, least_squares, predictive, profiles
+from nearlift.loop import diagnose as loop
+from nearlift.loop import search
+from nearlift.loop.candidate import Candidate
 from nearlift.reduction import cells
 from nearlift.stages import beside, expense
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis.setting import derive
-from nearlift.fitting import least_squares, noise
-from nearlift.fitting.problem import Problem, height_slope
+from nearlift.fit import least_squares
+from nearlift.likelihood import noise
+from nearlift.likelihood.problem import Problem, height_slope
+from nearlift.loop.setting import derive
 from nearlift.results import Noise, Observations
 
 from .simulated import STATIONS, THROTTLES, campaign

@@ -27,7 +27,7 @@ from .small_run import state
 DRIVER = """
 import json, shutil, sys
 from nearlift.cli import main
-from nearlift.diagnosis import foresight
+from nearlift.loop import foresight
 from nearlift.figures import render
 from nearlift.synthetic import demo
 

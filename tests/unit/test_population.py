@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.fitting.population import population
+from nearlift.fit.population import population
 
 
 def drawn(

@@ -14,14 +14,14 @@ from tests.unit import simulated
 from nearlift import catalogue, randomness
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal, uniform
 from nearlift.errors import NotConverged
-from nearlift.fitting import agreement, convergence, ensemble, importance, pareto, posterior
-from nearlift.fitting.belief import Belief, Beliefs
-from nearlift.fitting.density import Density
-from nearlift.fitting.grid import grid
-from nearlift.fitting.learnt import beside_fit, learnt
-from nearlift.fitting.least_squares import fit
-from nearlift.fitting.snooker import SnookerMove
-from nearlift.fitting.stations import Stations
+from nearlift.fit import agreement, convergence, ensemble, importance, pareto, posterior
+from nearlift.fit.belief import Belief, Beliefs
+from nearlift.fit.density import Density
+from nearlift.fit.grid import grid
+from nearlift.fit.learnt import beside_fit, learnt
+from nearlift.fit.least_squares import fit
+from nearlift.fit.snooker import SnookerMove
+from nearlift.likelihood.stations import Stations
 from nearlift.results import Noise
 
 NOISE = Noise(relative=0.005, force_N=3e-4, height_m=1e-4)

@@ -122,7 +122,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(done, tmp_path):
 
 
 def test_blocks_of_another_run_and_damaged_ones_are_no_blocks(tmp_path):
-    from nearlift.fitting.ensemble import Block
+    from nearlift.fit.ensemble import Block
 
     block = Block(
         theta=np.ones((3, 4, 1)),
@@ -202,7 +202,7 @@ def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
 )
 def test_what_cannot_be_asked_for_is_refused(done, tmp_path, text, told):
     raw, _ = done
-    from nearlift import campaign
+    from nearlift.manifest import campaign
 
     with pytest.raises(ManifestError, match=told):
         campaign.load(ask(raw, tmp_path, text))

@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from nearlift import catalogue
-from nearlift.fitting import gum, heights, predictive
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import fit
+from nearlift.fit import gum, heights, predictive
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
 from .simulated import campaign, hsiao

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import InputRefused
-from nearlift.fitting import budget
-from nearlift.fitting.covariance import Covariance
-from nearlift.fitting.least_squares import assemble
-from nearlift.fitting.problem import Problem, need, usable
+from nearlift.fit.least_squares import assemble
+from nearlift.likelihood import budget
+from nearlift.likelihood.covariance import Covariance
+from nearlift.likelihood.problem import Problem, need, usable
 from nearlift.results import Noise, Observations
 
 from .simulated import L_INF, RADIUS, THROTTLES, campaign, sanchez_cuevas

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fitting import heights, profiles
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import fit
+from nearlift.fit import heights, profiles
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
 from .simulated import campaign, hsiao

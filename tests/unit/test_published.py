@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nearlift import campaign as manifests
 from nearlift import catalogue
-from nearlift.diagnosis.families import families
-from nearlift.diagnosis.loop import close_loop, set_up
-from nearlift.diagnosis.search import Options
-from nearlift.diagnosis.setting import derive
 from nearlift.errors import InputRefused, UsageError
+from nearlift.loop.diagnose import close_loop, set_up
+from nearlift.loop.families import families
+from nearlift.loop.search import Options
+from nearlift.loop.setting import derive
+from nearlift.manifest import campaign as manifests
 from nearlift.readers.garofano_soldado import convert
 from nearlift.readers.schedule import read_schedule
 

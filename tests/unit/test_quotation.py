@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fitting import student
-from nearlift.fitting.estimator import Estimator
-from nearlift.fitting.least_squares import fit
+from nearlift.fit.estimator import Estimator
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import student
 from nearlift.products import DIAGNOSIS, FIT, RESULTS
 from nearlift.quotation import Results, ends
 from nearlift.stages import diagnose

@@ -7,12 +7,12 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.errors import NotConverged
-from nearlift.fitting import batched
-from nearlift.fitting.budget import Component
-from nearlift.fitting.held_quantity import Raised, at_exponents
-from nearlift.fitting.least_squares import fit, minimise
-from nearlift.fitting.problem import Problem
-from nearlift.fitting.refit import Refits, refit
+from nearlift.fit import batched
+from nearlift.fit.held_quantity import Raised, at_exponents
+from nearlift.fit.least_squares import fit, minimise
+from nearlift.fit.refit import Refits, refit
+from nearlift.likelihood.budget import Component
+from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise
 
 from .simulated import campaign

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fitting import heights, remedies
-from nearlift.fitting.budget import Component
-from nearlift.fitting.least_squares import fit
+from nearlift.fit import heights, remedies
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 from nearlift.rounding import plain, signed
 

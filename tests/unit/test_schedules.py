@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis.loop import Options, diagnose
 from nearlift.errors import NearliftError
-from nearlift.fitting import profiles
-from nearlift.fitting.least_squares import fit
-from nearlift.fitting.predictive import leave_visit_out
+from nearlift.fit import profiles
+from nearlift.fit.least_squares import fit
+from nearlift.fit.predictive import leave_visit_out
+from nearlift.loop.diagnose import Options, diagnose
 
 from .simulated import campaign
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nearlift.fitting import batched
+from nearlift.fit import batched
 
 X = np.linspace(0.2, 2.0, 40)
 FREE = (np.full(2, -np.inf), np.full(2, np.inf))

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from nearlift import campaign as manifest
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.executors import open_executor
 from nearlift.figures.crash_map import draw as draw_map
 from nearlift.figures.render import render
 from nearlift.figures.style import style
+from nearlift.flight.simulation import groups, maps, presets
+from nearlift.flight.simulation.curve import tabulate
+from nearlift.flight.simulation.flight import Plan, Setting, fly
+from nearlift.flight.simulation.route import BASES
+from nearlift.manifest import campaign as manifest
 from nearlift.pages import safety as chapter
 from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
-from nearlift.simulation import groups, maps, presets
-from nearlift.simulation.curve import tabulate
-from nearlift.simulation.flight import Plan, Setting, fly
-from nearlift.simulation.route import BASES
 from nearlift.stages import detect, simulate
 from nearlift.stages.belief import believe
 from nearlift.stages.export import export

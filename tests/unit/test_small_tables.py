@@ -13,11 +13,11 @@ from tests.calibration.simulator import Errors, Spec, simulate
 
 import nearlift
 from nearlift import catalogue
-from nearlift.diagnosis import confirmation
-from nearlift.diagnosis.families import STEP, families
-from nearlift.diagnosis.loop import diagnose, set_up
-from nearlift.diagnosis.search import Options
 from nearlift.errors import NotConverged
+from nearlift.loop import confirmation
+from nearlift.loop.diagnose import diagnose, set_up
+from nearlift.loop.families import STEP, families
+from nearlift.loop.search import Options
 from nearlift.pages import diagnosis, methods, verdict
 from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import visits

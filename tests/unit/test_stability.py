@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.diagnosis.loop import diagnose
-from nearlift.diagnosis.search import Options
-from nearlift.diagnosis.stability import LOOK, Without, told
+from nearlift.loop.diagnose import diagnose
+from nearlift.loop.search import Options
+from nearlift.loop.stability import LOOK, Without, told
 
 from .simulated import campaign
 

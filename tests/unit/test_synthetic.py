@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift import campaign, declare
+from nearlift import declare
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import DeclarationError, InputRefused, UsageError
 from nearlift.executors import SerialExecutor
+from nearlift.manifest import campaign
 from nearlift.products import TRIALS
 from nearlift.readers.schedule import read_schedule
 from nearlift.stages import ingest

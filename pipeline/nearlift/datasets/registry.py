@@ -12,7 +12,7 @@ from pathlib import Path
 from pydantic import Field, ValidationError, field_validator
 
 from nearlift.errors import InputRefused, UsageError
-from nearlift.quantities import Section
+from nearlift.manifest.quantities import Section
 
 OWN = Path(__file__).with_name("registry.toml")
 #: What the list says of a file whose digest nobody has worked out.

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from nearlift import nomenclature
-from nearlift.diagnosis.search import RIVAL
 from nearlift.figures.loop_clouds import CLOUD, FLOOR, LOOKS
 from nearlift.figures.style import FIT, plain_text
+from nearlift.loop.search import RIVAL
 
 Rows = Mapping[str, Any]
 #: Where the axis of evidence turns logarithmic.

@@ -13,7 +13,7 @@ import numpy as np
 
 import nearlift
 from nearlift import catalogue
-from nearlift.fitting import budget
+from nearlift.likelihood import budget
 from nearlift.pages.latex import SYMBOLS, escape
 from nearlift.pages.references import bibtex, keys
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from nearlift.declare import Boundary
-from nearlift.fitting import budget
-from nearlift.fitting.remedies import SCALES
+from nearlift.fit.remedies import SCALES
+from nearlift.likelihood import budget
 from nearlift.pages.number import Number, Quoted, cite, headline, pointer, quote
 from nearlift.pages.uncertainty import untold
 from nearlift.pages.verdict import reduced

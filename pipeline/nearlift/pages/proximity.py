@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import BOUNDARIES
+from nearlift.flight.proximity import inverse
 from nearlift.pages.number import Number, cite
 from nearlift.products import DETECTION, PROXIMITY
-from nearlift.proximity import inverse
 from nearlift.rounding import plain
 from nearlift.summaries.detection import case
 from nearlift.summaries.evidence import Evidence

@@ -7,11 +7,11 @@ from __future__ import annotations
 from typing import Any
 
 from nearlift.declare import BOUNDARIES
+from nearlift.flight.simulation import presets
+from nearlift.flight.simulation.route import BERTH
 from nearlift.pages.number import Number, cite
 from nearlift.products import SAFETY
 from nearlift.rounding import plain
-from nearlift.simulation import presets
-from nearlift.simulation.route import BERTH
 from nearlift.summaries.evidence import Evidence
 
 

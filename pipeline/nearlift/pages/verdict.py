@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from nearlift.declare import Boundary
-from nearlift.fitting.budget import components
-from nearlift.fitting.noise import REPEATS
+from nearlift.likelihood.budget import components
+from nearlift.likelihood.noise import REPEATS
 from nearlift.pages.number import LEAST_CHANCE, Number, cite, headline, pointer, quote
 from nearlift.pages.uncertainty import SCALES
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS

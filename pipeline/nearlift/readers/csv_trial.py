@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import units
-from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused
+from nearlift.manifest.campaign import Campaign
 from nearlift.readers import scanner, table
 from nearlift.readers.seam import (
     FloatArray,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nearlift.campaign import Campaign
+from nearlift.manifest.campaign import Campaign
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record
 

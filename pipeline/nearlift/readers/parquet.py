@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from nearlift import units
-from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, ManifestError
+from nearlift.manifest.campaign import Campaign
 from nearlift.readers import child, long_table
 from nearlift.readers.channel import Malformed
 from nearlift.readers.per_file import Format

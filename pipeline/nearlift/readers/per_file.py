@@ -34,7 +34,7 @@ from nearlift.readers.seam import (
 )
 
 if TYPE_CHECKING:
-    from nearlift.campaign import Campaign
+    from nearlift.manifest.campaign import Campaign
     from nearlift.readers.row import Conditions, Row
 
 #: Files of one task, and bytes: whatever is reached first.

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
-from nearlift.campaign import Campaign
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused, ManifestError, brief
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, KNOWN, Cells

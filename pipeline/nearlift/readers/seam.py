@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from nearlift.errors import InputRefused, ManifestError
 
 if TYPE_CHECKING:
-    from nearlift.campaign import Campaign, ForceChannel
+    from nearlift.manifest.campaign import Campaign, ForceChannel
     from nearlift.readers.per_file import Format
     from nearlift.readers.row import Conditions, Row
 

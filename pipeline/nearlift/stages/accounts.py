@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.fitting import gum, inputs, remedies
-from nearlift.fitting.least_squares import Fit
-from nearlift.fitting.predictive import HeldOut, score
-from nearlift.fitting.profiles import LEVELS, Profile
+from nearlift.fit import gum, inputs, remedies
+from nearlift.fit.least_squares import Fit
+from nearlift.fit.predictive import HeldOut, score
+from nearlift.fit.profiles import LEVELS, Profile
 from nearlift.products import PROFILES
 from nearlift.store import Table
 

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.campaign import Campaign
 from nearlift.declare import FloatArray
 from nearlift.effects.air_density import STANDARD, density
-from nearlift.fitting import collapse, gum, held_quantity, rotor, student
-from nearlift.fitting.least_squares import Fit, minimise
-from nearlift.fitting.problem import Problem
+from nearlift.fit import collapse, gum, held_quantity, rotor
+from nearlift.fit.least_squares import Fit, minimise
+from nearlift.likelihood import student
+from nearlift.likelihood.problem import Problem
+from nearlift.manifest.campaign import Campaign
 from nearlift.results import Estimate, Observations
 from nearlift.stages import beside_words as words
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.fitting import collapse, held_quantity
-from nearlift.fitting.rotor import PAPER, Rotor
+from nearlift.fit import collapse, held_quantity
+from nearlift.fit.rotor import PAPER, Rotor
 from nearlift.rounding import plus_minus
 
 NO_SPEED = (

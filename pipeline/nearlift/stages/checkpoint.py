@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import store
-from nearlift.fitting.ensemble import Block
+from nearlift.fit.ensemble import Block
 
 FIELDS = tuple(f.name for f in dataclasses.fields(Block))
 

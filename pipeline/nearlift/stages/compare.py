@@ -18,7 +18,7 @@ import numpy as np
 from nearlift import store
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ProductError, UsageError
-from nearlift.fitting.population import FEWEST, Population, population
+from nearlift.fit.population import FEWEST, Population, population
 from nearlift.lock import settled
 from nearlift.products import PROVENANCE, RESULTS
 from nearlift.quotation import CoefficientResult, Results, Verdict

@@ -12,13 +12,13 @@ import numpy as np
 
 import nearlift
 from nearlift import store
-from nearlift.campaign import boundaries_of
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused
-from nearlift.portable import c, document, python
-from nearlift.portable.card import Card, Deck, Interval
-from nearlift.portable.closed import closed_form, evaluate, fold
-from nearlift.portable.table import tabulate
+from nearlift.flight.export import c, document, python
+from nearlift.flight.export.card import Card, Deck, Interval
+from nearlift.flight.export.closed import closed_form, evaluate, fold
+from nearlift.flight.export.table import tabulate
+from nearlift.manifest.campaign import boundaries_of
 from nearlift.products import RESULTS, TRIALS
 from nearlift.stages.belief import Belief, believe
 from nearlift.stages.job import Job

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from nearlift import store, units
-from nearlift.campaign import Campaign
 from nearlift.declare import Boundary
-from nearlift.design_manifest import Planned
-from nearlift.diagnosis.foresight import planned
-from nearlift.diagnosis.outlook import outlook
-from nearlift.diagnosis.setting import derive
 from nearlift.errors import NotConverged, UsageError
-from nearlift.fitting import budget
-from nearlift.fitting.problem import usable
+from nearlift.likelihood import budget
+from nearlift.likelihood.problem import usable
+from nearlift.loop.foresight import planned
+from nearlift.loop.outlook import outlook
+from nearlift.loop.setting import derive
+from nearlift.manifest.campaign import Campaign
+from nearlift.manifest.design import Planned
 from nearlift.readers.columns import BY_NAME
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.campaign import boundaries_of
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused
-from nearlift.flight_manifest import Detect
+from nearlift.flight.proximity import inverse
+from nearlift.flight.proximity.reach import Sensor, needed, reaches
+from nearlift.manifest.campaign import boundaries_of
+from nearlift.manifest.flight import Detect
 from nearlift.products import DETECTION, FIT, PROXIMITY, TRIALS
-from nearlift.proximity import inverse
-from nearlift.proximity.reach import Sensor, needed, reaches
 from nearlift.reduction.quality import rejected
 from nearlift.stages.belief import Belief, believe
 from nearlift.stages.job import Job, Outcome

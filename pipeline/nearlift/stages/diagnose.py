@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.diagnosis.loop import diagnose
-from nearlift.diagnosis.search import Options
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget
-from nearlift.fitting.least_squares import fit
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
+from nearlift.loop.diagnose import diagnose
+from nearlift.loop.search import Options
 from nearlift.products import DIAGNOSIS, FIT, LOOP_RESIDUALS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import BoundaryResult, Results
 from nearlift.stages import expense, quoting

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.fitting.stations import MOST
+from nearlift.likelihood.stations import MOST
 from nearlift.results import Observations
 
 #: What takes less of both than this is not worth a word.
@@ -19,7 +19,7 @@ class Law:
     """Processor time in s and peak memory in MB: at the start, and per thousand trials at one
     boundary.
 
-    `apart_s` is the time per thousand trials where they have more than `fitting.stations.MOST`
+    `apart_s` is the time per thousand trials where they have more than `likelihood.stations.MOST`
     distances, so that every trial is whitened. Measured on the campaigns of docs/benchmarks.md
     ("Memory of a fit and a diagnosis").
     """

@@ -14,14 +14,14 @@ import numpy as np
 
 from nearlift import catalogue, store
 from nearlift.declare import Boundary, Effect
-from nearlift.diagnosis import coefficients
-from nearlift.diagnosis.few_visits import applies
-from nearlift.diagnosis.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handles
-from nearlift.diagnosis.loop import set_up
-from nearlift.diagnosis.search import SILENT, Stage, visibility
-from nearlift.diagnosis.within_trial import power as heating_power
 from nearlift.errors import InputRefused, NotConverged
-from nearlift.fitting import budget
+from nearlift.likelihood import budget
+from nearlift.loop import coefficients
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.few_visits import applies
+from nearlift.loop.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handles
+from nearlift.loop.search import SILENT, Stage, visibility
+from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.results import Noise
 from nearlift.stages.diagnose import chosen

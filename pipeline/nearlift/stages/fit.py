@@ -7,14 +7,15 @@ from __future__ import annotations
 from typing import Any
 
 from nearlift import catalogue
-from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
-from nearlift.fitting import budget, inputs, profiles
-from nearlift.fitting.least_squares import Fit, fit
-from nearlift.fitting.noise import REPEATS
-from nearlift.fitting.predictive import HeldOut, leave_visit_out
-from nearlift.fitting.problem import height_slope
+from nearlift.fit import inputs, profiles
+from nearlift.fit.least_squares import Fit, fit
+from nearlift.fit.predictive import HeldOut, leave_visit_out
+from nearlift.likelihood import budget
+from nearlift.likelihood.noise import REPEATS
+from nearlift.likelihood.problem import height_slope
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import FIT, PROFILES, RESULTS, TRIALS
 from nearlift.quotation import BoundaryResult, Results
 from nearlift.results import Estimate, Observations

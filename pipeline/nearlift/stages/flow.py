@@ -22,7 +22,7 @@ from nearlift.flow.downwash import Cut, Downwash
 from nearlift.flow.field import Field, mirrored, take_columns
 from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
-from nearlift.piv_manifest import Piv, PivCase
+from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY, Product
 from nearlift.randomness import generator
 from nearlift.readers.piv.cases import Stream, files_of

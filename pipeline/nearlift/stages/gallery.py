@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from nearlift.campaign import Campaign
 from nearlift.figures import assumptions as draw_assumptions
 from nearlift.figures import budget as draw_budget
 from nearlift.figures import corner as draw_corner
@@ -26,6 +25,7 @@ from nearlift.figures import residuals as draw_residuals
 from nearlift.figures import routes as draw_routes
 from nearlift.figures import safety as draw_safety
 from nearlift.figures.render import Draw
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import (
     CRASH_MAP,
     CRASH_RATES,

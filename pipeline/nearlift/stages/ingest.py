@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import copies, readers, store
-from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.executors import Threads, ordered
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers.row import Conditions, Row, row_of
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nearlift import store
-from nearlift.campaign import Campaign
+from nearlift.manifest.campaign import Campaign
 from nearlift.readers.seam import source_of
 from nearlift.stages import ingest
 from nearlift.stages.job import PIV_INPUT
 
 if TYPE_CHECKING:
-    from nearlift.piv_manifest import PivCase
+    from nearlift.manifest.piv import PivCase
 
 #: A file younger than this may change again without its time stamp telling, so its digest is not
 #: kept.

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import readers, toml
+from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError, UsageError, brief
 from nearlift.lock import size
+from nearlift.manifest import toml
 from nearlift.readers import child, csv_trial
 from nearlift.readers.channel import (
     AS_FORCE,

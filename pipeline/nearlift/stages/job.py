@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from nearlift import store
-from nearlift.campaign import Campaign
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import Product
 from nearlift.transaction import Homes, Transaction
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.campaign import Campaign
 from nearlift.declare import Boundary
 from nearlift.errors import ManifestError, NearliftError
-from nearlift.fitting import budget
-from nearlift.fitting.joint import Downwash, JointFit, fit_joint
-from nearlift.fitting.least_squares import Fit, fit
+from nearlift.fit.joint import Downwash, JointFit, fit_joint
+from nearlift.fit.least_squares import Fit, fit
 from nearlift.flow.downwash import NOT_AT_THE_DISK
+from nearlift.likelihood import budget
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import DOWNWASH, JOINT, TRIALS
 from nearlift.stages.fit import choice
 from nearlift.stages.job import Job, Outcome

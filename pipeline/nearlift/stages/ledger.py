@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary
 from nearlift.errors import NotConverged
-from nearlift.fitting import budget
-from nearlift.fitting.least_squares import fit
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
 from nearlift.products import FIT, QUALITY, TRIALS
 from nearlift.reduction.quality import CODES, reason, rejected
 from nearlift.stages.fit import choice

@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from nearlift import campaign as manifests
 from nearlift import store
 from nearlift.errors import SOME_TRIALS_REJECTED, NearliftError, UsageError
 from nearlift.executors import open_executor, ordered
+from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS
 from nearlift.stages import graph
 from nearlift.stages.opening import open_job

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.campaign import Campaign, boundaries_of
 from nearlift.declare import Boundary
-from nearlift.diagnosis.interim import InterimLook
+from nearlift.loop.interim import InterimLook
+from nearlift.manifest.campaign import Campaign, boundaries_of
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import EXCLUDED, completeness, rejected
 from nearlift.results import Observations

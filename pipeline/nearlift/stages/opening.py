@@ -8,9 +8,9 @@ import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from nearlift import campaign as manifests
 from nearlift.executors import open_executor, threads_of
 from nearlift.lock import settled
+from nearlift.manifest import campaign as manifests
 from nearlift.stages import graph, ingest
 from nearlift.stages.inputs import digests, remember
 from nearlift.stages.job import Job, silent

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from nearlift.campaign import Campaign, Overlay
 from nearlift.errors import InputRefused, ManifestError
+from nearlift.manifest.campaign import Campaign, Overlay
 from nearlift.summaries.evidence import Columns
 
 COLUMNS = ("z_hat", "delta_L", "u")

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import store
-from nearlift.campaign import Campaign
 from nearlift.declare import Boundary, FloatArray
-from nearlift.design_manifest import Planned
 from nearlift.errors import ManifestError, UsageError
+from nearlift.manifest.campaign import Campaign
+from nearlift.manifest.design import Planned
 from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.results import Noise

@@ -15,12 +15,12 @@ import numpy as np
 
 from nearlift import store
 from nearlift.declare import FloatArray
-from nearlift.fitting import gum, posterior
-from nearlift.fitting.density import Density
-from nearlift.fitting.grid import grid
-from nearlift.fitting.learnt import beside_fit, learnt
-from nearlift.fitting.least_squares import Fit
-from nearlift.fitting.posterior import Posterior, Settings
+from nearlift.fit import gum, posterior
+from nearlift.fit.density import Density
+from nearlift.fit.grid import grid
+from nearlift.fit.learnt import beside_fit, learnt
+from nearlift.fit.least_squares import Fit
+from nearlift.fit.posterior import Posterior, Settings
 from nearlift.products import POSTERIOR, TRIALS
 from nearlift.stages.checkpoint import Checkpoint
 from nearlift.stages.job import Job

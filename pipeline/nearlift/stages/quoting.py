@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.fitting.estimator import Estimator
-from nearlift.fitting.least_squares import Fit
+from nearlift.fit.estimator import Estimator
+from nearlift.fit.least_squares import Fit
 from nearlift.products import NOT_DIAGNOSED
 from nearlift.quotation import BoundaryResult, Correlation, Doubt
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import InputRefused, UsageError
-from nearlift.flight_manifest import Detect, Reading
+from nearlift.flight.proximity import inverse
+from nearlift.manifest.flight import Detect, Reading
 from nearlift.products import FIT
-from nearlift.proximity import inverse
 from nearlift.stages.belief import Belief, believe
 from nearlift.stages.job import Job
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.flight_manifest import Simulate
+from nearlift.flight.simulation import energy, route, safety
+from nearlift.flight.simulation.craft import Craft
+from nearlift.flight.simulation.sweep import Sweep
+from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
-from nearlift.simulation import energy, route, safety
-from nearlift.simulation.craft import Craft
-from nearlift.simulation.sweep import Sweep
 from nearlift.stages.job import Job
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.fitting import influential
-from nearlift.fitting.budget import Component
-from nearlift.fitting.influential import Screening, Suspect
-from nearlift.fitting.least_squares import Fit
+from nearlift.fit import influential
+from nearlift.fit.influential import Screening, Suspect
+from nearlift.fit.least_squares import Fit
+from nearlift.likelihood.budget import Component
 from nearlift.reduction import outliers
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.store import Table

@@ -10,13 +10,9 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.campaign import boundaries_of
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
-from nearlift.flight_manifest import Simulate
-from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
-from nearlift.randomness import generator
-from nearlift.simulation import (
+from nearlift.flight.simulation import (
     claims,
     energy,
     groups,
@@ -27,12 +23,16 @@ from nearlift.simulation import (
     safety,
     variants,
 )
-from nearlift.simulation.control import Gains, stable
-from nearlift.simulation.craft import Craft
-from nearlift.simulation.curve import tabulate
-from nearlift.simulation.disturbance import Disturbance
-from nearlift.simulation.flight import Map, steps_per_hold
-from nearlift.simulation.sweep import Sweep, sweep
+from nearlift.flight.simulation.control import Gains, stable
+from nearlift.flight.simulation.craft import Craft
+from nearlift.flight.simulation.curve import tabulate
+from nearlift.flight.simulation.disturbance import Disturbance
+from nearlift.flight.simulation.flight import Map, steps_per_hold
+from nearlift.flight.simulation.sweep import Sweep, sweep
+from nearlift.manifest.campaign import boundaries_of
+from nearlift.manifest.flight import Simulate
+from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
+from nearlift.randomness import generator
 from nearlift.stages.belief import Belief, believe
 from nearlift.stages.job import Job, Outcome
 from nearlift.stages.route import plan

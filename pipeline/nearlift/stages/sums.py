@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from nearlift import store
-from nearlift.campaign import Campaign
 from nearlift.errors import InputRefused, brief
+from nearlift.manifest.campaign import Campaign
 from nearlift.readers.seam import MARK, inside, source_of
 from nearlift.stages.job import Job
 

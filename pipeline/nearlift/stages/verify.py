@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from nearlift import store
-from nearlift.campaign import Campaign
 from nearlift.errors import ProductError
 from nearlift.lock import settled
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROVENANCE
 from nearlift.stages.inputs import listing
 from nearlift.stages.job import PIV_INPUT

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nearlift import campaign as manifests
 from nearlift import store
 from nearlift.errors import NearliftError
 from nearlift.lock import Busy
+from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import Results
 from nearlift.reduction.quality import rejected

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from nearlift import campaign as manifests
 from nearlift.errors import UsageError
+from nearlift.manifest import campaign as manifests
 from nearlift.study.found import (
     BoundaryDiagnosis,
     BoundaryFit,
@@ -21,8 +21,8 @@ from nearlift.study.found import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from nearlift.campaign import Campaign
     from nearlift.declare import Boundary
+    from nearlift.manifest.campaign import Campaign
     from nearlift.products import Product
     from nearlift.quotation import BoundaryResult
     from nearlift.stages.graph import Step

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import FloatArray
-from nearlift.diagnosis.families import cosines
-from nearlift.diagnosis.setting import SCHEDULE_WORDS
+from nearlift.loop.families import cosines
+from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.results import Observations
 from nearlift.rounding import plain
 from nearlift.summaries.residuals import DISTINCT, bins

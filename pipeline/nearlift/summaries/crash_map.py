@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from nearlift.flight.simulation.maps import PAIRS
 from nearlift.products import CRASH_MAP, SAFETY
-from nearlift.simulation.maps import PAIRS
 from nearlift.summaries.evidence import Columns, Evidence
 
 SHOWN = (

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
-from nearlift.campaign import Campaign, Overlay, boundaries_of
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import ProductError
+from nearlift.manifest.campaign import Campaign, Overlay, boundaries_of
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, Product
 from nearlift.quotation import BoundaryResult
 from nearlift.results import Observations

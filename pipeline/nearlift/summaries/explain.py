@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.diagnosis.foresight import Handle
-from nearlift.diagnosis.search import Stage
+from nearlift.loop.foresight import Handle
+from nearlift.loop.search import Stage
 from nearlift.summaries.design import SHOWN, size_text
 from nearlift.summaries.evidence import Columns
 
@@ -82,7 +82,7 @@ def rows(
 
 def _typical(stage: Stage) -> float:
     """Scatter of one trial about any curve, rms over trials."""
-    from nearlift.fitting.noise import floor
+    from nearlift.likelihood.noise import floor
 
     return floor(stage.data, stage.noise, stage.slope)
 

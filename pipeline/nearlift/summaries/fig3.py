@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.piv_manifest import Piv, PivCase
+from nearlift.manifest.piv import Piv, PivCase
 from nearlift.rounding import fixed, plain
 from nearlift.summaries.evidence import Columns, Evidence, stack
 from nearlift.summaries.flow_panels import (

@@ -9,7 +9,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.flow.contrast import difference
 from nearlift.flow.field import Field
-from nearlift.piv_manifest import PivCase
+from nearlift.manifest.piv import PivCase
 from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence, stack
 from nearlift.summaries.flow_panels import field_rows, manifest, nodes, origin, title

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.piv_manifest import PivCase
+from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_TOPOLOGY
 from nearlift.rounding import fixed, plain
 from nearlift.summaries.evidence import Columns, Evidence, stack

@@ -12,7 +12,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
-from nearlift.piv_manifest import Piv, PivCase
+from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.rounding import fixed
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column

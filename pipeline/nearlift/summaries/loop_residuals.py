@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
-from nearlift.diagnosis.setting import derive
-from nearlift.fitting.problem import usable
+from nearlift.likelihood.problem import usable
+from nearlift.loop.setting import derive
 from nearlift.products import LOOP_RESIDUALS
 from nearlift.results import Observations
 from nearlift.summaries import against

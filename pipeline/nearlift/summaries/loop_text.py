@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.diagnosis.search import FORM_SD, RIVAL
+from nearlift.loop.search import FORM_SD, RIVAL
 from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence
 

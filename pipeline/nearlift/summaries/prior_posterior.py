@@ -13,7 +13,7 @@ from nearlift.products import FIT
 from nearlift.rounding import plain
 from nearlift.summaries.evidence import Columns, Evidence
 
-#: Above this ratio of widths the prior still has a say; as `fitting.learnt` has it.
+#: Above this ratio of widths the prior still has a say; as `fit.learnt` has it.
 SHAPED = 0.3
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
-from nearlift.fitting import noise
-from nearlift.fitting.problem import height_slope, need, usable
+from nearlift.likelihood import noise
+from nearlift.likelihood.problem import height_slope, need, usable
 from nearlift.products import FIT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results import Noise, Observations

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from nearlift.flight.simulation.presets import TARGETS
+from nearlift.flight.simulation.route import BASES, BERTH
 from nearlift.products import ROUTES, SAFETY
-from nearlift.simulation.presets import TARGETS
-from nearlift.simulation.route import BASES, BERTH
 from nearlift.summaries.evidence import Columns, Evidence, stack, text_column
 
 #: So many ways are drawn: the cheapest, the chosen, the safest, and some between.

@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
-from nearlift.fitting.covariance import Covariance
-from nearlift.fitting.least_squares import minimise, parameter_covariance
-from nearlift.fitting.problem import Problem
+from nearlift.fit.least_squares import minimise, parameter_covariance
+from nearlift.likelihood.covariance import Covariance
+from nearlift.likelihood.problem import Problem
 from nearlift.results import Observations
 
 HERE = Path(__file__).parent

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow.field import Field, masked, orient
-from nearlift.piv_manifest import Piv, PivCase
+from nearlift.manifest.piv import Piv, PivCase
 from nearlift.readers.child import Child
 from nearlift.readers.piv.seam import Setting
 from nearlift.readers.piv.sniff import read

@@ -1,0 +1,1 @@
+"""Models fitted to trials: least squares, profiles, posteriors, checks of assumptions."""

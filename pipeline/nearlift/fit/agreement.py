@@ -1,0 +1,97 @@
+"""Whether two ways to the same posterior agree: shares below quantiles, in units of their Monte
+Carlo error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
+from nearlift.fit.grid import Grid
+from nearlift.fit.importance import Weighted
+from nearlift.fit.pareto import LIMIT
+
+PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: So many standard errors are a disagreement: by chance once in 10^6 comparisons.
+APART = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judge:
+    """Another way to the same posterior: the share of it that lies below a value of a parameter,
+    worth `ess` draws, off by `error` at most.
+    """
+
+    name: str
+    below: Callable[[int, float], float]
+    ess: float = math.inf
+    error: float = 0.0
+    unfit: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """A judge's finding: the largest distance in Monte Carlo standard errors, and where; `unfit`
+    says why it could not judge.
+    """
+
+    by: str
+    apart: float
+    where: str
+    unfit: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it is a disagreement."""
+        return not self.unfit and self.apart > APART
+
+
+def of_grid(lattice: Grid) -> Judge:
+    """A grid as judge."""
+    unfit = (
+        ""
+        if lattice.resolved
+        else f"too coarse for this shape: half the resolution moves shares by {lattice.error:.3f}"
+    )
+    return Judge(name="grid", below=lattice.below, error=lattice.error, unfit=unfit)
+
+
+def of_weights(weighted: Weighted) -> Judge:
+    """Importance sampling as judge."""
+    k = weighted.pareto_k
+    unfit = "" if k < LIMIT else f"its weights cannot be trusted: Pareto k = {k:.2f}, above {LIMIT}"
+    return Judge(name="importance sampling", below=weighted.below, ess=weighted.ess, unfit=unfit)
+
+
+def compare(names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Judge) -> Check:
+    """Quantiles `values` (p, 5) at `PROBABILITIES`, worth `ess` (p, 5) draws, before a judge."""
+    worst, where = 0.0, ""
+    for i, name in enumerate(names):
+        for probability, value, worth in zip(PROBABILITIES, values[i], ess[i], strict=True):
+            error = (
+                math.sqrt(probability * (1 - probability) * (1 / worth + 1 / judge.ess))
+                + judge.error / APART
+            )
+            share = judge.below(i, float(value))
+            if abs(share - probability) > worst * error:
+                worst = abs(share - probability) / error
+                where = (
+                    f"{100 * probability:.0f} % of {name} lie below {value:.5g} by one,"
+                    f" {100 * share:.1f} % by the other"
+                )
+    return Check(by=judge.name, apart=worst, where=where, unfit=judge.unfit)
+
+
+def insist(model: str, sampler: str, checks: Sequence[Check], remedy: str) -> None:
+    """Raise `NotConverged` with this remedy if any judge disagrees."""
+    for check in checks:
+        if check.failed:
+            raise NotConverged(
+                f"posterior of {model}",
+                f"{sampler} and the {check.by} disagree: {check.where}, {check.apart:.1f} Monte"
+                f" Carlo standard errors apart (at most {APART:g})",
+                remedy,
+            )

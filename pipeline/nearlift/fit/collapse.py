@@ -1,0 +1,322 @@
+"""Does relative lift depend on throttle? The claim that Delta L collapses is tested, and bounded,
+never assumed.
+
+Three tests against the full covariance of the trials, the budget's shared errors included: one
+headline coefficient per throttle against a common one; one scale of the curve per throttle against
+a common curve; and, with no model at all, an interaction of distance and throttle between cells.
+L_inf is free per throttle in all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fit import batched
+from nearlift.fit.least_squares import parameter_covariance
+from nearlift.likelihood import student
+from nearlift.likelihood.frame import framed
+from nearlift.likelihood.noise import MOST_MEANS
+from nearlift.likelihood.problem import Problem
+from nearlift.results import IntArray
+
+CONFIDENCE = 0.95
+#: Data as even as that come once in a thousand.
+SUSPECT = 1e-3
+#: Effective degrees of freedom (m,) of linear estimators (m, n) of the trials' log lift.
+Freedom = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FTest:
+    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]`
+    degrees of freedom.
+
+    A gain so small that noise would leave it once in `1 / SUSPECT` such tests is no confirmation:
+    the noise was then put too large for what is tested, or in another shape than trials have it
+    (`quiet`).
+    """
+
+    statistic: float
+    dof: tuple[int, float]
+    p_value: float
+
+    @property
+    def quiet(self) -> bool:
+        """Whether the data are more even than their noise should let them be."""
+        return self.p_value > 1 - SUSPECT
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Departure:
+    """The two throttles that may differ most: their difference as a fraction, its uncertainty, and
+    what `CONFIDENCE` cannot exclude.
+    """
+
+    between: tuple[float, float]
+    value: float
+    u: float
+    bound: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Collapse:
+    """What the trials say of the collapse; an entry that they cannot answer is None.
+
+    Attributes
+    ----------
+    throttles : (K,)
+        Those that took part.
+    name : str
+        The headline coefficient.
+    values, u : (K,)
+        That coefficient fitted per throttle, the model's others in common.
+    u_apart : (K,)
+        Standard uncertainty of what each differs from the mean over throttles: without what all of
+        them share.
+    coefficient, curve, cells : FTest or None
+        A coefficient per throttle; a scale of log ratio per throttle; no model.
+    of_coefficient, of_curve : Departure or None
+        Simultaneous over all pairs of throttles (Bonferroni), relative to the common value and to
+        the common change of lift.
+    """
+
+    throttles: FloatArray
+    name: str
+    values: FloatArray
+    u: FloatArray
+    u_apart: FloatArray
+    coefficient: FTest | None
+    curve: FTest | None
+    cells: FTest | None
+    of_coefficient: Departure | None
+    of_curve: Departure | None
+
+
+def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
+    """Test the collapse at the optimum `theta` (p,) of a model common to all throttles.
+
+    Parameters
+    ----------
+    problem : Problem
+    freedom : callable
+        How well the variance of a linear estimator is known, as `gum.freedom` gives it: contrasts
+        between throttles of one visit do not feel what the visit's trials share, so that their
+        degrees of freedom are others than the coefficient's.
+    """
+    throttles, name = problem.data.levels, problem.names[0] if problem.names else ""
+    found = Collapse(
+        throttles=throttles,
+        name=name,
+        values=np.full(len(throttles), np.nan),
+        u=np.full(len(throttles), np.nan),
+        u_apart=np.full(len(throttles), np.nan),
+        coefficient=None,
+        curve=None,
+        cells=cells(problem, freedom),
+        of_coefficient=None,
+        of_curve=None,
+    )
+    if len(throttles) < 2 or not name:
+        return found
+    values, covariance, chi2 = per_throttle(problem, theta)
+    known = np.isfinite(np.diag(covariance))
+    if not known.any():
+        # trials at one distance say nothing of any throttle's coefficient
+        return found
+    gain = float(problem.chi2(theta)) - chi2
+    inner = np.ix_(known, known)
+    centred = np.eye(known.sum()) - 1 / known.sum()
+    u_apart = np.full(len(throttles), np.nan)
+    u_apart[known] = np.sqrt(np.diag(centred @ covariance[inner] @ centred))
+    curve, of_curve = scale_per_throttle(problem, theta, freedom)
+    apart = _directions(problem, theta, problem.jacobian(theta)[:, :1])
+    dof = student.several(freedom(problem.covariance.unwhiten(apart.T)))
+    return Collapse(
+        throttles=throttles,
+        name=name,
+        values=values,
+        u=np.sqrt(np.diag(covariance)),
+        u_apart=u_apart,
+        coefficient=f_test(gain, int(known.sum()) - 1, dof),
+        curve=curve,
+        cells=found.cells,
+        of_coefficient=largest(
+            throttles[known], values[known], covariance[inner], abs(float(theta[0])), dof
+        ),
+        of_curve=of_curve,
+    )
+
+
+def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """The headline coefficient of each throttle (K,), their covariance (K, K) with the others free,
+    and chi2.
+
+    What the trials of a throttle do not determine has an infinite variance.
+    """
+    from scipy.optimize import least_squares
+
+    data, k = problem.data, len(problem.data.levels)
+    declared, target = problem.model.parameters, problem.project(np.log(data.lift_N))
+    low, high = (
+        np.array([*[p.bounds[i] for p in declared[:1]] * k, *[p.bounds[i] for p in declared[1:]]])
+        for i in (0, 1)
+    )
+
+    def log_ratio(x: FloatArray) -> FloatArray:
+        each = np.column_stack([x[:k], np.broadcast_to(x[k:], (k, len(x) - k))])
+        return problem.log_ratio(each)[data.level, np.arange(data.n)]
+
+    def residuals(x: FloatArray) -> FloatArray:
+        r = target - problem.project(log_ratio(x))
+        # a step over a pole must cost more than any real misfit
+        return np.where(np.isfinite(r), r, 1e3)
+
+    def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
+        each = np.column_stack([x[0, :k], np.broadcast_to(x[0, k:], (k, len(x[0]) - k))])
+        slopes = problem.slopes(each)[data.level, :, np.arange(data.n)]
+        columns = np.hstack([np.eye(k)[data.level] * slopes[:, :1], slopes[:, 1:]])
+        return (target - problem.project(log_ratio(x[0])))[None], -problem.project(columns.T)[None]
+
+    inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
+    start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
+    size = np.maximum(np.abs(start), 0.05)
+    found = least_squares(
+        residuals,
+        start,
+        jac="3-point",
+        bounds=(low, high),
+        x_scale=size,
+        xtol=1e-10,
+        ftol=1e-10,
+        gtol=1e-10,
+    )
+    best = batched.settled(linearised, found.x[None], (low, high))
+    _, slopes = linearised(best, np.zeros(1, dtype=np.int64))
+    whole = np.zeros(len(start))
+    for i in range(len(start)):
+        step = np.zeros(len(start))
+        step[i] = 1e-4 * size[i]
+        whole[i] = (
+            np.linalg.norm(problem.covariance.whiten(log_ratio(start + step) - log_ratio(start)))
+            / step[i]
+        )
+    covariance, determined = parameter_covariance(np.nan_to_num(slopes[0]), whole)
+    covariance[~determined, ~determined] = np.inf
+    return best[0, :k], covariance[:k, :k], float(np.sum(residuals(best[0]) ** 2))
+
+
+def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> FloatArray:
+    """Orthonormal whitened directions (n, m) of a column (n, 1) of its own size per throttle beside
+    theta and L_inf.
+    """
+    k = len(problem.data.levels)
+    contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
+    each = ((np.eye(k)[problem.data.level] * column) @ contrast).T
+    q, _ = np.linalg.qr(problem.project(problem.jacobian(theta).T).T)
+    free = problem.project(each).T
+    u, size, _ = np.linalg.svd(free - q @ (q.T @ free), full_matrices=False)
+    return u[
+        :, size > 1e-6 * np.linalg.norm(problem.covariance.whiten(each), axis=1).max(initial=0.0)
+    ]
+
+
+def scale_per_throttle(
+    problem: Problem, theta: FloatArray, freedom: Freedom
+) -> tuple[FTest | None, Departure | None]:
+    """Whether log ratio has another size at each throttle, theta free in common; to first order
+    about `theta`.
+    """
+    data, k = problem.data, len(problem.data.levels)
+    common = problem.project(problem.jacobian(theta).T).T
+    residual = problem.residuals(theta)
+    each = np.eye(k)[data.level] * problem.log_ratio(theta)[:, None]
+    contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
+    q, _ = np.linalg.qr(common)
+    free = problem.project((each @ contrast).T).T
+    free = free - q @ (q.T @ free)
+    residual = residual - q @ (q.T @ residual)
+    covariance, determined = parameter_covariance(
+        free.T, np.linalg.norm(problem.covariance.whiten((each @ contrast).T), axis=1)
+    )
+    if not determined.all():
+        return None, None
+    scale = covariance @ (free.T @ residual)
+    gain = float(residual @ residual - (residual - free @ scale) @ (residual - free @ scale))
+    dof = student.several(freedom(problem.covariance.unwhiten(np.linalg.qr(free)[0].T)))
+    return f_test(gain, k - 1, dof), largest(
+        data.levels, contrast @ scale, contrast @ covariance @ contrast.T, 1.0, dof
+    )
+
+
+def cells(problem: Problem, freedom: Freedom) -> FTest | None:
+    """Interaction of distance and throttle between cells: no model but that of how trials
+    scatter.
+    """
+    data = problem.data
+    distance = np.unique(data.z_hat, return_inverse=True)[1]
+    both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
+    if len(data.levels) < 2 or both.max() + 1 >= min(data.n, MOST_MEANS + 1):
+        return None
+    (common, left), (each, rest) = (
+        _left(problem, np.eye(group.max() + 1)[group]) for group in (distance, both)
+    )
+    extra = each.shape[1] - common.shape[1]
+    if extra <= 0:
+        return None
+    apart = framed(
+        np.linalg.svd(each - common @ (common.T @ each), full_matrices=False)[0][:, :extra]
+    )
+    return f_test(
+        left - rest, extra, student.several(freedom(problem.covariance.unwhiten(apart.T)))
+    )
+
+
+def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
+    """Orthonormal directions (n, m) that an indicator's columns span beside a free L_inf, and the
+    chi2 left beside both.
+    """
+    white = problem.project(indicator.T).T
+    u, size, _ = np.linalg.svd(white, full_matrices=False)
+    # an indicator's column that L_inf spans leaves only rounding
+    u = u[:, size > 1e-7 * np.linalg.norm(problem.covariance.whiten(indicator.T), axis=1).max()]
+    target = problem.project(np.log(problem.data.lift_N))
+    rest = target - u @ (u.T @ target)
+    return u, float(rest @ rest)
+
+
+def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
+    """The F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square where the noise is
+    known.
+    """
+    from scipy.stats import chi2, f
+
+    if extra < 1:
+        return None
+    gain = max(gain, 0.0)
+    p = chi2.sf(gain, extra) if np.isinf(noise_dof) else f.sf(gain / extra, extra, noise_dof)
+    return FTest(statistic=gain / extra, dof=(extra, float(noise_dof)), p_value=float(p))
+
+
+def largest(
+    throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float
+) -> Departure | None:
+    """The pair of throttles with the largest difference that the data allow, over `unit`."""
+    i, j = np.triu_indices(len(throttles), 1)
+    if not len(i) or not unit > 0:
+        return None
+    difference = values[j] - values[i]
+    u = np.sqrt(np.maximum(covariance[i, i] + covariance[j, j] - 2 * covariance[i, j], 0.0))
+    tail = 0.5 + 0.5 * (1 - (1 - CONFIDENCE) / len(i))
+    quantile = student.quantile(tail, noise_dof)
+    bound = np.abs(difference) + quantile * u
+    at = int(np.argmax(bound))
+    return Departure(
+        between=(float(throttles[i[at]]), float(throttles[j[at]])),
+        value=float(difference[at]) / unit,
+        u=float(u[at]) / unit,
+        bound=float(bound[at]) / unit,
+    )

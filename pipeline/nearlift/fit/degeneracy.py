@@ -1,0 +1,119 @@
+"""Pairs of quantities that trade places: what the trials leave between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood.problem import Problem
+from nearlift.rounding import letter, plain, signed
+
+#: A pair is called degenerate above this correlation.
+DEGENERATE = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Degeneracy:
+    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second
+    were unknown, `known_to` what the trials would then say of the second, in words.
+    """
+
+    pair: tuple[str, str]
+    r: float
+    text: str
+    u_if_free: float | None = None
+    known_to: str = ""
+
+
+def degeneracies(
+    problem: Problem,
+    theta: FloatArray,
+    jacobian: FloatArray,
+    covariance: FloatArray,
+    determined: NDArray[np.bool_],
+) -> tuple[Degeneracy, ...]:
+    """Pairs that the data cannot part: parameters with each other and with L_inf, and, were they
+    unknown, with a height offset or the exponent.
+    """
+    data = problem.data
+    found = [
+        Degeneracy(
+            pair=(a, "anything"),
+            r=1.0,
+            text=f"{letter(a)} is not determined by these trials at all",
+        )
+        for a, known in zip(problem.names, determined, strict=True)
+        if not known
+    ]
+    names = tuple(a for a, known in zip(problem.names, determined, strict=True) if known)
+    if not names:
+        return tuple(found)
+    jacobian, covariance = jacobian[:, determined], covariance[np.ix_(determined, determined)]
+    sd = np.sqrt(np.diag(covariance))
+    for i, a in enumerate(names):
+        for j in range(i):
+            r = covariance[i, j] / (sd[i] * sd[j])
+            if abs(r) > DEGENERATE:
+                found.append(
+                    Degeneracy(
+                        pair=(names[j], a),
+                        r=float(r),
+                        text=f"{letter(names[j])} and {letter(a)} trade places: r = {signed(r, 3)}",
+                    )
+                )
+    toll = problem.level_sensitivity(jacobian)
+    _, given = problem.log_levels(theta)
+    total = given + toll @ covariance @ toll.T
+    cross = toll @ covariance
+    for level, throttle in enumerate(data.levels):
+        for i, a in enumerate(names):
+            r = cross[level, i] / (np.sqrt(total[level, level]) * sd[i])
+            if abs(r) > DEGENERATE:
+                text = (
+                    f"{letter(a)} and L_inf at {throttle:.0%} throttle trade places: r ="
+                    f" {signed(r, 3)}"
+                )
+                found.append(
+                    Degeneracy(pair=(a, f"L_inf at {throttle:.0%}"), r=float(r), text=text)
+                )
+    slope = problem.height_slope(theta)
+    for name, unit, column in (
+        ("height offset", "mm", slope / 1000),
+        ("exponent n", "", problem.log_ratio(theta)),
+    ):
+        if "n" in names and name == "exponent n":
+            continue
+        wide = problem.project(np.hstack([jacobian, column[:, None]]).T)
+        alone = problem.project(column)
+        information = wide @ wide.T
+        if (
+            not alone @ alone > 0
+            or np.linalg.cond(
+                information / np.sqrt(np.outer(np.diag(information), np.diag(information)))
+            )
+            > 1e12
+        ):
+            if alone @ alone > 0:
+                text = (
+                    f"{letter(names[0])} and the {name} cannot be told apart at all by these trials"
+                )
+                found.append(Degeneracy(pair=(names[0], name), r=1.0, text=text))
+            continue
+        joint = np.linalg.inv(information)
+        for i, a in enumerate(names):
+            r = joint[i, -1] / np.sqrt(joint[i, i] * joint[-1, -1])
+            if abs(r) > DEGENERATE:
+                u = float(np.sqrt(joint[i, i]))
+                own = f"{plain(float(np.sqrt(joint[-1, -1])), 2)} {unit}".strip()
+                text = (
+                    f"{letter(a)} and an unknown {name} would trade places: r = {signed(r, 3)};"
+                    f" with the {name} free, u({letter(a)}) would grow from {plain(sd[i], 2)} to"
+                    f" {plain(u, 2)}, and the {name} would be known to {own}"
+                )
+                found.append(
+                    Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u, known_to=own)
+                )
+    return tuple(found)

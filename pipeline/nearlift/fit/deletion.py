@@ -1,0 +1,194 @@
+"""Deletion diagnostics of a fit: what a trial or a visit looks like from all the others, and what
+the coefficients would be without it.
+
+For a model that is linear near its optimum, no refit is needed. With P the inverse covariance freed
+of coefficients and L_inf, y the log lift less the model's and G the estimator (``theta = G y``),
+leaving block B out moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``; the error of predicting B
+from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact for a given
+covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (leverage,
+influence and residuals in generalised least squares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.fit import gum
+from nearlift.results import IntArray, Observations
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from nearlift.fit.least_squares import Fit
+    from nearlift.likelihood.problem import Problem
+
+#: What keeps less than this part of its information when L_inf and coefficients are freed cannot be
+#: foretold from the rest.
+DETERMINED = 1e-8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Deletion:
+    """The m visits of b trials each, as the other trials see them.
+
+    Attributes
+    ----------
+    index : (m, b) int array
+        Which trials.
+    information : (m, b, b)
+        P_BB.
+    weighed : (m, b)
+        (P y)_B.
+    gain : (m, p, b)
+        Change of each coefficient per unit change of a trial's log lift; 0 for one at its bound or
+        without finite uncertainty.
+    whole : (m,)
+        The largest information that a combination of the visit's trials has before anything is
+        freed.
+    """
+
+    index: IntArray
+    information: FloatArray
+    weighed: FloatArray
+    gain: FloatArray
+    whole: FloatArray
+
+
+def visits(fit: Fit) -> tuple[Deletion, ...]:
+    """Every visit of a fit as the others see it, those of one size together.
+
+    Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the
+    other visits as far as those tell.
+    """
+    problem, offset, slope = gum.linearised(fit)
+    return visits_of(problem, fit.theta, _free(fit), offset, slope)
+
+
+def _free(fit: Fit) -> list[int]:
+    """Which coefficients a trial can move: those with a finite uncertainty, and not at a bound."""
+    return [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
+
+
+def visits_of(
+    problem: Problem,
+    theta: FloatArray,
+    free: Sequence[int],
+    offset: float = 0.0,
+    slope: FloatArray | float = 0.0,
+) -> tuple[Deletion, ...]:
+    """The same of any likelihood at its optimum `theta` (p,), of which the coefficients `free` may
+    move.
+
+    `offset` in m is the height error at which it stands, which `slope` carries.
+    """
+    data, covariance = problem.data, problem.covariance
+    jacobian = problem.jacobian(theta, offset)[:, free] if len(free) else np.zeros((data.n, 0))
+    length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    known = covariance.shared
+    z = np.hstack([known, np.eye(len(data.levels))[data.level], jacobian / length])
+    y = np.log(data.lift_N) - problem.log_ratio(theta, offset) + slope * offset
+    size = z.shape[1]
+    curved = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])])
+    solved = covariance.solve_own(np.column_stack([z, y]).T).T
+    weighed, weighed_y = solved[:, :-1], solved[:, -1]
+    curved += z.T @ weighed
+    inverse = np.linalg.pinv(curved, rcond=1e-13, hermitian=True)
+    rest = weighed_y - weighed @ (inverse @ (weighed.T @ y))
+    gains = np.zeros((data.n, len(theta)))
+    gains[:, free] = weighed @ inverse[:, size - len(free) :] / length
+    result = []
+    for index, precision in covariance.precision_blocks():
+        own = weighed[index]
+        result.append(
+            Deletion(
+                index=index,
+                information=precision - own @ inverse @ own.swapaxes(-1, -2),
+                weighed=rest[index],
+                gain=gains[index].swapaxes(-1, -2),
+                whole=np.linalg.eigvalsh(precision).max(axis=1),
+            )
+        )
+    return tuple(result)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Influence:
+    """What each coefficient would be without one trial, or without one visit, less what it is; in
+    the coefficient's unit.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The p coefficients.
+    trial : (n,) object array of str
+        Ids, as in the observations.
+    of_trial : (n, p)
+        nan where the others do not determine what the trial should be, or the coefficient is at its
+        bound.
+    residual : (n,)
+        Error of predicting the trial's log lift from all others, over its standard deviation; nan
+        likewise.
+    visit : (v,) int array
+        Labels, ascending.
+    of_visit : (v, p)
+        As `of_trial`.
+    chi2 : (v,)
+        Squared error of predicting the visit's trials from all others, in units of its covariance;
+        nan likewise.
+    """
+
+    names: tuple[str, ...]
+    trial: NDArray[Any]
+    of_trial: FloatArray
+    residual: FloatArray
+    visit: IntArray
+    of_visit: FloatArray
+    chi2: FloatArray
+
+
+def influence(fit: Fit) -> Influence:
+    """How far each trial and each visit moves each coefficient, in closed form from the fit, its
+    scatter held fixed.
+    """
+    return influence_on(fit.problem.data, fit.names, _free(fit), visits(fit))
+
+
+def influence_on(
+    data: Observations, names: tuple[str, ...], free: Sequence[int], blocks: Sequence[Deletion]
+) -> Influence:
+    """The same from what visits look like to the others."""
+    p = len(names)
+    fixed = [i for i in range(p) if i not in free]
+    of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
+    labels, shifts, squares = [], [], []
+    for block in blocks:
+        diagonal = np.diagonal(block.information, axis1=1, axis2=2)
+        told = diagonal > DETERMINED * block.whole[:, None]
+        safe = np.where(told, diagonal, np.nan)
+        residual[block.index] = block.weighed / np.sqrt(safe)
+        of_trial[block.index] = -(block.gain * (block.weighed / safe)[:, None]).swapaxes(-1, -2)
+        value, vector = np.linalg.eigh(block.information)
+        told = value.min(axis=1) > DETERMINED * block.whole
+        turned = np.einsum("mij,mi->mj", vector, block.weighed)
+        value = np.where(told[:, None], value, np.nan)
+        shifts.append(-np.einsum("mpi,mij,mj->mp", block.gain, vector, turned / value))
+        squares.append((turned**2 / value).sum(axis=1))
+        labels.append(data.visit[block.index[:, 0]])
+    order = np.argsort(np.concatenate(labels), kind="stable")
+    of_visit = np.concatenate(shifts)[order]
+    of_trial[:, fixed] = of_visit[:, fixed] = np.nan
+    return Influence(
+        names=names,
+        trial=data.trial,
+        of_trial=of_trial,
+        residual=residual,
+        visit=np.concatenate(labels)[order],
+        of_visit=of_visit,
+        chi2=np.concatenate(squares)[order],
+    )

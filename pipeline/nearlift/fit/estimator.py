@@ -1,0 +1,265 @@
+"""A fit linearised about the values that are quoted: from it come budget, influence and the
+conditions of other answers.
+
+A base fit and the loop's answer differ in what their covariance holds and in nothing else: effects,
+the uncertainty of their form and structure without a name are columns of unit-variance unknowns in
+it, beside the noise of trials and the declared errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.fit import deletion, gum, held_quantity, inputs
+from nearlift.fit.least_squares import Fit
+from nearlift.likelihood import student
+from nearlift.likelihood.budget import Component
+from nearlift.likelihood.problem import Problem
+from nearlift.quotation import (
+    LEVELS,
+    BudgetLine,
+    CoefficientResult,
+    Doubt,
+    LargestShifts,
+    Shift,
+    ends,
+)
+
+#: A source that adds less than this part of an uncertainty, and whose knowledge would lessen it by
+#: less, is no line.
+NO_LINE = 1e-6
+#: An undeclared input that moves a coefficient by less than this part of its uncertainty is no
+#: doubt.
+WORTH_TELLING = 0.3
+#: Step of the exponent in the derivative of a coefficient.
+EXPONENT_STEP = 0.01
+INPUTS = {
+    "rotor_radius": ("rotor radius", 1e2, "%"),
+    "rotor_spacing": ("rotor spacing", 1e2, "%"),
+    "height": ("distance datum", 1e3, "mm"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimator:
+    """A linearised fit of p coefficients.
+
+    Attributes
+    ----------
+    problem : Problem
+        With every error in its covariance.
+    theta : (p,)
+        The values quoted.
+    u, dof : (p,)
+        Standard uncertainty by this covariance, and degrees of freedom behind it; infinite u where
+        nothing determines the coefficient.
+    lines : tuple of Line
+        The budget.
+    without : mapping of str to (p,)
+        What u would be if a source were known exactly, by its name.
+    parts : tuple of Component
+        Declared errors.
+    offset_m : float
+        The height error at which the problem stands.
+    slope : (n,)
+        d log ratio / dz there.
+    fixed : (p,) mask
+        At a bound, or not determined.
+    """
+
+    problem: Problem
+    theta: FloatArray
+    u: FloatArray
+    dof: FloatArray
+    lines: tuple[gum.Line, ...]
+    without: Mapping[str, FloatArray]
+    parts: tuple[Component, ...]
+    offset_m: float = 0.0
+    slope: FloatArray
+    fixed: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, fit: Fit) -> Estimator:
+        """A base fit's."""
+        problem, offset, slope = gum.linearised(fit)
+        estimates = fit.estimates.values()
+        return cls(
+            problem=problem,
+            theta=fit.theta,
+            u=np.array([e.u for e in estimates]),
+            dof=fit.effective,
+            lines=gum.of(fit)[0] if len(fit.theta) else (),
+            without=gum.u_without(fit) if len(fit.theta) else {},
+            parts=(*fit.parts, *fit.plan.shared),
+            offset_m=offset,
+            slope=slope,
+            fixed=np.array([e.at_bound or not np.isfinite(e.u) for e in estimates], dtype=bool),
+        )
+
+    def reach(self, i: int) -> dict[int, float]:
+        """Standard uncertainties to either side of coefficient i, by level: Student's t; infinite
+        without degrees of freedom.
+        """
+        return {level: student.quantile(0.5 + level / 200, float(self.dof[i])) for level in LEVELS}
+
+    def quoted(
+        self,
+        i: int,
+        spans: Sequence[tuple[float, float]],
+        holds: str,
+        doubts: Sequence[Doubt],
+        which: str = "",
+    ) -> CoefficientResult:
+        """Coefficient i over `spans` of value and u, the first of which is this estimator's;
+        `which` is the source that several answers are.
+        """
+        parameter, reach = self.problem.model.parameters[i], self.reach(i)
+        low, high = parameter.bounds
+        own = ends(spans, reach, (-np.inf, np.inf))
+        # over several answers u is what the interval is worth
+        several = len(spans) > 1 and np.isfinite(own["hi90"] - own["lo90"])
+        u = (own["hi90"] - own["lo90"]) / (2 * reach[90]) if several else spans[0][1]
+        cut = [
+            f"{bound:g}"
+            for bound, beyond in ((low, own["lo90"] < low), (high, own["hi90"] > high))
+            if beyond
+        ]
+        value = float(self.theta[i])
+        return CoefficientResult(
+            value=value,
+            u=float(u),
+            dof=float(self.dof[i]),
+            unit=parameter.unit,
+            **ends(spans, reach, parameter.bounds),
+            holds=holds
+            + (f"; cut off at {' and '.join(cut)}, the bound of {parameter.name}" if cut else "")
+            + ".",
+            budget=self._budget(i, float(u), which),
+            influence=self._influence[parameter.name],
+            doubts=tuple(doubts),
+            at_bound=bool(
+                np.isfinite(high - low) and min(value - low, high - value) < 1e-6 * (high - low)
+            ),
+        )
+
+    def doubt(self, i: int, condition: str, value: float, u: float) -> Doubt:
+        """Another answer of this many degrees of freedom."""
+        e = ends([(value, u)], self.reach(i), self.problem.model.parameters[i].bounds)
+        return Doubt(condition=condition, value=value, lo90=e["lo90"], hi90=e["hi90"])
+
+    def _budget(self, i: int, u: float, which: str) -> tuple[BudgetLine, ...]:
+        """Sources of error of coefficient i, what adds most first; `u` less this estimator's is
+        what answers differ by.
+        """
+        apart = float(np.sqrt(max(u**2 - self.u[i] ** 2, 0.0))) if np.isfinite(u) else 0.0
+        found = []
+        # lines are those of the linearised estimator, u may be of the curve itself
+        linear = float(np.sqrt(sum(line.covariance[i, i] for line in self.lines)))
+        scale = float(self.u[i]) / linear if linear > 0 and np.isfinite(self.u[i]) else 1.0
+        for line in self.lines:
+            own = scale * float(np.sqrt(max(line.covariance[i, i], 0.0)))
+            left = float(np.hypot(self.without.get(line.component, self.u)[i], apart))
+            if own > NO_LINE * u or left < (1 - NO_LINE) * u:
+                told = (
+                    {
+                        "u_input": line.standard,
+                        "unit": line.unit,
+                        "sensitivity": float(line.sensitivity[i]),
+                    }
+                    if line.unit
+                    else {}
+                )
+                found.append(
+                    BudgetLine(
+                        source=line.component,
+                        kind=line.kind,
+                        u=own,
+                        u_without=left,
+                        distribution=line.distribution,
+                        scope=line.scope,
+                        dof=float(line.dof[i]),
+                        **told,
+                    )
+                )
+        if which and apart > NO_LINE * u:
+            found.append(BudgetLine(source=which, kind="B", u=apart, u_without=float(self.u[i])))
+        return tuple(sorted(found, key=lambda line: -line.u))
+
+    @cached_property
+    def _influence(self) -> dict[str, LargestShifts]:
+        """The single trial and visit that move each coefficient most, in closed form, the scatter
+        held fixed.
+        """
+        names, free = self.problem.names, [int(i) for i in np.flatnonzero(~self.fixed)]
+        blocks = deletion.visits_of(self.problem, self.theta, free, self.offset_m, self.slope)
+        moved = deletion.influence_on(self.problem.data, names, free, blocks)
+        return {
+            name: LargestShifts(
+                trial=largest(moved.trial, moved.of_trial[:, i]),
+                visit=largest(moved.visit, moved.of_visit[:, i]),
+            )
+            for i, name in enumerate(names)
+        }
+
+    def doubts(self) -> list[list[Doubt]]:
+        """What each coefficient would be under conditions that the bench can look into: other
+        exponents, inputs that nobody declared.
+        """
+        listed: list[list[Doubt]] = [[] for _ in self.theta]
+        if not len(self.theta):
+            return listed
+        if np.isfinite(self.u[0]):
+            listed[0] += [self.doubt(0, *told) for told in self._exponents()]
+        gain = gum.gain(self.problem, self.theta, self.offset_m)
+        for missing in inputs.undeclared_in(self.problem, self.theta, gain, self.parts, self.slope):
+            for i, shift in enumerate(missing.shift.tolist()):
+                if np.isfinite(self.u[i]) and abs(shift) > WORTH_TELLING * self.u[i]:
+                    name, scale, unit = INPUTS[missing.on]
+                    condition = (
+                        f"the {name}, of which nothing is declared, is known to"
+                        f" {scale * missing.size:g} {unit}"
+                    )
+                    listed[i].append(
+                        self.doubt(
+                            i, condition, float(self.theta[i]), float(np.hypot(self.u[i], shift))
+                        )
+                    )
+        return listed
+
+    def _exponents(self) -> Iterator[tuple[str, float, float]]:
+        """Condition, value and u of the first coefficient with the ratio raised to a power other
+        than 1.
+        """
+        problem = gum.about(self.problem, self.offset_m, self.slope)
+        n, u_n, _ = held_quantity.free_exponent(problem, self.theta)
+        if np.isfinite(n):
+            found = held_quantity.at_exponents(
+                problem, self.theta, [n - EXPONENT_STEP, n, n + EXPONENT_STEP]
+            )
+            if len(found) == 3:
+                turn = (found[2].value - found[0].value) / (2 * EXPONENT_STEP)
+                yield (
+                    "the exponent of the ratio is free",
+                    found[1].value,
+                    float(np.hypot(found[1].u, turn * u_n)),
+                )
+        for power in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
+            yield (
+                "lift goes as the ratio to the power 2/3, as at constant power",
+                power.value,
+                power.u,
+            )
+
+
+def largest(ids: NDArray[np.generic], shift: FloatArray) -> Shift | None:
+    """The largest of the shifts (m,) that are known."""
+    if not np.isfinite(shift).any():
+        return None
+    i = int(np.nanargmax(np.abs(shift)))
+    return Shift(id=str(ids[i]), shift=float(shift[i]))

@@ -1,0 +1,512 @@
+"""The budget of one fit, as the GUM wants it: what each source of error adds to the variance of
+each coefficient.
+
+The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with ``G = (J' P
+J)^-1 J' P`` and P the inverse covariance freed of L_inf. The covariance is a sum of parts, ``C =
+sum C_i``, so the variance is the sum of ``G C_i G'``: no part is left out and none counted twice,
+and the shares add to one for the very estimator that was used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood import budget, noise, semiseparable, student
+from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups
+from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance, group_sums
+from nearlift.likelihood.problem import Problem
+from nearlift.results import Noise, Observations
+
+if TYPE_CHECKING:
+    from nearlift.fit.least_squares import Fit
+
+#: An uncertainty known worse than one degree of freedom would say is given that one: 90 % are then
+#: 6.3 standard uncertainties.
+LEAST_DOF = 1.0
+#: Unit of a component's standard uncertainty, by what it is on.
+UNITS = {"height": "m", "force": "N", "gain": "1", "linearity": "N", **dict.fromkeys(INPUTS, "1")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """One source of error, for all p coefficients at once.
+
+    Attributes
+    ----------
+    component, distribution, scope, unit : str
+        `unit` is that of `standard`.
+    kind : str
+        ``"A"`` from repeats, ``"B"`` declared.
+    standard : float
+        Standard uncertainty of the input; of one trial's or one record's, where they differ their
+        root mean square.
+    covariance : (p, p)
+        What it adds to the covariance of the coefficients.
+    sensitivity : (p,)
+        Change of each coefficient per unit of the input, signed where the input is one number; else
+        the root of the sum of squares over its elements, so that ``|sensitivity| standard`` is the
+        contribution in both cases.
+    dof : (p,)
+        Effective degrees of freedom of the contribution; inf for a declared one.
+    sizes : dict of (p,)
+        Of what the scatter of trials adds: the variance by each size of `Noise`.
+    """
+
+    component: str
+    kind: Literal["A", "B"]
+    distribution: str
+    scope: str
+    standard: float
+    unit: str
+    covariance: FloatArray
+    sensitivity: FloatArray
+    dof: FloatArray
+    sizes: dict[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Total:
+    """Combined standard uncertainty, effective degrees of freedom, coverage factor and expanded
+    uncertainty at 95 %, each (p,).
+    """
+
+    u: FloatArray
+    dof: FloatArray
+    k: FloatArray
+    U95: FloatArray
+
+
+def gain(problem: Problem, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
+    """The linear estimator G, (p, n): change of each coefficient per unit change of each trial's
+    log lift, L_inf free.
+    """
+    jacobian = problem.jacobian(theta, offset_m)
+    white = problem.project(jacobian.T)
+    return np.asarray(
+        _inverse_information(white) @ problem.covariance.unwhiten(white), dtype=np.float64
+    )
+
+
+def _inverse_information(white: FloatArray) -> FloatArray:
+    """Covariance (p, p) of the coefficients from their whitened Jacobian (p, n)."""
+    size = np.linalg.norm(white, axis=1)
+    scale = np.where(size > 0, size, 1.0)
+    inverse = np.linalg.pinv(
+        (white / scale[:, None]) @ (white / scale[:, None]).T, rcond=1e-13, hermitian=True
+    )
+    return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64)
+
+
+def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
+    """The budget of a fit, and its total.
+
+    Where a shared height error was integrated over, the split is that of the linear estimator at
+    the height and the coefficients found, and each coefficient's lines are scaled by one factor to
+    the variance that the integral gave.
+    """
+    p, over, shared = len(fit.theta), fit.marginal, fit.plan.shared
+    if over is None:
+        found = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
+        return found, total(found, fit.noise, p)
+    wider, offset, slope = linearised(fit)
+    g = gain(wider, fit.theta, offset)
+    found = (
+        *lines(wider, g, fit.parts, fit.noise, fit.slope),
+        *(_declared(fit.problem.data, g, part, slope) for part in shared),
+    )
+    linear = sum((np.diag(line.covariance) for line in found), np.zeros(p))
+    factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
+    found = tuple(
+        replace(
+            a,
+            covariance=a.covariance * np.outer(factor, factor),
+            sensitivity=a.sensitivity * factor,
+        )
+        for a in found
+    )
+    return found, total(found, fit.noise, p)
+
+
+def u_without(fit: Fit) -> dict[str, FloatArray]:
+    """`without_each` of a fit, its shared height errors among the sources."""
+    problem, offset, slope = linearised(fit)
+    parts = [
+        *((part, fit.slope) for part in fit.parts),
+        *((part, slope) for part in fit.plan.shared),
+    ]
+    return without_each(
+        problem,
+        problem.jacobian(fit.theta, offset),
+        fit.noise,
+        parts,
+        np.sqrt(np.diag(fit.covariance)),
+    )
+
+
+def without_each(
+    problem: Problem,
+    jacobian: FloatArray,
+    scatter: Noise,
+    parts: Sequence[tuple[Component, FloatArray]],
+    u: FloatArray,
+    further: Mapping[str, slice] | None = None,
+) -> dict[str, FloatArray]:
+    """Standard uncertainty of each coefficient, (p,), were one source of error known exactly; by
+    the budget's names of sources.
+
+    What is known exactly leaves the covariance, and the trials are weighted anew. Sources are
+    correlated through the fit, so this is not what a source's part of the variance suggests: a
+    datum that adds little may set how much another source can do.
+
+    Parameters
+    ----------
+    problem : Problem
+    jacobian : (n, p)
+        Of its log ratio.
+    scatter : Noise
+    parts : sequence of (Component, (n,))
+        Declared errors in the order in which they stand in the covariance, each with the slope that
+        carries heights.
+    u : (p,)
+        What it all comes to: the answers are in its scale.
+    further : mapping of str to slice
+        Sources that are columns of the covariance's shared unknowns, beyond those of `parts`.
+    """
+
+    def spread(covariance: Covariance) -> FloatArray:
+        white = replace(problem, covariance=covariance).project(jacobian.T)
+        return np.asarray(
+            np.sqrt(np.maximum(np.diag(_inverse_information(white)), 0.0)), dtype=np.float64
+        )
+
+    whole = spread(problem.covariance)
+    scale = u / np.where(whole > 0, whole, 1.0)
+    return {
+        name: scale * spread(covariance)
+        for name, covariance in _lacking(problem, scatter, parts, further or {})
+    }
+
+
+def _lacking(
+    problem: Problem,
+    scatter: Noise,
+    parts: Sequence[tuple[Component, FloatArray]],
+    further: Mapping[str, slice],
+) -> Iterator[tuple[str, Covariance]]:
+    """The covariance without each source in turn."""
+    data, whole = problem.data, problem.covariance
+    trial_by_trial = {
+        RECORD: (data.u_lift_N / data.lift_N) ** 2,
+        NAMES["relative"]: np.full(data.n, scatter.relative**2),
+        NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
+    }
+    trial_by_trial |= {
+        part.name: _independent(data, part, carried)
+        for part, carried in parts
+        if part.scope not in GROUPED
+    }
+    for name, variance in trial_by_trial.items():
+        yield name, replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
+    yield NAMES["height_m"], replace(whole, per_visit=np.zeros(data.n))
+    yield NAMES["common"], replace(whole, common=0.0)
+    yield NAMES["drift"], replace(whole, drift=np.zeros(len(scatter.drift)))
+    first = 0
+    for part, _ in parts:
+        width = int(groups(data, part.scope).max()) + 1 if part.scope in GROUPED else 0
+        if width:
+            yield (
+                part.name,
+                replace(
+                    whole, shared=np.delete(whole.shared, np.s_[first : first + width], axis=1)
+                ),
+            )
+        first += width
+    for name, columns in further.items():
+        yield name, replace(whole, shared=np.delete(whole.shared, columns, axis=1))
+
+
+def linearised(fit: Fit) -> tuple[Problem, float, FloatArray]:
+    """The fit's likelihood with every height error in its covariance, the height at which it
+    stands, and the slope there, (n,).
+
+    The same as the fit's own unless a shared height error was integrated over.
+    """
+    if fit.marginal is None:
+        return fit.problem, 0.0, fit.slope
+    offset = fit.marginal.offset()[0]
+    slope = fit.problem.height_slope(fit.theta, offset)
+    own = fit.problem.covariance
+    more = budget.shared(fit.problem.data, fit.plan.shared, slope)
+    return (
+        replace(fit.problem, covariance=replace(own, shared=np.hstack([own.shared, more]))),
+        offset,
+        slope,
+    )
+
+
+def stand_in(fit: Fit) -> Problem:
+    """The fit's likelihood in its coefficients alone: an integrated height error is carried by the
+    slope about the height found.
+    """
+    return about(*linearised(fit))
+
+
+def about(problem: Problem, offset_m: float, slope: FloatArray) -> Problem:
+    """A likelihood moved to the height `offset_m` at which it stands, about which `slope` (n,)
+    carries the height error.
+    """
+    if not offset_m:
+        return problem
+    data = replace(problem.data, z_hat=problem.data.z_hat + offset_m / problem.data.radius_m)
+    return replace(problem, data=data, shift=problem.shift - slope * offset_m)
+
+
+def lines(
+    problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray
+) -> tuple[Line, ...]:
+    """Every part of the problem's covariance with its share.
+
+    Parameters
+    ----------
+    problem : Problem
+    g : (p, n)
+        See `gain`.
+    parts, scatter, slope
+        What the covariance was assembled from.
+    """
+    data = problem.data
+    found = [
+        *_repeats(data, g, scatter, slope),
+        *(_declared(data, g, part, slope) for part in parts),
+    ]
+    # the floor under a variance of zero, where nothing scatters at all
+    own = problem.covariance.variance - sum(
+        (_independent(data, part, slope) for part in parts), _own(data, scatter)
+    )
+    if np.any(own > 1e-3 * problem.covariance.variance):
+        found.append(
+            _trials(
+                g,
+                np.maximum(own, 0.0),
+                "least scatter assumed",
+                "trial",
+                1.0,
+                "1",
+                np.full(len(g), np.inf),
+            )
+        )
+    return tuple(line for line in found if line.standard > 0)
+
+
+def _own(data: Observations, scatter: Noise) -> FloatArray:
+    return np.asarray(
+        (data.u_lift_N / data.lift_N) ** 2
+        + scatter.relative**2
+        + (scatter.force_N / data.lift_N) ** 2,
+        dtype=np.float64,
+    )
+
+
+def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
+    record = data.u_lift_N / data.lift_N
+    own = g**2 * record**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        record_dof = own.sum(axis=1) ** 2 / (own**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
+    visit = np.unique(data.visit, return_inverse=True)[1]
+    by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
+    age = noise.ages(data)
+    drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
+    rms = float(np.sqrt(np.mean(record**2)))
+
+    def line(
+        kind: str, scope: str, standard: float, unit: str, parts: dict[str, FloatArray]
+    ) -> Line:
+        sizes = {name: np.diag(covariance) for name, covariance in parts.items()}
+        covariance: FloatArray = sum(parts.values(), np.zeros((len(g), len(g))))
+        own, known = _told_by(scatter, sizes, len(g))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dof = np.where(known > 0, 2 * own**2 / known, scatter.dof)
+        return replace(
+            _line(NAMES[kind], "A", "normal", scope, standard, unit, covariance, dof), sizes=sizes
+        )
+
+    return [
+        _trials(g, record**2, RECORD, "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)),
+        line(
+            "relative", "trial", scatter.relative, "1", {"relative": scatter.relative**2 * g @ g.T}
+        ),
+        line(
+            "force_N",
+            "trial",
+            scatter.force_N,
+            "N",
+            {"force_N": (g * (scatter.force_N / data.lift_N) ** 2) @ g.T},
+        ),
+        line(
+            "height_m",
+            "visit",
+            scatter.height_m,
+            "m",
+            {"height_m": by_height @ by_height.T * scatter.height_m**2},
+        ),
+        line(
+            "common",
+            "visit",
+            scatter.common,
+            "1",
+            {"common": by_common @ by_common.T * scatter.common**2},
+        ),
+        line("drift", "campaign", float(np.sqrt(np.sum(np.square(scatter.drift)))), "1", drifts),
+    ]
+
+
+def _told_by(scatter: Noise, sizes: dict[str, FloatArray], p: int) -> tuple[FloatArray, FloatArray]:
+    """The variance that some sizes of the scatter add, and the variance of that variance, as far as
+    the trials tell; (p,) each.
+    """
+    names = [name for name in scatter.sizes if name in sizes]
+    index = [scatter.sizes.index(name) for name in names]
+    own = np.array([sizes[name] for name in names]).reshape(len(names), p)
+    spread = np.array(scatter.log_covariance).reshape(len(scatter.sizes), len(scatter.sizes))[
+        np.ix_(index, index)
+    ]
+    return own.sum(axis=0), 4 * np.einsum("ip,ij,jp->p", own, spread, own)
+
+
+def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
+    """G M G' (p, p) of a drift of unit size; `age` (n,) as in `Covariance`, in run order."""
+    memory = np.exp(-np.abs(np.diff(age, prepend=age[:1])))
+    memory[:1] = 0.0
+    one = np.ones((len(age), 1))
+    return np.asarray(
+        g @ semiseparable.product(one, memory[:, None], np.ascontiguousarray(g.T)), dtype=np.float64
+    )
+
+
+def _trials(
+    g: FloatArray,
+    variance: FloatArray,
+    name: str,
+    scope: str,
+    standard: float,
+    unit: str,
+    dof: FloatArray,
+) -> Line:
+    return _line(name, "A", "normal", scope, standard, unit, (g * variance) @ g.T, dof)
+
+
+def _line(
+    name: str,
+    kind: Literal["A", "B"],
+    distribution: str,
+    scope: str,
+    standard: float,
+    unit: str,
+    covariance: FloatArray,
+    dof: FloatArray,
+) -> Line:
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return Line(
+        component=name,
+        kind=kind,
+        distribution=distribution,
+        scope=scope,
+        standard=standard,
+        unit=unit,
+        covariance=covariance,
+        sensitivity=u / standard if standard > 0 else np.zeros(len(u)),
+        dof=dof,
+    )
+
+
+def further(name: str, kind: Literal["A", "B"], moved: FloatArray) -> Line:
+    """A source that is several unknowns of unit variance by itself: `moved` (p, k) is what each
+    does to each coefficient.
+    """
+    return _line(name, kind, "", "", 1.0, "", moved @ moved.T, np.full(len(moved), np.inf))
+
+
+def _independent(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
+    """Variance that a component adds to each trial by itself, (n,)."""
+    if part.scope in GROUPED:
+        return np.zeros(data.n)
+    return part.sensitivity(data, slope) ** 2 / (
+        np.maximum(data.n_eff, 1) if part.scope == "sample" else 1.0
+    )
+
+
+def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatArray) -> Line:
+    never = np.full(len(g), np.inf)
+    grouped = part.scope in GROUPED
+    size = g * part.sensitivity(data, slope)
+    shared = group_sums(size, groups(data, part.scope)) if grouped else np.zeros((len(g), 0))
+    covariance = shared @ shared.T + (g * _independent(data, part, slope)) @ g.T
+    line = _line(
+        part.name,
+        "B",
+        part.distribution,
+        part.scope,
+        part.standard,
+        UNITS[part.on],
+        covariance,
+        never,
+    )
+    if shared.shape[1] == 1 and part.standard > 0:
+        return replace(line, sensitivity=shared[:, 0] / part.standard)
+    return line
+
+
+def levels_gain(problem: Problem, theta: FloatArray, g: FloatArray) -> FloatArray:
+    """Change of log L_inf of each throttle per unit change of each trial's log lift, (K, n), beside
+    the coefficients' `g` (p, n).
+    """
+    direct = problem.level_gain
+    return direct + problem.level_sensitivity(problem.jacobian(theta)) @ g if len(theta) else direct
+
+
+def freedom(
+    problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray
+) -> FloatArray:
+    """Effective degrees of freedom of any linear estimators g (m, n) of the trials' log
+    lift, (m,).
+    """
+    return total(lines(problem, g, parts, scatter, slope), scatter, len(g)).dof
+
+
+def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
+    """Combined uncertainty with Welch and Satterthwaite's degrees of freedom, at least `LEAST_DOF`.
+
+    Their formula takes the variances of repeats as estimated apart from one another; the parts of
+    one scatter are not, and theirs are combined with the covariance that the fit of the noise
+    gives. Where they are independent the two formulas are one.
+    """
+    variance: FloatArray = sum((np.diag(line.covariance) for line in found), np.zeros(p))
+    sizes = {name: size for line in found for name, size in line.sizes.items()}
+    _, spread = _told_by(scatter, sizes, p)
+    for line in found:
+        if not line.sizes.keys() & set(scatter.sizes):
+            spread = spread + 2 * np.diag(line.covariance) ** 2 / line.dof
+    dof = np.where(
+        spread > 0,
+        np.maximum(2 * variance**2 / np.where(spread > 0, spread, 1.0), LEAST_DOF),
+        np.inf,
+    )
+    k = np.array([student.quantile(0.975, d) for d in dof])
+    return Total(u=np.sqrt(variance), dof=dof, k=k, U95=k * np.sqrt(variance))
+
+
+#: The line of what a trial's own record shows.
+RECORD = "noise within a record"
+#: The lines that the sizes of `Noise` stand behind.
+NAMES = {
+    "relative": "scatter in proportion to lift",
+    "force_N": "scatter of force",
+    "height_m": "height of a stop",
+    "common": "common to a visit",
+    "drift": "slow drift",
+}

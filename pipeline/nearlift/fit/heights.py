@@ -1,0 +1,363 @@
+"""Height errors where the slope of the curve does not carry them: how to tell, and what to do
+instead.
+
+The covariance takes a height error e as ``e f'``, f the log ratio. What that leaves out is the even
+part, ``(f(z + e) + f(z - e)) / 2 - f(z)``: it does not average to zero. Sent through the
+estimator's gain it is a shift of each coefficient, and where that shift exceeds `LIMIT` of the
+coefficient's uncertainty the slope is not good enough. Then
+
+- an error that all trials share (a datum) becomes an unknown with its declared distribution, and is
+  integrated over by quadrature;
+- errors of several elements (of each stop, each station) keep their covariance, and the prediction
+  becomes its mean over them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nearlift.declare import FloatArray, compose, normal, uniform
+from nearlift.effects.height_offset import EFFECT
+from nearlift.fit import batched, gum
+from nearlift.likelihood.budget import GROUPED, Component, groups
+from nearlift.likelihood.finite import where_finite
+from nearlift.likelihood.problem import Problem
+from nearlift.results import Noise, Observations
+
+#: A shift beyond this part of a coefficient's standard uncertainty calls for more than the slope;
+#: it costs a 90 % interval 0.2 % of coverage.
+LIMIT = 0.1
+#: A scatter of heights whose logarithm has a larger standard deviation than this is not known well
+#: enough to correct for.
+VAGUE = 0.5
+NODES = 41
+#: Nodes less likely than the best by this much (natural logarithm) count for nothing.
+NEGLIGIBLE = 16.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nonlinearity:
+    """How well the slope carries one height error.
+
+    Attributes
+    ----------
+    component : str
+    standard_m : float
+    coefficient : str
+        The one that suffers most.
+    ratio : float
+        Second order over first order in that coefficient.
+    shift : float
+        Second order in that coefficient over its standard uncertainty: what the decision goes by;
+        inf where an error of this size reaches a height at which the model has no value.
+    treatment : str
+        ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"``
+        (prediction averaged over the errors).
+    """
+
+    component: str
+    standard_m: float
+    coefficient: str
+    ratio: float
+    shift: float
+    treatment: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What is carried otherwise than by the slope: shared unknowns to integrate over, and the
+    spread to average the prediction over.
+    """
+
+    shared: tuple[Component, ...] = ()
+    blur_m: float = 0.0
+    measures: tuple[Nonlinearity, ...] = ()
+
+
+def measure(
+    problem: Problem,
+    theta: FloatArray,
+    parts: Sequence[Component],
+    scatter: Noise,
+    slope: FloatArray,
+) -> Plan:
+    """Judge every height error of a fit, and plan for those that the slope does not carry."""
+    data = problem.data
+    heights = [c for c in parts if c.on == "height" and c.standard > 0]
+    if not len(theta) or not (heights or scatter.height_m):
+        return Plan()
+    g = gum.gain(problem, theta)
+    u = np.sqrt(np.diag(np.linalg.pinv(_information(problem, theta), hermitian=True)))
+    first: dict[str, FloatArray] = {
+        line.component: np.sqrt(np.diag(line.covariance))
+        for line in gum.lines(problem, g, parts, scatter, slope)
+    }
+    alone = [c for c in heights if shared_by_all(data, c)]
+    several = [(c.name, c.standard) for c in heights if c not in alone]
+    if scatter.height_m:
+        several.append((gum.NAMES["height_m"], scatter.height_m))
+    index = scatter.sizes.index("height_m") if "height_m" in scatter.sizes else None
+    # to correct for a scatter of heights whose size repeats do not tell would be to make things up
+    guessed = index is not None and scatter.log_covariance[index][index] > VAGUE**2
+    found: list[Nonlinearity] = []
+
+    def judge(
+        name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float
+    ) -> Nonlinearity:
+        """Both orders in the coefficient that suffers most; errors of one kind are judged
+        together.
+        """
+        moved = np.abs(where_finite(lambda x: g @ x, _even(problem, theta, size_of_all)))
+        # what the trials do not determine has nothing to lose; where the model has no value so far
+        # off, the rest have everything
+        shift = np.where(u > 0, np.nan_to_num(moved, nan=np.inf) / np.where(u > 0, u, 1.0), 0.0)
+        worst = int(np.argmax(shift))
+        own = float(shift[worst]) * (standard / size_of_all) ** 2
+        ratio = own * float(u[worst]) / float(size[worst]) if size[worst] > 0 else np.inf
+        return Nonlinearity(
+            component=name,
+            standard_m=standard,
+            coefficient=problem.names[worst],
+            ratio=ratio,
+            shift=own,
+            treatment=treatment if shift[worst] > LIMIT else "slope",
+        )
+
+    nothing = np.zeros(len(theta))
+    together = float(np.sqrt(sum(c.standard**2 for c in alone)))
+    found += [
+        judge(c.name, c.standard, first.get(c.name, nothing), "exact", together) for c in alone
+    ]
+    spread = float(np.sqrt(sum(s**2 for _, s in several)))
+    # nor is there a mean over heights at which the model has no value; a single lift that is wrong
+    # can make the scatter so large
+    mean = (
+        bool(several)
+        and not guessed
+        and bool(np.isfinite(replace(problem, blur_m=spread).log_ratio(theta)).all())
+    )
+    found += [
+        judge(name, s, first.get(name, nothing), "mean" if mean else "slope", spread)
+        for name, s in several
+    ]
+    exact = {m.component for m in found if m.treatment == "exact"}
+    return Plan(
+        shared=tuple(c for c in alone if c.name in exact),
+        blur_m=spread if any(m.treatment == "mean" for m in found) else 0.0,
+        measures=tuple(found),
+    )
+
+
+def _information(problem: Problem, theta: FloatArray) -> FloatArray:
+    white = problem.project(problem.jacobian(theta).T)
+    return np.asarray(white @ white.T, dtype=np.float64)
+
+
+def shared_by_all(data: Observations, part: Component) -> bool:
+    """Whether one unknown stands behind the component at all of these trials."""
+    return part.scope in GROUPED and bool(groups(data, part.scope).max(initial=0) == 0)
+
+
+def _even(problem: Problem, theta: FloatArray, size_m: float) -> FloatArray:
+    """What an error of this size does to the prediction whatever its sign, (n,); nan where the
+    model has no value so far off.
+    """
+    up, here, down = (problem.log_ratio(theta, e) for e in (size_m, 0.0, -size_m))
+    return (up + down) / 2 - here
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Marginal:
+    """A fit with a shared height error integrated over: a mixture with one normal distribution per
+    node.
+
+    Attributes
+    ----------
+    offset_m, weight : (K,)
+        Nodes, and their posterior probability.
+    theta : (K, p), covariance : (K, p, p)
+        The coefficients at each node.
+    best : int
+        The likeliest node.
+    chi2 : float
+        Least chi2, the declared distribution's part included.
+    log_integral : float
+        Log of the integral of ``exp(-chi2 / 2)`` over the declared distribution, the coefficients
+        at their mean.
+    """
+
+    offset_m: FloatArray
+    weight: FloatArray
+    theta: FloatArray
+    covariance: FloatArray
+    best: int
+    chi2: float
+    log_integral: float
+
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of the coefficients, (p,)."""
+        return np.asarray(self.weight @ self.theta, dtype=np.float64)
+
+    @property
+    def between(self) -> FloatArray:
+        """Covariance of the coefficients that the height error makes, (p, p)."""
+        off = self.theta - self.mean
+        return np.asarray((self.weight[:, None] * off).T @ off, dtype=np.float64)
+
+    @property
+    def within(self) -> FloatArray:
+        """Covariance of the coefficients for a known height, (p, p), its mean."""
+        return np.asarray(np.einsum("k,kpq->pq", self.weight, self.covariance), dtype=np.float64)
+
+    def offset(self) -> tuple[float, float]:
+        """Mean and standard deviation of the height error, m."""
+        mean = float(self.weight @ self.offset_m)
+        return mean, float(np.sqrt(self.weight @ (self.offset_m - mean) ** 2))
+
+    def quantile(self, i: int, probability: float, dof: float) -> float:
+        """Quantile of coefficient i, each node with Student's t."""
+        from scipy.optimize import brentq
+        from scipy.stats import norm, t
+
+        sd = np.sqrt(self.covariance[:, i, i])
+        kind = t(dof) if np.isfinite(dof) else norm()
+        keep = self.weight > 0
+        middle, wide = self.theta[keep, i], sd[keep]
+
+        def excess(x: float) -> float:
+            return float(self.weight[keep] @ kind.cdf((x - middle) / wide)) - probability
+
+        reach = 12 * float(wide.max())
+        return float(brentq(excess, middle.min() - reach, middle.max() + reach))
+
+
+def density(parts: Sequence[Component]) -> tuple[Callable[[FloatArray], FloatArray], float]:
+    """Density of the sum of shared height errors, per metre, and the half-width beyond which it is
+    nothing.
+    """
+    from scipy.stats import norm
+
+    sd = float(np.sqrt(sum(c.standard**2 for c in parts if c.distribution == "normal")))
+    half = [float(c.standard * np.sqrt(3)) for c in parts if c.distribution == "uniform"]
+    reach = 8 * sd + sum(half)
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+
+    def of(x: FloatArray, boxes: list[float]) -> FloatArray:
+        if not boxes:
+            return np.asarray(norm.pdf(x, scale=sd), dtype=np.float64)
+        first, rest = boxes[0], boxes[1:]
+        if rest:
+            return np.asarray(
+                sum(w / 2 * of(x - first * n, rest) for n, w in zip(nodes, weights, strict=True)),
+                dtype=np.float64,
+            )
+        if sd:
+            return np.asarray(
+                (norm.cdf((x + first) / sd) - norm.cdf((x - first) / sd)) / (2 * first),
+                dtype=np.float64,
+            )
+        return np.where(np.abs(x) <= first, 1 / (2 * first), 0.0)
+
+    return lambda x: of(np.asarray(x, dtype=float), half), reach
+
+
+def integrate(
+    problem: Problem, theta: FloatArray, u: FloatArray, parts: Sequence[Component]
+) -> Marginal:
+    """Integrate over a height error that all trials share; `problem` must not carry it already.
+
+    The range is narrowed to where the posterior is, since the trials may know the error far better
+    than it was declared.
+    """
+    from scipy.integrate import trapezoid
+
+    prior, reach = density(parts)
+    bounds = (
+        np.array([q.bounds[0] for q in problem.model.parameters]),
+        np.array([q.bounds[1] for q in problem.model.parameters]),
+    )
+    free = np.ones(len(theta), dtype=bool)
+    low, high, start = -reach, reach, np.tile(theta, (NODES, 1))
+    for _ in range(5):
+        nodes = np.linspace(low, high, NODES)
+
+        def residuals(at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes) -> FloatArray:
+            return problem.residuals(at, nodes[rows, None])
+
+        def linearised(
+            at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes
+        ) -> tuple[FloatArray, FloatArray]:
+            return problem.linearised(at, nodes[rows, None])
+
+        minima = batched.minimise(residuals, start, bounds, u, free, linearised)
+        found, chi2 = minima.theta, minima.chi2
+        with np.errstate(divide="ignore"):
+            joint = np.log(prior(nodes)) - chi2 / 2
+        kept = np.flatnonzero(joint > joint.max() - NEGLIGIBLE)
+        if len(kept) > NODES // 2:
+            break
+        step = nodes[1] - nodes[0]
+        low, high = max(nodes[kept[0]] - step, -reach), min(nodes[kept[-1]] + step, reach)
+        whole = np.isfinite(chi2)
+        start = np.zeros((NODES, len(theta)))
+        for i in range(len(theta)):
+            start[:, i] = np.interp(np.linspace(low, high, NODES), nodes[whole], found[whole, i])
+    covariance = np.zeros((NODES, len(theta), len(theta)))
+    for k in kept:
+        white = problem.project(
+            (
+                problem.jacobian(found[k], nodes[k])
+                if len(theta)
+                else np.zeros((problem.data.n, 0))
+            ).T
+        )
+        covariance[k] = np.linalg.pinv(white @ white.T, hermitian=True)
+    size = np.linalg.slogdet(covariance[kept])[1] / 2
+    weight = np.zeros(NODES)
+    weight[kept] = np.exp(joint[kept] + size - (joint[kept] + size).max())
+    weight[[0, -1]] /= 2
+    weight /= weight.sum()
+    best = int(kept[np.argmax(joint[kept])])
+    mean = weight @ found
+    fine = np.linspace(nodes[kept[0]], nodes[kept[-1]], 401)
+    with np.errstate(divide="ignore"):
+        along = np.log(prior(fine)) - problem.chi2(np.tile(mean, (len(fine), 1)), fine[:, None]) / 2
+    top = along.max()
+    log_integral = float(top + np.log(trapezoid(np.exp(along - top), fine)))
+    most = float(prior(np.zeros(1))[0])
+    penalty = -2 * float(np.log(prior(nodes[best : best + 1])[0] / most))
+    return Marginal(
+        offset_m=nodes,
+        weight=weight,
+        theta=found,
+        covariance=covariance,
+        best=best,
+        chi2=float(chi2[best] + penalty),
+        log_integral=log_integral,
+    )
+
+
+def with_unknown(problem: Problem, parts: Sequence[Component]) -> Problem:
+    """The same likelihood with the shared height error as one more parameter, `offset_m`, with its
+    declared distribution as prior: for samplers.
+
+    Several errors that all trials share act as their sum; a sum that is not all normal is given the
+    normal of the same variance.
+    """
+    _, reach = density(parts)
+    sd = float(np.sqrt(sum(c.standard**2 for c in parts)))
+    flat = len(parts) == 1 and parts[0].distribution == "uniform"
+    unknown = replace(
+        EFFECT.parameters[0],
+        bounds=(-reach, reach),
+        prior=uniform(-reach, reach) if flat else normal(0.0, sd),
+    )
+    model = compose(
+        problem.model,
+        replace(EFFECT, name="height_error", title="height error", parameters=(unknown,)),
+    )
+    return replace(problem, model=model)

@@ -1,0 +1,343 @@
+"""What a trial holds constant, and what that does to the coefficient.
+
+Every published ratio is at constant something: a model of the flow gives g, and lift goes as g^n. n
+= 1 is how the paper and Cheeseman and Bennett use it; momentum theory at constant power gives 2/3,
+blade-element theory at constant speed 0.60 to 0.82 for a rotor of this size. Lift alone hardly
+tells n from the coefficient. What was logged beside it can: a quantity q that follows the change of
+load as q ~ (L / L_inf)^s was not held, and s turns the exponent that theory gives at constant q
+into the one at constant throttle, since lift goes as speed squared and, at fixed flow, as power to
+2/3:
+
+    n = n_speed / (1 - 2 s_speed)        n = (2/3) / (1 - (2/3) s_power)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fit import batched
+from nearlift.fit.least_squares import parameter_covariance
+from nearlift.likelihood.problem import Problem
+from nearlift.results import IntArray, Observations
+
+#: Exponent -> what it supposes.
+PLAUSIBLE = {
+    1.0: "the ratio as published",
+    0.82: "constant speed, at most",
+    2 / 3: "constant power",
+    0.6: "constant speed, at least",
+}
+SPEED = (0.6, 0.82)
+POWER = 2 / 3
+#: Where the curve of the coefficient against the exponent is drawn.
+CURVE = np.round(np.arange(0.5, 1.2001, 0.05), 2)
+#: A logged quantity whose response to load has a smaller p-value was not held.
+NOT_HELD = 0.01
+#: Part of the change of lift that must be left at constant speed or power.
+LEAST_LEFT = 0.1
+#: Fewest visits that can show a response.
+ENOUGH = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Raised(Problem):
+    """The same trials with the model's ratio raised to a fixed exponent."""
+
+    exponent: float = 1.0
+
+    def log_ratio(self, *given: Any, **named: Any) -> FloatArray:
+        """Exponent times log L / L_inf."""
+        return self.exponent * super().log_ratio(*given, **named)
+
+    def slopes(self, *given: Any, **named: Any) -> FloatArray:
+        """Its derivatives."""
+        return self.exponent * super().slopes(*given, **named)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AtExponent:
+    """The headline coefficient with the ratio raised to `n`; `p_value` of that n against the one
+    that fits best.
+    """
+
+    n: float
+    value: float
+    u: float
+    chi2: float
+    p_value: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Response:
+    """How a logged quantity answers to the boundary, at a throttle.
+
+    Attributes
+    ----------
+    quantity : str
+        Column, such as `speed_Hz`.
+    slope, u : float
+        d log quantity / d log (L / L_inf), with an uncertainty that lets the trials of a visit err
+        together.
+    p_value : float
+        Of slope 0: the quantity was held.
+    spread : float
+        Standard deviation of its logarithm within a throttle, for whatever reason.
+    log_far : (K,)
+        Its logarithm far from the boundary, per throttle, with standard uncertainty `u_log_far`.
+    """
+
+    quantity: str
+    slope: float
+    u: float
+    p_value: float
+    spread: float
+    log_far: FloatArray
+    u_log_far: FloatArray
+
+    @property
+    def held(self) -> bool:
+        """Whether nothing says that it followed the load."""
+        return self.p_value >= NOT_HELD
+
+    def exponents(self) -> tuple[float, float] | None:
+        """The exponent at constant throttle that theory at constant speed or power implies, least
+        and most over 90 % of the slope.
+
+        None for other quantities, and where lift would follow the quantity's own change alone:
+        theory then says nothing.
+        """
+        ends = self.slope + np.array([-1.645, 1.645]) * self.u
+        at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(
+            self.quantity, ((), 1.0)
+        )
+        if not at_constant or (left := 1 - follows * ends).min() < LEAST_LEFT:
+            return None
+        found = np.outer(at_constant, 1 / left)
+        return float(found.min()), float(found.max())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Held:
+    """The headline coefficient over the exponents that may be right.
+
+    Attributes
+    ----------
+    plausible : tuple of AtExponent
+        At the exponents of `PLAUSIBLE`, in that order.
+    curve : tuple of AtExponent
+        At those of `CURVE`.
+    n, u_n : float
+        Exponent that fits best with the coefficient free, from lift alone; nan where it cannot be
+        estimated.
+    responses : tuple of Response
+        Of what was logged.
+    supported : (least, most) or None
+        Exponents that the logs leave, by theory; None where nothing logged decides.
+    at_ends : tuple of AtExponent
+        At those two.
+    """
+
+    plausible: tuple[AtExponent, ...]
+    curve: tuple[AtExponent, ...]
+    n: float
+    u_n: float
+    responses: tuple[Response, ...]
+    supported: tuple[float, float] | None
+    at_ends: tuple[AtExponent, ...]
+
+
+def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
+    """Ask at the optimum `theta` (p,) of the model as published what other exponents would make of
+    its first coefficient.
+    """
+    n, u_n, least = free_exponent(problem, theta)
+    responses = tuple(
+        r
+        for q in logged(problem.data)
+        if (r := response(problem.data, problem.log_ratio(theta), q)) is not None
+    )
+    supported = _supported(responses)
+
+    def at(exponents: Sequence[float]) -> tuple[AtExponent, ...]:
+        return tuple(_with_p(x, least, noise_dof) for x in at_exponents(problem, theta, exponents))
+
+    return Held(
+        plausible=at(list(PLAUSIBLE)),
+        curve=at(CURVE.tolist()),
+        n=n,
+        u_n=u_n,
+        responses=responses,
+        supported=supported,
+        at_ends=at(supported) if supported else (),
+    )
+
+
+def at_exponents(
+    problem: Problem, theta: FloatArray, exponents: Sequence[float]
+) -> tuple[AtExponent, ...]:
+    """The first coefficient refitted at each exponent, all at once; exponents at which no fit
+    converges are left out.
+    """
+    n = np.asarray(exponents, dtype=float)
+    target = problem.project(np.log(problem.data.lift_N))
+    low, high = (np.array([p.bounds[end] for p in problem.model.parameters]) for end in (0, 1))
+
+    def residuals(at: FloatArray, rows: IntArray) -> FloatArray:
+        return target - n[rows, None] * problem.project(problem.log_ratio(at))
+
+    def linearised(at: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        return residuals(at, rows), -n[rows, None, None] * problem.project(problem.slopes(at))
+
+    jacobian = problem.slopes(theta)
+    u = np.sqrt(np.diag(parameter_covariance(problem.project(jacobian))[0]))
+    found = batched.minimise(
+        residuals,
+        np.tile(theta, (len(n), 1)),
+        (low, high),
+        np.where(u > 0, u, 1.0),
+        np.ones(len(theta), dtype=bool),
+        linearised,
+    )
+    best = batched.settled(linearised, found.theta, (low, high))
+    answers = []
+    for k in np.flatnonzero(found.converged):
+        jacobian = n[k] * problem.slopes(best[k])
+        covariance, determined = parameter_covariance(
+            problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
+        )
+        own = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
+        answers.append(
+            AtExponent(n=float(n[k]), value=float(best[k, 0]), u=own, chi2=float(found.chi2[k]))
+        )
+    return tuple(answers)
+
+
+def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, float]:
+    """Exponent that fits best, its standard uncertainty with theta free, and chi2 there; nan, nan,
+    chi2 at 1 where the two cannot be told apart.
+    """
+    from scipy.optimize import least_squares
+
+    declared = problem.model.parameters
+    low = np.r_[[p.bounds[0] for p in declared], 0.1]
+    high = np.r_[[p.bounds[1] for p in declared], 3.0]
+
+    def residuals(x: FloatArray) -> FloatArray:
+        r = _raised(problem, float(x[-1])).residuals(x[:-1])
+        return np.where(np.isfinite(r), r, 1e3)
+
+    target = problem.project(np.log(problem.data.lift_N))
+
+    def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
+        at, n = x[:, :-1], x[:, -1:]
+        ratio = problem.log_ratio(at)
+        slopes = np.concatenate([n[:, :, None] * problem.slopes(at), ratio[:, None]], axis=1)
+        return target - problem.project(n * ratio), -problem.project(slopes)
+
+    size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
+    start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
+    found = least_squares(
+        residuals,
+        start,
+        jac="3-point",
+        bounds=(low, high),
+        x_scale=size,
+        xtol=1e-10,
+        ftol=1e-10,
+        gtol=1e-10,
+    )
+    best = batched.settled(linearised, found.x[None], (low, high))
+    r, slopes = (x[0] for x in linearised(best, np.zeros(1, dtype=np.int64)))
+    best, chi2 = best[0], min(float(r @ r), float(problem.chi2(theta)))
+    information = (slopes * size[:, None]) @ (slopes * size[:, None]).T
+    at_bound = np.any(best - low < 1e-4 * size) or np.any(high - best < 1e-4 * size)
+    if at_bound or np.linalg.cond(information) > 1e12:
+        return float("nan"), float("nan"), chi2
+    return float(best[-1]), float(np.sqrt(np.linalg.inv(information)[-1, -1]) * size[-1]), chi2
+
+
+def logged(data: Observations) -> dict[str, FloatArray]:
+    """What was logged of speed, power and supply, positive in every trial; power from supply and
+    current where it was not logged itself.
+    """
+    known = dict(data.covariates)
+    if "power_W" not in known and {"supply_V", "current_A"} <= known.keys():
+        known["power_W"] = known["supply_V"] * known["current_A"]
+    wanted = {name: known[name] for name in ("speed_Hz", "power_W", "supply_V") if name in known}
+    return {name: x for name, x in wanted.items() if np.isfinite(x).all() and (x > 0).all()}
+
+
+def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Response | None:
+    """How `quantity` answers to the change of lift, at a throttle and in a session; None where
+    these trials cannot say.
+
+    Least squares of its logarithm on `log_ratio` (n,), a level per throttle and one per session;
+    the covariance is the sandwich over visits, since what drifts (a battery) is common to a visit's
+    trials.
+    """
+    from scipy.stats import t
+
+    y = np.log(logged(data)[quantity])
+    k, sessions = len(data.levels), int(data.session.max()) + 1
+    columns = [np.eye(k)[data.level], np.eye(sessions)[data.session][:, 1:]]
+    q, _ = np.linalg.qr(np.hstack(columns))
+    own = log_ratio - q @ (q.T @ log_ratio)
+    visits = np.unique(data.visit, return_inverse=True)[1]
+    dof = visits.max() + 1 - sessions - 1
+    # distance and session changed together: nothing of the change is left within a session
+    if dof < ENOUGH - 2 or not own @ own > 1e-4 * (log_ratio - log_ratio.mean()) @ (
+        log_ratio - log_ratio.mean()
+    ):
+        return None
+    # sessions about their mean, so that a throttle's level is that of the whole campaign
+    about = columns[1] - columns[1].mean(axis=0)
+    x = np.column_stack([columns[0], log_ratio, about])
+    inverse = np.linalg.pinv(x.T @ x)
+    beta = inverse @ (x.T @ y)
+    residual = y - x @ beta
+    scores = np.zeros((visits.max() + 1, x.shape[1]))
+    np.add.at(scores, visits, x * residual[:, None])
+    covariance = inverse @ (scores.T @ scores) @ inverse * (visits.max() + 1) / dof
+    slope, u = float(beta[k]), float(np.sqrt(covariance[k, k]))
+    within = y - (np.bincount(data.level, y) / np.bincount(data.level))[data.level]
+    # what is constant to rounding was held
+    p = float(2 * t.sf(abs(slope) / u, dof)) if u > 1e-9 else float(abs(slope) < 1e-6)
+    return Response(
+        quantity=quantity,
+        slope=slope,
+        u=u,
+        p_value=p,
+        spread=float(np.sqrt(np.mean(within**2))),
+        log_far=beta[:k],
+        u_log_far=np.sqrt(np.diag(covariance)[:k]),
+    )
+
+
+def _supported(responses: tuple[Response, ...]) -> tuple[float, float] | None:
+    """Exponents that speed leaves, else power: speed is what lift follows, power adds the motor's
+    efficiency.
+    """
+    by_name = {r.quantity: r.exponents() for r in responses}
+    return by_name.get("speed_Hz") or by_name.get("power_W")
+
+
+def _raised(problem: Problem, n: float) -> Raised:
+    import dataclasses
+
+    return Raised(
+        **{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}, exponent=n
+    )
+
+
+def _with_p(found: AtExponent, least: float, noise_dof: float) -> AtExponent:
+    from dataclasses import replace
+
+    from nearlift.fit.collapse import f_test
+
+    test = f_test(found.chi2 - least, 1, noise_dof)
+    return replace(found, p_value=test.p_value if test else float("nan"))

@@ -1,0 +1,167 @@
+"""Inputs of a lift model that are known with an uncertainty: rotor radius, rotor spacing, exponent,
+air density, mass.
+
+An input's error is an unknown of the likelihood like any other: it acts on log lift by the model's
+own derivative at the fitted coefficients, here per relative change of the input (per unit change of
+the exponent, whose nominal value is 1).
+
+- `rotor_radius` scales every distance and spacing at once, since a model sees them as multiples of
+  it.
+- `rotor_spacing` scales the layout; a diagonal or positions that the manifest gives by themselves
+  stay.
+- `exponent` is that of ``(L / L_inf)^n``, which says what a trial held constant.
+- `air_density` scales lift: an L_inf per throttle absorbs it unless it differs by session.
+- `mass` does not act on a tethered vehicle's lift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nearlift.declare import FloatArray, LiftModel
+from nearlift.fit import gum
+from nearlift.likelihood.budget import INPUTS, Component
+from nearlift.likelihood.problem import Problem, need
+from nearlift.results import Observations
+
+if TYPE_CHECKING:
+    from nearlift.fit.least_squares import Fit
+
+#: Relative step of the central differences: an error of 1e-8 of the derivative, and rounding of
+#: 1e-12.
+STEP = 1e-4
+#: What a calliper leaves of a rotor of some centimetres, and a datum set by eye.
+PLAUSIBLE = {"rotor_radius": 0.01, "rotor_spacing": 0.01, "height": 5e-4}
+
+
+def acting(
+    parts: Iterable[Component], model: LiftModel, theta: FloatArray
+) -> tuple[Component, ...]:
+    """The components, each input among them with its derivative at these coefficients; one that has
+    a derivative keeps it.
+
+    Give every rival those of the base model, as with the slope of heights, or their likelihoods
+    could not be compared.
+    """
+    coefficients = {p.name: float(t) for p, t in zip(model.parameters, theta, strict=True)}
+    return tuple(
+        replace(part, derivative=_derivative(part, model, coefficients))
+        if part.on in INPUTS and part.derivative is None
+        else part
+        for part in parts
+    )
+
+
+def _derivative(
+    part: Component, model: LiftModel, coefficients: dict[str, float]
+) -> Callable[[Observations], FloatArray]:
+    def derivative(data: Observations) -> FloatArray:
+        if part.on == "air_density":
+            return np.ones(data.n)
+        if part.on == "mass":
+            return np.zeros(data.n)
+        if part.on == "exponent":
+            return _log_ratio(model, data, coefficients)
+        up, down = (
+            _log_ratio(model, _scaled(data, part, 1 + h), coefficients) for h in (STEP, -STEP)
+        )
+        return (up - down) / (2 * STEP)
+
+    return derivative
+
+
+def _log_ratio(model: LiftModel, data: Observations, coefficients: dict[str, float]) -> FloatArray:
+    """Log L / L_inf of each trial; 0 in free air and where the model has no value."""
+    known = {name: need(data, name, model.name) for name in model.needs}
+    near = np.isfinite(data.z_hat)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.asarray(
+            model.evaluate(np.where(near, data.z_hat, 1.0), **coefficients, **known), dtype=float
+        )
+        log = np.log(np.where(ratio > 0, ratio, np.nan))
+    return np.where(near & np.isfinite(log), log, 0.0)
+
+
+def _scaled(data: Observations, part: Component, factor: float) -> Observations:
+    """The trials as they would be with an input so many times its nominal value."""
+    if part.on == "rotor_spacing":
+        return replace(
+            data,
+            geometry={n: v * factor if n in part.moves else v for n, v in data.geometry.items()},
+        )
+    hats = {
+        n: np.asarray(v) / factor if n.endswith("_hat") else v for n, v in data.geometry.items()
+    }
+    return replace(data, z_hat=data.z_hat / factor, radius_m=data.radius_m * factor, geometry=hats)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Undeclared:
+    """An input whose uncertainty nobody declared: what an error of plausible size would do.
+
+    Attributes
+    ----------
+    on : str
+        As `[[uncertainty]] on`.
+    size : float
+        Plausible standard uncertainty: relative, m for a height.
+    shift : (p,)
+        Change of each coefficient by an error of that size.
+    """
+
+    on: str
+    size: float
+    shift: FloatArray
+
+
+def undeclared(fit: Fit) -> tuple[Undeclared, ...]:
+    """`undeclared_in` of a fit."""
+    problem, offset, slope = gum.linearised(fit)
+    return undeclared_in(
+        problem,
+        fit.theta,
+        gum.gain(problem, fit.theta, offset),
+        (*fit.parts, *fit.plan.shared),
+        slope,
+    )
+
+
+def undeclared_in(
+    problem: Problem,
+    theta: FloatArray,
+    gain: FloatArray,
+    parts: Iterable[Component],
+    slope: FloatArray,
+) -> tuple[Undeclared, ...]:
+    """Geometry and datum without a declared uncertainty, each with what an error of plausible size
+    would do to the coefficients.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : (p,)
+    gain : (p, n)
+        Change of the coefficients per change of log lift.
+    parts : iterable of Component
+        What was declared.
+    slope : (n,)
+        d log ratio / dz.
+    """
+    declared, model = {part.on for part in parts}, problem.model
+    moves = tuple(n for n in ("spacing_hat", "diagonal_hat", "layout_hat") if n in model.needs)
+    listed = []
+    for on, size in PLAUSIBLE.items():
+        if on in declared or (on == "rotor_spacing" and not moves):
+            continue
+        part = Component(
+            name=on, on=on, standard=size, distribution="normal", scope="campaign", moves=moves
+        )
+        [part] = acting([part], model, theta)
+        listed.append(
+            Undeclared(on=on, size=size, shift=gain @ part.sensitivity(problem.data, slope))
+        )
+    return tuple(listed)

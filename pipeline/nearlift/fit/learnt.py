@@ -1,0 +1,105 @@
+"""What the data said and what they did not: the posterior of a parameter beside its prior and its
+bounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fit.belief import Belief
+
+#: A 90 % interval that keeps this much of the prior's width is the prior's; above the second, the
+#: prior still has a say.
+SAME, SHAPED = 0.8, 0.3
+#: Share of the bounded range that counts as lying at a bound, and how much of the posterior must
+#: lie there to be mentioned.
+EDGE, CROWD = 0.005, 0.02
+#: Outside these, a 90 % interval over that of least squares wants a reason; a prior less than this
+#: many times as wide as the latter is one.
+NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learnt:
+    """One parameter after the data: `ratio` of the 90 % widths after and before, share of draws at
+    either bound, and words where they matter.
+    """
+
+    prior: str
+    prior_lo90: float
+    prior_hi90: float
+    ratio: float
+    at_low: float
+    at_high: float
+    words: str
+
+
+def learnt(belief: Belief, draws: FloatArray) -> Learnt:
+    """Compare draws (n,) of a parameter's posterior with what was believed of it."""
+    low, high = belief.parameter.bounds
+    before = belief.quantile([0.05, 0.95])
+    after = np.quantile(draws, [0.05, 0.95])
+    ratio = float(np.ptp(after) / np.ptp(before))
+    edge = EDGE * (high - low)
+    at_low, at_high = float(np.mean(draws < low + edge)), float(np.mean(draws > high - edge))
+    name = belief.parameter.name
+    words = []
+    if ratio > SAME:
+        words.append(
+            f"the data say nothing about {name}: its interval is the prior's"
+            f" ({belief.parameter.prior}), not a result"
+        )
+    elif ratio > SHAPED:
+        words.append(
+            f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width"
+            f" ({belief.parameter.prior})"
+        )
+    for share, bound in ((at_low, low), (at_high, high)):
+        if share > CROWD:
+            words.append(
+                f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}"
+            )
+    return Learnt(
+        prior=str(belief.parameter.prior),
+        prior_lo90=float(before[0]),
+        prior_hi90=float(before[1]),
+        ratio=ratio,
+        at_low=at_low,
+        at_high=at_high,
+        words="; ".join(words),
+    )
+
+
+def beside_fit(belief: Belief, draws: FloatArray, lo90: float, hi90: float) -> tuple[float, str]:
+    """The posterior's 90 % width over that of least squares from `lo90` to `hi90`, and why where
+    they are far apart; nan where that has none.
+    """
+    wide = hi90 - lo90
+    if not (np.isfinite(wide) and wide > 0):
+        return float("nan"), ""
+    ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95])) / wide)
+    if NARROW <= ratio <= WIDE:
+        return ratio, ""
+    low, high = belief.parameter.bounds
+    edge = EDGE * (high - low)
+    reasons = [
+        f"the bound {b:g} cuts it off"
+        for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge))
+        if out and ratio < NARROW
+    ]
+    if ratio < NARROW and float(np.ptp(belief.quantile([0.05, 0.95]))) < CLOSE * wide:
+        reasons.append("the prior narrows it")
+    reasons = reasons or [
+        "the curve is not straight over the interval, as least squares takes it for"
+    ]
+    name = belief.parameter.name
+    return (
+        ratio,
+        (
+            f"the 90 % interval of {name} is {ratio:.2g} times as wide as that of least squares,"
+            f" probably because {' and '.join(reasons)}; see its profile"
+        ),
+    )

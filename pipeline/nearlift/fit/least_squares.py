@@ -1,0 +1,507 @@
+"""Generalised least squares of one lift model, by lmfit, at the level of trials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import isolation
+from nearlift.declare import FloatArray, LiftModel
+from nearlift.errors import NotConverged
+from nearlift.fit import batched, gum, heights, inputs
+from nearlift.fit.degeneracy import Degeneracy, degeneracies
+from nearlift.likelihood import budget, noise, student
+from nearlift.likelihood.problem import Problem, height_slope
+from nearlift.results import Estimate, IntArray, Noise, Observations
+
+NEAR_GROUND = (1.0, 3.0)
+#: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say
+#: nothing of it.
+VAGUE = 1e6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """A model fitted to the trials of one boundary.
+
+    `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle. `rmse` is
+    the root mean square of relative lift residuals over trials; `r2` is of cell means of Delta L,
+    `r2_near` the same over 1 < z_hat < 3. `chi2` uses the scatter of repeats, so chi2 well above
+    `dof` means that the model, not the noise, is at fault. `problem` is the likelihood, `slope` and
+    `parts` what its covariance was assembled from; `plan` says which height errors are not in it,
+    and `marginal` is the integral over those. `effective` (p,) are each coefficient's effective
+    degrees of freedom (`gum`), which its interval, its profile and U95 share; 0 where visits are
+    too few to tell what their trials share, and the interval has no end.
+    """
+
+    model: LiftModel
+    theta: FloatArray
+    covariance: FloatArray
+    estimates: dict[str, Estimate]
+    levels: dict[float, Estimate]
+    chi2: float
+    dof: int
+    n: int
+    rmse: float
+    r2: float
+    r2_near: float | None
+    log_likelihood: float
+    aic: float
+    bic: float
+    degeneracies: tuple[Degeneracy, ...]
+    excluded: tuple[tuple[str, str], ...]
+    noise: Noise
+    problem: Problem
+    slope: FloatArray
+    parts: tuple[budget.Component, ...]
+    plan: heights.Plan
+    effective: FloatArray
+    marginal: heights.Marginal | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters, in the order of `theta`."""
+        return tuple(p.name for p in self.model.parameters)
+
+    @property
+    def dof_of_all(self) -> float:
+        """Degrees of freedom for all coefficients at once: the fewest of any, 1 where one
+        has none.
+        """
+        return max(float(self.effective.min(initial=np.inf)), gum.LEAST_DOF)
+
+
+def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
+    """The theta of least chi2 within the parameters' bounds.
+
+    Raises
+    ------
+    NotConverged
+        lmfit stopped for another reason than convergence, or the model has no value for some trial
+        wherever it may start.
+    """
+    # it imports matplotlib
+    lmfit = isolation.library("lmfit")
+    declared = problem.model.parameters
+    if not declared:
+        return np.zeros(0)
+    first = _first(problem, None if start is None else np.asarray(start, dtype=float))
+    parameters = lmfit.Parameters()
+    for p, value in zip(declared, first, strict=True):
+        inset = 1e-9 * (p.bounds[1] - p.bounds[0])
+        parameters.add(
+            p.name,
+            value=float(np.clip(value, p.bounds[0] + inset, p.bounds[1] - inset)),
+            min=p.bounds[0],
+            max=p.bounds[1],
+        )
+
+    def at(values: Any) -> FloatArray:
+        return np.array([values[n].value for n in problem.names])
+
+    def residuals(values: Any) -> FloatArray:
+        r = problem.residuals(at(values))
+        # a step over a pole must cost more than any real misfit, or the optimiser would stop there
+        return np.where(np.isfinite(r), r, 1e3)
+
+    def derivatives(values: Any) -> FloatArray:
+        return _finite_derivatives(problem, at(values)).T
+
+    scale = np.array(
+        [
+            max(
+                abs(p.value),
+                0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10)),
+            )
+            for p in declared
+        ]
+    )
+    stop = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12, "max_nfev": 2000}
+    found = lmfit.minimize(
+        residuals, parameters, method="least_squares", jac=derivatives, x_scale=scale, **stop
+    )
+    if not found.success:
+        raise NotConverged(
+            f"fit of {problem.model.name}",
+            f"lmfit stopped: {found.message}",
+            "look at the residuals, or tighten the parameters' bounds",
+        )
+    bounds = np.array([p.bounds[0] for p in declared]), np.array([p.bounds[1] for p in declared])
+    best: FloatArray = batched.settled(
+        lambda theta, rows: problem.linearised(theta), at(found.params)[None], bounds
+    )[0]
+    return best
+
+
+def _finite_derivatives(problem: Problem, theta: FloatArray) -> FloatArray:
+    """Of the residuals (p, n), 0 where the model has none."""
+    return np.nan_to_num(problem.derivatives(theta), posinf=0.0, neginf=0.0)
+
+
+def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
+    """Where to start: as given if the model has a value there for all trials, else at its declared
+    values, else at what the bounds hold.
+
+    Raises
+    ------
+    NotConverged
+        It has none at any of these; the remedy depends on which trials are to blame.
+    """
+    declared = problem.model.parameters
+    low, high = (np.array([p.bounds[end] for p in declared]) for end in (0, 1))
+    usual: FloatArray = np.array([p.value for p in declared], dtype=np.float64)
+    inner: list[FloatArray] = [
+        usual + share * (end - usual)
+        for end in (low, high)
+        for share in (0.05, 0.2, 0.5)
+        if np.isfinite(end).all()
+    ]
+    for first in ([] if start is None else [start]) + [usual, *inner]:
+        if np.isfinite(problem.chi2(first)):
+            return first
+    at = ", ".join(
+        f"{n} = {v:g}"
+        for n, v in zip(problem.names, usual if start is None else start, strict=True)
+    )
+    bad, z_hat = ~np.isfinite(problem.log_ratio(usual)), problem.data.z_hat
+    if bad.all() or z_hat[bad].max() > z_hat[~bad].min():
+        remedy = "choose another model: the trials to blame are not those nearest to the boundary"
+    else:
+        remedy = (
+            f"leave out the {bad.sum()} trials nearest to the boundary (z_hat up to"
+            f" {z_hat[bad].max():.3g}), or choose another model"
+        )
+    raise NotConverged(
+        f"fit of {problem.model.name}",
+        f"the model has no value at its start, {at}, for some of the {problem.data.n} trials, nor"
+        " elsewhere",
+        remedy,
+    )
+
+
+def assemble(
+    model: LiftModel,
+    data: Observations,
+    parts: tuple[budget.Component, ...],
+    scatter: Noise,
+    theta: FloatArray,
+    slope: FloatArray | None = None,
+) -> Problem:
+    """The likelihood with every height error carried by `slope` (n,), or by the model's own at
+    `theta`.
+    """
+    if slope is None:
+        slope = height_slope(
+            model, data, dict(zip((p.name for p in model.parameters), theta, strict=True))
+        )
+    covariance = noise.trial_covariance(
+        data,
+        scatter,
+        slope,
+        budget.shared(data, parts, slope),
+        budget.own_variance(data, parts, slope),
+    )
+    return Problem(model=model, data=data, covariance=covariance)
+
+
+def fit(
+    model: LiftModel,
+    data: Observations,
+    parts: tuple[budget.Component, ...] = (),
+    scatter: Noise | None = None,
+    slope: FloatArray | None = None,
+    plan: heights.Plan | None = None,
+) -> Fit:
+    """Fit `model` to the trials that it can speak about.
+
+    Parameters
+    ----------
+    model : LiftModel
+    data : Observations
+        Accepted trials of one boundary, free-air trials included.
+    parts : tuple of Component
+        The budget; see `likelihood.budget`.
+    scatter : Noise or None
+        Variance components of trials; estimated from the repeats if None.
+    slope : (n,) or None
+        d log ratio / dz that carries height errors. Give every rival the base model's: with its
+        own, a flat curve would claim less noise, and their likelihoods could not be compared.
+    plan : Plan or None
+        Which height errors the slope does not carry; judged anew if None. Give every rival the base
+        model's, for the same reason; ``Plan()`` leaves all to the slope.
+
+    Raises
+    ------
+    NotConverged
+        Too few trials, or the optimiser failed.
+    """
+    from nearlift.likelihood.problem import usable
+
+    keep = usable(model, data)
+    low, high = model.valid_z_hat
+    excluded = tuple(
+        (str(t), f"z_hat = {z:.4g} is outside {low:g} < z_hat <= {high:g} where {model.name} holds")
+        for t, z in zip(data.trial[~keep], data.z_hat[~keep], strict=True)
+    )
+    data = data.take(keep)
+    p, levels = len(model.parameters), len(data.levels)
+    if data.n < p + levels + 2:
+        raise NotConverged(
+            f"fit of {model.name}",
+            f"{data.n} usable trials for {p + levels} unknowns",
+            f"at least {p + levels + 2} are wanted",
+        )
+    theta = np.array([q.value for q in model.parameters])
+    settled = scatter or Noise(relative=0.01)
+    declared_parts = parts
+    # the slope that carries height errors depends on theta: two rounds settle it to second order
+    for _ in range(3):
+        parts = inputs.acting(declared_parts, model, theta)
+        if scatter is None:
+            trial = Problem(
+                model=model,
+                data=data,
+                covariance=noise.trial_covariance(data, settled, np.zeros(data.n)),
+            )
+            declared = trial.height_slope(theta)
+            lacking, source = noise.curves(data)
+            settled, _ = noise.estimate(
+                data,
+                np.log(data.lift_N) - trial.log_ratio(theta),
+                np.hstack(
+                    [
+                        np.eye(levels)[data.level],
+                        trial.jacobian(theta) if p else np.zeros((data.n, 0)),
+                    ]
+                ),
+                lacking,
+                declared,
+                budget.shared(data, parts, declared),
+                budget.own_variance(data, parts, declared),
+                settled if settled.sizes else None,
+                source,
+            )
+        problem = assemble(
+            model, data, parts, settled, theta, None if slope is None else slope[keep]
+        )
+        before, theta = theta, minimise(problem, theta)
+        if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
+            break
+    carried = slope[keep] if slope is not None else problem.height_slope(before)
+    if plan is None:
+        plan = heights.measure(problem, theta, parts, settled, carried)
+    if plan.shared or plan.blur_m:
+        parts = tuple(c for c in parts if c not in plan.shared)
+        problem = replace(assemble(model, data, parts, settled, theta, carried), blur_m=plan.blur_m)
+        theta = minimise(problem, theta)
+    found = _describe(problem, theta, settled, excluded, carried, parts, plan)
+    return _integrated(found) if plan.shared else found
+
+
+def _integrated(found: Fit) -> Fit:
+    """The same fit with the shared height errors of its plan integrated over."""
+    problem, data, p = found.problem, found.problem.data, len(found.theta)
+    u = np.sqrt(np.diag(found.covariance))
+    over = heights.integrate(problem, found.theta, np.where(u > 0, u, 1.0), found.plan.shared)
+    theta, covariance = over.mean, over.within + over.between
+    effective = gum.of(replace(found, theta=theta, covariance=covariance, marginal=over))[1].dof
+    estimates = {}
+    for i, q in enumerate(found.model.parameters):
+        dof = float(effective[i])
+        plain = _estimate(
+            theta[i],
+            float(np.sqrt(covariance[i, i])),
+            student.quantile(0.95, dof),
+            q.unit,
+            q.bounds,
+        )
+        bounded = plain.u > 0 and dof > 0
+        estimates[q.name] = (
+            replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof))
+            if bounded
+            else plain
+        )
+    logs, spread = np.zeros((len(over.weight), len(data.levels))), np.zeros(len(data.levels))
+    for node in np.flatnonzero(over.weight > 0):
+        at, offset = over.theta[node], over.offset_m[node]
+        logs[node], given = problem.log_levels(at, offset)
+        toll = (
+            problem.level_sensitivity(problem.jacobian(at, offset))
+            if p
+            else np.zeros((len(data.levels), 0))
+        )
+        spread += over.weight[node] * np.diag(given + toll @ over.covariance[node] @ toll.T)
+    log_levels = over.weight @ logs
+    spread += over.weight @ (logs - log_levels) ** 2
+    values = np.exp(log_levels)
+    # the quantiles of the linear fit serve: what its levels rest on is the same
+    quantiles = {t: (e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for t, e in found.levels.items()}
+    levels = {
+        float(t): _estimate(v, v * w, quantiles[float(t)], "N", (0.0, np.inf))
+        for t, v, w in zip(data.levels, values, np.sqrt(spread), strict=True)
+    }
+    rmse, r2, r2_near = _closeness(problem, theta, log_levels, over.offset()[0])
+    gained = float(over.log_integral + problem.chi2(theta) / 2)
+    unknown = p + len(data.levels)
+    log_likelihood = float(problem.log_likelihood(theta)) + gained
+    return replace(
+        found,
+        theta=theta,
+        covariance=covariance,
+        estimates=estimates,
+        levels=levels,
+        chi2=over.chi2,
+        rmse=rmse,
+        r2=r2,
+        r2_near=r2_near,
+        log_likelihood=log_likelihood,
+        aic=2 * unknown - 2 * log_likelihood,
+        bic=unknown * float(np.log(data.n)) - 2 * log_likelihood,
+        effective=effective,
+        marginal=over,
+    )
+
+
+def _describe(
+    problem: Problem,
+    theta: FloatArray,
+    scatter: Noise,
+    excluded: tuple[tuple[str, str], ...],
+    slope: FloatArray,
+    parts: tuple[budget.Component, ...],
+    plan: heights.Plan,
+) -> Fit:
+    data, model = problem.data, problem.model
+    p, k = len(theta), len(data.levels)
+    jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
+    covariance, determined = parameter_covariance(
+        problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1)
+    )
+    g = gum.gain(problem, theta) if p else np.zeros((0, data.n))
+    lines = gum.lines(problem, g, parts, scatter, slope)
+    effective = gum.total(lines, scatter, p).dof
+    width = np.array([q.bounds[1] - q.bounds[0] for q in model.parameters])
+    determined &= np.sqrt(np.diag(covariance)) < VAGUE * width
+    sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
+    estimates = interval90(model, theta, sd, effective)
+    log_levels, given = problem.log_levels(theta)
+    toll = problem.level_sensitivity(jacobian) if p else np.zeros((k, 0))
+    level_covariance = given + toll @ covariance @ toll.T
+    level_dof = gum.freedom(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope)
+    levels = {
+        float(t): _estimate(v, v * u, student.quantile(0.95, dof), "N", (0.0, np.inf))
+        for t, v, u, dof in zip(
+            data.levels,
+            np.exp(log_levels),
+            np.sqrt(np.diag(level_covariance)),
+            level_dof,
+            strict=True,
+        )
+    }
+    chi2 = float(problem.chi2(theta))
+    log_likelihood = float(problem.log_likelihood(theta))
+    rmse, r2, r2_near = _closeness(problem, theta, log_levels)
+    return Fit(
+        model=model,
+        theta=theta,
+        covariance=covariance,
+        estimates=estimates,
+        levels=levels,
+        chi2=chi2,
+        dof=data.n - k - p,
+        n=data.n,
+        rmse=rmse,
+        r2=r2,
+        r2_near=r2_near,
+        log_likelihood=log_likelihood,
+        aic=2 * (p + k) - 2 * log_likelihood,
+        bic=(p + k) * float(np.log(data.n)) - 2 * log_likelihood,
+        degeneracies=degeneracies(problem, theta, jacobian, covariance, determined),
+        excluded=excluded,
+        noise=scatter,
+        problem=problem,
+        slope=slope,
+        parts=parts,
+        plan=plan,
+        effective=effective,
+    )
+
+
+def parameter_covariance(
+    white: FloatArray, whole: FloatArray | None = None
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and which of them
+    the trials determine at all.
+
+    What they do not determine takes no part: its variance is 0 here, and its uncertainty is
+    infinite. `whole` (p,) is each parameter's size before L_inf took its share: what keeps nothing
+    of that, as all of it does where every trial is at one distance, is not determined.
+    """
+    seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)
+    white = np.where(seen[:, None], white, 0.0)
+    information = white @ white.T
+    size = np.sqrt(np.diag(information))
+    scale = np.where(size > 0, size, 1.0)
+    value, vector = np.linalg.eigh(information / np.outer(scale, scale))
+    blind = value < 1e-13
+    inverse = (vector[:, ~blind] / value[~blind]) @ vector[:, ~blind].T
+    determined = seen & np.all(np.abs(vector[:, blind]) < 1e-6, axis=1)
+    return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
+
+
+def interval90(
+    model: LiftModel, theta: FloatArray, sd: FloatArray, dof: FloatArray
+) -> dict[str, Estimate]:
+    """Each parameter with its standard uncertainty and 90 % interval by Student's t at its
+    effective degrees of freedom.
+    """
+    each = zip(model.parameters, theta, sd, dof, strict=True)
+    return {
+        q.name: _estimate(t, u, student.quantile(0.95, d), q.unit, q.bounds) for q, t, u, d in each
+    }
+
+
+def _estimate(
+    value: float, u: float, quantile: float, unit: str, bounds: tuple[float, float]
+) -> Estimate:
+    width = bounds[1] - bounds[0]
+    at_bound = bool(np.isfinite(width) and min(value - bounds[0], bounds[1] - value) < 1e-6 * width)
+    reach = quantile * u if u > 0 else 0.0
+    return Estimate(
+        value=float(value),
+        u=float(u),
+        lo90=float(value - reach),
+        hi90=float(value + reach),
+        unit=unit,
+        at_bound=at_bound,
+    )
+
+
+def _closeness(
+    problem: Problem, theta: FloatArray, log_levels: FloatArray, offset_m: float = 0.0
+) -> tuple[float, float, float | None]:
+    """`rmse`, `r2` and `r2_near` of a fit, the heights moved by `offset_m`."""
+    data = problem.data
+    log_ratio = problem.log_ratio(theta, offset_m)
+    log_lift = np.log(data.lift_N) - log_levels[data.level]
+    measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
+    near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
+    rmse = float(np.sqrt(np.mean((log_lift - log_ratio) ** 2)))
+    close = (
+        _r2(measured[near], predicted[near], cell[near])
+        if data.boundary == "ground" and near.any()
+        else None
+    )
+    return rmse, _r2(measured, predicted, cell), close
+
+
+def _r2(measured: FloatArray, predicted: FloatArray, cell: IntArray) -> float:
+    """Coefficient of determination of cell means, as papers quote it."""
+    _, label = np.unique(cell, return_inverse=True)
+    count = np.bincount(label)
+    means, model = np.bincount(label, measured) / count, np.bincount(label, predicted) / count
+    total = float(((means - means.mean()) ** 2).sum())
+    return 1.0 - float(((means - model) ** 2).sum()) / total if total > 0 else float("nan")

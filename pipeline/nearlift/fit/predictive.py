@@ -1,0 +1,130 @@
+"""Leave-one-visit-out prediction: how well a model foretells a stop of the traverse from all the
+others, by `fit.deletion`.
+
+Shared unknowns are learnt from the other visits as far as those tell, so the score asks nothing of
+a model that the errors alone decide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fit import deletion
+from nearlift.results import IntArray
+
+if TYPE_CHECKING:
+    from nearlift.fit.least_squares import Fit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut:
+    """Scores of each visit, predicted from all others; arrays (v,).
+
+    Attributes
+    ----------
+    visit : int array
+        Label, as in the trials.
+    log_density : array
+        Log predictive density of the visit's log lifts, jointly.
+    squares : array
+        Sum of squared errors of log lift.
+    n : int array
+        Trials of the visit.
+    skipped : int
+        Visits that the others say nothing about, such as the only one at some throttle.
+    """
+
+    visit: IntArray
+    log_density: FloatArray
+    squares: FloatArray
+    n: IntArray
+    skipped: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Score:
+    """A model's held-out score, and how far it is from a reference model's over the visits that
+    both predict.
+
+    `elpd` is the sum of log predictive densities, `d_elpd` its excess over the reference's,
+    `u_d_elpd` the standard error of that by visits; `rmse` in log lift, `d_rmse` and `u_d_rmse`
+    likewise (jackknife over visits).
+    """
+
+    visits: int
+    skipped: int
+    elpd: float
+    d_elpd: float
+    u_d_elpd: float
+    rmse: float
+    d_rmse: float
+    u_d_rmse: float
+
+
+def leave_visit_out(fit: Fit) -> HeldOut:
+    """Predict each visit of a fit from all the others."""
+    visit, density, squares, count, skipped = [], [], [], [], 0
+    for block in deletion.visits(fit):
+        value, vector = np.linalg.eigh(block.information)
+        told = value.min(axis=1) > deletion.DETERMINED * block.whole
+        skipped += int((~told).sum())
+        value, vector, weighed = value[told], vector[told], block.weighed[told]
+        turned = np.einsum("mij,mi->mj", vector, weighed)
+        error = np.einsum("mij,mj->mi", vector, turned / value)
+        size = block.index.shape[1]
+        visit.append(fit.problem.data.visit[block.index[told, 0]])
+        density.append(
+            0.5
+            * (
+                np.log(value).sum(axis=1)
+                - (turned**2 / value).sum(axis=1)
+                - size * np.log(2 * np.pi)
+            )
+        )
+        squares.append((error**2).sum(axis=1))
+        count.append(np.full(int(told.sum()), size, dtype=np.int64))
+    order = np.argsort(np.concatenate(visit), kind="stable")
+    label, log_density, square, n = (
+        np.concatenate(x)[order] for x in (visit, density, squares, count)
+    )
+    return HeldOut(visit=label, log_density=log_density, squares=square, n=n, skipped=skipped)
+
+
+def score(own: HeldOut, reference: HeldOut) -> Score:
+    """Compare over the visits of which both predict every trial that either does."""
+    _, mine, other = np.intersect1d(
+        own.visit, reference.visit, assume_unique=True, return_indices=True
+    )
+    same = own.n[mine] == reference.n[other]
+    mine, other = mine[same], other[same]
+    v = len(mine)
+    excess = own.log_density[mine] - reference.log_density[other]
+    d_rmse = _rmse(own, mine) - _rmse(reference, other)
+    n, a, b = own.n[mine], own.squares[mine], reference.squares[other]
+    without = np.sqrt((a.sum() - a) / np.maximum(n.sum() - n, 1)) - np.sqrt(
+        (b.sum() - b) / np.maximum(n.sum() - n, 1)
+    )
+    spread = (
+        float(np.sqrt((v - 1) / v * ((without - without.mean()) ** 2).sum()))
+        if v > 1
+        else float("nan")
+    )
+    return Score(
+        visits=v,
+        skipped=own.skipped,
+        elpd=float(own.log_density[mine].sum()),
+        d_elpd=float(excess.sum()),
+        u_d_elpd=float(np.sqrt(v) * excess.std(ddof=1)) if v > 1 else float("nan"),
+        rmse=_rmse(own, mine),
+        d_rmse=d_rmse,
+        u_d_rmse=spread,
+    )
+
+
+def _rmse(held: HeldOut, rows: IntArray) -> float:
+    n = int(held.n[rows].sum())
+    return float(np.sqrt(held.squares[rows].sum() / n)) if n else float("nan")

@@ -1,0 +1,238 @@
+"""Profile likelihoods: each coefficient held at a row of values, everything else at its best there.
+
+The quadratic approximation behind ``value ± u`` is right where the profile is a parabola; the
+profile says where it is not, and its interval stands where a model's curve saturates, at a bound,
+or where two coefficients trade places. L_inf is eliminated, the other coefficients are optimised
+again from where the quadratic approximation puts them, all values in one stack; a shared height
+error that the slope does not carry is optimised too, under its declared distribution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.fit import batched, heights
+from nearlift.likelihood import student
+
+if TYPE_CHECKING:
+    from nearlift.fit.least_squares import Fit
+
+LEVELS = (68, 90, 95)
+POINTS = 33
+#: Within this many standard uncertainties of the optimum the grid is finer, so that a drawn profile
+#: has no corners where it is most bent.
+NEAR, NEAR_POINTS = 1.5, 31
+#: First reach in standard uncertainties; widened while the profile stays below what the widest
+#: interval wants.
+REACH = 4.0
+WIDENINGS = 5
+#: Values nearer than this part of a standard uncertainty are one.
+SAME = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """An interval of one level; an end is nan and named in `open` where the profile does not rise
+    enough before it stops.
+    """
+
+    low: float
+    high: float
+    open: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """The profile of one coefficient.
+
+    Attributes
+    ----------
+    parameter : str
+    value : (k,)
+        Ascending.
+    rise : (k,)
+        chi2 above its least, everything else optimised.
+    quadratic : (k,)
+        What the standard uncertainty would make of it.
+    intervals : mapping of int to Interval
+        By level in percent.
+    skew : float
+        Upper over lower half of the 90 % interval; nan where an end is open.
+    """
+
+    parameter: str
+    value: FloatArray
+    rise: FloatArray
+    quadratic: FloatArray
+    intervals: Mapping[int, Interval]
+
+    @property
+    def skew(self) -> float:
+        """Upper over lower part of the 90 % interval about the least chi2; nan where an end is
+        open.
+        """
+        best, found = float(self.value[np.argmin(self.rise)]), self.intervals[90]
+        below = best - found.low
+        return (found.high - best) / below if below > 0 else float("nan")
+
+
+def of(fit: Fit) -> tuple[Profile, ...]:
+    """The profile of every coefficient that the trials determine."""
+    sd = np.sqrt(np.diag(fit.covariance))
+    known = [i for i, e in enumerate(fit.estimates.values()) if np.isfinite(e.u) and sd[i] > 0]
+    return tuple(_profile(fit, i, sd) for i in known)
+
+
+def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
+    low, high = fit.model.parameters[i].bounds
+    dof = float(fit.effective[i])
+    wanted = _threshold(95, dof)
+    centre = float(np.clip(fit.theta[i], low, high))
+    ends = max(centre - REACH * sd[i], low), min(centre + REACH * sd[i], high)
+    near = np.clip(centre + NEAR * sd[i] * np.linspace(-1, 1, NEAR_POINTS), low, high)
+    value = _apart(np.r_[np.linspace(*ends, POINTS), near], sd[i])[0]
+    chi2 = _along(fit, i, value, sd)
+    if fit.marginal:
+        # the mean over the height error is not where the profile is lowest
+        value, chi2 = _with(
+            fit, i, sd, value, chi2, np.array([np.clip(_vertex(value, chi2), *ends)])
+        )
+    for _ in range(WIDENINGS):
+        rise = chi2 - chi2.min()
+        further = []
+        if rise[0] < wanted and value[0] > low:
+            further.append(np.linspace(max(2 * value[0] - centre, low), value[0], POINTS // 2)[:-1])
+        if rise[-1] < wanted and value[-1] < high:
+            further.append(
+                np.linspace(value[-1], min(2 * value[-1] - centre, high), POINTS // 2)[1:]
+            )
+        if not further:
+            break
+        value, chi2 = _with(fit, i, sd, value, chi2, np.concatenate(further))
+    value, chi2 = value[np.isfinite(chi2)], chi2[np.isfinite(chi2)]
+    rise = chi2 - chi2.min()
+    best = int(np.argmin(rise))
+    return Profile(
+        parameter=fit.names[i],
+        value=value,
+        rise=rise,
+        quadratic=((value - fit.theta[i]) / sd[i]) ** 2,
+        intervals={level: _interval(value, rise, best, _threshold(level, dof)) for level in LEVELS},
+    )
+
+
+def _with(
+    fit: Fit, i: int, sd: FloatArray, value: FloatArray, chi2: FloatArray, more: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The profile with further values, ascending."""
+    whole, first = _apart(np.r_[value, more], sd[i])
+    return whole, np.r_[chi2, _along(fit, i, more, sd)][first]
+
+
+def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Values in ascending order and their indices; of those that only rounding parts, between which
+    a parabola would be noise, one.
+    """
+    order = np.argsort(value, kind="stable")
+    kept = order[np.diff(value[order], prepend=-np.inf) > SAME * sd]
+    return value[kept], kept
+
+
+def _vertex(value: FloatArray, chi2: FloatArray) -> float:
+    """Where the parabola through the three lowest neighbours is lowest."""
+    k = int(np.clip(np.argmin(chi2), 1, len(value) - 2))
+    a, b, _ = np.polyfit(value[k - 1 : k + 2] - value[k], chi2[k - 1 : k + 2] - chi2[k], 2)
+    return float(value[k] - b / (2 * a)) if np.isfinite(a) and a > 0 else float(value[k])
+
+
+def _threshold(level: int, dof: float) -> float:
+    """Rise of chi2 at the ends of an interval, Student's t in place of the normal's."""
+    return student.quantile(0.5 + level / 200, dof) ** 2
+
+
+def _along(fit: Fit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
+    """Least chi2 at each value of coefficient i."""
+    problem, p = fit.problem, len(fit.theta)
+    shared = fit.plan.shared
+    # the height error, in units of its declared uncertainty, stands behind the coefficients
+    unit = float(np.sqrt(sum(c.standard**2 for c in shared)))
+    prior, reach = heights.density(shared) if shared else (np.ones_like, 0.0)
+    line = fit.covariance[i] / fit.covariance[i, i]
+    start = fit.theta + (value - fit.theta[i])[:, None] * line
+    start[:, i] = value
+    low, high = (np.array([q.bounds[end] for q in problem.model.parameters]) for end in (0, 1))
+    scale = np.where(sd > 0, sd, 1.0)
+    free = np.arange(p) != i
+    if shared:
+        over = fit.marginal
+        assert over is not None
+        mean, left = over.offset()
+        bend = (
+            (over.weight * (over.theta[:, i] - over.mean[i]))
+            @ (over.offset_m - mean)
+            / fit.covariance[i, i]
+        )
+        edge = reach / unit * (1 - 1e-9)
+        offset = np.clip((mean + bend * (value - fit.theta[i])) / unit, -edge, edge)
+        start = np.hstack([start, offset[:, None]])
+        low, high, scale, free = (
+            np.r_[low, -edge],
+            np.r_[high, edge],
+            np.r_[scale, left / unit],
+            np.r_[free, True],
+        )
+        top = float(prior(np.zeros(1))[0])
+
+    def residuals(theta: FloatArray, rows: np.ndarray) -> FloatArray:
+        if not shared:
+            return problem.residuals(theta)
+        offset_m = theta[:, p:] * unit
+        with np.errstate(divide="ignore"):
+            penalty = np.sqrt(np.maximum(-2 * np.log(prior(offset_m) / top), 0.0))
+        # signed, or its derivative would break at zero
+        return np.hstack([problem.residuals(theta[:, :p], offset_m), np.sign(offset_m) * penalty])
+
+    def linearised(theta: FloatArray, rows: np.ndarray) -> tuple[FloatArray, FloatArray]:
+        return problem.linearised(theta)
+
+    return batched.minimise(
+        residuals, start, (low, high), scale, free, None if shared else linearised
+    ).chi2
+
+
+def _interval(value: FloatArray, rise: FloatArray, best: int, wanted: float) -> Interval:
+    """Where the signed root of the profile, which is nearly a straight line, passes the
+    threshold's.
+    """
+    root = np.sqrt(np.maximum(rise, 0.0))
+    low, high = (
+        _crossing(value[best::-1], root[best::-1], wanted**0.5),
+        _crossing(value[best:], root[best:], wanted**0.5),
+    )
+    return Interval(
+        low=low,
+        high=high,
+        open=tuple(end for end, x in (("low", low), ("high", high)) if not np.isfinite(x)),
+    )
+
+
+def _crossing(value: FloatArray, root: FloatArray, wanted: float) -> float:
+    """First crossing on the way out, by a cubic through its neighbours."""
+    from scipy.interpolate import PchipInterpolator
+
+    beyond = np.flatnonzero(root >= wanted)
+    if not len(beyond):
+        return float("nan")
+    k = int(beyond[0])
+    if k == 0:
+        return float(value[0])
+    part = slice(max(k - 3, 0), k + 3)
+    x, y = root[part], value[part]
+    rising = np.r_[True, np.diff(np.maximum.accumulate(x)) > 0]
+    return float(PchipInterpolator(x[rising], y[rising])(wanted))

@@ -1,0 +1,244 @@
+"""What would halve a coefficient's uncertainty: knowing which other quantity how well, or how many
+more trials.
+
+All unknowns stand side by side - coefficients, log L_inf, the budget's shared unknowns with their
+declared uncertainty - and the inverse of their information is what the trials leave. To measure a
+quantity independently adds to its own diagonal; to repeat the whole campaign N times multiplies
+what the trials say, and leaves the declared part as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fit import gum
+from nearlift.likelihood import budget
+from nearlift.rounding import letter, plain, signed
+
+if TYPE_CHECKING:
+    from nearlift.fit.least_squares import Fit
+
+#: A remedy that takes off less than this part of the uncertainty is not worth a word.
+WORTH = 0.05
+#: Above this correlation two quantities are said to trade places.
+TRADES = 0.9
+SCALES = {
+    "height": (1e3, "mm"),
+    "force": (1e3, "mN"),
+    "linearity": (1e3, "mN"),
+    "gain": (1e2, "%"),
+    **dict.fromkeys(budget.INPUTS, (1e2, "%")),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remedy:
+    """What independent knowledge of one quantity (or of several of a kind, each) would do for a
+    coefficient.
+
+    Attributes
+    ----------
+    coefficient, quantity : str
+    r : float
+        Correlation of the two; of several of a kind, the multiple correlation, without a sign.
+    known_to : float
+        Standard uncertainty of the quantity as these trials and the budget leave it, in `unit`.
+    needed : float
+        Standard uncertainty of an independent measurement that would halve the coefficient's; nan
+        if even an exact one would not.
+    u, u_best : float
+        The coefficient's standard uncertainty now, and with the quantity known exactly.
+    unit, text : str
+    """
+
+    coefficient: str
+    quantity: str
+    r: float
+    known_to: float
+    needed: float
+    u: float
+    u_best: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Repeats:
+    """How many times these trials would halve a coefficient's uncertainty (inf: no number), and
+    what remains after any number.
+    """
+
+    coefficient: str
+    times: float
+    u_limit: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Unknowns:
+    """Information (q, q) that the trials hold on all unknowns, the declared part's diagonal, and
+    who is who.
+    """
+
+    trials: FloatArray
+    declared: FloatArray
+    groups: tuple[tuple[str, float, str, tuple[int, ...]], ...]
+
+    def covariance(self, times: float = 1.0) -> FloatArray:
+        information = times * self.trials + np.diag(self.declared)
+        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        inverse: FloatArray = np.linalg.pinv(
+            information / np.outer(size, size), rcond=1e-14, hermitian=True
+        ) / np.outer(size, size)
+        return inverse
+
+
+def of(fit: Fit) -> tuple[tuple[Remedy, ...], tuple[Repeats, ...]]:
+    """For every coefficient that the trials determine: what would halve its uncertainty, the
+    easiest first.
+    """
+    known = [
+        i
+        for i, e in enumerate(fit.estimates.values())
+        if np.isfinite(e.u) and e.u > 0 and not e.at_bound
+    ]
+    if not known:
+        return (), ()
+    unknowns = _unknowns(fit, known)
+    joint = unknowns.covariance()
+    remedies, repeats = [], []
+    for position, i in enumerate(known):
+        scale = np.sqrt(fit.covariance[i, i] / joint[position, position])
+        found = [
+            _remedy(fit.names[i], position, len(known), joint, group, scale)
+            for group in unknowns.groups
+            if group[3] != (position,)
+        ]
+        worth = [r for r in found if r.u_best < (1 - WORTH) * r.u]
+        remedies += sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))
+        repeats.append(_repeats(fit.names[i], position, unknowns, scale))
+    return tuple(remedies), tuple(repeats)
+
+
+def _unknowns(fit: Fit, known: list[int]) -> _Unknowns:
+    problem, offset, slope = gum.linearised(fit)
+    data, levels = problem.data, problem.data.levels
+    blocks = [problem.jacobian(fit.theta, offset)[:, known], np.eye(len(levels))[data.level]]
+    groups: list[tuple[str, float, str, tuple[int, ...]]] = [
+        (fit.names[i], 1.0, fit.model.parameters[i].unit, (k,)) for k, i in enumerate(known)
+    ]
+    first = len(known)
+    groups.append(("L_inf", 100.0, "%", tuple(range(first, first + len(levels)))))
+    first += len(levels)
+    declared = [0.0] * first
+    for part, carried in [
+        *((c, fit.slope) for c in fit.parts),
+        *((c, slope) for c in fit.plan.shared),
+    ]:
+        own = budget.columns(data, part, carried)
+        if not own.shape[1] or not part.standard:
+            continue
+        scale, unit = SCALES[part.on]
+        groups.append(
+            (part.name, scale * part.standard, unit, tuple(range(first, first + own.shape[1])))
+        )
+        blocks.append(own)
+        declared += [1.0] * own.shape[1]
+        first += own.shape[1]
+    bare = replace(problem.covariance, shared=np.zeros((data.n, 0)))
+    white = bare.whiten(np.hstack(blocks).T)
+    return _Unknowns(trials=white @ white.T, declared=np.array(declared), groups=tuple(groups))
+
+
+def _remedy(
+    coefficient: str,
+    i: int,
+    coefficients: int,
+    joint: FloatArray,
+    group: tuple[str, float, str, tuple[int, ...]],
+    scale: float,
+) -> Remedy:
+    name, unit_scale, unit, members = group
+    rows = list(members)
+    cross, own = joint[i, rows], joint[np.ix_(rows, rows)]
+    value, vector = np.linalg.eigh(own)
+    share = (vector.T @ cross) ** 2
+    whole = float(joint[i, i])
+
+    def left(w2: float) -> float:
+        return whole - float((share / np.maximum(value + w2, 1e-300)).sum())
+
+    best = max(left(0.0), 0.0)
+    needed = float("nan")
+    if best < whole / 4:
+        low, high = -40.0, 40.0
+        for _ in range(80):
+            middle = (low + high) / 2
+            low, high = (middle, high) if left(np.exp(middle)) < whole / 4 else (low, middle)
+        needed = float(np.exp(low / 2)) * unit_scale
+    single = len(rows) == 1
+    r = (
+        float(cross[0] / np.sqrt(whole * own[0, 0]))
+        if single
+        else float(np.sqrt(max(1 - best / whole, 0.0)))
+    )
+    u, u_best = float(scale * np.sqrt(whole)), float(scale * np.sqrt(best))
+    known_to = float(np.sqrt(np.diag(own).mean())) * unit_scale
+    who = letter(coefficient)
+    what, each = (
+        (letter(name) if rows[0] < coefficients else f"the {name}", "it")
+        if single
+        else (f"every {name} together", "each")
+    )
+    if np.isfinite(needed):
+        size = plain(needed, 2) + ("" if unit == "1" else f" {unit}")
+        words = f"knowing {each} independently to {size} would halve u({who})"
+    else:
+        words = (
+            f"knowing {each} exactly would bring u({who}) from {plain(u, 2)} to {plain(u_best, 2)},"
+            " no lower"
+        )
+    verb = "and {} trade places" if single and abs(r) > TRADES else "leans on {}"
+    text = (
+        f"{who} {verb.format(what)}:"
+        f" {f'r = {signed(r, 2)}' if single else f'multiple r = {r:.2f}'}; {words}"
+    )
+    return Remedy(
+        coefficient=coefficient,
+        quantity=name,
+        r=r,
+        known_to=known_to,
+        needed=needed,
+        u=u,
+        u_best=u_best,
+        unit=unit,
+        text=text,
+    )
+
+
+def _repeats(coefficient: str, i: int, unknowns: _Unknowns, scale: float) -> Repeats:
+    whole = unknowns.covariance()[i, i]
+    limit = unknowns.covariance(1e8)[i, i]
+    u, u_limit = float(scale * np.sqrt(whole)), float(scale * np.sqrt(limit))
+    who = letter(coefficient)
+    if limit >= whole / 4:
+        text = (
+            f"no number of repeats would halve u({who}): it falls from {plain(u, 2)} to"
+            f" {plain(u_limit, 2)} at best, the rest is shared by all trials"
+        )
+        return Repeats(coefficient=coefficient, times=float("inf"), u_limit=u_limit, text=text)
+    low, high = 0.0, float(np.log(1e8))
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (
+            (low, middle)
+            if unknowns.covariance(np.exp(middle))[i, i] < whole / 4
+            else (middle, high)
+        )
+    times = float(np.exp(high))
+    text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
+    return Repeats(coefficient=coefficient, times=times, u_limit=u_limit, text=text)

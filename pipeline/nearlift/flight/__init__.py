@@ -1,0 +1,1 @@
+"""Flight near a boundary: crash rates, detection, models that a vehicle can carry."""

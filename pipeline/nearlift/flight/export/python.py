@@ -1,0 +1,111 @@
+"""A Python module that needs nothing but Python, and one that builds CasADi expressions."""
+
+from __future__ import annotations
+
+from nearlift.flight.export.card import Deck
+from nearlift.flight.export.closed import write
+
+MODULE = '''"""{about}
+
+ratio(boundary, z_hat) returns (L / L_inf, flag); it reads a table of cubic pieces in 1 / (1 + z_hat). Where the model has a formula,
+closed(boundary, z_hat) evaluates that.
+"""
+
+from math import exp, log, pow, sqrt
+
+# boundary: lowest and highest z_hat, first node, nodes per unit of w, values, slopes per piece
+TABLES = {{
+{tables}
+}}
+FORMULAS = {{
+{formulas}
+}}
+
+
+def _clamp(z_hat, low, high):
+    if not z_hat >= low:
+        return low, -1
+    return (high, 1) if z_hat > high else (z_hat, 0)
+
+
+def ratio(boundary, z_hat):
+    """L / L_inf, and 0 where that is measured, -1 nearer, +1 farther."""
+    low, high, first, per_w, value, slope = TABLES[boundary]
+    z, flag = _clamp(z_hat, low, high)
+    x = max((1 / (1 + z) - first) * per_w, 0.0)
+    i = min(int(x), len(value) - 2)
+    t = min(x - i, 1.0)
+    a, p, q = value[i], slope[i], slope[i + 1]
+    d = value[i + 1] - a
+    return a + t * (p + t * ((3 * d - 2 * p - q) + t * (p + q - 2 * d))), flag
+
+
+def closed(boundary, z_hat):
+    """The same by the formula."""
+    low, high = TABLES[boundary][:2]
+    z, flag = _clamp(z_hat, low, high)
+    return FORMULAS[boundary](z), flag
+'''
+CASADI = '''"""{about}
+
+ratio(boundary, z_hat) is a CasADi expression of L / L_inf for a symbol or a number z_hat, held at the nearest end outside its validity;
+as its slope is zero there, keep an optimiser inside RANGE by a constraint. Needs CasADi alone.
+"""
+
+from casadi import exp, fmax, fmin, log, power, sqrt
+
+RANGE = {{
+{ranges}
+}}
+
+
+def pow(base, exponent):
+    return power(base, exponent)
+
+
+FORMULAS = {{
+{formulas}
+}}
+
+
+def ratio(boundary, z_hat):
+    """Expression of L / L_inf."""
+    low, high = RANGE[boundary]
+    return FORMULAS[boundary](fmin(fmax(z_hat, low), high))
+'''
+
+
+def _formulas(deck: Deck) -> str:
+    return "\n".join(
+        f"    {c.boundary!r}: lambda z: {write(c.closed, number='{}', call='{}')},"
+        for c in deck.cards
+        if c.closed is not None
+    )
+
+
+def _about(deck: Deck) -> str:
+    # a docstring: nothing in it may end it
+    return "\n".join(deck.about()).replace("\\", "/").replace('"', "'")
+
+
+def module(deck: Deck) -> str:
+    """Source of the module without dependencies."""
+    tables = "\n".join(
+        f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r}, {c.table.w_low!r},"
+        f" {c.table.per_w!r},\n        {tuple(c.table.value.tolist())!r},\n       "
+        f" {tuple(c.table.slope.tolist())!r}),"
+        for c in deck.cards
+    )
+    return MODULE.format(about=_about(deck), tables=tables, formulas=_formulas(deck))
+
+
+def casadi(deck: Deck) -> str:
+    """Source of the module of expressions; boundaries whose model has no closed form are
+    left out.
+    """
+    ranges = "\n".join(
+        f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r}),"
+        for c in deck.cards
+        if c.closed is not None
+    )
+    return CASADI.format(about=_about(deck), ranges=ranges, formulas=_formulas(deck))

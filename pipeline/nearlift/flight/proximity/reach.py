@@ -1,0 +1,91 @@
+"""From how far a boundary can be noticed, at given rates of false alarms and misses.
+
+Without a boundary the ratio's estimate scatters about 1 with standard deviation sigma(T). An alarm
+is raised when it departs, in the boundary's direction, by more than k_fa sigma, with k_fa the
+normal quantile of the false-alarm rate; a boundary that changes lift by D is missed with the given
+rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L/L_inf - 1| is that
+much.
+
+    sigma(T)^2 = short^2 / T + floor^2 + payload^2 + supply^2
+
+short^2 is the noise's density (relative, per second), what averaging takes away; the others it does
+not touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.flight.proximity.inverse import grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """Noise of a relative lift reading.
+
+    Attributes
+    ----------
+    short_per_sqrt_Hz : float
+        Standard deviation of the average over one second, relative to lift.
+    floor : float
+        What averaging does not take away.
+    """
+
+    short_per_sqrt_Hz: float
+    floor: float
+
+    def sigma(self, averaging_s: float, payload: float = 0.0, supply: float = 0.0) -> float:
+        """Standard deviation of the ratio's estimate; `payload` and `supply` are relative standard
+        uncertainties of weight and lift.
+        """
+        return float(
+            np.sqrt(
+                self.short_per_sqrt_Hz**2 / averaging_s + self.floor**2 + payload**2 + supply**2
+            )
+        )
+
+
+def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
+    """Change of lift, as a fraction, that is noticed at these rates."""
+    from scipy.special import ndtri
+
+    return float(sigma * (-ndtri(false_alarm_rate) - ndtri(miss_rate)))
+
+
+def reach(
+    ratio: Callable[[FloatArray], FloatArray], change: float, low: float, high: float
+) -> float:
+    """The largest z_hat at which lift differs from L_inf by `change`; nan where it does so nowhere,
+    `high` where it does so everywhere.
+
+    Nothing is said beyond `high`, the farthest station measured, nor below `low`, the nearest.
+    """
+    z_hat = grid(low, high)
+    effect = np.abs(np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape) - 1.0)
+    enough = np.flatnonzero(effect >= change)
+    if not len(enough):
+        return float("nan")
+    last = int(enough[-1])
+    if last == len(z_hat) - 1:
+        return float(z_hat[-1])
+    a, b = effect[last], effect[last + 1]
+    return float(z_hat[last] + (z_hat[last + 1] - z_hat[last]) * (a - change) / (a - b))
+
+
+def reaches(
+    ratios: Sequence[Callable[[FloatArray], FloatArray]], change: float, low: float, high: float
+) -> tuple[float, float, float]:
+    """Range of the first (the best estimate), and its 90 % interval over the others; an
+    undetectable draw counts as zero.
+    """
+    found = [reach(f, change, low, high) for f in ratios]
+    lo90, hi90 = (
+        np.percentile(np.nan_to_num(found[1:], nan=0.0), [5, 95])
+        if len(found) > 1
+        else (found[0], found[0])
+    )
+    return found[0], float(lo90), float(hi90)

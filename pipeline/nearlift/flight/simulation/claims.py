@@ -1,0 +1,230 @@
+"""What the paper says of its Fig. 6, as numbers with intervals, beside what each preset gives.
+
+Every claim is a number made of levels (set-points of a given risk) and a range of that number
+within which it holds. All levels of a preset come from one resampling of the same flights, so the
+interval of a difference is that of paired flights. A claim holds where the whole 90 % interval lies
+within its range, fails where all of it lies outside, and is undecided between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.flight.simulation import safety
+
+INF = math.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Levels:
+    """Levels of one preset under resampling, the first as flown: arrays (m,); nan where the
+    set-points flown do not hold it.
+
+    Attributes
+    ----------
+    flown : mapping of (boundary, exponent, risk)
+        With the preset's own gains and noise.
+    varied : mapping of (boundary, exponent, variant)
+        Of half of the flights crashing, with other gains or noise.
+    """
+
+    flown: dict[tuple[str, float, float], FloatArray] = field(default_factory=dict)
+    varied: dict[tuple[str, float, str], FloatArray] = field(default_factory=dict)
+
+    @property
+    def variants(self) -> list[str]:
+        """Their names, in the order flown."""
+        return list(dict.fromkeys(name for _, _, name in self.varied))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim:
+    """A statement: the paper's words, the number in them, how it is computed from levels, and
+    between which values it holds.
+    """
+
+    name: str
+    says: str
+    paper: str
+    value: Callable[[Levels], FloatArray]
+    holds: tuple[float, float]
+
+    @property
+    def tolerance(self) -> str:
+        """The range in words."""
+        low, high = self.holds
+        if math.isinf(high):
+            return f"above {low:g}"
+        return f"below {high:g}" if math.isinf(low) else f"{low:g} to {high:g}"
+
+
+def _shift(levels: Levels, boundary: str, risk: float) -> FloatArray:
+    """How much lower one may fly with the model than without."""
+    return levels.flown[boundary, 0.0, risk] - levels.flown[boundary, 1.0, risk]
+
+
+def _scaling(levels: Levels, boundary: str, risk: float) -> FloatArray:
+    """How far the level moves from the power 0.6 to 1.4, with its sign."""
+    return levels.flown[boundary, 1.4, risk] - levels.flown[boundary, 0.6, risk]
+
+
+def _worst(levels: Levels, boundary: str, one: float, other: float, sign: float) -> FloatArray:
+    """The least of sign * (level of one power - level of the other) over all gains and noises
+    flown, the preset's own included.
+    """
+    own = [levels.flown[boundary, one, 0.5] - levels.flown[boundary, other, 0.5]]
+    if not levels.varied:
+        raise KeyError("variants")
+    # variants are flown fewer times: their resamples pair among themselves
+    n = min(len(own[0]), *(len(v) for v in levels.varied.values()))
+    all_of_them = [
+        own[0][:n],
+        *(
+            (levels.varied[boundary, one, v] - levels.varied[boundary, other, v])[:n]
+            for v in levels.variants
+        ),
+    ]
+    worst: FloatArray = np.min(sign * np.stack(all_of_them), axis=0)
+    return worst
+
+
+CLAIMS = (
+    Claim(
+        name="crashes_without_model",
+        says="With no boundary model, crashes occur as high as this above ground (z_hat at 1 %)",
+        paper="≈ 1.5",
+        value=lambda v: v.flown["ground", 0.0, 0.01],
+        holds=(1.35, 1.65),
+    ),
+    Claim(
+        name="closer_with_model",
+        says="With a ground model the vehicle can be so much closer (rotor radii, at 50 %)",
+        paper="≈ 0.5",
+        value=lambda v: _shift(v, "ground", 0.5),
+        holds=(0.25, 0.75),
+    ),
+    Claim(
+        name="closer_with_model_rare",
+        says="The same at 1 %",
+        paper="≈ 0.5",
+        value=lambda v: _shift(v, "ground", 0.01),
+        holds=(0.25, 0.75),
+    ),
+    Claim(
+        name="ceiling_crash",
+        says="Likely to crash into the ceiling below this set-point (z_hat at 50 %)",
+        paper="≈ 2",
+        value=lambda v: v.flown["ceiling", 1.0, 0.5],
+        holds=(1.85, 2.15),
+    ),
+    Claim(
+        name="ceiling_destabilises",
+        says=(
+            "The ceiling model makes crashes more likely: the 50 % level rises by so much (rotor"
+            " radii)"
+        ),
+        paper="> 0",
+        value=lambda v: -_shift(v, "ceiling", 0.5),
+        holds=(0.0, INF),
+    ),
+    Claim(
+        name="scaling_ground",
+        says=(
+            "Scaling the ground model by the powers 0.6 to 1.4 moves the 50 % level only slightly"
+            " (rotor radii)"
+        ),
+        paper="slight",
+        value=lambda v: _scaling(v, "ground", 0.5),
+        holds=(-0.1, 0.1),
+    ),
+    Claim(
+        name="scaling_ceiling",
+        says=(
+            "Scaling the ceiling model moves its 50 % level further than the ground's (by so many"
+            " rotor radii)"
+        ),
+        paper="stronger",
+        value=lambda v: np.abs(_scaling(v, "ceiling", 0.5)) - np.abs(_scaling(v, "ground", 0.5)),
+        holds=(0.0, INF),
+    ),
+    Claim(
+        name="order_kept",
+        says=(
+            "More ground effect is safer: the 50 % level falls from the power 0.6 to 1.4, whatever"
+            " gains and noise (least fall of all, rotor radii)"
+        ),
+        paper="> 0",
+        value=lambda v: _worst(v, "ground", 0.6, 1.4, 1.0),
+        holds=(0.0, INF),
+    ),
+    Claim(
+        name="ground_helps_anywhere",
+        says=(
+            "The ground model lets the vehicle closer whatever gains and noise (least gain of all"
+            " at 50 %, rotor radii)"
+        ),
+        paper="> 0",
+        value=lambda v: _worst(v, "ground", 0.0, 1.0, 1.0),
+        holds=(0.0, INF),
+    ),
+    Claim(
+        name="ceiling_hurts_anywhere",
+        says=(
+            "The ceiling model makes crashes more likely whatever gains and noise (least rise of"
+            " all at 50 %, rotor radii)"
+        ),
+        paper="> 0",
+        value=lambda v: _worst(v, "ceiling", 1.0, 0.0, 1.0),
+        holds=(0.0, INF),
+    ),
+)
+
+
+def verdict(low: float, high: float, holds: tuple[float, float]) -> str:
+    """What an interval says of a claim: holds, fails, or undecided (also where the interval has no
+    end).
+    """
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "undecided"
+    if holds[0] <= low and high <= holds[1]:
+        return "holds"
+    return "fails" if high < holds[0] or low > holds[1] else "undecided"
+
+
+def table(presets: Mapping[str, Levels]) -> list[dict[str, Any]]:
+    """A row for each claim that the risks flown allow to be computed, with value, 90 % interval and
+    verdict per preset.
+    """
+    rows = []
+    for claim in CLAIMS:
+        try:
+            values = {name: claim.value(own) for name, own in presets.items()}
+        except KeyError:
+            continue
+        rows.append(
+            {
+                "name": claim.name,
+                "says": claim.says,
+                "paper": claim.paper,
+                "tolerance": claim.tolerance,
+                "presets": {name: _told(v, claim.holds) for name, v in values.items()},
+            }
+        )
+    return rows
+
+
+def _told(values: FloatArray, holds: tuple[float, float]) -> dict[str, Any]:
+    # a level that the set-points do not hold leaves its end of the interval open
+    low, high = -safety.spread90(-values)[1], safety.spread90(values)[1]
+    return {
+        "value": float(values[0]),
+        "lo90": low,
+        "hi90": high,
+        "verdict": verdict(low, high, holds),
+    }

@@ -1,0 +1,87 @@
+"""PID on rotor frequency (Eq. 5): f = kP (z - z0) + kD z' + kI integral(z - z0) + f0, never below
+zero.
+
+Sign: z is the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn
+its rotors faster, so the gains are negative; below a ceiling it is then too high and must slow
+them, so they are positive. The paper prints positive gains for both, with which the loop above a
+ground runs away. A set of gains whose loop is unstable is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import Boundary
+from nearlift.errors import ManifestError
+from nearlift.flight.simulation.craft import Craft
+
+#: Direction of lift along z: away from a ground, towards a ceiling.
+AWAY: dict[Boundary, float] = {"ground": 1.0, "ceiling": -1.0}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gains:
+    """kP in 1/(m s), kD in 1/m, kI in 1/(m s^2), as they stand in Eq. 5."""
+
+    kP: float
+    kD: float
+    kI: float
+
+    def mirrored(self) -> Gains:
+        """The same controller at the opposite boundary."""
+        return Gains(kP=-self.kP, kD=-self.kD, kI=-self.kI)
+
+
+#: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.
+PAPER_CEILING = Gains(kP=316.0, kD=316.0, kI=31.6)
+PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.mirrored(), "ceiling": PAPER_CEILING}
+
+
+def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
+    """Poles in 1/s of the loop linearised about hover, far enough that the lift's slope does not
+    matter: complex, shape (3,).
+    """
+    # s^3 = away * 2 g / f0 * (kD s^2 + kP s + kI)
+    stiffness = AWAY[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
+    return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
+
+
+def stable(gains: Gains, craft: Craft, boundary: Boundary, where: str = "simulate.gains") -> Gains:
+    """The gains, if their loop is stable without a boundary.
+
+    Raises
+    ------
+    ManifestError
+        A pole has no negative real part; says which sign would do. Or kP or kD is zero.
+    """
+    # a pole of exactly zero is an integrator that is not used, no instability
+    worst = float(poles(gains, craft, boundary).real.max())
+    if worst <= 1e-9 and gains.kP and gains.kD:
+        return gains
+    if gains.kP == 0.0 or gains.kD == 0.0:
+        raise ManifestError(
+            f"{where}.{boundary}",
+            f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back"
+            " and calms it",
+            "give both",
+        )
+    right = "negative" if boundary == "ground" else "positive"
+    reason = (
+        "above a ground a vehicle that is too low must turn its rotors faster"
+        if boundary == "ground"
+        else "below a ceiling a vehicle that is too close must slow its rotors"
+    )
+    flipped = float(poles(gains.mirrored(), craft, boundary).real.max()) <= 1e-9
+    remedy = (
+        f"change the sign of all three: {right} at this boundary"
+        if flipped
+        else "kP, kD and kI want one sign, and kD kP large enough for kI"
+    )
+    raise ManifestError(
+        f"{where}.{boundary}",
+        f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at"
+        f" {worst:+.3g} 1/s): {reason}",
+        remedy,
+    )

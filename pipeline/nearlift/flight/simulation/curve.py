@@ -1,0 +1,86 @@
+"""L / L_inf as a table: equally spaced, bounded below a height, as the compiled loop reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+from nearlift.flight.simulation.kernel import NODES
+
+#: Above this height every table is constant; lift there is within 0.3 % of L_inf for every model
+#: declared.
+TOP = 16.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curves:
+    """Tables of L / L_inf over a common range of z_hat.
+
+    Attributes
+    ----------
+    low, high : float
+        Ends of the range; beyond them the ratio is constant, so `low` is the bound that the paper
+        puts at 0.5.
+    values : array (m, NODES)
+    """
+
+    low: float
+    high: float
+    values: FloatArray
+
+    @property
+    def z_hat(self) -> FloatArray:
+        """Heights of the nodes."""
+        return np.linspace(self.low, self.high, NODES)
+
+    @property
+    def per_radius(self) -> float:
+        """Steps of the table per rotor radius."""
+        return (NODES - 1) / (self.high - self.low)
+
+    def packed(self) -> FloatArray:
+        """Value and slope of each step, tables one behind the other, as the loop wants them."""
+        slope = np.zeros_like(self.values)
+        slope[:, :-1] = np.diff(self.values, axis=1)
+        return np.ascontiguousarray(np.stack([self.values, slope], axis=-1).reshape(-1))
+
+    def at(self, z_hat: FloatArray) -> FloatArray:
+        """Every table at those heights: shape (m, n)."""
+        return np.stack([np.interp(z_hat, self.z_hat, row) for row in self.values])
+
+
+def tabulate(
+    ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float, high: float = TOP
+) -> Curves:
+    """Tables of several functions of z_hat, each bounded to its value at `low`.
+
+    Raises
+    ------
+    InputRefused
+        A ratio has no positive value somewhere in the range (a singularity, or a bound below the
+        model's validity), or the range is empty.
+    """
+    if not low < high:
+        raise InputRefused(
+            "simulate.bound_z_hat",
+            f"{low:g} leaves no range: above z_hat = {high:g} lift is constant",
+            f"bound the ratio below {high:g}",
+        )
+    z_hat = np.linspace(low, high, NODES)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        values = np.stack(
+            [np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
+        )
+    bad = ~(np.isfinite(values) & (values > 0))
+    if bad.any():
+        where = float(z_hat[bad.any(axis=0)].max())
+        raise InputRefused(
+            "simulate.bound_z_hat",
+            f"L / L_inf has no value at z_hat = {where:.3g}",
+            f"bound the ratio above {where:.3g}",
+        )
+    return Curves(low=low, high=high, values=values)

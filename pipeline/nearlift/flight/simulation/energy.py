@@ -1,0 +1,149 @@
+"""What hovering near a boundary costs, and where to hover when a crash has a price.
+
+Relative cost is power to hover near the boundary over power far away, always at the same thrust
+(the weight). What L / L_inf says of it depends on what was held while L / L_inf was measured or
+derived:
+
+power   thrusts at the same power: T goes as P^(2/3) at a fixed inflow factor, so cost =
+ratio^(-3/2), as the paper takes it for all. thrust  the ratio is P_inf / P at the same thrust, as
+the theories' factor is (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s)
+        read through momentum theory): cost = 1 / ratio.
+rpm     thrusts at the same frequency: ratio = (P_inf/P)^n with n between 0.60 and 0.82 for a small
+rotor, so cost = ratio^(-1/n). throttle, voltage  between constant rpm and constant power; the
+exponent is known only between 1 and 1/0.60.
+
+Mechanical power; motors and electronics are not in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.flight.simulation import safety
+from nearlift.results import IntArray
+
+Held = Literal["power", "thrust", "rpm", "throttle", "voltage"]
+#: Exponent e of cost = ratio^(-e) as (lowest, best, highest).
+EXPONENTS: dict[Held, tuple[float, float, float]] = {
+    "power": (1.5, 1.5, 1.5),
+    "thrust": (1.0, 1.0, 1.0),
+    "rpm": (1 / 0.82, 1 / 0.70, 1 / 0.60),
+    "throttle": (1.0, 1.5, 1 / 0.60),
+    "voltage": (1.0, 1.5, 1 / 0.60),
+}
+
+#: Nobody is told to fly more than this.
+MOST_FLIGHTS = 10_000_000
+
+
+def paper_cost(ratio: Any) -> Any:
+    """(L / L_inf)^(-3/2), whatever was held."""
+    return np.power(ratio, -1.5)
+
+
+def cost(ratio: Any, held: Held) -> tuple[Any, Any, Any]:
+    """Relative cost by what was held: (lowest, best, highest) over what is not known of the
+    exponent. Shapes as `ratio`.
+    """
+    values = np.stack([np.power(ratio, -e) for e in EXPONENTS[held]])
+    return values.min(axis=0), values[1], values.max(axis=0)
+
+
+def expected_cost(relative_cost: FloatArray, rate: FloatArray, price: float) -> FloatArray:
+    """Cost of a flight in energies of a hover far away of the same duration: relative cost, and
+    `price` for each crash.
+    """
+    result: FloatArray = relative_cost + price * rate
+    return result
+
+
+def best_set_point(
+    target_z_hat: FloatArray, relative_cost: FloatArray, rate: FloatArray, price: float
+) -> tuple[int, float]:
+    """Index of the set-point of least expected cost (the highest of equals), and that cost."""
+    total = expected_cost(relative_cost, rate, price)
+    best = int(len(total) - 1 - np.argmin(total[::-1]))
+    return best, float(total[best])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """The set-point of least expected cost, and whether the flights can tell.
+
+    Attributes
+    ----------
+    index : int
+        Which of the set-points flown.
+    expected_cost, relative_cost : float
+    crashes : int
+    rate, rate_hi95 : float
+        Estimate, and one-sided upper bound, of the crash rate there.
+    resolved : bool
+        Even at the upper bound of its risk it costs less than the farthest set-point flown would
+        without any. (The farthest itself counts as resolved: it says that the best is there or
+        beyond.)
+    flights_needed : int or None
+        So many would resolve it if as few of them crashed; None where it is resolved, or where no
+        number would do.
+    """
+
+    index: int
+    expected_cost: float
+    relative_cost: float
+    crashes: int
+    rate: float
+    rate_hi95: float
+    resolved: bool
+    flights_needed: int | None
+
+
+def choose(
+    target_z_hat: FloatArray,
+    relative_cost: FloatArray,
+    crashes: IntArray,
+    flights: int,
+    price: float,
+) -> Choice:
+    """The set-point of least expected cost by the estimated rates of n set-points, with the test of
+    whether so many flights can tell.
+    """
+    rate = safety.estimate(crashes, flights)
+    best, total = best_set_point(target_z_hat, relative_cost, rate, price)
+    k = int(crashes[best])
+    upper = float(safety.upper95(np.array([k]), flights)[0])
+    saving = float(relative_cost[-1] - relative_cost[best])
+    resolved = best == len(rate) - 1 or price * upper <= saving
+    needed = None
+    if not resolved and saving > price * k / flights:
+        needed = flights
+        while (
+            price * float(safety.upper95(np.array([round(k * needed / flights)]), needed)[0])
+            > saving
+            and needed < MOST_FLIGHTS
+        ):
+            needed = int(np.ceil(1.05 * needed))
+    return Choice(
+        index=best,
+        expected_cost=total,
+        relative_cost=float(relative_cost[best]),
+        crashes=k,
+        rate=float(rate[best]),
+        rate_hi95=upper,
+        resolved=bool(resolved),
+        flights_needed=needed,
+    )
+
+
+def front(relative_cost: FloatArray, rate: FloatArray) -> IntArray:
+    """Set-points that no other beats in both energy and risk, by ascending risk."""
+    order = np.lexsort((relative_cost, rate))
+    kept, least = [], np.inf
+    for i in order:
+        if relative_cost[i] < least:
+            kept.append(i)
+            least = relative_cost[i]
+    return np.array(kept, dtype=np.int64)

@@ -1,0 +1,191 @@
+"""Flights: settings times gusts, in blocks that any executor may fly in any order with the same
+result.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary, FloatArray
+from nearlift.errors import ManifestError
+from nearlift.flight.simulation import kernel
+from nearlift.flight.simulation.control import AWAY
+from nearlift.flight.simulation.curve import Curves
+from nearlift.flight.simulation.groups import Groups
+from nearlift.results import IntArray
+
+Scheme = Literal["euler", "semi-implicit", "rk4"]
+Map = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
+#: Flights in one block: enough that compiled work outweighs the call, few enough to share among
+#: threads.
+BLOCK = 50
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """One set-point with one lift curve and one controller. `curve` is a row of the tables, `droop`
+    the change of lift at the same frequency that a sagging supply has brought by the end of the
+    flight, as a fraction (linear in time), `adjusted` whether f0 allows for the boundary at the
+    set-point, as in the paper.
+    """
+
+    target_z_hat: float
+    groups: Groups
+    curve: int = 0
+    droop: float = 0.0
+    adjusted: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What is flown: `settings` at one boundary through the lift `curves`, with one time step. All
+    settings share the weather's times.
+
+    With `common` gusts, flight f meets the same ones in every setting, which makes differences far
+    better known than rates; without, each setting meets its own, so that rates are independent of
+    one another.
+    """
+
+    boundary: Boundary
+    settings: Sequence[Setting]
+    curves: Curves
+    scheme: Scheme
+    steps_per_hold: int
+    common: bool = True
+
+    @property
+    def weather(self) -> Groups:
+        """Whose hold, correlation and duration all settings share."""
+        return self.settings[0].groups
+
+    @property
+    def holds(self) -> int:
+        """Number of held gusts in a flight."""
+        return max(round(self.weather.duration / self.weather.hold), 1)
+
+    @property
+    def step(self) -> float:
+        """Time step in sqrt(r/g)."""
+        return self.weather.hold / self.steps_per_hold
+
+    def halved(self) -> Plan:
+        """The same flights with half the step; the gusts stay what they are."""
+        return replace(self, steps_per_hold=2 * self.steps_per_hold)
+
+    @property
+    def salts(self) -> NDArray[np.uint64]:
+        """What tells the settings' gusts apart: empty where they are common."""
+        return np.arange(1, len(self.settings) + 1 if not self.common else 1, dtype=np.uint64)
+
+    def columns(self) -> tuple[FloatArray, IntArray]:
+        """Settings as the loop reads them: (WIDTH, n), and where each one's table begins."""
+        times = {(s.groups.hold, s.groups.correlation, s.groups.duration) for s in self.settings}
+        if len(times) > 1:
+            raise ManifestError(
+                "simulate",
+                "settings of one plan differ in hold, correlation or duration",
+                "fly them as plans of their own",
+            )
+        side = AWAY[self.boundary]
+        rows = []
+        near = self.curves.at(np.array([s.target_z_hat for s in self.settings]))
+        for i, s in enumerate(self.settings):
+            g = s.groups
+            delta = g.delta / np.sqrt(near[s.curve, i]) if s.adjusted else g.delta
+            rows.append(
+                (s.target_z_hat, g.alpha, g.beta, g.gamma, delta, g.noise, side, s.droop, g.contact)
+            )
+        which = np.array([2 * kernel.NODES * s.curve for s in self.settings], dtype=np.int64)
+        return np.ascontiguousarray(np.array(rows, dtype=float).T), which
+
+
+def steps_per_hold(hold_s: float, step_s: float, where: str = "simulate.step") -> int:
+    """How many steps make a hold.
+
+    Raises
+    ------
+    ManifestError
+        The step is no whole part of the hold; says the nearest that is.
+    """
+    n = max(round(hold_s / step_s), 1)
+    if abs(n * step_s - hold_s) > 1e-9 * hold_s:
+        raise ManifestError(
+            where,
+            f"{step_s:g} s is no whole part of the {hold_s:g} s for which a gust is held",
+            f"the nearest is {hold_s / n:g} s",
+        )
+    return n
+
+
+def _block(first: int, plan: Plan, flights: int, key: int) -> NDArray[np.int32]:
+    columns, which = plan.columns()
+    ended = np.empty((len(plan.settings), min(BLOCK, flights - first)), dtype=np.int32)
+    weather = plan.weather
+    memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
+    kernel.fly(
+        np.uint64(key),
+        first,
+        plan.holds,
+        plan.steps_per_hold,
+        plan.step,
+        kernel.SCHEMES[plan.scheme],
+        memory,
+        columns,
+        which,
+        plan.salts,
+        plan.curves.packed(),
+        plan.curves.low,
+        plan.curves.per_radius,
+        ended,
+        np.empty((0, 0)),
+    )
+    return ended
+
+
+def fly(plan: Plan, flights: int, key: int, spread: Map = map) -> NDArray[np.int32]:
+    """In which hold each flight crashed, or -1: shape (settings, flights).
+
+    With common gusts, flight f meets the same ones in every setting and every plan with this key.
+    `spread` is an executor's map; what comes out does not depend on it.
+    """
+    blocks = list(
+        spread(
+            functools.partial(_block, plan=plan, flights=flights, key=key), range(0, flights, BLOCK)
+        )
+    )
+    return np.concatenate(blocks, axis=1)
+
+
+def trace(plan: Plan, flight: int, key: int) -> FloatArray:
+    """Heights of one flight at every hold, in each setting: (settings, holds + 1); nan after a
+    crash.
+    """
+    columns, which = plan.columns()
+    n = len(plan.settings)
+    track = np.full((n, plan.holds + 1), np.nan)
+    weather = plan.weather
+    memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
+    kernel.fly(
+        np.uint64(key),
+        flight,
+        plan.holds,
+        plan.steps_per_hold,
+        plan.step,
+        kernel.SCHEMES[plan.scheme],
+        memory,
+        columns,
+        which,
+        plan.salts,
+        plan.curves.packed(),
+        plan.curves.low,
+        plan.curves.per_radius,
+        np.empty((n, 1), dtype=np.int32),
+        track,
+    )
+    return track

@@ -1,0 +1,79 @@
+"""The dimensionless groups of Eq. 6, and those that the paper leaves out: crashes depend on these
+and on nothing else.
+
+Scales: length r, time sqrt(r/g), force m g, frequency hover_Hz. With K = rotors C_L rho r^4:
+    alpha = kP r sqrt(K / (m g)), beta = kD sqrt(r g) sqrt(K / (m g)) , gamma = kI r sqrt(r/g)
+    sqrt(K / (m g)), delta = f0 sqrt(K / (m g)),
+which are the paper's expressions. Left out there: the disturbance over weight, its hold and
+correlation time, step and duration, the height at which the vehicle touches, and (in L / L_inf)
+spacing over radius and the bound on the ratio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from nearlift.flight.simulation.control import Gains
+from nearlift.flight.simulation.craft import Craft
+from nearlift.flight.simulation.disturbance import Disturbance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Groups:
+    """A flight without units. Gains carry the sign of Eq. 5; `delta` is 1 where f0 balances the
+    weight far from the boundary.
+    """
+
+    alpha: float
+    beta: float
+    gamma: float
+    delta: float
+    noise: float
+    hold: float
+    correlation: float
+    duration: float
+    contact: float = 0.0
+
+    def with_groups(self, **changes: float) -> Groups:
+        """The same flight with some groups changed."""
+        return replace(self, **changes)
+
+
+def of(
+    craft: Craft,
+    gains: Gains,
+    disturbance: Disturbance,
+    duration_s: float,
+    contact_z_hat: float = 0.0,
+) -> Groups:
+    """The groups of a vehicle, its controller and its weather; f0 is that of hover far away."""
+    per_Hz = 1.0 / craft.hover_Hz
+    r, t = craft.radius_m, craft.time_s
+    return Groups(
+        alpha=gains.kP * r * per_Hz,
+        beta=gains.kD * r / t * per_Hz,
+        gamma=gains.kI * r * t * per_Hz,
+        delta=1.0,
+        noise=disturbance.sd_N / craft.weight_N,
+        hold=disturbance.hold_s / t,
+        correlation=disturbance.correlation_s / t,
+        duration=duration_s / t,
+        contact=contact_z_hat,
+    )
+
+
+def gains_for(groups: Groups, craft: Craft) -> Gains:
+    """Gains with which another vehicle has the same alpha, beta and gamma: how a controller is
+    carried over to another payload or size.
+    """
+    r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
+    return Gains(kP=groups.alpha * f / r, kD=groups.beta * f * t / r, kI=groups.gamma * f / (r * t))
+
+
+def disturbance_for(groups: Groups, craft: Craft) -> Disturbance:
+    """The disturbance that is to another vehicle what the groups' is to theirs."""
+    return Disturbance(
+        sd_N=groups.noise * craft.weight_N,
+        hold_s=groups.hold * craft.time_s,
+        correlation_s=groups.correlation * craft.time_s,
+    )

@@ -1,0 +1,75 @@
+"""Whole simulations as data: the paper's as it is printed, and one whose numbers do not depend on
+its time step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import Boundary, FloatArray
+from nearlift.errors import ManifestError
+from nearlift.flight.simulation.control import PAPER_GAINS, Gains
+from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
+from nearlift.flight.simulation.disturbance import PAPER_DISTURBANCE, Disturbance
+from nearlift.flight.simulation.flight import Scheme
+
+#: The paper's models, scaled by powers; 0 is no model.
+EXPONENTS = (0.0, 0.6, 0.8, 1.0, 1.2, 1.4)
+#: Its set-points (0.5 to 2 above ground, 1 to 2.5 below the ceiling), and a little further, where
+#: its own curves end.
+TARGETS: dict[Boundary, FloatArray] = {
+    "ground": np.round(np.arange(4, 21) * 0.1, 10),
+    "ceiling": np.round(np.arange(8, 29) * 0.1, 10),
+}
+MODELS: dict[Boundary, str] = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon"}
+#: 90 mm between adjacent rotors, as the paper takes it (a Crazyflie's are 65 mm apart).
+GEOMETRY = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
+BOUND_Z_HAT = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preset:
+    """Vehicle, controller, disturbance and integration."""
+
+    name: str
+    meaning: str
+    scheme: Scheme
+    step_s: float
+    duration_s: float = 120.0
+    craft: Craft = CRAZYFLIE_AS_PRINTED
+    disturbance: Disturbance = PAPER_DISTURBANCE
+
+    def gains(self, boundary: Boundary) -> Gains:
+        """The paper's gains, with the sign that the boundary needs."""
+        return PAPER_GAINS[boundary]
+
+
+PRESETS = (
+    Preset(
+        name="paper",
+        meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step",
+        scheme="euler",
+        step_s=0.1,
+    ),
+    Preset(
+        name="converged",
+        meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s",
+        scheme="rk4",
+        step_s=0.05,
+    ),
+)
+
+
+def preset(name: str) -> Preset:
+    """The preset of that name."""
+    for item in PRESETS:
+        if item.name == name:
+            return item
+    raise ManifestError(
+        "simulate.presets",
+        f"{name!r} is not a preset",
+        f"presets are {', '.join(p.name for p in PRESETS)}",
+    )

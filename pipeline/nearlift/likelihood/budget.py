@@ -1,0 +1,144 @@
+"""Errors that repeats do not show: each declared component as shared unknowns in the likelihood.
+
+A component is one unknown per element of its scope. In log lift a gain error counts 1, a force
+error 1 / L, a height error the slope d log ratio / dz, an error of a model's input the model's own
+derivative (`fit.inputs`). Scopes `sample` and `trial` are independent from trial to trial and
+only widen each trial's variance; every other scope is a column (or several) of `shared`, and no
+number of repeats averages it down.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.manifest.campaign import INPUTS_WITH_UNIT, Campaign, Uncertainty
+from nearlift.results import IntArray, Observations
+
+#: What a model takes as known: a component on one of these is relative, on the exponent absolute.
+INPUTS = ("rotor_radius", "rotor_spacing", "exponent", "mass", "air_density")
+GROUPED = ("distance", "throttle", "session", "boundary", "campaign")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Component:
+    """One line of the budget: `standard` is m on height, N on force, a fraction on gain and inputs;
+    `range_N` bends a cell's line.
+
+    An input has its `derivative` from `inputs.acting`; `moves` are the geometries that go with a
+    rotor spacing.
+    """
+
+    name: str
+    on: str
+    standard: float
+    distribution: str
+    scope: str
+    range_N: float | None = None
+    derivative: Callable[[Observations], FloatArray] | None = field(default=None, compare=False)
+    moves: tuple[str, ...] = ()
+
+    def sensitivity(self, data: Observations, slope: FloatArray) -> FloatArray:
+        """Change of log lift per standard uncertainty, (n,)."""
+        if self.on == "height":
+            return self.standard * slope
+        if self.on == "force":
+            return self.standard / data.lift_N
+        if self.on == "linearity":
+            # zero at zero force, `standard` at full range: the lowest such departure from a
+            # straight line is quadratic
+            assert self.range_N is not None
+            return self.standard * data.lift_N / self.range_N**2
+        if self.on in INPUTS:
+            assert self.derivative is not None
+            return self.standard * self.derivative(data)
+        return np.full(data.n, self.standard)
+
+
+def components(campaign: Campaign) -> tuple[Component, ...]:
+    """The budget of a campaign: its `[[uncertainty]]` list, the load cell's accuracy, and an offset
+    where nothing was tared.
+    """
+    listed = [_declared(u, campaign) for u in campaign.uncertainty]
+    cell = campaign.load_cell
+    if cell.accuracy is not None and cell.range is not None:
+        listed.append(
+            Component(
+                name="load cell linearity",
+                on="linearity",
+                standard=cell.accuracy / np.sqrt(3),
+                distribution="uniform",
+                scope="campaign",
+                range_N=cell.range,
+            )
+        )
+    if cell.tare == "none" and cell.accuracy is not None:
+        listed.append(
+            Component(
+                name="untared zero",
+                on="force",
+                standard=cell.accuracy / np.sqrt(3),
+                distribution="uniform",
+                scope="session",
+            )
+        )
+    return tuple(listed)
+
+
+def _declared(u: Uncertainty, campaign: Campaign) -> Component:
+    vehicle = campaign.vehicle
+    standard = u.standard()
+    if u.on in INPUTS_WITH_UNIT and not u.relative:
+        standard /= campaign.nominal(u.on) or math.nan
+    given = {"diagonal_hat": vehicle.rotor_diagonal, "layout_hat": vehicle.rotor_positions}
+    moves = ("spacing_hat", *(name for name, value in given.items() if value is None))
+    return Component(
+        name=u.name,
+        on=u.on,
+        standard=standard,
+        distribution=u.distribution,
+        scope=u.scope,
+        moves=moves,
+    )
+
+
+def groups(data: Observations, scope: str) -> IntArray:
+    """Index of the scope's element that each trial belongs to, (n,)."""
+    if scope == "distance":
+        return np.unique(data.z_hat, return_inverse=True)[1].astype(np.int64)
+    if scope == "throttle":
+        return data.level
+    if scope == "session":
+        return data.session
+    return np.zeros(data.n, dtype=np.int64)
+
+
+def own_variance(data: Observations, parts: tuple[Component, ...], slope: FloatArray) -> FloatArray:
+    """Variance of log lift from the components that are independent from trial to trial, (n,)."""
+    total = np.zeros(data.n)
+    for part in parts:
+        if part.scope == "trial":
+            total += part.sensitivity(data, slope) ** 2
+        elif part.scope == "sample":
+            total += part.sensitivity(data, slope) ** 2 / np.maximum(data.n_eff, 1)
+    return total
+
+
+def columns(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
+    """Sensitivities (n, m) to the m shared unknowns of one component; (n, 0) for an independent
+    one.
+    """
+    if part.scope not in GROUPED:
+        return np.zeros((data.n, 0))
+    group = groups(data, part.scope)
+    result: FloatArray = np.eye(group.max() + 1)[group] * part.sensitivity(data, slope)[:, None]
+    return result
+
+
+def shared(data: Observations, parts: tuple[Component, ...], slope: FloatArray) -> FloatArray:
+    """All shared components side by side, (n, m)."""
+    return np.hstack([np.zeros((data.n, 0)), *(columns(data, part, slope) for part in parts)])

@@ -1,0 +1,285 @@
+"""The likelihood of one model at one boundary.
+
+Forces are measured, ratios are not: the unit is the trial, ``log lift = a[throttle] + log
+ratio(z_hat; theta) + error``. The levels a = log L_inf are nuisances, one per throttle; they are
+linear, so they are eliminated in closed form and never divided by. Working in the logarithm makes a
+gain error additive and lets one covariance serve all throttles; trials scatter by a percent or
+less, so the difference to a likelihood in force is of second order in that percent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray, LiftModel
+from nearlift.errors import InputRefused
+from nearlift.likelihood.covariance import Covariance
+from nearlift.likelihood.finite import where_finite
+from nearlift.results import Observations
+
+#: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never
+#: far from the recorded height.
+BLUR = ((-(3.0**0.5), 1 / 6), (0.0, 2 / 3), (3.0**0.5, 1 / 6))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A model, the trials, and how the trials' errors hang together.
+
+    Parameter vectors are shape (p,) or (m, p); predictions (n,) or (m, n).
+    """
+
+    model: LiftModel
+    data: Observations
+    covariance: Covariance
+    #: Standard deviation in m of height errors that are independent from stop to stop: the
+    #: prediction is its mean over them.
+    blur_m: float = 0.0
+    #: Added to the log ratio whatever the parameters, a number or (n,).
+    shift: FloatArray | float = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The free parameters, in the order of every vector here."""
+        return tuple(p.name for p in self.model.parameters)
+
+    @cached_property
+    def known(self) -> dict[str, Any]:
+        """What the model needs besides its parameters: geometry, and per-trial covariates."""
+        return {name: need(self.data, name, self.model.name) for name in self.model.needs}
+
+    def log_ratio(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Log L / L_inf of each trial; nan where the model has no value.
+
+        `offset_m` is added to every height: one number, or (m, 1) beside theta of shape (m, p).
+        """
+        if not self.blur_m:
+            return self._log_ratio_at(theta, offset_m)
+        return sum(w * self._log_ratio_at(theta, offset_m + x * self.blur_m) for x, w in BLUR)  # type: ignore[return-value]
+
+    def _log_ratio_at(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
+        columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
+        z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
+            log: FloatArray = (
+                np.log(np.where((ratio > 0) & (ratio < np.inf) & (z_hat > 0), ratio, np.nan))
+                + self.shift
+            )
+        return np.broadcast_to(log, (*np.shape(theta)[:-1], self.data.n))
+
+    @cached_property
+    def _levels(self) -> tuple[FloatArray, FloatArray]:
+        """QR of the whitened indicator of each throttle: what eliminates L_inf."""
+        indicator = np.eye(len(self.data.levels))[self.data.level]
+        q, r = np.linalg.qr(self.covariance.whiten(indicator.T).T)
+        return q, r
+
+    @property
+    def levels_log_det(self) -> tuple[int, float]:
+        """How many levels there are, and the log determinant of their information: what integrating
+        them out leaves behind.
+        """
+        _, r = self._levels
+        return len(r), 2 * float(np.log(np.abs(np.diag(r))).sum())
+
+    @property
+    def level_mean(self) -> FloatArray:
+        """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds
+        `level_sensitivity` of its logarithm.
+        """
+        return self.best_levels(np.log(self.data.lift_N))
+
+    @property
+    def level_gain(self) -> FloatArray:
+        """Change of log L_inf of each throttle per unit change of each trial's log lift, theta
+        held, (K, n).
+        """
+        q, r = self._levels
+        return np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
+
+    def project(self, x: FloatArray) -> FloatArray:
+        """Whiten along the last axis and remove what a free L_inf per throttle absorbs; a row with
+        a value that is not finite is nan.
+        """
+        q, _ = self._levels
+
+        def projected(x: FloatArray) -> FloatArray:
+            white = self.covariance.whiten(x)
+            return white - (white @ q) @ q.T
+
+        return where_finite(projected, x)
+
+    @cached_property
+    def _target(self) -> FloatArray:
+        return self.project(np.log(self.data.lift_N))
+
+    def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Whitened residuals with L_inf eliminated; their sum of squares is chi2."""
+        return self.left(self.log_ratio(theta, offset_m))
+
+    def left(self, log_ratio: FloatArray) -> FloatArray:
+        """`residuals` beside a log ratio of each trial, (..., n)."""
+        return self._target - self.project(log_ratio)
+
+    def chi2(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Sum of squared whitened residuals; inf where the model has no value."""
+        r = self.residuals(theta, offset_m)
+        total = np.einsum("...i,...i->...", r, r)
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def log_likelihood(self, theta: FloatArray) -> FloatArray:
+        """Log likelihood, L_inf at its best value given theta."""
+        constant = (
+            self.covariance.log_det
+            + self.data.n * np.log(2 * np.pi)
+            + 2 * np.log(self.data.lift_N).sum()
+        )
+        result: FloatArray = -0.5 * (self.chi2(theta) + constant)
+        return result
+
+    def log_levels(
+        self, theta: FloatArray, offset_m: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
+        _, r = self._levels
+        inverse = np.linalg.inv(r)
+        rest = np.log(self.data.lift_N) - self.log_ratio(theta, offset_m)
+        return self.best_levels(rest), np.asarray(inverse @ inverse.T, dtype=np.float64)
+
+    def best_levels(self, x: FloatArray) -> FloatArray:
+        """The level per throttle that fits rows of trials (..., n) best, (..., K); nan where a row
+        has a value that is not finite.
+        """
+        q, r = self._levels
+        return where_finite(
+            lambda x: np.asarray(
+                np.linalg.solve(r, q.T @ self.covariance.whiten(x).T).T, dtype=np.float64
+            ),
+            x,
+        )
+
+    def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
+        """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p)
+        of log ratio.
+        """
+        return -self.best_levels(jacobian.T).T
+
+    def linearised(
+        self, theta: FloatArray, offset_m: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter
+        (..., p, n).
+        """
+        return self.residuals(theta, offset_m), self.derivatives(theta, offset_m)
+
+    def derivatives(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """Derivatives of `residuals` with respect to each parameter, (..., p, n)."""
+        return -self.project(self.slopes(theta, offset_m))
+
+    def jacobian(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """D log ratio / d theta at one theta, shape (n, p)."""
+        result: FloatArray = self.slopes(np.asarray(theta, dtype=float), offset_m).T
+        return result
+
+    def slopes(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+        """D log ratio / d theta, shape (..., p, n): the declared derivatives where the model has
+        them, else central differences.
+
+        Whoever makes `log_ratio` another function must make this its derivative.
+        """
+        if self.model.gradient is None:
+            return self._differences(theta, offset_m)
+        if not self.blur_m:
+            return self._slopes_at(theta, offset_m)
+        return sum(w * self._slopes_at(theta, offset_m + x * self.blur_m) for x, w in BLUR)  # type: ignore[return-value]
+
+    def _slopes_at(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
+        columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
+        z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
+        assert self.model.gradient is not None
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
+            inside = np.where((ratio > 0) & (z_hat > 0), ratio, np.nan)
+            each = [
+                derivative / inside
+                for derivative in self.model.gradient(z_hat, **columns, **self.known)
+            ]
+        shape = (*np.shape(theta)[:-1], self.data.n)
+        return np.stack([np.broadcast_to(e, shape) for e in each], axis=-2)
+
+    def _differences(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
+        """`slopes` by central differences within the bounds, in one broadcast call."""
+        low, high = (np.array([p.bounds[end] for p in self.model.parameters]) for end in (0, 1))
+        steps = 1e-4 * np.maximum(np.maximum(np.abs(theta), 1e-2 * (high - low)), 1e-6)
+        p = len(low)
+        own = np.eye(p, dtype=bool)
+        up, down = (
+            np.minimum(theta + steps, high)[..., None, :],
+            np.maximum(theta - steps, low)[..., None, :],
+        )
+        here = theta[..., None, :]
+        at = np.concatenate([np.where(own, up, here), np.where(own, down, here)], axis=-2)
+        shift = np.asarray(offset_m)[..., None] if np.ndim(offset_m) else offset_m
+        value = self.log_ratio(at, shift)
+        return np.asarray(
+            (value[..., :p, :] - value[..., p:, :]) / (up - down).swapaxes(-1, -2), dtype=np.float64
+        )
+
+    def height_slope(self, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
+        """D log ratio / d z at one theta, per metre, shape (n,), every height moved by `offset_m`;
+        0 in free air.
+        """
+        data = (
+            replace(self.data, z_hat=self.data.z_hat + offset_m / self.data.radius_m)
+            if offset_m
+            else self.data
+        )
+        return height_slope(self.model, data, dict(zip(self.names, np.asarray(theta), strict=True)))
+
+
+def need(data: Observations, name: str, model: str) -> Any:
+    """Geometry or covariate `name` of the trials, or a refusal that says what to record."""
+    if name in data.geometry:
+        return data.geometry[name]
+    own = {
+        "radius_m": data.radius_m,
+        "throttle": data.throttle,
+        "session": data.session,
+        "z_hat": data.z_hat,
+    }
+    if name in own:
+        return own[name]
+    if name in data.covariates:
+        return data.covariates[name]
+    raise InputRefused(
+        f"model {model}",
+        f"needs {name}, which this campaign does not know",
+        "add it to [vehicle] or to the schedule, or choose another model",
+    )
+
+
+def height_slope(model: LiftModel, data: Observations, parameters: dict[str, float]) -> FloatArray:
+    """D log ratio / d z of each trial, per metre, at given parameter values."""
+    known = {name: need(data, name, model.name) for name in model.needs}
+    step = 1e-4
+    inside = np.isfinite(data.z_hat)
+    z_hat = np.where(inside, data.z_hat, 1.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        up = np.log(model.evaluate(z_hat * (1 + step), **parameters, **known))
+        down = np.log(model.evaluate(z_hat * (1 - step), **parameters, **known))
+        slope = (up - down) / (2 * step * z_hat) / data.radius_m
+    return np.where(inside & np.isfinite(slope), slope, 0.0)
+
+
+def usable(model: LiftModel, data: Observations) -> NDArray[np.bool_]:
+    """Which trials the model can speak about: inside `valid_z_hat` (its lower end excluded), or in
+    free air.
+    """
+    low, high = model.valid_z_hat
+    return (data.z_hat > low) & ((data.z_hat <= high) | np.isinf(data.z_hat))

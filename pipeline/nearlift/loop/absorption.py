@@ -1,0 +1,134 @@
+"""Why the coefficients moved when an effect was added, and what these trials cannot tell apart: in
+numbers, and in words made of them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood.noise import orthonormal
+from nearlift.loop.candidate import Fitted
+from nearlift.loop.few_visits import applies
+from nearlift.loop.search import SILENT, Answer, Stage
+from nearlift.rounding import letter, signed
+
+#: A coefficient that owes this share of its information to one distance or visit rests on it.
+RESTS = 0.5
+#: Correlation from which two causes count as confounded by the schedule.
+CONFOUNDED = 0.5
+
+
+def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[dict[str, Any]]:
+    """How each named effect goes together with each coefficient, and what became of the
+    coefficient.
+
+    `correlation` is that of what the effect contributes with what a larger coefficient would add,
+    over trials, whitened and with L_inf removed: where it is large, a fit without the effect
+    charges the effect to the coefficient.
+    """
+    found = []
+    for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
+        best = answer.accepted[0].fitted
+        part, jacobian = (
+            stage.space.project(best.candidate.contribution(best.vector, effect)),
+            best.jacobian,
+        )
+        for i, parameter in enumerate(stage.base.parameters):
+            slope = jacobian[:, i]
+            lengths = float(np.linalg.norm(part) * np.linalg.norm(slope))
+            r = float(part @ slope) / lengths if lengths > 0 else 0.0
+            before, after = (coefficients[k][parameter.name]["value"] for k in ("before", "after"))
+            row = {
+                "effect": effect.name,
+                "coefficient": parameter.name,
+                "before": before,
+                "after": after,
+                "correlation": r,
+            }
+            if abs(r) >= CONFOUNDED:
+                fate = (
+                    "changes its sign"
+                    if before * after < 0
+                    else f"moves by {signed(after - before, 2)}"
+                )
+                name = letter(parameter.name)
+                row["text"] = (
+                    f"With {effect.name} in the model {name} {fate}: over these trials"
+                    f" {effect.name} and distance go together (correlation {signed(r, 2)}), so a"
+                    f" fit without {effect.name} charges it to {name}."
+                )
+            found.append(row)
+    return found
+
+
+def limits(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
+    """What cannot be known from so few distances or visits: coefficients that rest on one of them,
+    or that levels of their own absorb.
+    """
+    return unknowable(stage, answer.best)
+
+
+def unknowable(stage: Stage, best: Fitted) -> list[dict[str, Any]]:
+    """The same about any fit; also about one to trials that are only planned."""
+    jacobian = best.jacobian
+    beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
+    found: list[dict[str, Any]] = []
+    for i, parameter in enumerate(stage.base.parameters):
+        slope = jacobian[:, i] - beside @ (beside.T @ jacobian[:, i])
+        whole = float(slope @ slope)
+        if whole <= 0:
+            continue
+        share, where = _largest(slope, stage.data.z_hat)
+        if share >= RESTS and len(np.unique(stage.data.visit[stage.data.z_hat == where])) == 1:
+            text = (
+                f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}:"
+                f" {100 * share:.0f} % of what is known of it."
+            )
+            found.append(
+                {
+                    "coefficient": parameter.name,
+                    "rests_on": {"z_hat": where},
+                    "share": share,
+                    "text": text,
+                }
+            )
+        # a visit holds one distance always; only where visits are as few and as long as sessions is
+        # each a level of its own
+        levelled = [
+            ("session", stage.data.session),
+            *([("visit", stage.data.visit)] if applies(stage.data) else []),
+        ]
+        for label, values in levelled:
+            levels = stage.space.project(
+                np.eye(len(np.unique(values)))[np.unique(values, return_inverse=True)[1]].T
+            ).T
+            basis = orthonormal(levels)
+            left = jacobian[:, i] - basis @ (basis.T @ jacobian[:, i])
+            share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
+            if share < max(SILENT, 0.01) and len(np.unique(values)) > 1:
+                text = (
+                    f"A gain of its own for every {label} (session_gain) would absorb"
+                    f" {parameter.name} altogether: these trials cannot tell the two apart, since"
+                    f" no {label} holds more than one distance."
+                )
+                found.append(
+                    {
+                        "coefficient": parameter.name,
+                        "absorbed_by": "session_gain",
+                        "share": share,
+                        "text": text,
+                    }
+                )
+                break
+    return found
+
+
+def _largest(slope: FloatArray, values: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """The largest share of the energy of `slope` at one value, and that value."""
+    places, label = np.unique(values, return_inverse=True)
+    energy = np.bincount(label, slope**2)
+    most = int(np.argmax(energy))
+    return float(energy[most] / energy.sum()), float(places[most])

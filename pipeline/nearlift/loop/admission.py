@@ -1,0 +1,101 @@
+"""What a boundary needs to be diagnosed, and which effects its trials can speak of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.declare import Effect, LiftModel
+from nearlift.errors import NotConverged
+from nearlift.loop.setting import missing
+from nearlift.results import Observations
+
+#: Trials beyond the unknowns (levels and coefficients) from which on their scatter alone tells
+#: noise from structure.
+LEAST_TRIALS = 40
+#: Of a published table, whose order is unknown and whose cells come with a standard deviation, so
+#: many, and so many beyond the unknowns.
+LEAST_CELLS, LEAST_FREEDOM = 15, 8
+#: With more sessions than this no effect has a size of its own in each: such an effect's unknowns
+#: times the trials would not fit into memory.
+MOST_SESSIONS = 400
+
+
+def few(data: Observations, base: LiftModel) -> bool:
+    """Whether trials are so few that their own scatter cannot tell noise from structure."""
+    return data.n < LEAST_TRIALS + len(data.levels) + len(base.parameters)
+
+
+def admit(where: str, data: Observations, base: LiftModel) -> None:
+    """Let usable trials pass, or say what is missing.
+
+    Raises
+    ------
+    NotConverged
+        Too few trials, or few without a standard deviation of each.
+    """
+    if not few(data, base):
+        return
+    unknowns = len(data.levels) + len(base.parameters)
+    if data.ordered:
+        # with an order come drifts, and of so few trials nobody has counted how often they pass for
+        # structure
+        table = f"a published table: {LEAST_CELLS}, with lift_sd for each and their order unknown"
+        remedy = (
+            f"at least {LEAST_TRIALS + unknowns} are wanted to tell a noise floor from structure"
+            f" ({table})"
+        )
+        raise NotConverged(where, f"{data.n} usable trials", remedy)
+    wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
+    if data.n < wanted:
+        what = (
+            f"at least {wanted} are wanted ({unknowns} levels and coefficients are unknown), each"
+            " with its standard deviation"
+        )
+        raise NotConverged(where, f"{data.n} usable trials", what)
+    bare = int(np.sum(~(data.u_lift_N > 0)))
+    if bare:
+        remedy = (
+            f"give lift_sd for each, or at least {LEAST_TRIALS + unknowns} trials, to tell a noise"
+            " floor from structure"
+        )
+        raise NotConverged(
+            where, f"{data.n} usable trials, {bare} of them without a standard deviation", remedy
+        )
+
+
+def could_act(
+    data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None
+) -> tuple[tuple[Effect, ...], list[dict[str, Any]]]:
+    """The effects that can occur at this boundary and whose needs the trials meet; the others, with
+    what to log next time.
+
+    `data` has its derived covariates; `effects` is the catalogue if None.
+    """
+    library = catalogue.effects() if effects is None else effects
+    taken = {p.name for p in base.parameters}
+    library = tuple(
+        e
+        for e in library
+        if data.boundary in e.boundaries and not taken & {p.name for p in e.parameters}
+    )
+    if "spacing_hat" not in data.geometry:
+        # what rotors do to each other is not missing information where there is only one
+        library = tuple(e for e in library if "spacing_hat" not in e.needs)
+    many = len(np.unique(data.session)) > MOST_SESSIONS
+    needs = {
+        e.name: (
+            ("session",)
+            if many and any(p.per == "session" for p in e.parameters)
+            else missing(e, data)
+        )
+        for e in library
+    }
+    untestable = [
+        {"effect": e.name, "needs": list(needs[e.name]), "log_next_time": list(e.log_next_time)}
+        for e in library
+        if needs[e.name]
+    ]
+    return tuple(e for e in library if not needs[e.name]), untestable

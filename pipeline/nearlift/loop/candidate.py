@@ -1,0 +1,427 @@
+"""A base model with some effects, as a function of one flat vector: predicted, differentiated,
+fitted with weak priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, compose
+from nearlift.likelihood.problem import Problem, need
+from nearlift.loop.families import cosines, indicators
+from nearlift.results import Observations
+
+#: Smooth relative deformation of an effect's own shape: so many cosines, falling as 1 / order.
+TUBE_ORDER = 4
+#: A search grants an effect this many times its bench-plausible size: weak, but a 40 mm datum error
+#: is no explanation.
+WIDE = 4.0
+#: Numbers that differ by session are drawn from one population; its spread, in units of the
+#: prior's, is chosen by evidence.
+SESSION_SPREADS = (0.1, 0.3, 1.0, 3.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slot:
+    """Where one parameter stands in the flat vector: entries `start` to `stop` (several for a
+    parameter per session).
+    """
+
+    parameter: Parameter
+    effect: str
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """The base model and the effects that may explain what it leaves. `data` has its derived
+    covariates and `lift_inf_N`.
+    """
+
+    base: LiftModel
+    effects: tuple[Effect, ...]
+    data: Observations
+    session_spread: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """The effects' names."""
+        return " + ".join(e.name for e in self.effects) or "base"
+
+    @cached_property
+    def model(self) -> LiftModel:
+        """The composition."""
+        return compose(self.base, *self.effects) if self.effects else self.base
+
+    @cached_property
+    def slots(self) -> tuple[Slot, ...]:
+        """The flat vector's layout: the base model's parameters first."""
+        owner = {p.name: e.name for e in self.effects for p in e.parameters}
+        found, at = [], 0
+        for p in self.model.parameters:
+            width = int(self.data.session.max()) + 1 if p.per == "session" else 1
+            found.append(Slot(parameter=p, effect=owner.get(p.name, ""), start=at, stop=at + width))
+            at += width
+        return tuple(found)
+
+    @property
+    def size(self) -> int:
+        """Length of the flat vector."""
+        return self.slots[-1].stop if self.slots else 0
+
+    @cached_property
+    def known(self) -> dict[str, Any]:
+        """Geometry and covariates that the composition needs."""
+        return {name: need(self.data, name, self.model.name) for name in self.model.needs}
+
+    def log_ratio(self, vector: FloatArray, data: Observations | None = None) -> FloatArray:
+        """Log L / L_inf at (P,) or (m, P); at other trials of the same campaign if `data`
+        is given.
+        """
+        where = self.data if data is None else data
+        known = (
+            self.known
+            if data is None
+            else {name: need(data, name, self.model.name) for name in self.model.needs}
+        )
+        vector = np.asarray(vector, dtype=float)
+        values = {}
+        for s in self.slots:
+            if s.parameter.per == "session":
+                # a session that the fit has not seen has the null value
+                unseen = np.full((*vector.shape[:-1], 1), s.parameter.value)
+                own = np.concatenate([vector[..., s.start : s.stop], unseen], axis=-1)
+                values[s.parameter.name] = own[..., np.minimum(where.session, s.stop - s.start)]
+            else:
+                values[s.parameter.name] = vector[..., s.start, None]
+        ratio = np.asarray(self.model.evaluate(where.z_hat, **known, **values), dtype=float)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            log: FloatArray = np.log(np.where((ratio > 0) & (ratio < np.inf), ratio, np.nan))
+        return np.broadcast_to(log, (*vector.shape[:-1], where.n))
+
+    @cached_property
+    def null(self) -> FloatArray:
+        """Every parameter at its declared value."""
+        return np.concatenate(
+            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.value) for s in self.slots)]
+        )
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper ends."""
+        low = np.concatenate(
+            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[0]) for s in self.slots)]
+        )
+        high = np.concatenate(
+            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[1]) for s in self.slots)]
+        )
+        return low, high
+
+    @cached_property
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation of each entry, sizes widened by `WIDE`; the base model's are
+        flat (infinite).
+        """
+        mean, sd = self.null.copy(), np.full(self.size, np.inf)
+        for s in self.slots:
+            if s.effect:
+                mean[s.start : s.stop], sd[s.start : s.stop] = moments(s.parameter)
+                if s.parameter.per == "session":
+                    sd[s.start : s.stop] *= self.session_spread
+                elif not s.parameter.grid:
+                    sd[s.start : s.stop] *= WIDE
+        return mean, sd
+
+    @cached_property
+    def by_session(self) -> NDArray[np.bool_]:
+        """Which entries are one of several that differ by session."""
+        return np.concatenate(
+            [
+                np.zeros(0, dtype=bool),
+                *(np.full(s.stop - s.start, s.parameter.per == "session") for s in self.slots),
+            ]
+        )
+
+    def of(self, effect: str) -> FloatArray:
+        """Indices of one effect's entries; of the base model's for an empty name."""
+        return np.concatenate(
+            [
+                np.zeros(0, dtype=int),
+                *(np.arange(s.start, s.stop) for s in self.slots if s.effect == effect),
+            ]
+        ).astype(int)
+
+    def jacobian(self, vector: FloatArray) -> FloatArray:
+        """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one
+        broadcast call.
+
+        Entries that differ by session step together: each moves the trials of its own session and
+        no others.
+        """
+        if not self.size:
+            return np.zeros((*vector.shape[:-1], self.data.n, 0))
+        low, high = self.bounds
+        _, sd = self.prior
+        width = np.where(np.isfinite(sd), sd, np.minimum(high - low, 10.0))
+        step = np.maximum(1e-4 * np.abs(vector), 1e-3 * width)
+        up, down = np.minimum(vector + step, high), np.maximum(vector - step, low)
+        moved = np.array(
+            [[s.start <= i < s.stop for i in range(self.size)] for s in self.slots]
+        ).reshape(-1, self.size)
+        ends = [
+            np.where(moved, end[..., None, :], vector[..., None, :]).reshape(-1, self.size)
+            for end in (up, down)
+        ]
+        above, below = np.split(self.log_ratio(np.concatenate(ends)), 2)
+        change = (above - below).reshape(*vector.shape[:-1], len(self.slots), self.data.n)
+        trials = np.arange(self.data.n)
+        result = np.zeros((*vector.shape[:-1], self.data.n, self.size))
+        for i, s in enumerate(self.slots):
+            entry = s.start + (
+                self.data.session if s.parameter.per == "session" else np.zeros_like(trials)
+            )
+            result[..., trials, entry] = change[..., i, :] / (up - down)[..., entry]
+        return np.nan_to_num(result, copy=False)
+
+    def shapes(self) -> Iterator[FloatArray]:
+        """Vectors at the null with every combination of the shapes' grid values."""
+        shaped = [s for s in self.slots if s.parameter.grid and s.effect]
+        for combination in product(*(s.parameter.grid for s in shaped)):
+            vector = self.null.copy()
+            for s, value in zip(shaped, combination, strict=True):
+                vector[s.start : s.stop] = value
+            yield vector
+
+    def sizes(self) -> FloatArray:
+        """Indices of the effects' entries that are not shapes."""
+        chosen = [
+            np.arange(s.start, s.stop) for s in self.slots if s.effect and not s.parameter.grid
+        ]
+        return np.concatenate([np.zeros(0, dtype=int), *chosen]).astype(int)
+
+    def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
+        """What one effect adds to log lift at `vector`, (n,)."""
+        without = vector.copy()
+        mine = self.of(effect.name)
+        without[mine] = self.null[mine]
+        return np.nan_to_num(self.log_ratio(vector) - self.log_ratio(without))
+
+    def tube(self, vector: FloatArray, sd: float) -> FloatArray:
+        """Columns (n, t) of unit-variance unknowns: each effect's contribution, smoothly deformed
+        by a relative `sd`.
+
+        Along its own covariate, along throttle, and for what acts on height or ratio along
+        distance: a true effect rarely scales with speed or distance exactly as its declared form
+        does.
+        """
+        if sd <= 0:
+            return np.zeros((self.data.n, 0))
+        columns = [np.zeros((self.data.n, 0))]
+        weight = 1 / np.arange(1, TUBE_ORDER + 1)
+        weight *= sd * np.sqrt(2 / np.sum(weight**2))
+        for effect in self.effects:
+            for name in bends_along(effect):
+                along = self._along(name)
+                if along is not None:
+                    columns.append(
+                        self.contribution(vector, effect)[:, None]
+                        * cosines(along, TUBE_ORDER)
+                        * weight
+                    )
+            if effect.varies_with == "since_start_s" and self.data.session.max() > 0:
+                # what begins anew at every start does not begin alike each time
+                columns.append(
+                    self.contribution(vector, effect)[:, None] * indicators(self.data.session) * sd
+                )
+        return np.hstack(columns)
+
+    def _along(self, name: str) -> FloatArray | None:
+        if name == "z_hat":
+            return self.data.z_hat
+        if name == "throttle":
+            return self.data.throttle
+        return self.data.covariates.get(name)
+
+
+def bends_along(effect: Effect) -> tuple[str, ...]:
+    """The covariates along which an effect's true form may depart from the declared one."""
+    return tuple(
+        dict.fromkeys(
+            (effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))
+        )
+    )
+
+
+def moments(parameter: Parameter) -> tuple[float, float]:
+    """Centre and width of a prior, as a normal would have them (a half-normal's centre is
+    its end).
+    """
+    prior = parameter.prior
+    if prior.distribution in ("norm", "halfnorm"):
+        return prior.loc, prior.scale
+    if prior.distribution == "uniform":
+        return prior.loc + prior.scale / 2, prior.scale / np.sqrt(12)
+    frozen = prior.frozen()
+    return float(frozen.mean()), float(frozen.std())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fitted:
+    """A candidate at its best: `residual` is whitened with L_inf removed (by `space`), `penalty`
+    the prior's part of the objective.
+    """
+
+    candidate: Candidate
+    space: Problem
+    vector: FloatArray
+    residual: FloatArray
+    penalty: float
+
+    @property
+    def jacobian(self) -> FloatArray:
+        """D residual / d vector but for its sign, (n, P); made when asked for, since a search keeps
+        every candidate that it tried.
+        """
+        return self.space.project(self.candidate.jacobian(self.vector).T).T
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether an effect's size stands at an end of its range that is not its null."""
+        low, high = self.candidate.bounds
+        sizes = self.candidate.sizes()
+        value, null = self.vector[sizes], self.candidate.null[sizes]
+        return bool(np.any(((value <= low[sizes]) | (value >= high[sizes])) & (value != null)))
+
+    @property
+    def chi2(self) -> float:
+        """Sum of squared whitened residuals."""
+        return float(np.sum(self.residual**2))
+
+
+def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:
+    """Penalised least squares from `start` by damped Gauss-Newton steps.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    space : Problem
+        Whitens and removes L_inf.
+    log_lift : (n,)
+    start : (P,)
+    """
+    low, high = candidate.bounds
+    mean, sd = candidate.prior
+    weight = 1 / sd
+
+    def residual(vector: FloatArray) -> FloatArray:
+        return space.project(log_lift - candidate.log_ratio(vector))
+
+    def cost(r: FloatArray, vector: FloatArray) -> float:
+        total = float(np.sum(r**2) + np.sum(((vector - mean) * weight) ** 2))
+        return total if np.isfinite(total) else np.inf
+
+    vector = np.clip(start, low, high)
+    r = residual(vector)
+    best = cost(r, vector)
+    damping = 1e-6
+    for _ in range(25 if np.isfinite(best) else 0):
+        columns = candidate.jacobian(vector)
+        j = space.project(columns.T).T
+        length = np.sqrt(np.sum(j**2, axis=0) + weight**2)
+        length = np.where(length > 0, length, 1.0)
+        normal = (j.T @ j + np.diag(weight**2)) / np.outer(length, length)
+        gradient = (j.T @ r - weight**2 * (vector - mean)) / length
+        gained = 0.0
+        for _ in range(8):
+            trial = np.clip(
+                vector
+                + _step(
+                    normal + damping * np.eye(len(vector)), gradient, length, vector, low, high
+                ),
+                low,
+                high,
+            )
+            r_trial = residual(trial)
+            value = cost(r_trial, trial)
+            if value < best:
+                gained = best - value
+                vector, r, best, damping = trial, r_trial, value, max(damping / 10, 1e-9)
+                break
+            damping = max(damping * 20, 1e-6)
+        if gained < 1e-3:
+            break
+    return Fitted(
+        candidate=candidate,
+        space=space,
+        vector=vector,
+        residual=r,
+        penalty=best - float(np.sum(r**2)),
+    )
+
+
+def _step(
+    normal: FloatArray,
+    gradient: FloatArray,
+    length: FloatArray,
+    vector: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """The Gauss-Newton step in which an entry at a bound that wants to leave stays, and the others
+    make the best of that.
+    """
+    free = np.ones(len(vector), dtype=bool)
+    step = np.zeros(len(vector))
+    for _ in range(len(vector)):
+        step[:] = 0.0
+        step[free] = (
+            np.linalg.lstsq(normal[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]
+            / length[free]
+        )
+        stuck = free & (((vector <= low) & (step < 0)) | ((vector >= high) & (step > 0)))
+        if not stuck.any():
+            break
+        free &= ~stuck
+    return step
+
+
+def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
+    """The best fit over the shapes' starting values: screened to first order, the best
+    two refined.
+    """
+    p = len(candidate.of(""))
+    starts: list[tuple[float, int, FloatArray]] = []
+    sizes = candidate.sizes()
+    mean, sd = candidate.prior
+    for vector in candidate.shapes():
+        vector = vector.copy()
+        vector[:p] = theta
+        # a shape's derivative vanishes at the null, so the screen is linear in the sizes alone
+        active = np.r_[np.arange(p), sizes]
+        j = space.project(candidate.jacobian(vector).T[active]).T
+        r = space.project(log_lift - candidate.log_ratio(vector))
+        weight = 1 / sd[active]
+        solution = np.linalg.lstsq(
+            np.vstack([j, np.diag(weight)]), np.r_[r, weight * (mean - vector)[active]], rcond=None
+        )[0]
+        rest = r - j @ solution
+        start = vector.copy()
+        start[active] += solution
+        starts.append(
+            (
+                float(rest @ rest + np.sum((weight * (start - mean)[active]) ** 2)),
+                len(starts),
+                start,
+            )
+        )
+    starts.sort()
+    fits = [fit(candidate, space, log_lift, start) for _, _, start in starts[:2]]
+    return min(fits, key=lambda f: f.chi2 + f.penalty)

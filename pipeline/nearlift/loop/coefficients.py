@@ -1,0 +1,266 @@
+"""The model's coefficients before and after, with three intervals that answer three different
+questions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray
+from nearlift.fit import gum
+from nearlift.likelihood import student
+from nearlift.likelihood.noise import orthonormal
+from nearlift.loop import discrepancy
+from nearlift.loop.candidate import WIDE, Candidate, Fitted, moments
+from nearlift.loop.search import Answer, Stage
+
+#: Values and standard uncertainties of the coefficients, (p,) each.
+Pair = tuple[FloatArray, FloatArray]
+
+
+def spread(
+    stage: Stage, fitted: Fitted, nuisance: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Value and standard uncertainty of the base model's coefficients at a fit.
+
+    `nuisance` (n, t) are columns of further unit-variance unknowns, such as a tube or undetected
+    effects: they widen the covariance, and the coefficients move to where the data then want them
+    (one Gauss-Newton step).
+    """
+    p = len(stage.theta)
+    _, sd = fitted.candidate.prior
+    mean, _ = fitted.candidate.prior
+    weight2 = np.where(np.isfinite(sd), 1 / sd**2, 0.0)
+    j, r = fitted.jacobian, fitted.residual
+    if nuisance is not None and nuisance.shape[1]:
+        white = stage.space.project(nuisance.T).T
+        u, s, _ = np.linalg.svd(white, full_matrices=False)
+        shrink = s**2 / (1 + s**2)
+        j_solved = j - u @ (shrink[:, None] * (u.T @ j))
+        information = j.T @ j_solved + np.diag(weight2)
+        gradient = j_solved.T @ r - weight2 * np.where(weight2 > 0, fitted.vector - mean, 0.0)
+        step = np.linalg.lstsq(information, gradient, rcond=1e-12)[0]
+    else:
+        information = j.T @ j + np.diag(weight2)
+        step = np.zeros(len(fitted.vector))
+    covariance = _inverse(information)
+    low, high = fitted.candidate.bounds
+    value = np.clip(fitted.vector + step, low, high)[:p]
+    return value, np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
+
+
+def joint(stage: Stage, fitted: Fitted, tube: FloatArray | None = None) -> FloatArray:
+    """Covariance of everything fitted, coefficients first and the effects' parameters after them as
+    the candidate's slots say: (P, P).
+
+    `tube` (n, t) are unit-variance columns of form uncertainty.
+    """
+    _, sd = fitted.candidate.prior
+    j = fitted.jacobian
+    if tube is not None and tube.shape[1]:
+        u, s, _ = np.linalg.svd(stage.space.project(tube.T).T, full_matrices=False)
+        j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
+    return _inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    result: FloatArray = np.linalg.pinv(
+        information / np.outer(scale, scale), rcond=1e-13
+    ) / np.outer(scale, scale)
+    return result
+
+
+def constrained_columns(
+    stage: Stage, chosen: tuple[str, ...], declared: dict[str, float]
+) -> FloatArray:
+    """Every effect that was not named, at its physical prior's size, as unit-variance columns (n,
+    t).
+
+    `declared` overrides the size (in units of the prior) where the bench declares how well it knows
+    an effect.
+    """
+    columns = [np.zeros((stage.data.n, 0))]
+    for effect in {e.name: e for e, _ in stage.library}.values():
+        if effect.name in chosen:
+            continue
+        candidate = Candidate(base=stage.base, effects=(effect,), data=stage.data)
+        _, sd = candidate.prior
+        sizes = candidate.sizes()
+        # a search grants more than is physical, but for what differs by session
+        physical = np.where(candidate.by_session, sd, sd / WIDE)[sizes]
+        shapes = [c for e, c in stage.library if e.name == effect.name]
+        # one unknown size whose shape is unknown too: each shape carries its share of the variance
+        for c in shapes:
+            columns.append(c * physical * declared.get(effect.name, 1.0) / np.sqrt(len(shapes)))
+    return np.hstack(columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answers:
+    """The p coefficients under what may be the truth, each as value and standard uncertainty, two
+    arrays (p,).
+
+    Attributes
+    ----------
+    names : tuple of str
+    dof : (p,)
+        Degrees of freedom behind the uncertainties.
+    before : pair of arrays
+        By the base fit alone.
+    members : tuple of (str, pair of arrays)
+        Every explanation that was accepted, the best first, its form uncertain; else the base fit,
+        with what is left carried.
+    conditional : pair of arrays
+        If the best answer is exactly the truth.
+    constrained : pair of arrays
+        With every effect that was not named as a nuisance of its physical size.
+    carried : tuple of str
+        The covariates along which structure without a name is carried.
+    unnamed : (n, t)
+        What is carried, as columns of log lift with unknowns of unit variance.
+    """
+
+    names: tuple[str, ...]
+    dof: FloatArray
+    before: Pair
+    members: tuple[tuple[str, Pair], ...]
+    conditional: Pair
+    constrained: Pair
+    carried: tuple[str, ...] = ()
+    unnamed: FloatArray
+
+    @property
+    def value(self) -> FloatArray:
+        """The values quoted."""
+        return self.conditional[0]
+
+    def spans(self, i: int) -> list[tuple[float, float]]:
+        """Value and standard uncertainty of coefficient i by every answer, the best with its form
+        uncertain first.
+        """
+        pairs = dict.fromkeys(
+            (float(v[i]), float(u[i]))
+            for v, u in (*(pair for _, pair in self.members), self.conditional)
+        )
+        return list(pairs)
+
+    def block(self) -> dict[str, Any]:
+        """The `coefficients` block of diagnosis.json."""
+        before, after = {}, {}
+        for i, name in enumerate(self.names):
+            reach = student.quantile(0.95, float(self.dof[i]))
+
+            def about(value: float, u: float, reach: float = reach) -> list[float]:
+                return [value - reach * u, value + reach * u]
+
+            low90, high90 = about(self.before[0][i], self.before[1][i])
+            before[name] = {"value": self.before[0][i], "lo90": low90, "hi90": high90}
+            all_of_them = [about(v, u) for v, u in self.spans(i)]
+            after[name] = {
+                "value": self.value[i],
+                "lo90": min(low for low, _ in all_of_them),
+                "hi90": max(high for _, high in all_of_them),
+                "conditional": about(self.conditional[0][i], self.conditional[1][i]),
+                "constrained": about(self.constrained[0][i], self.constrained[1][i]),
+            }
+        return {"before": before, "after": after, "carried": list(self.carried)}
+
+
+def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers:
+    """What the coefficients are before and after the loop."""
+    best = answer.best
+    conditional = spread(stage, best)
+    # structure without a name is no noise: it is carried, and the base fit leans away from it
+    carried = (
+        (discrepancy.covariates(answer.first) or ["distance"])
+        if answer.verdict == "unexplained"
+        else []
+    )
+    unnamed = discrepancy.columns(stage, carried) if carried else np.zeros((stage.data.n, 0))
+    fits = [(e.name, e.fitted, e.tube) for e in answer.accepted] or [("", stage.base_fit, unnamed)]
+    members = tuple((name, spread(stage, fitted, tube)) for name, fitted, tube in fits)
+    chosen = answer.accepted[0].effects if answer.accepted else ()
+    return Answers(
+        names=tuple(p.name for p in stage.base.parameters),
+        dof=_freedom(stage),
+        before=spread(stage, stage.base_fit),
+        members=members,
+        conditional=members[0][1] if carried else conditional,
+        constrained=spread(
+            stage, best, np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])
+        ),
+        carried=tuple(carried),
+        unnamed=unnamed,
+    )
+
+
+def _freedom(stage: Stage) -> FloatArray:
+    """Effective degrees of freedom (p,) of the base fit's coefficients: what is behind the sizes of
+    noise that each rests on.
+    """
+    g = (
+        gum.gain(stage.space, stage.base_fit.vector)
+        if len(stage.theta)
+        else np.zeros((0, stage.data.n))
+    )
+    return gum.freedom(stage.space, g, stage.parts, stage.noise, stage.slope)
+
+
+def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:
+    """Effects that the coefficients and L_inf absorb, and the bias they may do unseen.
+
+    `bias_at_detection_limit` is the shift of the headline coefficient, in its own standard
+    uncertainties, by an effect just too small to be seen (non-centrality 16), or at its physical
+    prior's size where it can never be seen. `u` is that uncertainty, of the base fit under the
+    loop's noise floor; the one in fit.json has the noise of repeats.
+    """
+    from nearlift.loop.search import visibility
+
+    if not stage.base.parameters:
+        return []
+    jacobian = stage.base_fit.jacobian
+    basis = orthonormal(jacobian)
+    information = jacobian.T @ jacobian
+    covariance = _inverse(information)
+    found = []
+    for effect in effects:
+        columns = [c for e, c in stage.library if e.name == effect.name and c.shape[1] == 1]
+        if not columns:
+            continue
+        share = visibility(stage, effect)
+        white = stage.space.project(columns[0].T).T[:, 0]
+        left = white - basis @ (basis.T @ white)
+        shift = covariance @ jacobian.T @ white / np.sqrt(np.diag(covariance))
+        most = int(np.argmax(np.abs(shift)))
+        prior_size = _size(effect)
+        hidden = share < limit
+        size = (
+            prior_size
+            if hidden
+            else min(4.0 / max(float(np.linalg.norm(left)), 1e-300), prior_size)
+        )
+        if np.linalg.norm(white) == 0:
+            continue
+        if hidden or abs(shift[most]) * size > 1.0:
+            found.append(
+                {
+                    "effect": effect.name,
+                    "absorbed_by": stage.base.parameters[most].name,
+                    "share_visible": share,
+                    "bias_at_detection_limit": float(abs(shift[0]) * size),
+                    "in_units_of": f"u({stage.base.parameters[0].name})",
+                    "u": float(np.sqrt(covariance[0, 0])),
+                    "u_of": "base fit, noise floor of the loop",
+                    "hidden": hidden,
+                }
+            )
+    return sorted(found, key=lambda f: -f["bias_at_detection_limit"])
+
+
+def _size(effect: Effect) -> float:
+    sizes = [p for p in effect.parameters if not p.grid]
+    return moments(sizes[0])[1]

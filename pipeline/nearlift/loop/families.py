@@ -1,0 +1,235 @@
+"""Name-free families of structure: smooth or free shapes in each covariate, which no physics has to
+justify.
+
+They answer "is anything left, and along what?". They never become part of a model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.loop.setting import varies
+from nearlift.results import Observations
+
+#: A family may not take more than this share of the trials as degrees of freedom, nor more than so
+#: many: smooth ones see what it would.
+LARGEST_SHARE, LARGEST = 1 / 8, 256
+#: Positions at which a step in time is looked for.
+STEPS = 40
+STEP = "time, step"
+#: Covariates that have a family of their own below; any other numeric column gets a smooth one.
+SPOKEN_FOR = {
+    "supply_V",
+    "temperature_K",
+    "approach",
+    "tilt_rad",
+    "start_s",
+    "elapsed_hat",
+    "run_order",
+    "elapsed_trials",
+    "since_start_s",
+    "rest_s",
+    "previous_lift_N",
+    "previous_throttle",
+    "previous_z_hat",
+    "order_in_visit",
+    "drift_N_s",
+    "drift_hat",
+    "record_s",
+    "session",
+    "lift_sd_N",
+    "lift_inf_N",
+    "n",
+    "visit",
+    "speed_Hz",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Family:
+    """Columns (n, k) of log lift, and the covariate along which they vary."""
+
+    name: str
+    covariate: str
+    columns: FloatArray
+
+
+def cosines(x: FloatArray, count: int, first: int = 1) -> FloatArray:
+    """Smooth shapes along the ranks of `x`: cos(pi j u), j = first .. first + count - 1, u in [0,
+    1]; (n, count).
+    """
+    _, rank = np.unique(x, return_inverse=True)
+    u = (rank + 0.5) / (rank.max() + 1)
+    return np.cos(np.pi * np.outer(u, np.arange(first, first + count)))
+
+
+def powers(x: FloatArray, count: int) -> FloatArray:
+    """x, x^2, ... about its middle, scaled to [-1, 1]; (n, count)."""
+    low, high = x.min(), x.max()
+    u = 2 * (x - low) / (high - low) - 1 if high > low else np.zeros_like(x)
+    return np.stack([u**j for j in range(1, count + 1)], axis=1)
+
+
+def indicators(label: np.ndarray) -> FloatArray:
+    """One column per distinct label."""
+    _, index = np.unique(label, return_inverse=True)
+    return np.eye(index.max() + 1)[index]
+
+
+def times(a: FloatArray, b: FloatArray) -> FloatArray:
+    """All products of a column of `a` and one of `b`."""
+    return (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)
+
+
+def families(data: Observations) -> tuple[Family, ...]:
+    """Every family that these trials can carry; `data` has its derived covariates and
+    `lift_inf_N`.
+    """
+    known = data.covariates
+    n = data.n
+    near = np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
+    log_z = -np.log(np.maximum(near, near[near > 0].min() if (near > 0).any() else 1.0))
+    # L_inf and not the trial's own lift: that carries its noise, which would then seem explained
+    additive = (np.median(known["lift_inf_N"]) / known["lift_inf_N"])[:, None]
+    few_levels = len(data.levels) <= 8
+    levels = indicators(data.throttle)[:, 1:] if few_levels else powers(data.throttle, 3)
+    distances, sessions = (len(np.unique(x)) for x in (data.z_hat, data.session))
+    most = max(min(LARGEST_SHARE * n, LARGEST), 1)
+    smooth_z = powers(log_z, int(min(4, most, max(distances - 1, 1))))
+    bent = times(smooth_z, levels)
+    if bent.shape[1] > most:
+        # so few trials can show that curves of distance differ in steepness from throttle to
+        # throttle, and no more
+        bent = times(powers(log_z, 1), powers(data.throttle, 1))
+    degree = int(min(3, most))
+    # what changes within a visit cannot be told from noise that neighbours share, so time is
+    # resolved to visits and no finer
+    visits = len(np.unique(data.visit))
+    slow = cosines(known["run_order"], min(8, visits))
+    fast = cosines(known["run_order"], max(min(32, n // 12, visits // 4 - 8), 0), first=9)
+    # indicators are not even made where they would be too many: their size is trials times groups
+    found = []
+    if distances <= most:
+        found.append(Family(name="distance", covariate="distance", columns=indicators(data.z_hat)))
+    found += [
+        Family(name="distance smooth", covariate="distance", columns=smooth_z),
+        Family(name="distance x throttle", covariate="throttle", columns=bent),
+        Family(name="time, slow", covariate="start", columns=slow),
+        Family(name="time, slow, additive", covariate="start", columns=slow * additive),
+        Family(name="time, fast", covariate="start", columns=fast),
+        Family(name="zero", covariate="throttle", columns=additive * indicators(np.ones(n))),
+        Family(
+            name="order within a visit",
+            covariate="order_in_visit",
+            columns=indicators(np.minimum(known["order_in_visit"], 5)),
+        ),
+        Family(
+            name="previous throttle",
+            covariate="previous_throttle",
+            columns=_previous(data, few_levels),
+        ),
+        Family(
+            name="previous distance",
+            covariate="previous_distance",
+            columns=_previous_distance(data),
+        ),
+    ]
+    if few_levels and distances * len(data.levels) <= most:
+        cells = times(indicators(data.z_hat), indicators(data.throttle))
+        found.append(Family(name="distance x throttle, cells", covariate="throttle", columns=cells))
+    if data.session.max() > 0 and sessions <= most:
+        found.append(Family(name="session", covariate="session", columns=indicators(data.session)))
+        found.append(
+            Family(
+                name="session, additive",
+                covariate="session",
+                columns=indicators(data.session) * additive,
+            )
+        )
+    if varies(data, "since_start_s"):
+        fade = np.stack(
+            [np.exp(-known["since_start_s"] / tau) for tau in (60.0, 300.0, 1500.0)], axis=1
+        )
+        found.append(
+            Family(
+                name="time since start",
+                covariate="start",
+                columns=np.hstack([fade, fade * additive]),
+            )
+        )
+    for name, covariate in (("supply_V", "supply"), ("temperature_K", "temperature")):
+        if varies(data, name):
+            shape = powers(known[name], degree)
+            found.append(Family(name=covariate, covariate=covariate, columns=shape))
+            found.append(
+                Family(
+                    name=f"{covariate}, additive",
+                    covariate=covariate,
+                    columns=shape[:, :2] * additive,
+                )
+            )
+    closeness = np.stack([np.ones(n), near, near**2], axis=1)
+    if varies(data, "approach"):
+        found.append(
+            Family(
+                name="approach",
+                covariate="approach",
+                columns=times(known["approach"][:, None], closeness),
+            )
+        )
+    if varies(data, "tilt_rad"):
+        found.append(
+            Family(
+                name="tilt",
+                covariate="tilt",
+                columns=times(powers(known["tilt_rad"], 2), closeness),
+            )
+        )
+    for name in sorted(known.keys() - SPOKEN_FOR):
+        if varies(data, name):
+            found.append(Family(name=name, covariate=name, columns=powers(known[name], degree)))
+    kept = [f for f in found if 0 < f.columns.shape[1] <= most and _tells(f.columns, data)]
+    return (*kept, *_steps(known["run_order"], data.visit))
+
+
+def _tells(columns: FloatArray, data: Observations) -> bool:
+    """Whether anything varies within a throttle; what does not is L_inf itself, and its rounding
+    errors would be taken for a family.
+    """
+    level = indicators(data.throttle)
+    means = level @ ((level.T @ columns) / level.sum(axis=0)[:, None])
+    return bool(np.abs(columns - means).max() > 1e-9 * np.abs(columns).max())
+
+
+def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
+    """A step at up to `STEPS` changes of visit, evenly spread: one column each, since each is its
+    own hypothesis.
+    """
+    if np.ptp(order) == 0:
+        return []
+    changes = order[1:][visit[1:] != visit[:-1]] - 0.5
+    at = (
+        changes[
+            np.unique(np.linspace(0, len(changes) - 1, min(STEPS + 2, len(changes))).astype(int))[
+                1:-1
+            ]
+        ]
+        if len(changes) > 2
+        else changes
+    )
+    return [
+        Family(name=STEP, covariate="start", columns=(order > a).astype(float)[:, None]) for a in at
+    ]
+
+
+def _previous(data: Observations, few_levels: bool) -> FloatArray:
+    previous = data.covariates["previous_throttle"]
+    return indicators(previous) if few_levels else powers(previous, 3)
+
+
+def _previous_distance(data: Observations) -> FloatArray:
+    z = data.covariates["previous_z_hat"]
+    return powers(np.where(np.isfinite(z) & (z > 0), 1 / np.maximum(z, 0.1), 0.0), 3)

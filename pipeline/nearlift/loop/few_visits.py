@@ -1,0 +1,267 @@
+"""Campaigns of few, long visits (a handful of throttle sweeps): candidates are ranked by what they
+predict of a visit left out.
+
+The ordinary search asks whether an explanation leaves nothing beyond the noise floor. With few
+visits that floor cannot be known: how well a whole visit repeats shows only between visits, where
+smooth families in time take up every degree of freedom there is. Nor can the correlation within a
+visit: a marginal likelihood then mostly judges the noise model. So trials are fitted as if
+independent, which is right on average whatever their correlation (working independence),
+uncertainties come from leaving out whole visits (jackknife), and a candidate is accepted for what
+it predicts of visits that it has not seen. One that gives every visit its own level predicts
+nothing there, and can never be accepted. See docs/decisions/0005-few-visits.md.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray
+from nearlift.fit import batched
+from nearlift.likelihood import noise
+from nearlift.likelihood.finite import where_finite
+from nearlift.loop import coefficients
+from nearlift.loop.candidate import Fitted, search
+from nearlift.loop.confirmation import FEW_VISITS, standard_error
+from nearlift.loop.search import RIVAL, SILENT, Answer, Explanation, Stage, visibility
+from nearlift.results import IntArray, Observations
+
+#: With fewer, nothing can be accepted.
+LEAST_VISITS = 4
+#: An explanation must account for this share of the squared error that is not noise: a small help
+#: is no explanation.
+GREATER_PART = 0.5
+#: Chance, for one candidate, of a gain over visits as large as what is asked for.
+CHANCE = 0.05
+MOST_EFFECTS = 2
+
+
+def applies(data: Observations) -> bool:
+    """Whether the visits are so few that they must be left out in turn; where nobody knows which
+    trials one visit held, it cannot be.
+    """
+    return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
+
+
+def choose(stage: Stage) -> Answer:
+    """`run` without the listing, for folds."""
+    return run(stage, listed=False)
+
+
+def left_out(stage: Stage, effects: tuple[Effect, ...]) -> FloatArray:
+    """Relative residual of every trial, predicted by a fit to the other visits; nan where that is
+    impossible.
+    """
+    whole = (
+        search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector)
+        if effects
+        else stage.base_fit
+    )
+    vectors = without_each(stage, whole)
+    own = np.unique(stage.data.visit, return_inverse=True)[1]
+    ratio = whole.candidate.log_ratio(vectors)
+    # L_inf of each throttle from the trials that stayed; of one that only this visit has it is
+    # unknown
+    rest = stage.log_lift - ratio
+    weight = _weights(stage, own)
+    level = np.eye(len(stage.data.levels))[stage.data.level]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        log_inf = where_finite(lambda x: (weight * x) @ level, rest) / (weight @ level)
+    trial = np.arange(stage.data.n)
+    result: FloatArray = rest[own, trial] - log_inf[own, stage.data.level]
+    return result
+
+
+def without_each(stage: Stage, whole: Fitted) -> FloatArray:
+    """A fit's vector without each visit in turn, (visits, P): all of them at once, from where the
+    fit to the whole stands.
+
+    A visit is left out by giving its trials no weight. What differs by session is then the prior's
+    where the session's only visit is out.
+    """
+    candidate = whole.candidate
+    own = np.unique(stage.data.visit, return_inverse=True)[1]
+    weight = _weights(stage, own)
+    root = np.sqrt(weight)
+    level = np.eye(len(stage.data.levels))[stage.data.level]
+    total = weight @ level
+    known = np.where(total > 0, total, 1.0)
+    mean, sd = candidate.prior
+
+    def free(x: FloatArray, rows: IntArray) -> FloatArray:
+        """Weighted, L_inf removed; x (k, c, n)."""
+        levels = (
+            where_finite(lambda x: (x * weight[rows][:, None]) @ level, x) / known[rows][:, None]
+        )
+        result: FloatArray = (x - levels[..., stage.data.level]) * root[rows][:, None]
+        return result
+
+    def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
+        own = free((stage.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
+        return np.hstack([own, (vectors - mean) / sd])
+
+    def linearised(vectors: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        slopes = -free(candidate.jacobian(vectors).swapaxes(1, 2), rows)
+        prior = np.broadcast_to(np.diag(1 / sd), (len(vectors), len(sd), len(sd)))
+        return residuals(vectors, rows), np.concatenate([slopes, prior], axis=2)
+
+    length = np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / sd**2)
+    scale = 1 / np.where(length > 0, length, 1.0)
+    start = np.tile(whole.vector, (len(weight), 1))
+    return batched.minimise(
+        residuals, start, candidate.bounds, scale, np.ones(candidate.size, dtype=bool), linearised
+    ).theta
+
+
+def _weights(stage: Stage, visit: IntArray) -> FloatArray:
+    """Inverse variance of each trial where each visit is left out, (visits, n)."""
+    weight: FloatArray = np.where(
+        visit == np.arange(visit.max() + 1)[:, None], 0.0, 1 / stage.space.covariance.variance
+    )
+    return weight
+
+
+def by_visit(stage: Stage, residual: FloatArray) -> FloatArray:
+    """Sum of squared residuals of each visit that could be predicted; infinite if a prediction
+    failed.
+    """
+    _, label = np.unique(stage.data.visit, return_inverse=True)
+    result: FloatArray = np.bincount(
+        label, np.where(np.isfinite(residual), residual, np.inf) ** 2
+    ).astype(float)
+    return result
+
+
+def convinces(before: FloatArray, after: FloatArray, noise: float) -> bool:
+    """Whether the sums of squares by visit fall by more than chance would let them, and by most of
+    what is not `noise` (their total).
+    """
+    from scipy.stats import t
+
+    gained = before - after
+    blocks = len(gained)
+    if blocks < LEAST_VISITS - 1 or not np.isfinite(gained).all():
+        return False
+    error = np.sqrt(blocks) * gained.std(ddof=1)
+    sure = gained.sum() > float(t.ppf(1 - CHANCE, blocks - 1)) * error
+    return bool(sure and gained.sum() >= GREATER_PART * (before.sum() - noise))
+
+
+def run(stage: Stage, listed: bool = True) -> Answer:
+    """Test for structure, then add what predicts visits left out best, one effect at a time.
+
+    With `listed`, each candidate is also tested for what it leaves; that decides nothing here.
+    """
+    first = stage.nothing_added[0]
+    working = dataclasses.replace(stage, independent=True)
+    if not first.present:
+        return Answer(stage=working, first=first, singles=(), pairs=(), accepted=())
+    visible = list(
+        {e.name: e for e, _ in working.library if visibility(working, e) > SILENT}.values()
+    )
+    scatter = stage.data.n * noise.floor(stage.data, stage.noise, stage.slope) ** 2
+    none = by_visit(working, left_out(working, ()))
+    best: tuple[Effect, ...] = ()
+    to_beat = none
+    rounds: list[tuple[Explanation, ...]] = []
+    while len(best) < MOST_EFFECTS:
+        tried, errors = [], {}
+        for effect in (e for e in visible if e not in best):
+            squares = by_visit(working, left_out(working, (*best, effect)))
+            explanation = _explanation(
+                working,
+                (*best, effect),
+                none,
+                squares,
+                convinces(to_beat, squares, scatter),
+                listed,
+            )
+            tried.append(explanation)
+            errors[explanation.name] = squares
+        rounds.append(tuple(tried))
+        accepted = [e for e in tried if e.accepted]
+        if not accepted:
+            break
+        leader = max(accepted, key=lambda e: e.log_evidence)
+        best, to_beat = leader.fitted.candidate.effects, errors[leader.name]
+    singles = rounds[0] if rounds else ()
+    pairs = rounds[1] if len(rounds) > 1 else ()
+    accepted = [e for e in pairs if e.accepted] or [e for e in singles if e.accepted]
+    most = max((e.log_evidence for e in accepted), default=0.0)
+    rivals = tuple(
+        sorted(
+            (e for e in accepted if 2 * (most - e.log_evidence) <= RIVAL),
+            key=lambda e: -e.plausibility,
+        )
+    )
+    return Answer(stage=working, first=first, singles=singles, pairs=pairs, accepted=rivals)
+
+
+def _explanation(
+    stage: Stage,
+    effects: tuple[Effect, ...],
+    none: FloatArray,
+    squares: FloatArray,
+    confirmed: bool,
+    listed: bool,
+) -> Explanation:
+    """The fit to all visits, its evidence the log score on visits left out, each visit counted as
+    one observation.
+    """
+    total = squares.sum()
+    score = (
+        0.5 * len(squares) * float(np.log(none.sum() / total)) if np.isfinite(total) else -np.inf
+    )
+    fitted = search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector)
+    left = (
+        stage.structure(fitted, np.zeros((stage.data.n, 0)))[0]
+        if listed
+        else stage.nothing_added[0]
+    )
+    gain = stage.base_fit.chi2 - fitted.chi2
+    return Explanation(
+        fitted=fitted,
+        form_sd=0.0,
+        left=left,
+        gain=gain,
+        log_evidence=score,
+        over_none=score,
+        plausibility=score,
+        confirmed=confirmed,
+    )
+
+
+def freedom(stage: Stage) -> float:
+    """Degrees of freedom, visits being the observations."""
+    return float(max(len(np.unique(stage.data.visit)) - 1, 1))
+
+
+def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> coefficients.Answers:
+    """What the coefficients are before and after the loop, every uncertainty from visits
+    left out.
+    """
+    p = len(stage.theta)
+
+    def left_out_in_turn(fitted: Fitted) -> coefficients.Pair:
+        return fitted.vector[:p], standard_error(without_each(stage, fitted))[:p]
+
+    fits = [(e.name, e.fitted) for e in answer.accepted] or [("", stage.base_fit)]
+    members = tuple((name, left_out_in_turn(fitted)) for name, fitted in fits)
+    chosen = answer.accepted[0].effects if answer.accepted else ()
+    best, (value, u) = fits[0][1], members[0][1]
+    _, naive = coefficients.spread(stage, best)
+    _, wide = coefficients.spread(
+        stage, best, coefficients.constrained_columns(stage, chosen, declared)
+    )
+    # what undetected effects add to the variance comes on top of what visits show
+    constrained = np.sqrt(u**2 + np.maximum(wide**2 - naive**2, 0.0))
+    return coefficients.Answers(
+        names=tuple(q.name for q in stage.base.parameters),
+        dof=np.full(len(stage.theta), freedom(stage)),
+        before=left_out_in_turn(stage.base_fit),
+        members=members,
+        conditional=(value, u),
+        constrained=(value, constrained),
+        unnamed=np.zeros((stage.data.n, 0)),
+    )

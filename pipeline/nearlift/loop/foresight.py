@@ -1,0 +1,584 @@
+"""What a design could see: of any effect its signature, the size at which it shows, what it would
+pass for, and the harm it does unseen.
+
+Nothing here needs measured lift. A stage (trials, base model, noise) is enough: noiseless data with
+one effect in them are given to every candidate, and the noise is drawn about those fits, which are
+linear in it. `loop.set_up` makes the stage of a campaign that was run, `planned` does all of it for
+one that was not.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Effect, FloatArray, LiftModel, Parameter
+from nearlift.fit import inputs
+from nearlift.likelihood import budget
+from nearlift.likelihood.noise import orthonormal, trial_covariance
+from nearlift.likelihood.problem import usable
+from nearlift.loop import structure
+from nearlift.loop.admission import admit, could_act
+from nearlift.loop.candidate import SESSION_SPREADS, Candidate, Fitted, fit, moments, search
+from nearlift.loop.search import (
+    CREDIT,
+    FORM_SD,
+    RIVAL,
+    SILENT,
+    Options,
+    Stage,
+    prepare,
+    visibility,
+)
+from nearlift.loop.setting import derive
+from nearlift.randomness import generator
+from nearlift.results import Noise, Observations
+
+#: Draws of the noise; a chance of 80 % is then known to 1.3 %.
+DRAWS = 1000
+#: A detection limit is the size seen with this chance.
+LIMIT_POWER = 0.8
+#: Campaigns drawn to learn how the noise floor of a plan would come out.
+REHEARSALS = 3
+#: A power curve has so many sizes, up to so many times the one whose visible part has a length of
+#: four standard deviations.
+STEPS, REACH = 16, 3.0
+VISIBLE_LENGTH = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Handle:
+    """One way to turn an effect up: which of its sizes, with which shape. `shape` maps shape
+    parameters to values.
+    """
+
+    effect: Effect
+    parameter: Parameter
+    shape: Mapping[str, float]
+
+    @property
+    def plausible(self) -> float:
+        """The size that physics leads one to expect: the prior's standard deviation."""
+        return moments(self.parameter)[1]
+
+    @property
+    def largest(self) -> float:
+        """How far from its null the parameter may go."""
+        low, high = self.parameter.bounds
+        return max(high - self.parameter.value, self.parameter.value - low)
+
+    @property
+    def direction(self) -> float:
+        """The side of the null that leaves more room."""
+        low, high = self.parameter.bounds
+        return 1.0 if high - self.parameter.value >= self.parameter.value - low else -1.0
+
+
+def handles(effect: Effect) -> tuple[Handle, ...]:
+    """One for each size of the effect, with the shape nearest to what its prior expects."""
+    shape = {
+        p.name: min(p.grid, key=lambda g, p=p: abs(g - moments(p)[0]))  # type: ignore[misc]
+        for p in effect.parameters
+        if p.grid
+    }
+    return tuple(
+        Handle(effect=effect, parameter=p, shape=shape) for p in effect.parameters if not p.grid
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Power:
+    """Chances against size (away from the null, in the parameter's unit); arrays (m,).
+
+    `seen`: the test of everything exceeds its threshold. `within`: the effect is then among the
+    names or their rivals; `first`: it is the one named; `alone`: named without a rival. All before
+    the confirmation on held-out visits.
+    """
+
+    size: FloatArray
+    seen: FloatArray
+    within: FloatArray
+    first: FloatArray
+    alone: FloatArray
+
+    def limit(self, of: str = "seen", at: float = LIMIT_POWER) -> float | None:
+        """The size that reaches the chance `at`; None if the largest one here does not."""
+        chance = np.maximum.accumulate(getattr(self, of))
+        if chance[-1] < at:
+            return None
+        above = int(np.argmax(chance >= at))
+        if above == 0:
+            return float(self.size[0])
+        low, high = chance[above - 1], chance[above]
+        return float(
+            self.size[above - 1]
+            + (at - low) / (high - low) * (self.size[above] - self.size[above - 1])
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contest:
+    """What an effect of one size would be taken for. Chances before the confirmation on held-out
+    visits.
+
+    `rivals`: every other candidate's chance to be named or a rival, given that structure is seen.
+    """
+
+    seen: float
+    within: float
+    first: float
+    alone: float
+    rivals: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foresight:
+    """A stage, and what can be known of every effect before any of them is looked for.
+
+    `quiet` is the noise's true size over the stage's, which is what the loop would take it for.
+    """
+
+    stage: Stage
+    seed: int = 0
+    quiet: float = 1.0
+
+    @cached_property
+    def _space(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Basis (n, d) of the reduced space; what theta absorbs there; the hypotheses' bases; their
+        ranks.
+        """
+        hypotheses, basis = self.stage.hypotheses
+        remove = orthonormal(basis.T @ self.stage.base_fit.jacobian)
+        _, stacked, ranks = structure.bases(hypotheses, remove)
+        return basis, remove, stacked, ranks
+
+    @cached_property
+    def _noise(self) -> tuple[FloatArray, FloatArray]:
+        """Draws of unit noise in the reduced space (m, d), and of the scale that the noise floor's
+        own uncertainty gives them (m, 1).
+        """
+        rng = generator(self.seed, "foresight")
+        dof = min(self.stage.noise.dof, 1e6)
+        return self.quiet * rng.standard_normal((DRAWS, self._space[0].shape[1])), np.sqrt(
+            dof / rng.chisquare(dof, size=(DRAWS, 1))
+        )
+
+    @property
+    def threshold(self) -> float:
+        """Log10 p that a single test must undercut."""
+        return self.stage.nothing_added[0].threshold
+
+    @cached_property
+    def candidates(self) -> tuple[Effect, ...]:
+        """The effects that leave any mark beside theta and L_inf."""
+        seen = {e.name: e for e, _ in self.stage.library}
+        return tuple(e for e in seen.values() if visibility(self.stage, e) > SILENT)
+
+    def vector(self, handle: Handle, size: float) -> FloatArray:
+        """The flat vector of the base model with this effect turned up by `size`, within its
+        bounds.
+        """
+        candidate = self.stage.candidate(handle.effect)
+        vector = candidate.null.copy()
+        vector[: len(self.stage.theta)] = self.stage.base_fit.vector
+        low, high = candidate.bounds
+        for s in candidate.slots:
+            if s.parameter.name in handle.shape:
+                vector[s.start : s.stop] = handle.shape[s.parameter.name]
+            elif s.parameter.name == handle.parameter.name:
+                vector[s.start : s.stop] += size * (
+                    handle.direction
+                    if s.stop - s.start == 1
+                    else _spread(s.stop - s.start, self.seed)
+                )
+        return np.clip(vector, low, high)
+
+    def signature(self, handle: Handle, size: float) -> tuple[FloatArray, FloatArray]:
+        """What the effect adds to the log lift of each trial, and what of it theta and L_inf do not
+        absorb; both (n,).
+        """
+        raw: FloatArray = self.stage.candidate(handle.effect).contribution(
+            self.vector(handle, size), handle.effect
+        )
+        columns = np.hstack(
+            [
+                np.eye(len(self.stage.data.levels))[self.stage.data.level],
+                self.stage.candidate().jacobian(self.stage.base_fit.vector),
+            ]
+        )
+        whiten = self.stage.space.covariance.whiten
+        solution = np.linalg.lstsq(whiten(columns.T).T, whiten(raw), rcond=None)[0]
+        left: FloatArray = raw - columns @ solution
+        return raw, left
+
+    def visible(self, handle: Handle, size: float) -> FloatArray:
+        """The visible part in the reduced space, unit noise; (d,)."""
+        basis, remove, _, _ = self._space
+        raw = self.stage.candidate(handle.effect).contribution(
+            self.vector(handle, size), handle.effect
+        )
+        reduced = basis.T @ self.stage.space.project(raw)
+        left: FloatArray = reduced - remove @ (remove.T @ reduced)
+        return left
+
+    @cached_property
+    def _critical(self) -> FloatArray:
+        """The chi-square that each hypothesis must exceed."""
+        from scipy.stats import chi2
+
+        return np.asarray(chi2.isf(10.0**self.threshold, self._space[3]), dtype=np.float64)
+
+    def _elsewhere(self, handle: Handle, size: float) -> FloatArray:
+        """How the visible part differs in other draws of what differs by session, (m, d); (1, d) of
+        zeros for any other effect.
+        """
+        basis, remove, _, _ = self._space
+        candidate = self.stage.candidate(handle.effect)
+        if handle.parameter.per != "session":
+            return np.zeros((1, basis.shape[1]))
+        vector = self.vector(handle, 0.0)
+        mine = np.concatenate(
+            [
+                np.arange(s.start, s.stop)
+                for s in candidate.slots
+                if s.parameter.name == handle.parameter.name
+            ]
+        )
+        reduced = basis.T @ self.stage.space.project(candidate.jacobian(vector)[:, mine].T).T
+        reduced = reduced - remove @ (remove.T @ reduced)
+        rng = generator(self.seed, "foresight", "sessions", "all")
+        others = _standard(rng.standard_normal((DRAWS, len(mine))))
+        result: FloatArray = size * (others - _spread(len(mine), self.seed)) @ reduced.T
+        return result
+
+    def seen(self, signal: FloatArray) -> NDArray[np.bool_]:
+        """Of each draw, whether the test of everything exceeds its threshold with this signal (d,)
+        or (m, d) in the reduced space.
+        """
+        _, remove, stacked, ranks = self._space
+        draws, scale = self._noise
+        scores = draws + signal
+        scores = (scores - (scores @ remove) @ remove.T) * scale
+        first = np.r_[0, np.cumsum(ranks)[:-1]].astype(int)
+        chi2 = np.add.reduceat((scores @ stacked) ** 2, first, axis=1)
+        found: NDArray[np.bool_] = np.any(chi2 > self._critical, axis=1)
+        return found
+
+    def unit(self, handle: Handle) -> float:
+        """The size whose visible part has a length of `VISIBLE_LENGTH` standard deviations, to
+        first order; inf if nothing shows.
+        """
+        small = 1e-3 * min(handle.plausible, handle.largest)
+        signal = self.visible(handle, small) + self._elsewhere(handle, small)
+        length = float(np.sqrt(np.mean(np.sum(signal**2, axis=1))))
+        return VISIBLE_LENGTH * small / length if length > 1e-12 else np.inf
+
+    def _sizes(self, handle: Handle) -> FloatArray:
+        return np.linspace(0.0, min(REACH * self.unit(handle), handle.largest), STEPS)
+
+    def limit(self, handle: Handle) -> float | None:
+        """The size seen with a chance of 80 %; None where no possible size is."""
+        if visibility(self.stage, handle.effect) <= SILENT:
+            return None
+        size = self._sizes(handle)
+        chance = np.array(
+            [self.seen(self.visible(handle, s) + self._elsewhere(handle, s)).mean() for s in size]
+        )
+        none = np.zeros_like(chance)
+        return Power(size=size, seen=chance, within=none, first=none, alone=none).limit()
+
+    def power(self, handle: Handle) -> Power:
+        """Detection and naming against size, up to three times the size that is just visible or to
+        the parameter's bound.
+        """
+        size = self._sizes(handle)
+        found = [self.contest(handle, s) for s in size]
+        return Power(
+            size=size,
+            **{
+                name: np.array([getattr(c, name) for c in found])
+                for name in ("seen", "within", "first", "alone")
+            },
+        )
+
+    def contest(self, handle: Handle, size: float) -> Contest:
+        """Every candidate on noiseless data with this effect in them; noise drawn about
+        the fits.
+        """
+        stage = self.stage
+        truth = stage.candidate(handle.effect)
+        log_lift = stage.candidate().log_ratio(stage.base_fit.vector) + truth.contribution(
+            self.vector(handle, size), handle.effect
+        )
+        elsewhere = self._elsewhere(handle, size)
+        seen = self.seen(self.visible(handle, size) + elsewhere)
+        base = fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector)
+        none, _ = self._evidence(base, elsewhere)
+        structure = self._left(base, elsewhere)
+        by_name: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
+        for effect in self.candidates:
+            fits = [
+                search(c, stage.space, log_lift, stage.base_fit.vector)
+                for c in self._variants(effect)
+            ]
+            found = [
+                (*self._evidence(f, elsewhere), self._left(f, elsewhere))
+                for f in fits
+                if not f.at_bound
+            ]
+            if found:
+                each = [np.stack(x) for x in zip(*found, strict=True)]
+                pick = each[0].argmax(axis=0)[None]
+                table, order, left = (np.take_along_axis(x, pick, 0)[0] for x in each)
+                by_name[effect.name] = table, order, left
+        names = list(by_name)
+        table = np.stack([by_name[n][0] for n in names]) - none
+        order = np.stack([by_name[n][1] for n in names])
+        gain = structure - np.stack([by_name[n][2] for n in names])
+        accepted = (
+            (table > CREDIT) & seen & stage.greater_part(gain, structure - self._space[0].shape[1])
+        )
+        best = np.where(accepted, table, -np.inf).max(axis=0, initial=-1e300)
+        # once one may be named, others stand beside it by their evidence alone
+        member = accepted.any(axis=0) & (table > 0) & (2 * (best - table) <= RIVAL)
+        leader = np.where(accepted & member, order, -np.inf).argmax(axis=0)
+        total = max(int(seen.sum()), 1)
+        rivals = {
+            n: float(member[i].sum() / total)
+            for i, n in enumerate(names)
+            if n != handle.effect.name
+        }
+        if handle.effect.name not in names:
+            return Contest(seen=float(seen.mean()), within=0.0, first=0.0, alone=0.0, rivals=rivals)
+        own = names.index(handle.effect.name)
+        first = member[own] & (leader == own)
+        return Contest(
+            seen=float(seen.mean()),
+            within=float(member[own].mean()),
+            first=float(first.mean()),
+            alone=float((first & (member.sum(axis=0) == 1)).mean()),
+            rivals=rivals,
+        )
+
+    def _variants(self, effect: Effect) -> list[Candidate]:
+        candidate = self.stage.candidate(effect)
+        if not candidate.by_session.any():
+            return [candidate]
+        return [dataclasses.replace(candidate, session_spread=s) for s in SESSION_SPREADS]
+
+    def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of every draw of the noise, a fit's log evidence by unit information, which decides who
+        belongs, and by its priors, which ranks; (m,).
+        """
+        draws = self._noise[0] + elsewhere
+        mean, sd = fitted.candidate.prior
+        low, high = fitted.candidate.bounds
+        p = len(self.stage.theta)
+        index = np.arange(len(mean))
+        free = index[(index >= p) & (fitted.vector > low) & (fitted.vector < high)]
+        session = free[fitted.candidate.by_session[free]]
+        own = free[~fitted.candidate.by_session[free]]
+        prior = float(np.sum(((fitted.vector - mean)[own] / sd[own]) ** 2))
+        count = len(own) + (1 if len(session) else 0)
+        tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
+        by_information = self._marginal(
+            fitted, draws, session, np.r_[np.arange(p), own], tube
+        ) - 0.5 * (prior + count * float(np.log(self.stage.data.n)))
+        return by_information, self._marginal(fitted, draws, free, np.arange(p), tube)
+
+    def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
+        """Of every draw of the noise, the chi2 that a fit in its declared form leaves in the
+        reduced space; (m,).
+        """
+        basis, draws = self._space[0], self._noise[0] + elsewhere
+        _, sd = fitted.candidate.prior
+        low, high = fitted.candidate.bounds
+        free = (fitted.vector > low) & (fitted.vector < high) | ~np.isfinite(sd)
+        jacobian = basis.T @ fitted.jacobian[:, free]
+        # about the optimum, where the priors' pull and the residual's balance
+        moved = (
+            draws
+            @ jacobian
+            @ np.linalg.pinv(
+                jacobian.T @ jacobian + np.diag(1 / sd[free] ** 2), rcond=1e-13, hermitian=True
+            )
+        )
+        left: FloatArray = draws + basis.T @ fitted.residual - moved @ jacobian.T
+        return np.asarray(np.sum(left**2, axis=1))
+
+    def _marginal(
+        self,
+        fitted: Fitted,
+        draws: FloatArray,
+        integrated: NDArray[np.int64],
+        free: NDArray[np.int64],
+        tube: FloatArray,
+    ) -> FloatArray:
+        """Log evidence with some entries integrated over their priors, others free, and the form
+        uncertain.
+        """
+        basis = self._space[0]
+        mean, sd = fitted.candidate.prior
+        jacobian = fitted.jacobian
+        u, s, _ = np.linalg.svd(
+            basis.T @ np.hstack([jacobian[:, integrated] * sd[integrated], tube]),
+            full_matrices=False,
+        )
+        shrink = 1 - 1 / np.sqrt(1 + s**2)
+
+        def deform(x: FloatArray) -> FloatArray:
+            result: FloatArray = x - (x @ u * shrink) @ u.T
+            return result
+
+        residual = fitted.residual + jacobian[:, integrated] @ (fitted.vector - mean)[integrated]
+        scores = deform(draws + basis.T @ residual)
+        gone = (
+            orthonormal(deform((basis.T @ jacobian[:, free]).T).T)
+            if len(free)
+            else np.zeros((basis.shape[1], 0))
+        )
+        result: FloatArray = -0.5 * (
+            np.sum(scores**2, axis=1)
+            - np.sum((scores @ gone) ** 2, axis=1)
+            + float(np.log1p(s**2).sum())
+        )
+        return result
+
+    def absorbed(self, handle: Handle) -> dict[str, float]:
+        """Share of the visible part's energy that each other candidate takes over, at the best of
+        its shapes, to first order.
+        """
+        basis, remove, _, _ = self._space
+        mine = self.visible(handle, 1e-3 * min(handle.plausible, handle.largest))
+        energy = float(mine @ mine)
+        found: dict[str, float] = {}
+        if energy <= 0:
+            return found
+        for effect, columns in self.stage.library:
+            if effect.name == handle.effect.name:
+                continue
+            reduced = basis.T @ self.stage.space.project(columns.T).T
+            q = orthonormal(reduced - remove @ (remove.T @ reduced))
+            share = float(np.sum((q.T @ mine) ** 2) / energy)
+            found[effect.name] = max(found.get(effect.name, 0.0), min(share, 1.0))
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def harm(self, handle: Handle, size: float) -> FloatArray:
+        """Shift of the base model's coefficients by an effect of this size that nobody noticed;
+        (p,).
+        """
+        stage = self.stage
+        log_lift = stage.candidate().log_ratio(stage.base_fit.vector) + stage.candidate(
+            handle.effect
+        ).contribution(self.vector(handle, size), handle.effect)
+        shifted: FloatArray = (
+            fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector).vector
+            - stage.base_fit.vector
+        )
+        return shifted
+
+
+def _spread(count: int, seed: int) -> FloatArray:
+    """One draw per session, of mean 0 and rms 1: what they have in common is L_inf."""
+    return _standard(generator(seed, "foresight", "sessions").standard_normal(count))
+
+
+def _standard(draw: FloatArray) -> FloatArray:
+    """Mean 0 and rms 1 along the last axis; zeros where there is only one."""
+    centred = draw - draw.mean(axis=-1, keepdims=True)
+    rms = np.sqrt(np.mean(centred**2, axis=-1, keepdims=True))
+    result: FloatArray = centred / np.where(rms > 0, rms, 1.0)
+    return result
+
+
+def planned(
+    data: Observations,
+    base: LiftModel,
+    parts: tuple[budget.Component, ...],
+    noise: Noise,
+    options: Options,
+    theta: FloatArray,
+    effects: tuple[Effect, ...] | None = None,
+) -> tuple[Foresight, tuple[Effect, ...], list[dict[str, object]]]:
+    """What trials that are only planned could see.
+
+    The noise floor is rehearsed on drawn campaigns: a component that a plan can hardly tell from
+    nothing is not taken for nothing, so the floor comes out a little higher than the noise is, and
+    the loop sees a little less.
+
+    Parameters
+    ----------
+    data : Observations
+        Their `lift_N` is L_inf of the throttle; it becomes what `base` predicts at `theta`.
+    base, parts, options, effects
+        As for `loop.set_up`.
+    noise : Noise
+        Expected.
+    theta : (p,)
+        Expected coefficients.
+
+    Returns
+    -------
+    Foresight, testable effects, and the untestable ones with what to log.
+    """
+    kept = data.take(usable(base, data))
+    admit(f"design of the {data.boundary}", kept, base)
+    levels = np.array([np.median(kept.lift_N[kept.throttle == t]) for t in kept.levels])
+    kept = derive(kept, levels)
+    known, untestable = could_act(kept, base, effects)
+    between = tuple(e for e in known if "drift_hat" not in e.needs)
+    log_ratio = Candidate(base=base, effects=(), data=kept).log_ratio(theta)
+    kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
+    log_lift = np.log(kept.lift_N)
+    parts = inputs.acting(parts, base, theta)
+    stage = Stage(
+        data=kept,
+        base=base,
+        effects=between,
+        parts=parts,
+        noise=noise,
+        log_lift=log_lift,
+        theta=theta,
+        options=options,
+    )
+    return _rehearsed(stage), known, untestable
+
+
+def _rehearsed(stage: Stage) -> Foresight:
+    """The stage at the noise floor that its own drawn campaigns would be given; its sizes the
+    rehearsals' mean squares.
+    """
+    root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
+    found, quiet = [], []
+    for i in range(REHEARSALS):
+        log_lift = stage.log_lift + root @ generator(
+            stage.options.seed, "rehearsal", str(i)
+        ).standard_normal(stage.data.n)
+        data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
+        drawn = prepare(data, stage.base, stage.effects, stage.parts, stage.theta, stage.options)
+        freedom = data.n - len(data.levels) - len(stage.theta)
+        found.append(drawn.noise)
+        quiet.append(drawn.base_fit.chi2 / freedom)
+
+    def typical(name: str) -> float:
+        return float(np.sqrt(np.mean([getattr(n, name) ** 2 for n in found])))
+
+    noise = dataclasses.replace(
+        stage.noise,
+        relative=typical("relative"),
+        force_N=typical("force_N"),
+        height_m=typical("height_m"),
+        common=typical("common"),
+        drift=tuple(np.sqrt(np.mean([np.square(n.drift) for n in found], axis=0)).tolist()),
+        dof=float(np.mean([n.dof for n in found])),
+    )
+    return Foresight(
+        stage=dataclasses.replace(stage, noise=noise),
+        seed=stage.options.seed,
+        quiet=float(np.sqrt(np.mean(quiet))),
+    )

@@ -1,0 +1,136 @@
+"""A design weighed before it is run: which effects it could see, which it could not tell apart, and
+the smallest change that would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Effect
+from nearlift.loop import coefficients
+from nearlift.loop.absorption import unknowable
+from nearlift.loop.foresight import LIMIT_POWER, Foresight, Handle, handles
+from nearlift.loop.proposals import Pair, changes
+from nearlift.loop.search import SILENT, visibility
+from nearlift.results import Observations
+
+#: Chance of being a rival from which two effects count as not told apart.
+CONFUSED = 0.5
+
+
+def outlook(
+    foresight: Foresight,
+    library: tuple[Effect, ...],
+    variants: Mapping[str, Observations] | None = None,
+) -> dict[str, Any]:
+    """What a stage's design could see, confuse and never see, with what to change.
+
+    Parameters
+    ----------
+    foresight : Foresight
+    library : tuple of Effect
+        The testable effects.
+    variants : mapping of str to Observations
+        The same number of trials run otherwise (throttles in another order, from both sides), their
+        covariates derived.
+    """
+    stage = foresight.stage
+    rows: list[dict[str, Any]] = []
+    pairs: list[Pair] = []
+    for effect in library:
+        if "drift_hat" in effect.needs:
+            continue
+        for handle in handles(effect):
+            row = weigh(foresight, handle)
+            rows.append(row)
+            for rival, chance in row["rivals"].items():
+                if chance >= CONFUSED and row["verdict"] != "too small to see":
+                    pairs.append(
+                        Pair(handle=handle, rival=rival, size=row["plausible_size"], chance=chance)
+                    )
+    value, u = coefficients.spread(stage, stage.base_fit)
+    chosen = np.hstack(
+        [np.zeros((stage.data.n, 0)), coefficients.constrained_columns(stage, (), {})]
+    )
+    _, u_wide = coefficients.spread(stage, stage.base_fit, chosen)
+    return {
+        "base_model": stage.base.name,
+        "trials": stage.data.n,
+        "false_alarm_rate": stage.options.false_alarm_rate,
+        "noise": stage.noise.record(),
+        "coefficients": {
+            p.name: {"expected": float(v), "u": float(s), "u_with_undetected_effects": float(w)}
+            for p, v, s, w in zip(stage.base.parameters, value, u, u_wide, strict=True)
+        },
+        "effects": rows,
+        "groups": groups(rows),
+        "limits": unknowable(stage, stage.base_fit),
+        "changes": changes(foresight, pairs, variants or {}),
+    }
+
+
+def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
+    """One way of one effect: its detection limit, what happens at its plausible size, its harm
+    where it hides.
+    """
+    stage = foresight.stage
+    share = visibility(stage, handle.effect)
+    plausible = min(handle.plausible, handle.largest)
+    limit = foresight.limit(handle)
+    contest = foresight.contest(handle, plausible) if share > SILENT else None
+    hiding = plausible if limit is None else min(limit, plausible)
+    shift = foresight.harm(handle, hiding)
+    _, u = coefficients.spread(stage, stage.base_fit)
+    if share <= SILENT:
+        verdict = "silent"
+    elif contest is None or contest.seen < LIMIT_POWER:
+        verdict = "too small to see"
+    elif contest.alone >= CONFUSED:
+        verdict = "named"
+    else:
+        verdict = (
+            "seen, not told apart"
+            if any(c >= CONFUSED for c in contest.rivals.values())
+            else "seen, seldom named"
+        )
+    return {
+        "effect": handle.effect.name,
+        "parameter": handle.parameter.name,
+        "unit": handle.parameter.unit,
+        "shape": dict(handle.shape),
+        "share_visible": share,
+        "plausible_size": plausible,
+        "detection_limit": limit,
+        "verdict": verdict,
+        **{
+            k: getattr(contest, k) if contest else 0.0 for k in ("seen", "within", "first", "alone")
+        },
+        "rivals": {
+            n: c for n, c in sorted(contest.rivals.items(), key=lambda i: -i[1]) if c >= 0.05
+        }
+        if contest
+        else {},
+        "hides_up_to": hiding,
+        "bias": {
+            p.name: {"shift": float(d), "in_u": float(d / s) if s > 0 else 0.0}
+            for p, d, s in zip(stage.base.parameters, shift, u, strict=True)
+        },
+    }
+
+
+def groups(rows: list[dict[str, Any]]) -> list[list[str]]:
+    """Effects linked by pairs that are not told apart at a plausible size, as connected groups of
+    two and more.
+    """
+    group: dict[str, set[str]] = {}
+    for row in rows:
+        for rival, chance in row["rivals"].items():
+            if chance >= CONFUSED and row["verdict"] != "too small to see":
+                merged = group.get(row["effect"], {row["effect"]}) | group.get(rival, {rival})
+                for name in merged:
+                    group[name] = merged
+    unique = {tuple(sorted(g)) for g in group.values()}
+    return [list(g) for g in sorted(unique)]

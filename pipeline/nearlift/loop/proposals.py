@@ -1,0 +1,290 @@
+"""The smallest change to a design that parts what it confuses: more trials elsewhere, the same ones
+run otherwise, or something logged.
+
+Ranked by the evidence that the linearised model expects of it per trial (T-optimality); the best
+are then checked by asking the changed design what it would confuse.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray
+from nearlift.loop.candidate import search
+from nearlift.loop.foresight import Foresight, Handle
+from nearlift.loop.search import RIVAL
+from nearlift.loop.separation import join, menu, parted, session
+from nearlift.results import Observations
+
+#: Non-centrality at which a rival falls out of the answer: the rivals' bound, and a standard
+#: deviation or so of its scatter.
+APART = RIVAL + 4.0
+#: Trials in a further proposal of this module.
+FEW = 80
+#: Pairs that are worked through, changes that are checked, options that are listed for a pair.
+MOST_PAIRS, CHECKED, LISTED = 12, 3, 4
+#: What a touch-off with a feeler gauge is good for, m.
+GAUGE_M = 1e-4
+
+#: An effect with a flat vector of the base model and its own entries.
+Point = tuple[tuple[Effect, ...], FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """An effect of one size, and another that would be named or a rival with this chance."""
+
+    handle: Handle
+    rival: str
+    size: float
+    chance: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """Something to do otherwise. `gain` is the evidence it adds for two points that have `now`;
+    `data` the changed trials, if they change.
+    """
+
+    text: str
+    trials: int
+    gain: Callable[[Point, Point, float], float]
+    data: Observations | None = None
+
+
+def changes(
+    foresight: Foresight, pairs: list[Pair], variants: Mapping[str, Observations]
+) -> dict[str, Any]:
+    """For each confused pair the changes that would part it, and the changes that serve most pairs.
+
+    `variants` are the same trials run otherwise. A pair whose evidence is large already is held
+    together by the uncertainty of the effects' forms: no number of trials of this kind parts it.
+    """
+    stage = foresight.stage
+    effects = {e.name: e for e, _ in stage.library}
+    offered = menu_of(foresight, variants)
+    listed: list[dict[str, Any]] = []
+    tally: dict[str, list[tuple[bool, float]]] = {c.text: [] for c in offered}
+    done: set[frozenset[str]] = set()
+    kept: list[Pair] = []
+    for pair in sorted(pairs, key=lambda p: -p.chance):
+        names = frozenset((pair.handle.effect.name, pair.rival))
+        if names in done or len(done) >= MOST_PAIRS:
+            continue
+        done.add(names)
+        kept.append(pair)
+        one: Point = ((pair.handle.effect,), foresight.vector(pair.handle, pair.size))
+        log_lift = stage.candidate(*one[0]).log_ratio(one[1])
+        fitted = search(
+            stage.candidate(effects[pair.rival]), stage.space, log_lift, stage.base_fit.vector
+        )
+        other: Point = (fitted.candidate.effects, fitted.vector)
+        now = parted(stage, stage.data, one, other)
+        by_form = now >= APART
+        options: list[dict[str, Any]] = []
+        for change in offered:
+            gain = change.gain(one, other, now)
+            # where form and not noise keeps them together, only another kind of measurement helps
+            other_kind = change.data is None
+            parts = gain >= APART if by_form and other_kind else not by_form and now + gain >= APART
+            tally[change.text].append((parts, min(gain, APART)))
+            option = _option(change, gain, APART if by_form else max(APART - now, 0.0))
+            if option["trials_to_part"] is not None and (other_kind or not by_form):
+                options.append(option)
+        options.sort(key=lambda o: (o["trials_to_part"], -o["evidence"]))
+        listed.append(
+            {
+                "pair": [pair.handle.effect.name, pair.rival],
+                "parameter": pair.handle.parameter.name,
+                "size": pair.size,
+                "unit": pair.handle.parameter.unit,
+                "rival_chance": pair.chance,
+                "evidence_now": now,
+                "held_together_by": "form" if by_form else "noise",
+                "options": options[:LISTED],
+                "log": sorted(
+                    {
+                        x
+                        for e in (pair.handle.effect, effects[pair.rival])
+                        for x in _unlogged(e, stage.data)
+                    }
+                ),
+            }
+        )
+    ranking: list[dict[str, Any]] = [
+        {
+            "change": c.text,
+            "trials": c.trials,
+            "pairs_parted": sum(p for p, _ in tally[c.text]),
+            "pairs": len(kept),
+            "evidence_per_trial": sum(g for _, g in tally[c.text]) / max(c.trials, 1),
+        }
+        for c in offered
+        if kept
+    ]
+    ranking.sort(key=lambda r: (-int(r["pairs_parted"]), -float(r["evidence_per_trial"])))
+    best = ranking[: CHECKED + 2]
+    by_text = {c.text: c for c in offered}
+    for entry in best[:CHECKED]:
+        entry["rivals_after"] = _after(foresight, by_text[str(entry["change"])], kept)
+    return {"pairs": listed, "best": best}
+
+
+def _option(change: Change, gain: float, lacking: float) -> dict[str, Any]:
+    """How far one change goes for one pair; `trials_to_part` is None where it does not part them in
+    ten times its trials.
+    """
+    needed: int | None = change.trials
+    if change.data is None:
+        enough = gain >= lacking
+    elif change.trials:
+        rate = gain / change.trials
+        needed = int(np.ceil(lacking / rate)) if rate > 0 else None
+        enough = needed is not None and needed <= 10 * change.trials
+    else:
+        enough = gain >= lacking
+    return {
+        "change": change.text,
+        "trials": change.trials,
+        "evidence": gain,
+        "evidence_per_trial": gain / change.trials if change.trials else None,
+        "trials_to_part": needed if enough else None,
+    }
+
+
+def _unlogged(effect: Effect, data: Observations) -> list[str]:
+    """What the effect's declaration asks to record and these trials do not have."""
+    known = {name.split("_")[0] for name in data.covariates} | {"session"}
+    return [name for name in effect.log_next_time if name not in known]
+
+
+def _after(foresight: Foresight, change: Change, pairs: list[Pair]) -> list[dict[str, Any]] | None:
+    """Each pair's chance of confusion once the change is made; None for a change that is
+    no trial.
+    """
+    if change.data is None:
+        return None
+    stage = foresight.stage
+    log_ratio = stage.candidate().log_ratio(stage.base_fit.vector, change.data)
+    changed = dataclasses.replace(
+        stage, data=change.data, log_lift=np.log(change.data.covariates["lift_inf_N"]) + log_ratio
+    )
+    then = dataclasses.replace(foresight, stage=changed)
+    return [
+        {
+            "pair": [p.handle.effect.name, p.rival],
+            "before": p.chance,
+            "after": then.contest(p.handle, p.size).rivals.get(p.rival, 0.0),
+        }
+        for p in pairs
+    ]
+
+
+def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[Change]:
+    """Everything that may be proposed for this design."""
+    stage = foresight.stage
+
+    def by_data(data: Observations) -> Callable[[Point, Point, float], float]:
+        return lambda one, other, now: max(parted(stage, data, one, other) - now, 0.0)
+
+    offered = [
+        Change(text=text, trials=0, gain=by_data(data), data=data)
+        for text, data in variants.items()
+    ]
+    additions = {p.text: p.added for p in menu(stage.data, stage.options.not_feasible)} | _more(
+        stage.data
+    )
+    for text, added in additions.items():
+        whole = join(stage.data, added)
+        offered.append(Change(text=text, trials=added.n, gain=by_data(whole), data=whole))
+    places = len(np.unique(stage.data.z_hat))
+    offered.append(
+        Change(
+            text="a motors-off sweep of all distances, twice",
+            trials=2 * places,
+            gain=lambda one, other, _: _motors_off(foresight, one, other),
+        )
+    )
+    if np.isfinite(stage.data.z_hat).any():
+        offered.append(
+            Change(
+                text=f"touch the traverse off with a gauge ({1e3 * GAUGE_M:g} mm)",
+                trials=0,
+                gain=lambda one, other, _: _gauge(one, other),
+            )
+        )
+    return offered
+
+
+def _more(data: Observations) -> dict[str, Observations]:
+    """Additions besides those of `separation.menu`: a lower throttle, and far stations between the
+    others.
+    """
+    finite = data.z_hat[np.isfinite(data.z_hat)]
+    near, far = float(finite.min()), float(finite.max())
+    lowest = float(data.levels.min())
+    low = session(data, (near, far), FEW)
+    slow = low.throttle == lowest
+    halved = np.where(slow, 0.5, 1.0)
+    # half the lift of the lowest level: lift goes with throttle to the power 1.4
+    low = dataclasses.replace(
+        low,
+        throttle=np.where(slow, 0.61 * lowest, low.throttle),
+        lift_N=halved * low.lift_N,
+        covariates={**low.covariates, "lift_inf_N": halved * low.covariates["lift_inf_N"]},
+    )
+    found = {
+        f"a lower throttle too ({61 * lowest:.2g} %), at the closest and the farthest distance": low
+    }
+    if data.session.max() > 0 and len(np.unique(finite)) > 1:
+        stops = data.take(np.flatnonzero(np.r_[True, data.visit[1:] != data.visit[:-1]]))
+        pick = stops.take(np.unique(np.linspace(0, stops.n - 1, min(FEW, stops.n)).astype(int)))
+        again = dataclasses.replace(
+            pick, z_hat=np.full(pick.n, far), visit=np.arange(pick.n) + int(data.visit.max()) + 1
+        )
+        found["visits of the farthest distance between the others, evenly over all sessions"] = (
+            again
+        )
+    return found
+
+
+def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
+    """Evidence from forces read with the rotors stopped, at every distance twice: only what adds to
+    lift, whatever lift is, shows there.
+    """
+    stage = foresight.stage
+    sigma = float(np.hypot(stage.noise.force_N, np.median(stage.data.u_lift_N)))
+    if sigma <= 0:
+        return 0.0
+    _, first = np.unique(stage.data.z_hat, return_index=True)
+    force = np.zeros(len(first))
+    for sign, (effects, vector) in ((1.0, one), (-1.0, other)):
+        for e in effects:
+            # what grows with lift, or with the lift before, is not there when the rotors stand
+            if (
+                e.additive
+                and e.varies_with not in ("previous_lift_N",)
+                and e.name != "cell_nonlinearity"
+            ):
+                added = (
+                    np.expm1(stage.candidate(*effects).contribution(vector, e))
+                    * stage.data.covariates["lift_inf_N"]
+                )
+                force += sign * added[first]
+    return float(2 * np.sum((force / sigma) ** 2))
+
+
+def _gauge(one: Point, other: Point) -> float:
+    """Evidence from a touch-off: an offset of the datum is then known to `GAUGE_M`."""
+    total = 0.0
+    for effects, vector in (one, other):
+        # the effect's only entry is the last of the vector
+        total += sum(
+            float((vector[-1] / GAUGE_M) ** 2) for e in effects if e.name == "height_offset"
+        )
+    return total

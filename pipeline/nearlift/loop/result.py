@@ -1,0 +1,218 @@
+"""What is to be quoted after the loop: the coefficients over all answers that may be right, with
+budget, influence and doubts.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.fit import gum
+from nearlift.fit.estimator import Estimator, largest
+from nearlift.likelihood.problem import Problem
+from nearlift.loop import few_visits
+from nearlift.loop.candidate import Fitted
+from nearlift.loop.coefficients import Answers, Pair
+from nearlift.loop.search import Answer, Stage
+from nearlift.quotation import (
+    BoundaryResult,
+    Correlation,
+    Doubt,
+    HeldOutError,
+    LargestShifts,
+    Shift,
+)
+
+VISITS = "visits left out in turn"
+
+
+def result(
+    stage: Stage,
+    answer: Answer,
+    found: Answers,
+    correlation: Correlation,
+    error: HeldOutError | None,
+) -> BoundaryResult:
+    """The boundary's part of results.json; `found` is what the coefficients are under
+    every answer.
+    """
+    estimator = _estimator(stage, answer, found)
+    named = answer.accepted[0].effects if answer.accepted else ()
+    others = dict.fromkeys(
+        name for e in answer.accepted[1:] for name in e.effects if name not in named
+    )
+    doubts = estimator.doubts()
+    which = (
+        f"which of {len(answer.accepted)} answers holds"
+        if len(answer.accepted) > 1
+        else "shift by the form"
+    )
+    coefficients = {}
+    for i, name in enumerate(found.names):
+        quoted = estimator.quoted(
+            i,
+            found.spans(i),
+            _holds(stage, answer, found),
+            [*_doubts(estimator, answer, found, i), *doubts[i]],
+            which,
+        )
+        if stage.independent:
+            quoted = quoted.model_copy(
+                update={
+                    "influence": LargestShifts(
+                        trial=quoted.influence.trial, visit=_of_visits(stage, answer.best, i)
+                    )
+                }
+            )
+        coefficients[name] = quoted
+    return BoundaryResult(
+        verdict=answer.verdict,
+        base_model=stage.base.name,
+        effects=named,
+        rivals=tuple(others),
+        coefficients=coefficients,
+        error=error,
+        correlation=correlation,
+    )
+
+
+def correlation(names: list[str], covariance: FloatArray) -> Correlation:
+    """From a covariance (k, k); what does not vary goes with nothing."""
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(u > 0, u, 1.0)
+    found = np.clip(0.5 * (covariance + covariance.T) / np.outer(scale, scale), -1.0, 1.0)
+    np.fill_diagonal(found, 1.0)
+    return Correlation(parameters=tuple(names), values=tuple(tuple(row) for row in found.tolist()))
+
+
+def _holds(stage: Stage, answer: Answer, found: Answers) -> str:
+    """What an interval allows for."""
+    errors = (
+        "the scatter of whole visits"
+        if stage.independent
+        else "the noise of trials and the declared errors"
+    )
+    if found.carried:
+        return (
+            f"Holds {errors}, and what has no name as a random discrepancy along"
+            f" {' and '.join(found.carried)}"
+        )
+    if not answer.accepted:
+        none = (
+            "nothing else was found"
+            if stage.options.pairs
+            else "nothing else was found that so few trials could show"
+        )
+        missing = (
+            ", and nothing that has no name" if answer.verdict == "unexplained" else f"; {none}"
+        )
+        return f"Holds {errors}{missing}"
+    names = [e.name for e in answer.accepted]
+    form = "" if stage.independent else ", its form uncertain"
+    beside = (
+        f"; over {len(names)} answers that this design cannot tell apart" if len(names) > 1 else ""
+    )
+    return f"Holds {errors} with {names[0]} in the model{form}{beside}"
+
+
+def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> list[Doubt]:
+    """The coefficient by each answer alone, and with what was not seen."""
+
+    def at(condition: str, pair: Pair) -> Doubt:
+        return estimator.doubt(i, condition, float(pair[0][i]), float(pair[1][i]))
+
+    listed = []
+    if answer.accepted:
+        listed.append(
+            at(f"{answer.accepted[0].name} is all, exactly in its declared form", found.conditional)
+        )
+        listed += [
+            at(f"it is {name} in place of {answer.accepted[0].name}", pair)
+            for name, pair in found.members[1:]
+        ]
+    if answer.verdict != "adequate":
+        listed.append(at("the base model lacks nothing", found.before))
+    listed.append(
+        at("every effect too small to be seen acts at its plausible size", found.constrained)
+    )
+    return listed
+
+
+def _estimator(stage: Stage, answer: Answer, found: Answers) -> Estimator:
+    """The best answer's, linearised about the values quoted: its effects, their form and what has
+    no name are unknowns in the covariance.
+    """
+    fitted, p = answer.best, len(found.names)
+    value, u = found.value, found.members[0][1][1]
+    low, high = fitted.candidate.bounds
+    problem, unknowns = _with_unknowns(stage, answer, found)
+    fixed = (value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u)
+    lines: tuple[gum.Line, ...] = ()
+    without: dict[str, FloatArray] = {}
+    if stage.independent:
+        lines, without = (gum.further(VISITS, "A", np.diag(u)),), {VISITS: np.zeros(p)}
+    elif p:
+        g = gum.gain(problem, value)
+        lines = gum.lines(problem, g, stage.parts, stage.noise, stage.slope)
+        lines += tuple(
+            gum.further(name, "B", g @ problem.covariance.shared[:, columns])
+            for name, columns in unknowns.items()
+        )
+        parts = [(part, stage.slope) for part in stage.parts]
+        without = gum.without_each(
+            problem, problem.jacobian(value), stage.noise, parts, u, unknowns
+        )
+    return Estimator(
+        problem=problem,
+        theta=value,
+        u=u,
+        dof=found.dof,
+        lines=lines,
+        without=without,
+        parts=stage.parts,
+        slope=stage.slope,
+        fixed=fixed,
+    )
+
+
+def _with_unknowns(
+    stage: Stage, answer: Answer, found: Answers
+) -> tuple[Problem, dict[str, slice]]:
+    """The likelihood in the base model's coefficients alone, and where its further unknowns stand
+    among the shared ones.
+    """
+    fitted, space, p = answer.best, stage.space, len(found.names)
+    candidate, vector = fitted.candidate, fitted.vector
+    data = dataclasses.replace(stage.data, lift_N=np.exp(stage.log_lift))
+    jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
+    shift = (
+        candidate.log_ratio(vector)
+        - stage.candidate().log_ratio(vector[:p])
+        - jacobian[:, p:] @ (vector - mean)[p:]
+    )
+    own = space.covariance.shared
+    blocks: list[tuple[str, FloatArray]] = []
+    for effect in candidate.effects:
+        mine = candidate.of(effect.name)
+        blocks.append((f"size of {effect.name}", jacobian[:, mine] * sd[mine]))
+    if answer.accepted and not stage.independent:
+        blocks.append((f"form of {answer.accepted[0].name}", answer.accepted[0].tube))
+    if found.carried:
+        blocks.append((f"what has no name along {' and '.join(found.carried)}", found.unnamed))
+    blocks = [(name, columns) for name, columns in blocks if columns.shape[1]]
+    shared = np.hstack([own, *(columns for _, columns in blocks)])
+    ends = own.shape[1] + np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
+    unknowns = {
+        name: slice(int(a), int(b))
+        for (name, _), a, b in zip(blocks, ends[:-1], ends[1:], strict=True)
+    }
+    covariance = dataclasses.replace(space.covariance, shared=shared)
+    return Problem(model=stage.base, data=data, covariance=covariance, shift=shift), unknowns
+
+
+def _of_visits(stage: Stage, fitted: Fitted, i: int) -> Shift | None:
+    """The visit whose omission moves coefficient i most, by refits."""
+    moved = few_visits.without_each(stage, fitted)[:, i] - fitted.vector[i]
+    return largest(np.unique(stage.data.visit), moved)

@@ -1,0 +1,221 @@
+"""What this design cannot tell apart, and the smallest addition to it that would."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray
+from nearlift.likelihood.noise import orthonormal, trial_covariance
+from nearlift.likelihood.problem import Problem, height_slope
+from nearlift.loop.candidate import Candidate
+from nearlift.loop.search import Answer, Explanation, Stage
+from nearlift.results import Observations
+
+#: Trials in a proposed session.
+SESSION = 160
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """A session that could be measured: in words, and the trials it would add."""
+
+    text: str
+    added: Observations
+
+
+def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposal]:
+    """Sessions of about the same cost: at single distances near, middle and far, closer than now,
+    and from both directions.
+
+    What the bench said it cannot do ("closer", "farther", "both directions") is left out.
+    """
+    finite = data.z_hat[np.isfinite(data.z_hat)]
+    near, far = float(finite.min()), float(finite.max())
+    places: dict[str, tuple[float, ...]] = {}
+    if "closer" not in not_feasible:
+        places[
+            f"go closer than the present minimum, z_hat = {0.75 * near:.2g}, if that is feasible"
+        ] = (0.75 * near,)
+    places |= {
+        f"more visits at the closest distance, z_hat = {near:.2g}": (near,),
+        f"visits between z_hat = {near:.2g} and {1.6 * near:.2g}": (near, 1.3 * near, 1.6 * near),
+        "visits between z_hat = 3 and 6": (3.0, 4.0, 5.0, 6.0),
+        f"visits beyond z_hat = 10, and at {max(far, 10.0):.3g}": (10.0, max(far, 10.0)),
+        "the closest, a middle and the farthest distance in turn": (near, 2.5 * near, far),
+    }
+    if "farther" in not_feasible:
+        places = {text: z for text, z in places.items() if max(z) <= far}
+    proposals = [Proposal(text=text, added=session(data, z)) for text, z in places.items()]
+    if "approach" in data.covariates and "both directions" not in not_feasible:
+        both = session(data, (near, 1.3 * near))
+        direction = np.where(np.arange(both.n) // len(data.levels) % 2 == 0, 1.0, -1.0)
+        both = dataclasses.replace(both, covariates={**both.covariates, "approach": direction})
+        proposals.append(
+            Proposal(
+                text="the closest distances, each approached from both directions in turn",
+                added=both,
+            )
+        )
+    return proposals
+
+
+def session(data: Observations, places: tuple[float, ...], trials: int = SESSION) -> Observations:
+    """Trials at these distances, every throttle at each visit, all other covariates in their
+    middle, as a session of their own time.
+    """
+    levels = (
+        data.levels
+        if len(data.levels) <= 8
+        else np.quantile(data.levels, [0.1, 0.4, 0.7, 1.0], method="nearest")
+    )
+    visits = max(trials // len(levels), 1)
+    z = np.repeat(np.resize(np.asarray(places), visits), len(levels))
+    throttle = np.tile(levels, visits)
+    n = len(z)
+    lift = np.array([np.median(data.lift_N[data.throttle == t]) for t in levels])
+    middle = {
+        k: np.full(n, np.nanmedian(v) if np.isfinite(v).any() else np.nan)
+        for k, v in data.covariates.items()
+    }
+    middle["lift_inf_N"] = np.tile(
+        [np.median(data.covariates["lift_inf_N"][data.throttle == t]) for t in levels], visits
+    )
+    return Observations(
+        boundary=data.boundary,
+        trial=np.array([f"proposed-{i}" for i in range(n)], dtype=object),
+        z_hat=z,
+        lift_N=np.tile(lift, visits),
+        u_lift_N=np.full(n, float(np.median(data.u_lift_N))),
+        n_eff=np.full(n, float(np.median(data.n_eff))),
+        throttle=throttle,
+        visit=np.repeat(np.arange(visits), len(levels)) + int(data.visit.max()) + 1,
+        session=np.full(n, int(data.session.max())),
+        radius_m=data.radius_m,
+        geometry=data.geometry,
+        covariates=middle,
+    )
+
+
+def join(a: Observations, b: Observations) -> Observations:
+    """The trials of both, one after the other."""
+    arrays: dict[str, Any] = {
+        f.name: np.concatenate([getattr(a, f.name), getattr(b, f.name)])
+        for f in dataclasses.fields(a)
+        if isinstance(getattr(a, f.name), np.ndarray)
+    }
+    return dataclasses.replace(
+        a,
+        **arrays,
+        covariates={k: np.concatenate([v, b.covariates[k]]) for k, v in a.covariates.items()},
+    )
+
+
+def parting(stage: Stage, data: Observations, one: Explanation, other: Explanation) -> float:
+    """Non-centrality with which trials at `data` would part two fitted explanations: what the other
+    cannot imitate of the one.
+    """
+    return parted(
+        stage,
+        data,
+        (one.fitted.candidate.effects, one.fitted.vector),
+        (other.fitted.candidate.effects, other.fitted.vector),
+    )
+
+
+def parted(
+    stage: Stage,
+    data: Observations,
+    one: tuple[tuple[Effect, ...], FloatArray],
+    other: tuple[tuple[Effect, ...], FloatArray],
+) -> float:
+    """The same for effects with their flat vectors, fitted or supposed."""
+    slope = height_slope(
+        stage.base,
+        data,
+        dict(zip((p.name for p in stage.base.parameters), stage.theta, strict=True)),
+    )
+    space = Problem(
+        model=stage.base, data=data, covariance=trial_covariance(data, stage.noise, slope)
+    )
+    mine = Candidate(base=stage.base, effects=one[0], data=data)
+    theirs = Candidate(base=stage.base, effects=other[0], data=data)
+    difference = np.nan_to_num(mine.log_ratio(one[1]) - theirs.log_ratio(other[1]))
+    absorbed = space.project(theirs.jacobian(other[1]).T).T
+    white: FloatArray = space.project(difference)
+    basis = orthonormal(absorbed)
+    left = white - basis @ (basis.T @ white)
+    return float(left @ left)
+
+
+def next_experiment(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
+    """For the best explanation and its rivals: which session would part them, ranked by the
+    expected evidence per trial.
+
+    Where nothing was accepted, the explanations that come closest take their place.
+    """
+    compared = answer.accepted
+    if answer.verdict == "unexplained":
+        tried = [
+            e
+            for e in (*answer.singles, *answer.pairs)
+            if np.isfinite(e.log_evidence) and e.over_none > 0
+        ]
+        compared = tuple(sorted(tried, key=lambda e: -e.log_evidence)[:2])
+    if len(compared) < 2:
+        return []
+    best = compared[0]
+    found = []
+    for rival in compared[1:5]:
+        now = parting(stage, stage.data, best, rival)
+        ranked = []
+        for proposal in menu(stage.data, stage.options.not_feasible):
+            gain = parting(stage, join(stage.data, proposal.added), best, rival) - now
+            ranked.append((gain / proposal.added.n, proposal))
+        ranked.sort(key=lambda item: -item[0])
+        rate, proposal = ranked[0]
+        wanted = max(9.0 + 4.0 - now, 0.0)
+        found.append(
+            {
+                "separates": [best.name, rival.name],
+                "measure": proposal.text,
+                "trials": proposal.added.n,
+                "expected_evidence": rate * proposal.added.n,
+                "trials_to_separate": int(np.ceil(wanted / rate)) if rate > 1e-6 else None,
+                "alternatives": [
+                    {"measure": p.text, "expected_evidence": r * p.added.n} for r, p in ranked[1:4]
+                ],
+            }
+        )
+    return found
+
+
+def to_part_visits(limits: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What to measure where coefficients rest on one distance, or go under in a level of every
+    session's own; see `absorption.limits`.
+    """
+    found = []
+    for limit in limits:
+        if "absorbed_by" in limit:
+            measure = (
+                "several distances within each session, in random order, so that a gain of the"
+                " session's own moves them all alike"
+            )
+            found.append(
+                {"separates": [limit["coefficient"], limit["absorbed_by"]], "measure": measure}
+            )
+        elif "rests_on" in limit:
+            z_hat = limit["rests_on"]["z_hat"]
+            measure = (
+                f"more visits around z_hat = {z_hat:.2g}, in other sessions and with other states"
+                " of what else changes between visits"
+            )
+            found.append(
+                {
+                    "separates": [limit["coefficient"], f"the one visit at z_hat = {z_hat:.2g}"],
+                    "measure": measure,
+                }
+            )
+    return found

@@ -1,0 +1,134 @@
+"""What a campaign lets an effect know: its covariates, what follows from them, and which effects
+cannot be tested.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray
+from nearlift.effects import STAND_INS
+from nearlift.likelihood.noise import elapsed_trials
+from nearlift.results import Observations
+
+#: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute
+#: where the scale is fixed.
+LEAST_SPREAD = {
+    "temperature_K": 0.2,
+    "pressure_Pa": 20.0,
+    "humidity": 0.01,
+    "tilt_rad": 1e-3,
+    "supply_V": 5e-3,
+    "speed_hat": 5e-4,
+}
+#: What effects call the covariate along which they vary, in the schedule's words.
+SCHEDULE_WORDS = {
+    "z_hat": "distance",
+    "supply_V": "supply",
+    "temperature_K": "temperature",
+    "tilt_rad": "tilt",
+    "speed_hat": "rpm",
+    "start_s": "start",
+    "since_start_s": "start",
+    "elapsed_hat": "start",
+}
+
+
+def derive(data: Observations, levels: FloatArray) -> Observations:
+    """The observations with every derived covariate that effects and families may ask for.
+
+    `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order,
+    scaled to [-1, 1]), `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at
+    the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
+    throttle), `drift_hat` (relative change of lift within a record), `lift_inf_N` (`levels`, L_inf
+    per throttle in N, spread over the trials); and, as geometry, the medians `supply_ref_V`,
+    `temperature_ref_K`, `pressure_ref_Pa`, `throttle_ref`, and `radius_m`. Where the order of the
+    trials is unknown, all that follows from it is constant.
+    """
+    known = dict(data.covariates)
+    n = data.n
+    first = np.r_[True, data.session[1:] != data.session[:-1]]
+    index = np.arange(n, dtype=float)
+    if not data.ordered:
+        # nobody knows what came before what, so nothing may vary along it
+        first, index = np.ones(n, dtype=bool), np.zeros(n)
+        known.pop("start_s", None)
+    order = (
+        known["start_s"] if "start_s" in known and np.isfinite(known["start_s"]).all() else index
+    )
+    known["elapsed_hat"] = _scaled(order)
+    known["run_order"] = index
+    known["elapsed_trials"] = elapsed_trials(order)
+    if "start_s" in known:
+        begin = known["start_s"][np.maximum.accumulate(np.where(first, np.arange(n), 0))]
+        known["since_start_s"] = known["start_s"] - begin
+        known["rest_s"] = np.where(
+            first, 0.0, np.diff(known["start_s"], prepend=known["start_s"][:1])
+        )
+    known["lift_inf_N"] = levels[data.level]
+    if (
+        "speed_Hz" in known
+        and np.isfinite(known["speed_Hz"]).all()
+        and (known["speed_Hz"] > 0).all()
+    ):
+        usual = np.array(
+            [np.median(known["speed_Hz"][data.level == k]) for k in range(len(levels))]
+        )
+        known["speed_hat"] = known["speed_Hz"] / usual[data.level]
+    # the level and not the trial's own lift: that carries its noise, which would then explain its
+    # neighbour's
+    for name, values in (
+        ("previous_lift_N", known["lift_inf_N"]),
+        ("previous_throttle", data.throttle),
+        ("previous_z_hat", data.z_hat),
+    ):
+        known[name] = np.where(first, 0.0, np.r_[0.0, values[:-1]])
+    change = np.r_[True, data.visit[1:] != data.visit[:-1]]
+    known["order_in_visit"] = (
+        index - index[np.maximum.accumulate(np.where(change, np.arange(n), 0))]
+    )
+    if {"drift_N_s", "record_s"} <= known.keys():
+        known["drift_hat"] = known["drift_N_s"] * known["record_s"] / data.lift_N
+    geometry: dict[str, Any] = {
+        **data.geometry,
+        "radius_m": data.radius_m,
+        "throttle_ref": float(np.median(data.throttle)),
+    }
+    for name, reference in (
+        ("supply_V", "supply_ref_V"),
+        ("temperature_K", "temperature_ref_K"),
+        ("pressure_Pa", "pressure_ref_Pa"),
+    ):
+        if name in known and np.isfinite(known[name]).any():
+            geometry[reference] = float(np.nanmedian(known[name]))
+    for name, value in STAND_INS.items():
+        if name not in known and name not in geometry:
+            geometry[name] = value
+    return dataclasses.replace(data, covariates=known, geometry=geometry)
+
+
+def _scaled(x: FloatArray) -> FloatArray:
+    span = x.max() - x.min()
+    return 2 * (x - x.min()) / span - 1 if span > 0 else np.zeros_like(x)
+
+
+def varies(data: Observations, name: str) -> bool:
+    """Whether a covariate is known for every trial and varies enough to tell anything."""
+    if name in data.geometry or name in ("z_hat", "throttle"):
+        return True
+    if name == "session":
+        return bool(data.session.max() > 0)
+    values = data.covariates.get(name)
+    if values is None or not np.isfinite(values).all():
+        return False
+    return bool(np.ptp(values) > LEAST_SPREAD.get(name, 0.0))
+
+
+def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
+    """What the effect needs that these trials do not tell; empty if it can be tested."""
+    return tuple(
+        n for n in effect.needs if n not in ("lift_inf_N", *STAND_INS) and not varies(data, n)
+    )

@@ -1,0 +1,1 @@
+"""What a campaign declares: `campaign.toml`, checked and typed."""

@@ -1,0 +1,210 @@
+"""[simulate] and [detect] of the manifest: controller, gusts, set-points and routes of the flights;
+rates and sensor of detection.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from nearlift.declare import Boundary
+from nearlift.manifest.quantities import (
+    DerivativeGain,
+    Duration,
+    Force,
+    Fraction,
+    Inertia,
+    IntegralGain,
+    Mass,
+    Position,
+    PositiveLength,
+    ProportionalGain,
+    Rate,
+    Section,
+    Share,
+    Velocity,
+    Voltage,
+)
+
+
+def _positive(value: float) -> float:
+    if not value > 0:
+        raise ValueError("must be positive")
+    return value
+
+
+def _unlike(values: list[Any]) -> list[Any]:
+    if len(set(values)) != len(values):
+        raise ValueError("names one of its values twice")
+    return values
+
+
+def _ascending(values: list[float]) -> list[float]:
+    if any(b <= a for a, b in itertools.pairwise(values)):
+        raise ValueError("must ascend")
+    return values
+
+
+def _interval(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise ValueError("gives its ends in the wrong order: the lower comes first")
+    return ends
+
+
+def _no_wall(boundary: Boundary) -> Boundary:
+    if boundary == "sidewall":
+        raise ValueError(
+            "a sidewall turns the vehicle, and flights go up and down: ground or ceiling"
+        )
+    return boundary
+
+
+PositiveDuration = Annotated[Duration, AfterValidator(_positive)]
+Flown = Annotated[Boundary, AfterValidator(_no_wall)]
+Positive = Annotated[float, Field(gt=0)]
+Probability = Annotated[float, Field(gt=0, lt=1)]
+Interval = Annotated[Position, AfterValidator(_interval)]
+
+
+class GainSet(Section):
+    """Gains of Eq. 5 at one boundary, with their signs: negative above a ground, positive below a
+    ceiling. In 1/(m s), 1/m, 1/(m s^2).
+    """
+
+    proportional: ProportionalGain
+    derivative: DerivativeGain
+    integral: IntegralGain
+
+
+class Gusts(Section):
+    """The random vertical force: standard deviation in N, time for which a value is held and
+    correlation time, in s.
+    """
+
+    sd: Force
+    hold: PositiveDuration
+    correlation: Duration = 0.0
+
+
+class Obstacle(Section):
+    """A box that a route goes around, in m: along the corridor and above its floor."""
+
+    x: Interval
+    z: Interval
+
+
+class Route(Section):
+    """A corridor between a floor and a ceiling, seen from the side, and the way through it. Lengths
+    in m.
+    """
+
+    length: PositiveLength
+    height: PositiveLength
+    start: Position
+    goal: Position
+    obstacles: list[Obstacle] = Field(default=[])
+    speed: Velocity
+    risk: Probability = 0.01
+
+    @model_validator(mode="after")
+    def _inside(self) -> Self:
+        for name, (x, z) in (("start", self.start), ("goal", self.goal)):
+            if not (0 <= x <= self.length and 0 <= z <= self.height):
+                raise ValueError(
+                    f"{name} ({x:g}, {z:g}) m is outside the corridor of {self.length:g} by"
+                    f" {self.height:g} m"
+                )
+        if self.start == self.goal:
+            raise ValueError("start and goal are the same place")
+        return self
+
+
+class Simulate(Section):
+    """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's,
+    carried over so that the groups stay.
+    """
+
+    flights: int = Field(default=1000, ge=20, le=1_000_000)
+    presets: Annotated[list[str], AfterValidator(_unlike)] = Field(default=["paper", "converged"])
+    gains: dict[Flown, GainSet] = Field(default={})
+    gusts: Gusts | None = None
+    lift_coefficient: float = Field(default=1.6, gt=0)
+    scheme: Literal["euler", "semi-implicit", "rk4"] = "rk4"
+    step: PositiveDuration | None = None
+    duration: PositiveDuration | None = None
+    set_points: dict[
+        Flown, Annotated[list[Positive], Field(min_length=2), AfterValidator(_ascending)]
+    ] = Field(default={})
+    bound_z_hat: dict[Flown, Positive] = Field(default={})
+    contact_z_hat: dict[Flown, Annotated[float, Field(ge=0)]] = Field(default={})
+    draws: int = Field(default=16, ge=2, le=100_000)
+    risks: Annotated[list[Probability], Field(min_length=1), AfterValidator(_unlike)] = Field(
+        default=[0.5, 0.01]
+    )
+    crash_prices: Annotated[list[Positive], AfterValidator(_unlike)] = Field(
+        default=[0.1, 1.0, 10.0]
+    )
+    supply_end: Voltage | None = None
+    roll_inertia: Inertia | None = None
+    roll_inertia_uncertainty: Fraction | None = None
+    maps: bool = True
+    route: Route | None = None
+
+    @model_validator(mode="after")
+    def _above_contact(self) -> Self:
+        for side, targets in self.set_points.items():
+            touch = self.contact_z_hat.get(side, 0.0)
+            if targets[0] <= touch:
+                raise ValueError(
+                    f"set_points.{side} begins at {targets[0]:g}, where the vehicle touches"
+                    f" (contact_z_hat.{side} = {touch:g})"
+                )
+        return self
+
+
+class Reading(Section):
+    """A measurement to be read as a distance: a lift ratio, or the throttle at which the vehicle
+    hovers.
+
+    `u` is the standard uncertainty of the ratio, or of the throttle, both as fractions; `weight`
+    and `supply` are relative standard uncertainties of weight and supply voltage (for a throttle
+    the first of [detect]'s lists if not given; a ratio's `u` is all of it), `mass` the vehicle's
+    with its payload, in kg.
+    """
+
+    boundary: Boundary
+    ratio: float | None = Field(default=None, gt=0)
+    throttle: Share | None = None
+    u: Fraction
+    weight: Fraction | None = None
+    supply: Fraction | None = None
+    mass: Mass | None = None
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Reading:
+        if (self.ratio is None) == (self.throttle is None):
+            raise ValueError(
+                'takes a ratio or a throttle, one of both\nratio = 1.12, or throttle = "55 percent"'
+            )
+        return self
+
+
+def _listed(value: object) -> object:
+    return value if isinstance(value, list) else [value]
+
+
+class Detect(Section):
+    """Knowing a boundary from lift, or from the throttle needed to hover. Uncertainties are
+    standard ones, as fractions.
+    """
+
+    false_alarm_rate: float = Field(default=0.01, gt=0, lt=0.5)
+    miss_rate: float = Field(default=0.1, gt=0, lt=0.5)
+    averaging: list[Duration] = Field(default=[0.01, 0.1, 1.0, 10.0, 100.0])
+    force_noise: Force | None = None
+    force_bandwidth: Rate | None = None
+    payload: list[Fraction] = Field(default=[0.0, 0.01, 0.05], min_length=1)
+    supply: Annotated[list[Fraction], BeforeValidator(_listed)] = Field(default=[0.0], min_length=1)
+    reading: list[Reading] = Field(default=[])
