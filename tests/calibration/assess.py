@@ -49,7 +49,8 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
             look=look,
         )
         return found.findings | {
-            "quoted": {n: (c.lo90, c.hi90) for n, c in found.quoted.coefficients.items()}
+            "quoted": {n: (c.lo90, c.hi90) for n, c in found.quoted.coefficients.items()},
+            "result": found.quoted,
         }
     except NotConverged as fault:
         alone = fit(base, campaign.data, campaign.parts)
