@@ -123,10 +123,10 @@ def ingest(folder: Path, threads: int = 2) -> None:
     """What the stage does, of a campaign never seen before."""
     import tempfile
 
-    from nearlift import executors
     from nearlift.manifest import campaign as manifests
+    from nearlift.run import executors
+    from nearlift.run.job import Job
     from nearlift.stages import ingest as stage
-    from nearlift.stages.job import Job
 
     with (
         tempfile.TemporaryDirectory() as out,

@@ -38,7 +38,7 @@ def stage(folder: Path, name: str) -> None:
     """One stage of a campaign, its products beside it."""
     import importlib
 
-    from nearlift.stages.opening import open_job
+    from nearlift.run.opening import open_job
 
     with open_job(folder, folder.parent, "serial", 0) as job:
         importlib.import_module(f"nearlift.stages.{name}").run(job)

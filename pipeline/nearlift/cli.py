@@ -27,11 +27,11 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from nearlift import __version__  # noqa: E402
 from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError, UsageError  # noqa: E402
-from nearlift.stages.workspace import spare_raw, workspace  # noqa: E402
+from nearlift.run.workspace import spare_raw, workspace  # noqa: E402
 
 if TYPE_CHECKING:
-    from nearlift.stages.graph import Stage
-    from nearlift.stages.job import Job
+    from nearlift.run.graph import Stage
+    from nearlift.run.job import Job
 
 STAGE_NAMES = {
     "ingest": "Raw records to one row per trial (trials.parquet).",
@@ -190,7 +190,7 @@ def open_job(
     campaign: Path, out: Path, executor: str, seed: int, voice: Voice, keep: bool = True
 ) -> Iterator[Job]:
     """The campaign as a job that speaks with this voice."""
-    from nearlift.stages import opening
+    from nearlift.run import opening
 
     with opening.open_job(campaign, out, executor, seed, voice.progress, keep, voice.line) as job:
         yield job
@@ -201,9 +201,9 @@ def open_plan(campaign: Path, out: Path, seed: int, voice: Voice) -> Iterator[Jo
     """The campaign as a job that has no records yet: the manifest is checked, no input is looked
     for.
     """
-    from nearlift.executors import open_executor
     from nearlift.manifest import campaign as manifests
-    from nearlift.stages.job import Job
+    from nearlift.run.executors import open_executor
+    from nearlift.run.job import Job
 
     loaded = manifests.load(campaign)
     spare_raw(campaign, out)
@@ -242,8 +242,8 @@ def execute(
     by section.
     """
     with no_garbage():
-        from nearlift.lock import size
-        from nearlift.stages import graph, opening  # noqa: F401 - what opens the campaign
+        from nearlift.run import graph, opening  # noqa: F401 - what opens the campaign
+        from nearlift.run.lock import size
 
     _end_politely()
     voice = Voice(quiet, verbose, as_json)
@@ -317,7 +317,7 @@ def execute_many(
     """Run several campaigns; one that is refused does not stop the others. Ends with the gravest
     exit code.
     """
-    from nearlift.stages import many
+    from nearlift.run import many
 
     voice = Voice(quiet, verbose, as_json)
     ended = []
@@ -345,7 +345,7 @@ def follow(
     """
     from dataclasses import asdict
 
-    from nearlift.stages.watch import watch
+    from nearlift.run.watch import watch
 
     _end_politely()
     voice = Voice(quiet, verbose, as_json)
@@ -481,8 +481,8 @@ def diagnose(campaign: Path, explain: str | None, **options: Any) -> None:
     if explain is None:
         execute(campaign, ("diagnose",), force=True, **options)
         return
+    from nearlift.run.store import plain
     from nearlift.stages import explain as explaining
-    from nearlift.store import plain
     from nearlift.summaries.explain import text
 
     voice = Voice(options["quiet"], options["verbose"], options["as_json"])
@@ -557,8 +557,8 @@ def detect(
         return
     from nearlift.manifest.campaign import validated
     from nearlift.manifest.flight import Reading
+    from nearlift.run.store import plain
     from nearlift.stages.reading import read, text
-    from nearlift.store import plain
 
     reading = validated(Reading, {"boundary": boundary, **told}, "nearlift detect")
     voice = Voice(options["quiet"], options["verbose"], options["as_json"])
@@ -590,11 +590,11 @@ def design(campaign: Path, noise_from: str | None, write: Path | None, **options
 
     The plan is the folder's schedule, or the manifest's [design].
     """
-    from nearlift.lock import settled
+    from nearlift.run.lock import settled
+    from nearlift.run.store import plain
+    from nearlift.run.transaction import Homes
     from nearlift.stages import design as designing
-    from nearlift.store import plain
     from nearlift.summaries.design import text
-    from nearlift.transaction import Homes
 
     out: Path = options["out"]
     if noise_from is not None:
@@ -621,7 +621,7 @@ def plan(
 ) -> None:
     """What is stale and why; runs nothing."""
     with no_garbage():
-        from nearlift.stages import graph, opening  # noqa: F401 - what opens the campaign
+        from nearlift.run import graph, opening  # noqa: F401 - what opens the campaign
 
     with open_job(campaign, out, "serial", seed, Voice(quiet, verbose, as_json), keep=False) as job:
         steps = [(s.name, why) for s, why in graph.plan(job)]
@@ -674,8 +674,8 @@ def compare_runs(a: Path, b: Path, as_json: bool, quiet: bool, **_: Any) -> None
     A and B are folders with provenance.json (processed/CAMPAIGN), or workspaces with one finished
     campaign each.
     """
+    from nearlift.run.store import plain
     from nearlift.stages import compare_runs as comparison
-    from nearlift.store import plain
 
     content = comparison.run(a, b)
     if as_json:
@@ -875,7 +875,7 @@ def data() -> None:
 def data_list(registry: Path | None, as_json: bool, **_: Any) -> None:
     """What there is: name, what was measured, licence, size."""
     from nearlift.datasets.registry import OWN, datasets
-    from nearlift.lock import size
+    from nearlift.run.lock import size
 
     found = datasets(registry or OWN)
     if as_json:

@@ -28,11 +28,11 @@ from tests.calibration import forms, spread
 from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
-from nearlift.executors import unordered
 from nearlift.fit.least_squares import Fit, fit
 from nearlift.likelihood import budget
 from nearlift.manifest import campaign as manifests
 from nearlift.results import Observations
+from nearlift.run.executors import unordered
 
 LEVELS = (0.68, 0.9, 0.95)
 DATUMS_MM = (0.2, 0.5)

@@ -25,13 +25,14 @@ import numpy as np
 from tests.calibration import records
 from tests.unit import bench_campaign, written
 
-from nearlift import readers, store
+from nearlift import readers
 from nearlift.errors import NearliftError
 from nearlift.products import TRIALS
 from nearlift.readers import child, csv_trial
 from nearlift.readers.channel import Malformed, pick
+from nearlift.run import store
+from nearlift.run.job import Job
 from nearlift.stages import sums
-from nearlift.stages.job import Job
 
 TRIES = 200
 SAMPLES = 400

@@ -19,8 +19,8 @@ from tests.calibration.coverage import BASE, clopper_pearson, intervals
 from tests.calibration.simulator import Errors, Spec, simulate
 
 from nearlift import catalogue
-from nearlift.executors import ordered
 from nearlift.fit.least_squares import fit
+from nearlift.run.executors import ordered
 
 #: Correlation of a trial's error with the next one's.
 CORRELATIONS = (0.0, 0.5, 0.9, 0.97)

@@ -22,8 +22,8 @@ from tests.calibration.coverage import BASE, LEVELS, Row, band, clopper_pearson,
 from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
-from nearlift.executors import ordered
 from nearlift.fit.least_squares import fit
+from nearlift.run.executors import ordered
 
 #: Distances and visits of each.
 DESIGNS = {"4x2": (4, 2), "5x2": (5, 2), "9x1": (9, 1), "6x3": (6, 3)}

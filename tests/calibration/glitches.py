@@ -25,15 +25,15 @@ from tests.calibration.bench import RADIUS, SPACING
 from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift.errors import NearliftError
-from nearlift.executors import SerialExecutor, unordered
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.manifest import campaign as manifest
 from nearlift.products import TRIALS
 from nearlift.results import Observations
+from nearlift.run.executors import SerialExecutor, unordered
+from nearlift.run.job import Job
 from nearlift.stages import ingest, screening
 from nearlift.stages.fit import choice
-from nearlift.stages.job import Job
 from nearlift.stages.observe import observe
 
 #: Reported; the screen was tuned on 700000 to 710099.

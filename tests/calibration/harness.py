@@ -30,7 +30,7 @@ from tests.calibration.assess import Diagnose, Row, assess, engine
 from tests.calibration.figures import figures, markdown, peer_table
 from tests.calibration.kinds import KINDS, REPORTED, chosen
 
-from nearlift.executors import unordered
+from nearlift.run.executors import unordered
 
 Job = tuple[str, str, int]
 """Kind, boundary, seed."""

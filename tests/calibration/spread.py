@@ -15,7 +15,7 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import Executor
 
-from nearlift.executors import BLAS, open_executor
+from nearlift.run.executors import BLAS, open_executor
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:

@@ -17,11 +17,11 @@ from scipy.stats import beta
 from tests.calibration import spread
 
 from nearlift import catalogue
-from nearlift.executors import ordered
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.foresight import handles, planned
 from nearlift.loop.search import Options
 from nearlift.manifest import campaign as manifests
+from nearlift.run.executors import ordered
 from nearlift.stages.observe import observe
 from nearlift.stages.plans import plan, scatter
 

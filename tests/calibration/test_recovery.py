@@ -27,11 +27,11 @@ from scipy.stats import binom, norm, t
 from tests.calibration import spread
 
 from nearlift import catalogue
-from nearlift.executors import SerialExecutor, ordered
 from nearlift.manifest import campaign as manifests
 from nearlift.products import FIT, LIFT
-from nearlift.stages import graph
-from nearlift.stages.job import Job
+from nearlift.run import graph
+from nearlift.run.executors import SerialExecutor, ordered
+from nearlift.run.job import Job
 from nearlift.synthetic.design import randomised
 from nearlift.synthetic.records import Bench, write_campaign
 from nearlift.synthetic.truth import Noise, Truth

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from nearlift.executors import SerialExecutor
 from nearlift.manifest import campaign as manifests
+from nearlift.run.executors import SerialExecutor
+from nearlift.run.job import Job, Outcome
 from nearlift.stages import flow
-from nearlift.stages.job import Job, Outcome
 from nearlift.synthetic import demo_flow
 from nearlift.synthetic.records import Bench
 

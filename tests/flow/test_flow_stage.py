@@ -23,7 +23,8 @@ from nearlift.products import (
     FLOW_TOPOLOGY,
 )
 from nearlift.readers.piv.cases import files_of
-from nearlift.stages import flow, graph
+from nearlift.run import graph
+from nearlift.stages import flow
 from nearlift.synthetic import demo_flow
 from nearlift.synthetic.records import Bench
 

@@ -18,7 +18,8 @@ from nearlift.fit.least_squares import assemble, fit
 from nearlift.manifest import campaign as manifests
 from nearlift.products import DOWNWASH, JOINT
 from nearlift.results import Observations
-from nearlift.stages import flow, graph, joint
+from nearlift.run import graph
+from nearlift.stages import flow, joint
 
 from .conftest import HEAD
 

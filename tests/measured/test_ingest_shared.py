@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift.executors import SerialExecutor
 from nearlift.manifest import campaign
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.run.executors import SerialExecutor
+from nearlift.run.job import Job, Outcome
 from nearlift.stages import ingest
-from nearlift.stages.job import Job, Outcome
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 

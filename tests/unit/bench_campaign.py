@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.executors import SerialExecutor
 from nearlift.manifest import campaign
 from nearlift.manifest.campaign import Campaign
+from nearlift.run.executors import SerialExecutor
+from nearlift.run.job import Job, Outcome
 from nearlift.stages import ingest
-from nearlift.stages.job import Job, Outcome
 
 UNITS = {"distance": "mm", "throttle": "percent"}
 RATE = 200.0

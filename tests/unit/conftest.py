@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift.executors import SerialExecutor
 from nearlift.manifest import campaign as manifest
 from nearlift.products import FIT, RESULTS, TRIALS
+from nearlift.run.executors import SerialExecutor
+from nearlift.run.job import Job
 from nearlift.stages import fit, reduce
-from nearlift.stages.job import Job
 
 from . import small_run
 

@@ -14,10 +14,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Literal
 
-from nearlift import store
-from nearlift.lock import settled
-from nearlift.stages import graph
-from nearlift.transaction import JOURNAL, STAGED, UNFINISHED, Homes
+from nearlift.run import graph, store
+from nearlift.run.lock import settled
+from nearlift.run.transaction import JOURNAL, STAGED, UNFINISHED, Homes
 
 from . import small_run
 

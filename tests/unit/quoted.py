@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS
-from nearlift.stages.job import Job
+from nearlift.run.job import Job
 from nearlift.summaries.evidence import Evidence
 
 #: Half of a 90 and of a 68 and 95 % interval of a normal, in standard deviations.

@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift import store
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
-from nearlift.stages import intact
+from nearlift.run import intact, store
 
 from . import written
 from .bench_campaign import HEAD, LIVE, RATE, force_mN, small_campaign, write_record

@@ -19,12 +19,13 @@ import click
 import numpy as np
 import pytest
 
-from nearlift import console, store
+from nearlift import console
 from nearlift.cli import STAGE_NAMES, main, no_garbage
 from nearlift.errors import ManifestError
 from nearlift.manifest import campaign as manifests
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
-from nearlift.stages import fit, graph
+from nearlift.run import graph, store
+from nearlift.stages import fit
 
 from . import small_run
 from .small_run import nearlift, state

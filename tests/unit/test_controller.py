@@ -173,7 +173,7 @@ def test_the_table_form_calls_no_library(job, tmp_path):
 
 
 def test_the_header_says_where_it_comes_from(job):
-    from nearlift import store
+    from nearlift.run import store
 
     text = Path(controller.write_c(job)).read_text()
     assert store.sha256(job.processed / TRIALS.file) in text

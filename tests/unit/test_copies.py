@@ -11,7 +11,7 @@ import pytest
 
 ALONE = """
 import os
-from nearlift import copies
+from nearlift.run import copies
 assert copies.alone()
 here, fork, made = os.getpid(), os.fork, []
 os.fork = lambda: made.append(fork()) or made[-1]

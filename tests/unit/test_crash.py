@@ -17,11 +17,10 @@ from pathlib import Path
 
 import pytest
 
-from nearlift import lock, store
 from nearlift.errors import ProductError
-from nearlift.lock import locked, settled
-from nearlift.stages import graph
-from nearlift.transaction import Homes
+from nearlift.run import graph, lock, store
+from nearlift.run.lock import locked, settled
+from nearlift.run.transaction import Homes
 
 from . import small_run
 from .faulty import (

@@ -20,7 +20,7 @@ from nearlift.datasets import garofano_soldado, registry
 from nearlift.errors import InputRefused, UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
-from nearlift.store import Table, read_table
+from nearlift.run.store import Table, read_table
 
 from .small_run import nearlift
 

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from nearlift.errors import InputRefused, UsageError
-from nearlift.executors import BLAS, SerialExecutor, open_executor, ordered, unordered
-from nearlift.stages import graph, ingest
+from nearlift.run import graph
+from nearlift.run.executors import BLAS, SerialExecutor, open_executor, ordered, unordered
+from nearlift.stages import ingest
 
 from . import small_run
 
@@ -264,7 +265,7 @@ def test_a_task_that_kills_every_process_is_refused(deadly):
 )
 def test_a_scheduler_that_does_not_answer_is_told_as_such(address, monkeypatch):
     pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
-    monkeypatch.setattr("nearlift.executors.ANSWER_S", 0.3)
+    monkeypatch.setattr("nearlift.run.executors.ANSWER_S", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         # somebody listens, who is no scheduler
         address = address.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from nearlift import store
 from nearlift.errors import UsageError
-from nearlift.stages import fit, graph
-from nearlift.stages.inputs import digests, remember
+from nearlift.run import graph, store
+from nearlift.run.inputs import digests, remember
+from nearlift.stages import fit
 
 from . import small_run
 from .small_run import job, ran, state

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift import executors
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.products import TRIALS
 from nearlift.readers import csv_trial
 from nearlift.readers import row as rows_of_records
+from nearlift.run import executors
+from nearlift.run.job import Job
+from nearlift.run.store import sha256
 from nearlift.stages import ingest
-from nearlift.stages.job import Job
-from nearlift.store import sha256
 
 from .bench_campaign import (
     HEAD,

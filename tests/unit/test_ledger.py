@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from nearlift import store
 from nearlift.pages.render import page
 from nearlift.products import FIT, QUALITY, RESULTS, TRIALS
+from nearlift.run import store
 from nearlift.stages import ledger, report
 
 

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from nearlift import lock, store
-from nearlift.lock import Busy, NoRoom, locked, room, size
-from nearlift.transaction import Homes
+from nearlift.run import lock, store
+from nearlift.run.lock import Busy, NoRoom, locked, room, size
+from nearlift.run.transaction import Homes
 
 HOLD = """
 import sys, time
 from pathlib import Path
-from nearlift.lock import locked
-from nearlift.transaction import Homes
+from nearlift.run.lock import locked
+from nearlift.run.transaction import Homes
 with locked(Homes(processed=Path(sys.argv[1]), reports=Path("r"))):
     print("held", flush=True)
     time.sleep(60)

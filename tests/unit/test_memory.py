@@ -14,7 +14,8 @@ from nearlift.loop import diagnose as loop
 from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
 from nearlift.reduction import cells
-from nearlift.stages import beside, expense
+from nearlift.run import expense
+from nearlift.stages import beside
 
 from .simulated import campaign
 

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from tests.unit import small_run
 
-from nearlift import store
 from nearlift.cli import EXPORTS
 from nearlift.errors import ManifestError
 from nearlift.products import FIT, POSTERIOR, TRIALS
-from nearlift.stages.checkpoint import Checkpoint
+from nearlift.run import store
+from nearlift.run.checkpoint import Checkpoint
 from nearlift.stages.export import FORMATS
 
 

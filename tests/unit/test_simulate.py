@@ -11,7 +11,6 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
-from nearlift.executors import open_executor
 from nearlift.figures.crash_map import draw as draw_map
 from nearlift.figures.render import render
 from nearlift.figures.style import style
@@ -22,12 +21,13 @@ from nearlift.flight.simulation.route import BASES
 from nearlift.manifest import campaign as manifest
 from nearlift.pages import safety as chapter
 from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
+from nearlift.run.executors import open_executor
+from nearlift.run.graph import stage
+from nearlift.run.job import Job
 from nearlift.stages import detect, simulate
 from nearlift.stages.belief import believe
 from nearlift.stages.export import export
 from nearlift.stages.gallery import FIGURES
-from nearlift.stages.graph import stage
-from nearlift.stages.job import Job
 from nearlift.stages.report import gather
 from nearlift.summaries.fig6 import touching
 

@@ -19,9 +19,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nearlift import store
 from nearlift.errors import ProductError
 from nearlift.products import LIFT, TRIALS, Column, Product
+from nearlift.run import store
 
 CLOSED = Product(
     file="closed.parquet",
@@ -291,7 +291,7 @@ def test_digest_is_that_of_the_bytes(tmp_path):
 
 ALONE = """
 import os, sys
-from nearlift import copies, store
+from nearlift.run import copies, store
 assert copies.alone()
 real = store.sha256
 copied = []

@@ -15,13 +15,13 @@ import pytest
 from nearlift import declare
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import DeclarationError, InputRefused, UsageError
-from nearlift.executors import SerialExecutor
 from nearlift.manifest import campaign
 from nearlift.products import TRIALS
 from nearlift.readers.schedule import read_schedule
+from nearlift.run.executors import SerialExecutor
+from nearlift.run.job import Job
+from nearlift.run.store import sha256
 from nearlift.stages import ingest
-from nearlift.stages.job import Job
-from nearlift.store import sha256
 from nearlift.synthetic import demo, design, presets, records
 from nearlift.synthetic.records import Bench
 from nearlift.synthetic.truth import Noise, Truth

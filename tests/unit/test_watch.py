@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from nearlift.errors import ManifestError
-from nearlift.stages import graph
-from nearlift.stages import watch as watching
-from nearlift.stages.watch import Round, watch
+from nearlift.run import graph
+from nearlift.run import watch as watching
+from nearlift.run.watch import Round, watch
 
 from . import small_run
 from . import test_compare as compared

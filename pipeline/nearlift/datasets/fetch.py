@@ -16,7 +16,7 @@ from typing import Protocol
 
 from nearlift.datasets.registry import UNKNOWN, Dataset, PublicFile
 from nearlift.errors import InputRefused, UsageError
-from nearlift.store import sha256
+from nearlift.run.store import sha256
 
 TIMEOUT_S = 30
 

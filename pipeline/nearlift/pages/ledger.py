@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.lock import size
 from nearlift.pages.number import Number, cite, pointer
 from nearlift.products import QUALITY
 from nearlift.reduction.quality import code
 from nearlift.rounding import plain
+from nearlift.run.lock import size
 from nearlift.summaries.evidence import Evidence
 
 #: Trials that the page lists; all of them stand in quality.json.

@@ -29,11 +29,12 @@ from typing import IO, TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from nearlift import copies, isolation
+from nearlift import isolation
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, Malformed
 from nearlift.readers.per_file import Format, Names
 from nearlift.readers.seam import FloatArray
+from nearlift.run import copies
 
 if TYPE_CHECKING:
     from nearlift.readers.row import Row

@@ -15,7 +15,7 @@ from nearlift.fit.least_squares import Fit
 from nearlift.fit.predictive import HeldOut, score
 from nearlift.fit.profiles import LEVELS, Profile
 from nearlift.products import PROFILES
-from nearlift.store import Table
+from nearlift.run.store import Table
 
 
 def entry(fit: Fit, profiled: Sequence[Profile]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.quotation import Correlation, Results
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected
-from nearlift.stages.job import Job
+from nearlift.run.job import Job
 
 #: The 95 % point of a standard normal: half of its 90 % interval.
 HALF_90 = 1.6448536269514722

@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import store
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ProductError, UsageError
 from nearlift.fit.population import FEWEST, Population, population
-from nearlift.lock import settled
 from nearlift.products import PROVENANCE, RESULTS
 from nearlift.quotation import CoefficientResult, Results, Verdict
 from nearlift.results import Estimate
-from nearlift.transaction import JOURNAL, Homes
+from nearlift.run import store
+from nearlift.run.lock import settled
+from nearlift.run.transaction import JOURNAL, Homes
 
 FOLDER = "comparison"
 #: Below this a p-value means no more than that.

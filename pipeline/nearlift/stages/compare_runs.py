@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from nearlift import store
 from nearlift.errors import UsageError
 from nearlift.products import PROVENANCE, RESULTS
 from nearlift.quotation import Results
 from nearlift.rounding import fixed, like, plain
+from nearlift.run import store
 
 #: What of a run decides its numbers, and how a line of the table calls it.
 PARTS = ("inputs", "manifest", "options", "versions", "code", "products", "report")

@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 import numpy as np
 
 import nearlift
-from nearlift import store
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused
 from nearlift.flight.export import c, document, python
@@ -20,8 +19,9 @@ from nearlift.flight.export.closed import closed_form, evaluate, fold
 from nearlift.flight.export.table import tabulate
 from nearlift.manifest.campaign import boundaries_of
 from nearlift.products import RESULTS, TRIALS
+from nearlift.run import store
+from nearlift.run.job import Job
 from nearlift.stages.belief import Belief, believe
-from nearlift.stages.job import Job
 
 DRAWS = 400
 FOLDER = "export"

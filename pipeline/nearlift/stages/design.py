@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import store, units
+from nearlift import units
 from nearlift.declare import Boundary
 from nearlift.errors import NotConverged, UsageError
 from nearlift.likelihood import budget
@@ -25,9 +25,10 @@ from nearlift.loop.setting import derive
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.design import Planned
 from nearlift.readers.columns import BY_NAME
+from nearlift.run import store
+from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
-from nearlift.stages.job import Job
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.plans import Plan, as_schedule, draw, levels, plan, ranged, scatter, table_of
 from nearlift.synthetic.design import Design

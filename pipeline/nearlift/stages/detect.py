@@ -17,8 +17,8 @@ from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Detect
 from nearlift.products import DETECTION, FIT, PROXIMITY, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.run.job import Job, Outcome
 from nearlift.stages.belief import Belief, believe
-from nearlift.stages.job import Job, Outcome
 from nearlift.stages.reading import DRAWS, all_of, refuse_folds, sensitivity
 from nearlift.stages.simulate import columns
 

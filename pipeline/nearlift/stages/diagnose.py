@@ -16,9 +16,10 @@ from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search import Options
 from nearlift.products import DIAGNOSIS, FIT, LOOP_RESIDUALS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import BoundaryResult, Results
-from nearlift.stages import expense, quoting
+from nearlift.run import expense
+from nearlift.run.job import Job, Outcome
+from nearlift.stages import quoting
 from nearlift.stages.fit import choice
-from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, interim_look, observe
 from nearlift.summaries.loop import could_have_seen
 

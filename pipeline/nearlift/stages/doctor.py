@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from nearlift import isolation
-from nearlift.executors import BLAS
+from nearlift.run.executors import BLAS
 
 State = Literal["good", "note", "bad"]
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import catalogue, store
+from nearlift import catalogue
 from nearlift.declare import Boundary, Effect
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood import budget
@@ -24,9 +24,10 @@ from nearlift.loop.search import SILENT, Stage, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.results import Noise
+from nearlift.run import store
+from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
-from nearlift.stages.job import Job
 from nearlift.stages.observe import boundaries, observe
 from nearlift.summaries.evidence import Columns
 

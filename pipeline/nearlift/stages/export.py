@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from nearlift.run.job import Job
 from nearlift.stages import controller, netcdf
-from nearlift.stages.job import Job
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

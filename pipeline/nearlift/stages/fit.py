@@ -19,8 +19,9 @@ from nearlift.manifest.campaign import Campaign
 from nearlift.products import FIT, PROFILES, RESULTS, TRIALS
 from nearlift.quotation import BoundaryResult, Results
 from nearlift.results import Estimate, Observations
-from nearlift.stages import accounts, beside, expense, quoting, screening
-from nearlift.stages.job import Job, Outcome
+from nearlift.run import expense
+from nearlift.run.job import Job, Outcome
+from nearlift.stages import accounts, beside, quoting, screening
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
 

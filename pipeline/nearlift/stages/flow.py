@@ -26,7 +26,7 @@ from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY, Product
 from nearlift.randomness import generator
 from nearlift.readers.piv.cases import Stream, files_of
-from nearlift.stages.job import Job, Outcome
+from nearlift.run.job import Job, Outcome
 
 #: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
 #: only.

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import copies, readers, store
+from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.executors import Threads, ordered
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers.row import Conditions, Row, row_of
@@ -23,8 +22,10 @@ from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import MARK, Piece, Reader, source_of
 from nearlift.reduction import outliers, plausibility, quality
 from nearlift.reduction.record import Limits, Reduced, prepare
-from nearlift.stages import intact, sums
-from nearlift.stages.job import Job, Outcome
+from nearlift.run import copies, intact, store
+from nearlift.run.executors import Threads, ordered
+from nearlift.run.job import Job, Outcome
+from nearlift.stages import sums
 
 #: What a manifest says wrong if all records carry a code.
 MISDESCRIBED = {

@@ -14,7 +14,6 @@ import numpy as np
 
 from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError, UsageError, brief
-from nearlift.lock import size
 from nearlift.manifest import toml
 from nearlift.readers import child, csv_trial
 from nearlift.readers.channel import (
@@ -31,6 +30,7 @@ from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import FloatArray
 from nearlift.readers.text import TEXT, with_rate
+from nearlift.run.lock import size
 
 BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 WIDTH = 24

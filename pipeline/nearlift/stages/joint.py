@@ -16,10 +16,10 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.likelihood import budget
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import DOWNWASH, JOINT, TRIALS
+from nearlift.run.job import Job, Outcome
+from nearlift.run.store import Table
 from nearlift.stages.fit import choice
-from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
-from nearlift.store import Table
 
 LEVEL_RAD = 1e-3
 

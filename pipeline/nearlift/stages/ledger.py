@@ -19,10 +19,10 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.products import FIT, QUALITY, TRIALS
 from nearlift.reduction.quality import CODES, reason, rejected
+from nearlift.run.job import Job, Outcome
+from nearlift.run.store import Table
 from nearlift.stages.fit import choice
-from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
-from nearlift.store import Table
 
 #: Excluded trials of one boundary that are put back one at a time.
 ONE_BY_ONE = 40

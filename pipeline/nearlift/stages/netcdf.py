@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 import nearlift
-from nearlift import catalogue, store
+from nearlift import catalogue
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
 from nearlift.products import FIT, POSTERIOR, TRIALS
-from nearlift.stages.job import Job
+from nearlift.run import store
+from nearlift.run.job import Job
 from nearlift.stages.posteriors import LEVEL, split_level
 
 FILE = "posterior.nc"

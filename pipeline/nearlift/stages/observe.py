@@ -10,7 +10,7 @@ from nearlift.manifest.campaign import Campaign, boundaries_of
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import EXCLUDED, completeness, rejected
 from nearlift.results import Observations
-from nearlift.store import Table
+from nearlift.run.store import Table
 
 
 def boundaries(trials: Table) -> list[Boundary]:

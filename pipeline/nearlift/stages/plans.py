@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import store
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError
 from nearlift.manifest.campaign import Campaign
@@ -20,6 +19,7 @@ from nearlift.manifest.design import Planned
 from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.results import Noise
+from nearlift.run import store
 from nearlift.synthetic.design import Design, balanced, from_both_sides, randomised
 from nearlift.synthetic.records import GRAVITY
 

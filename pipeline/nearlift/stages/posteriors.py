@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import store
 from nearlift.declare import FloatArray
 from nearlift.fit import gum, posterior
 from nearlift.fit.density import Density
@@ -22,9 +21,10 @@ from nearlift.fit.learnt import beside_fit, learnt
 from nearlift.fit.least_squares import Fit
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.products import POSTERIOR, TRIALS
-from nearlift.stages.checkpoint import Checkpoint
-from nearlift.stages.job import Job
-from nearlift.store import Table
+from nearlift.run import store
+from nearlift.run.checkpoint import Checkpoint
+from nearlift.run.job import Job
+from nearlift.run.store import Table
 
 
 @dataclass(kw_only=True)
@@ -43,7 +43,7 @@ class Posteriors:
     @functools.cached_property
     def _key(self) -> str:
         """Digest of everything that decides the draws: as the ledger has it for stage fit."""
-        from nearlift.stages import graph
+        from nearlift.run import graph
 
         material = graph.Ledger.open(self.job).material(graph.stage("fit"))
         return hashlib.sha256(json.dumps(material, sort_keys=True).encode()).hexdigest()

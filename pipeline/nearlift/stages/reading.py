@@ -12,8 +12,8 @@ from nearlift.errors import InputRefused, UsageError
 from nearlift.flight.proximity import inverse
 from nearlift.manifest.flight import Detect, Reading
 from nearlift.products import FIT
+from nearlift.run.job import Job
 from nearlift.stages.belief import Belief, believe
-from nearlift.stages.job import Job
 
 DRAWS = 100
 #: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.

@@ -8,7 +8,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.reduction import cells, plausibility
-from nearlift.stages.job import Job, Outcome
+from nearlift.run.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 
 #: With more cells than this no covariance is written: a column of numbers for every cell, it grows

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from nearlift import store
 from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, RESULTS, TRIALS
+from nearlift.run import store
+from nearlift.run.job import Job, Outcome
 from nearlift.stages import overlays
-from nearlift.stages.job import Job, Outcome
 from nearlift.stages.observe import boundaries, observe
 from nearlift.summaries.evidence import Evidence
 
@@ -73,8 +73,8 @@ def gather(job: Job) -> Evidence:
     since times stand there.
     """
     from nearlift.pages.chapters import CHAPTERS
+    from nearlift.run.graph import versions
     from nearlift.stages.gallery import FIGURES
-    from nearlift.stages.graph import versions
 
     read = (
         {p for spec in FIGURES for p in spec.needs}
@@ -117,7 +117,7 @@ def _expected(job: Job, spec: FigureSpec) -> bool:
     """Whether the campaign asks for the figure and for every stage that makes what it shows; one
     that it does not ask for is not missed.
     """
-    from nearlift.stages.graph import STAGES
+    from nearlift.run.graph import STAGES
 
     return spec.asked(job.campaign) and all(
         stage.configured(job) for stage in STAGES if not set(stage.writes).isdisjoint(spec.needs)

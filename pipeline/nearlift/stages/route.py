@@ -15,7 +15,7 @@ from nearlift.flight.simulation.craft import Craft
 from nearlift.flight.simulation.sweep import Sweep
 from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
-from nearlift.stages.job import Job
+from nearlift.run.job import Job
 
 
 def plan(

@@ -16,7 +16,7 @@ from nearlift.fit.least_squares import Fit
 from nearlift.likelihood.budget import Component
 from nearlift.reduction import outliers
 from nearlift.rounding import like, plain, plus_minus
-from nearlift.store import Table
+from nearlift.run.store import Table
 
 
 def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, Any]:

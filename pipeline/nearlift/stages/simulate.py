@@ -33,8 +33,8 @@ from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Simulate
 from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
 from nearlift.randomness import generator
+from nearlift.run.job import Job, Outcome
 from nearlift.stages.belief import Belief, believe
-from nearlift.stages.job import Job, Outcome
 from nearlift.stages.route import plan
 
 #: Air density where the manifest gives none, kg/m^3: the paper's.

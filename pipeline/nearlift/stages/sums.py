@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from nearlift import store
 from nearlift.errors import InputRefused, brief
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers.seam import MARK, inside, source_of
-from nearlift.stages.job import Job
+from nearlift.run import store
+from nearlift.run.job import Job
 
 NAME = "SHA256SUMS"
 #: A hundred thousand names.

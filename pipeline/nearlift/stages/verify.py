@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from nearlift import store
 from nearlift.errors import ProductError
-from nearlift.lock import settled
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROVENANCE
-from nearlift.stages.inputs import listing
-from nearlift.stages.job import PIV_INPUT
-from nearlift.transaction import Homes
+from nearlift.run import store
+from nearlift.run.inputs import listing
+from nearlift.run.job import PIV_INPUT
+from nearlift.run.lock import settled
+from nearlift.run.transaction import Homes
 
 
 def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[str]]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
     from nearlift.products import Product
     from nearlift.quotation import BoundaryResult
-    from nearlift.stages.graph import Step
+    from nearlift.run.graph import Step
 
 
 class Study:
@@ -128,8 +128,8 @@ class Study:
         """Each stage with the reason for which it is stale, empty if it is up to date; runs
         nothing.
         """
-        from nearlift.stages import graph
-        from nearlift.stages.opening import open_job
+        from nearlift.run import graph
+        from nearlift.run.opening import open_job
 
         with open_job(self.root, self.out, "serial", self.seed, keep=False) as job:
             return {stage.name: why for stage, why in graph.plan(job)}
@@ -151,9 +151,9 @@ class Study:
         """
         from nearlift.figures.render import render
         from nearlift.figures.style import style
-        from nearlift.stages import graph
+        from nearlift.run import graph
+        from nearlift.run.opening import open_job
         from nearlift.stages.gallery import FIGURES
-        from nearlift.stages.opening import open_job
         from nearlift.stages.report import gather
 
         spec = {item.name: item for item in FIGURES}.get(name)
@@ -192,8 +192,8 @@ class Study:
         """
         import pandas as pd
 
-        from nearlift import store
         from nearlift.products import PRODUCTS
+        from nearlift.run import store
 
         if isinstance(product, str):
             tables = {
@@ -218,14 +218,14 @@ class Study:
         return dict(Results.model_validate(self._document(RESULTS)).boundaries)
 
     def _document(self, product: Product) -> dict[str, Any]:
-        from nearlift import store
+        from nearlift.run import store
 
         return store.read_json(self._whole(product))
 
     def _whole(self, product: Product) -> Path:
         """Where a product stands, no commit half carried out."""
-        from nearlift.lock import settled
-        from nearlift.transaction import Homes
+        from nearlift.run.lock import settled
+        from nearlift.run.transaction import Homes
 
         settled(Homes.of(self.out, self.name))
         return self.processed / product.file
@@ -237,8 +237,8 @@ class Study:
         """Run what is stale up to and including the stage `last`: its steps, and what every answer
         says of them.
         """
-        from nearlift.stages import graph
-        from nearlift.stages.opening import open_job
+        from nearlift.run import graph
+        from nearlift.run.opening import open_job
 
         wanted = graph.STAGES[: [stage.name for stage in graph.STAGES].index(last) + 1]
         with open_job(self.root, self.out, self.executor, self.seed) as job:

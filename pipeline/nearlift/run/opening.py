@@ -8,14 +8,15 @@ import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from nearlift.executors import open_executor, threads_of
-from nearlift.lock import settled
 from nearlift.manifest import campaign as manifests
-from nearlift.stages import graph, ingest
-from nearlift.stages.inputs import digests, remember
-from nearlift.stages.job import Job, silent
-from nearlift.stages.workspace import spare_raw
-from nearlift.transaction import Homes
+from nearlift.run import graph
+from nearlift.run.executors import open_executor, threads_of
+from nearlift.run.inputs import digests, remember
+from nearlift.run.job import Job, silent
+from nearlift.run.lock import settled
+from nearlift.run.transaction import Homes
+from nearlift.run.workspace import spare_raw
+from nearlift.stages import ingest
 
 
 @contextlib.contextmanager

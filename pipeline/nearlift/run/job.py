@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from nearlift import store
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import Product
-from nearlift.transaction import Homes, Transaction
+from nearlift.run import store
+from nearlift.run.transaction import Homes, Transaction
 
 #: What the name of an input begins with that stands for all velocity grids of one case.
 PIV_INPUT = "[piv] "

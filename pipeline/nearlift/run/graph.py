@@ -24,9 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import nearlift
-from nearlift import store
 from nearlift.errors import ProductError, UsageError
-from nearlift.lock import locked, room, swept
 from nearlift.products import (
     DIAGNOSIS,
     DOWNWASH,
@@ -47,8 +45,10 @@ from nearlift.products import (
     TRIALS,
     Product,
 )
-from nearlift.stages.job import PIV_INPUT, Job, Outcome
-from nearlift.transaction import Transaction
+from nearlift.run import store
+from nearlift.run.job import PIV_INPUT, Job, Outcome
+from nearlift.run.lock import locked, room, swept
+from nearlift.run.transaction import Transaction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,13 +10,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from nearlift import store
 from nearlift.errors import SOME_TRIALS_REJECTED, NearliftError, UsageError
-from nearlift.executors import open_executor, ordered
 from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS
-from nearlift.stages import graph
-from nearlift.stages.opening import open_job
+from nearlift.run import graph, store
+from nearlift.run.executors import open_executor, ordered
+from nearlift.run.opening import open_job
 
 #: From the least to the gravest; a campaign that ran but lost trials is better off than one that
 #: did not run.

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import store
 from nearlift.fit.ensemble import Block
+from nearlift.run import store
 
 FIELDS = tuple(f.name for f in dataclasses.fields(Block))
 

@@ -15,17 +15,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nearlift import store
 from nearlift.errors import NearliftError
-from nearlift.lock import Busy
 from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import Results
 from nearlift.reduction.quality import rejected
 from nearlift.rounding import letter, plus_minus
-from nearlift.stages import graph
-from nearlift.stages.job import silent
-from nearlift.stages.opening import open_job
+from nearlift.run import graph, store
+from nearlift.run.job import silent
+from nearlift.run.lock import Busy
+from nearlift.run.opening import open_job
 
 #: Seconds between looks, unless told otherwise.
 PERIOD_S = 5.0

@@ -19,8 +19,8 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import Any, Self
 
-from nearlift import store
 from nearlift.errors import ProductError
+from nearlift.run import store
 
 JOURNAL = ".commit.json"
 STAGED = ".staged"

@@ -23,9 +23,9 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import copies
 from nearlift.errors import ProductError
 from nearlift.products import Product
+from nearlift.run import copies
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -8,9 +8,9 @@ import os
 import time
 from dataclasses import dataclass
 
-from nearlift import store
 from nearlift.errors import InputRefused
-from nearlift.stages.job import Job
+from nearlift.run import store
+from nearlift.run.job import Job
 
 #: A cut file younger than this may be one that an instrument is still writing, ns.
 WRITING_NS = 10_000_000_000

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from nearlift import store
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers.seam import source_of
+from nearlift.run import store
+from nearlift.run.job import PIV_INPUT
 from nearlift.stages import ingest
-from nearlift.stages.job import PIV_INPUT
 
 if TYPE_CHECKING:
     from nearlift.manifest.piv import PivCase

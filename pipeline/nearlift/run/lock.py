@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from nearlift import store
 from nearlift.errors import NearliftError
-from nearlift.transaction import STAGED, Homes
+from nearlift.run import store
+from nearlift.run.transaction import STAGED, Homes
 
 LOCK = ".lock"
 
