@@ -5,24 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nearlift.errors import DeclarationError
-from nearlift.reduction.quality import CODES, Code, code, faulty, joined, reason, rejected
+from nearlift.reduction.quality import CODES, code, faulty, joined, reason, rejected
 
 
 def test_names_are_unique_and_capitals_reject() -> None:
     assert len({c.name for c in CODES}) == len(CODES)
     for c in CODES:
+        assert c.name.isupper() != c.name.islower(), "CAPITALS reject, lower case warns"
         assert c.rejects == c.name.isupper()
         assert c.meaning
         assert code(c.name) is c
-
-
-@pytest.mark.parametrize(
-    ("name", "rejects"), [("Mixed", True), ("Mixed", False), ("low", True), ("HIGH", False)]
-)
-def test_a_code_against_the_convention_is_refused(name: str, rejects: bool) -> None:
-    with pytest.raises(DeclarationError, match="CAPITALS reject"):
-        Code(name=name, rejects=rejects, meaning="x")
 
 
 def test_mask_of_rejected_trials() -> None:

@@ -15,21 +15,20 @@ from nearlift.plugins import gather
 if TYPE_CHECKING:
     from nearlift.readers.seam import Reader
 
-#: Each built-in reader by name: the module that declares it, imported when it is asked for, and
-#: what it is called there.
+#: Each built-in reader by name: the module whose `READER` it is, imported when it is asked for.
 BUILT_IN = {
-    "parquet": ("parquet", "PARQUET"),
-    "csv": ("csv_trial", "CSV"),
-    "text": ("text", "TEXT_READER"),
-    "rcbenchmark": ("rcbenchmark", "RCBENCHMARK_READER"),
-    "flight-stand": ("flight_stand", "FLIGHT_STAND_READER"),
-    "crazyflie": ("crazyflie", "CRAZYFLIE_READER"),
-    "crazyflie-usd": ("usd", "USD_READER"),
-    "lvm": ("lvm", "LVM_READER"),
-    "tdms": ("tdms", "TDMS_READER"),
-    "mat": ("mat", "MAT_READER"),
-    "hdf5": ("hdf5", "HDF5_READER"),
-    "means": ("means", "MEANS"),
+    "parquet": "parquet",
+    "csv": "csv_trial",
+    "text": "text",
+    "rcbenchmark": "rcbenchmark",
+    "flight-stand": "flight_stand",
+    "crazyflie": "crazyflie",
+    "crazyflie-usd": "usd",
+    "lvm": "lvm",
+    "tdms": "tdms",
+    "mat": "mat",
+    "hdf5": "hdf5",
+    "means": "means",
 }
 GROUP = "nearlift.readers"
 
@@ -38,9 +37,8 @@ __all__ = ["BUILT_IN", "built_in", "reader", "readers"]
 
 def built_in(name: str) -> Reader:
     """The built-in reader of that name."""
-    module, value = BUILT_IN[name]
-    found: Reader = getattr(importlib.import_module(f"{__name__}.{module}"), value)
-    return found
+    declared: Reader = importlib.import_module(f"{__name__}.{BUILT_IN[name]}").READER
+    return declared
 
 
 @functools.cache

@@ -13,67 +13,38 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.seam import FloatArray
 
-#: Unit texts of instruments, folded, to what nearlift calls them.
-UNITS = {
-    "n": "N",
-    "newton": "N",
-    "newtons": "N",
-    "mn": "mN",
-    "kn": "kN",
-    "g": "g",
-    "gf": "gf",
-    "gram": "g",
-    "grams": "g",
-    "kg": "kg",
-    "kgf": "kgf",
-    "lbf": "lbf",
-    "lb": "lb",
-    "ozf": "ozf",
-    "oz": "oz",
-    "count": "count",
-    "counts": "count",
-    "s": "s",
-    "sec": "s",
-    "second": "s",
-    "seconds": "s",
-    "ms": "ms",
-    "us": "us",
-    "v": "V",
-    "volt": "V",
-    "volts": "V",
-    "mv": "mV",
-    "a": "A",
-    "amps": "A",
-    "ma": "mA",
-    "w": "W",
-    "rpm": "rpm",
-    "hz": "Hz",
-    "khz": "kHz",
-    "%": "percent",
-    "percent": "percent",
-    "degc": "degC",
-    "°c": "degC",
-    "c": "degC",
-    "k": "K",
-    "pa": "Pa",
-    "hpa": "hPa",
-    "kpa": "kPa",
-    "m": "m",
-    "mm": "mm",
-    "cm": "cm",
-    "m/s": "m/s",
-    "m/s^2": "m/s^2",
-    "m/s2": "m/s^2",
-    "nm": "N m",
-    "n m": "N m",
-    "n·m": "N m",
-    "deg": "deg",
-    "rad": "rad",
-    "-": "",
-    "1": "",
+#: What nearlift calls a unit, and how instruments write it, folded; then those written alike.
+_WRITTEN = {
+    "N": ("n", "newton", "newtons"),
+    "mN": ("mn",),
+    "kN": ("kn",),
+    "g": ("g", "gram", "grams"),
+    "lb": ("lb",),
+    "count": ("count", "counts"),
+    "s": ("s", "sec", "second", "seconds"),
+    "V": ("v", "volt", "volts"),
+    "mV": ("mv",),
+    "A": ("a", "amps"),
+    "mA": ("ma",),
+    "W": ("w",),
+    "Hz": ("hz",),
+    "kHz": ("khz",),
+    "percent": ("%", "percent"),
+    "degC": ("degc", "°c", "c"),
+    "K": ("k",),
+    "Pa": ("pa",),
+    "hPa": ("hpa",),
+    "kPa": ("kpa",),
+    "m/s^2": ("m/s^2", "m/s2"),
+    "N m": ("nm", "n m", "n·m"),
+    "": ("-", "1"),
+}
+_ALIKE = ("gf", "kg", "kgf", "lbf", "ozf", "oz", "ms", "us", "rpm", "m", "mm", "cm", "m/s")
+UNITS = {word: unit for unit, words in _WRITTEN.items() for word in words} | {
+    unit: unit for unit in (*_ALIKE, "deg", "rad")
 }
 #: What a load cell means by a unit of mass.
 AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}

@@ -30,10 +30,11 @@ from typing import IO, TYPE_CHECKING, Any, Self
 import numpy as np
 
 from nearlift import isolation
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, Malformed
 from nearlift.readers.per_file import Format, Names
-from nearlift.readers.seam import FloatArray
+from nearlift.readers.seam import ChannelSpec
 from nearlift.run import copies
 
 if TYPE_CHECKING:
@@ -458,7 +459,7 @@ def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
                 _read_table
                 if "table" in request
                 else _reduce
-                if "said" in request
+                if "spec" in request
                 else _read_contents
             )
         )
@@ -500,7 +501,7 @@ def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterato
 
 
 def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
-    from nearlift.readers.per_file import Said, record
+    from nearlift.readers.per_file import record
     from nearlift.readers.row import Conditions, row_of
     from nearlift.reduction.record import Limits
 
@@ -515,7 +516,8 @@ def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answe
     conditions = Conditions(
         **{**request["conditions"], "limits": Limits(**request["conditions"]["limits"])}
     )
-    found = record(contents, Said(**request["said"]), request["trial"], path, request["source"])
+    spec = ChannelSpec(**request["spec"])
+    found = record(contents, spec, request["trial"], path, request["source"])
     try:
         # damaged numbers may be anything
         with np.errstate(over="ignore", invalid="ignore"):

@@ -8,35 +8,12 @@ gravity its calibration used is the lab's to know: 9.8, 9.80665 and 9.807 are al
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
-from nearlift.readers import stand
-from nearlift.readers.channel import Contents
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.stand import stand_reader
 
-
-def _known(names: set[str]) -> bool:
-    return "pwm" in names and bool(names & {"weight", "thrust"}) and "vbat" in names
-
-
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
-    """The channels of a system identification file; raises as `stand.contents`."""
-    return stand.contents(
-        path,
-        names,
-        title="Crazyflie system identification",
-        known=_known,
-        texts=(),
-        speeds=lambda n: re.fullmatch(r"rpm\d", n) is not None,
-    )
-
-
-CRAZYFLIE = Format(
+READER = stand_reader(
     name="crazyflie",
-    title="Crazyflie system identification CSV, one file per trial",
-    recognises=lambda head, name: _known(stand.bare(stand.header(head))),
-    contents=contents,
+    title="Crazyflie system identification",
+    known=lambda names: names >= {"pwm", "vbat"} and bool(names & {"weight", "thrust"}),
+    speeds=lambda name: re.fullmatch(r"rpm\d", name) is not None,
 )
-CRAZYFLIE_READER = reader_of(CRAZYFLIE)

@@ -13,67 +13,32 @@ import csv
 import difflib
 import functools
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from nearlift import units
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import scanner, table
-from nearlift.readers.seam import (
-    FloatArray,
-    Piece,
-    Plan,
-    Reader,
-    Record,
-    force_channel,
-    per_trial,
-    source_of,
-    unlisted,
-)
+from nearlift.readers.files import files_per_trial, plan_per_trial, source_of
+from nearlift.readers.seam import ChannelSpec, Piece, Reader, Record
 from nearlift.units import NUMBER
-
-#: Files of one task; large enough that a task costs more than sending it.
-PER_PIECE = 32
-
-
-def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
-    return [path for path, _ in per_trial(campaign, root, trials).values()]
-
-
-def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
-    there = per_trial(campaign, root, trials)
-    names = list(there)
-    chunks = [names[i : i + PER_PIECE] for i in range(0, len(names), PER_PIECE)]
-    pieces = tuple(
-        Piece(
-            trials=tuple(chunk),
-            paths=tuple(there[t][0] for t in chunk),
-            bytes=sum(there[t][1] for t in chunk),
-        )
-        for chunk in chunks
-    )
-    return Plan(pieces=pieces, notes=unlisted(campaign, root, trials))
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-    factor, zero = force_channel(campaign).linear()
-    clock = campaign.records.time
-    tick = units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0
+    spec = ChannelSpec.of(campaign)
     for trial, path in zip(piece.trials, piece.paths, strict=True):
         # without a buffer, which would only be copied
         with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - half the time of the path's own
             content = file.readall()
-        force, time, codes = _parsed(
-            content, str(path), force_channel(campaign).column, clock.column if clock else None
-        )
+        force, time, codes = _parsed(content, str(path), spec.column, spec.clock)
         yield Record(
             trial=trial,
             # the products are the record's own, unlike what was parsed
-            force_N=factor * (force - zero if zero else force),
-            time_s=None if time is None else tick * time,
+            force_N=spec.lift_N(force),
+            time_s=None if time is None else spec.tick * time,
             source=source_of(root, path),
             codes=codes,
             sha256=functools.partial(_sha256, content),
@@ -190,10 +155,10 @@ def _place(header: list[str], name: str, key: str, where: str) -> int:
     return header.index(name)
 
 
-CSV = Reader(
+READER = Reader(
     name="csv",
     title="one CSV file per trial, columns by header name",
-    files=_files,
-    plan=_plan,
+    files=files_per_trial,
+    plan=plan_per_trial,
     read_piece=_read_piece,
 )

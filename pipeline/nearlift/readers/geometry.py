@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
-from nearlift.declare import BOUNDARIES, Boundary
+from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, Cells
-
-FloatArray = NDArray[np.float64]
 
 #: Distance over radius that is none.
 NEAREST = 1e-4

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, unit_word, wanted
 from nearlift.readers.per_file import Format, Names, reader_of
-from nearlift.readers.seam import FloatArray
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: A two-dimensional dataset with more columns than this is an image.
@@ -164,11 +164,12 @@ def rate_from(attributes: Mapping[str, Any]) -> float | None:
     return None
 
 
-HDF5 = Format(
-    name="hdf5",
-    title="HDF5: a file per trial, or one for all with datasets named by trial (extra)",
-    recognises=lambda head, name: head.startswith(MAGIC) and not name.endswith(".mat"),
-    contents=contents,
-    child=True,
+READER = reader_of(
+    Format(
+        name="hdf5",
+        title="HDF5: a file per trial, or one for all with datasets named by trial (extra)",
+        recognises=lambda head, name: head.startswith(MAGIC) and not name.endswith(".mat"),
+        contents=contents,
+        child=True,
+    )
 )
-HDF5_READER = reader_of(HDF5)

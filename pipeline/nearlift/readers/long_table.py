@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.arrow import floats, indices
 from nearlift.readers.channel import Channel, Contents
 from nearlift.readers.per_file import Names
-from nearlift.readers.seam import FloatArray
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -258,10 +258,11 @@ def _at(segment: Mapping[str, Sequence[str]], key: str, i: int) -> str:
     return values[i].strip() if 0 <= i < len(values) else ""
 
 
-LVM = Format(
-    name="lvm",
-    title="LabVIEW measurement text (LVM), one file per trial",
-    recognises=lambda head, name: head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()),
-    contents=contents,
+READER = reader_of(
+    Format(
+        name="lvm",
+        title="LabVIEW measurement text (LVM), one file per trial",
+        recognises=lambda head, name: head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()),
+        contents=contents,
+    )
 )
-LVM_READER = reader_of(LVM)

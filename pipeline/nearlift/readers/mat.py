@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.readers.channel import Channel, Contents, wanted
 from nearlift.readers.hdf5 import MAGIC, MOST_COLUMNS, datasets, library
 from nearlift.readers.per_file import Format, Names, reader_of
-from nearlift.readers.seam import FloatArray
 
 V73 = b"MATLAB 7.3 MAT-file"
 V5 = b"MATLAB 5.0 MAT-file"
@@ -139,11 +139,12 @@ def _table(path: Path, name: str) -> Iterator[Channel]:
             yield Channel(name=f"{name}.{column}", values=_floats(values))
 
 
-MAT = Format(
-    name="mat",
-    title="MATLAB v4 to v7.3, structs, tables and timetables (extra)",
-    recognises=lambda head, name: head.startswith((V5, V73)) or name.endswith(".mat"),
-    contents=contents,
-    child=True,
+READER = reader_of(
+    Format(
+        name="mat",
+        title="MATLAB v4 to v7.3, structs, tables and timetables (extra)",
+        recognises=lambda head, name: head.startswith((V5, V73)) or name.endswith(".mat"),
+        contents=contents,
+        child=True,
+    )
 )
-MAT_READER = reader_of(MAT)

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers.schedule import Schedule
-from nearlift.readers.seam import FloatArray, Piece, Plan, Reader, Record
+from nearlift.readers.seam import Piece, Plan, Reader, Record
 
 
 def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
@@ -46,7 +47,7 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
     return iter(())
 
 
-MEANS = Reader(
+READER = Reader(
     name="means",
     title="mean lift per trial in the schedule, no samples",
     files=_files,

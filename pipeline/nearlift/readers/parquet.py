@@ -10,23 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from nearlift import units
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import child, long_table
 from nearlift.readers.channel import Malformed
+from nearlift.readers.files import inside, source_of
 from nearlift.readers.per_file import Format
-from nearlift.readers.seam import (
-    FloatArray,
-    Piece,
-    Plan,
-    Reader,
-    Record,
-    files_pattern,
-    force_channel,
-    inside,
-    source_of,
-)
+from nearlift.readers.seam import ChannelSpec, Piece, Plan, Reader, Record, files_pattern
 
 #: Rows of one answer, and of one task at least.
 BATCH, ROWS = 1 << 16, 1 << 21
@@ -60,12 +51,12 @@ def _asked(path: Path, request: dict[str, Any]) -> Iterator[child.Answer]:
 
 
 def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
-    path, clock = _path(campaign, root), campaign.records.time
+    path, spec = _path(campaign, root), ChannelSpec.of(campaign)
     if not path.is_file():
         raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
     columns = [
-        ("records.force.column", force_channel(campaign).column),
-        *([("records.time.column", clock.column)] if clock else []),
+        ("records.force.column", spec.column),
+        *([("records.time.column", spec.clock)] if spec.clock is not None else []),
     ]
     ((answer, (starts, stops, ends)),) = _asked(path, {"table": "spans", "columns": columns})
     rows = np.column_stack([starts, stops]).astype(np.int64)
@@ -118,10 +109,8 @@ def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) 
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-    path, force, clock = piece.paths[0], force_channel(campaign), campaign.records.time
-    factor, zero = force.linear()
-    tick = units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0
-    names = [force.column] + ([clock.column] if clock else [])
+    path, spec = piece.paths[0], ChannelSpec.of(campaign)
+    names = [spec.column] if spec.clock is None else [spec.column, spec.clock]
     at, trial = piece.rows[0][0], 0
     request = {
         "table": "rows",
@@ -144,8 +133,8 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
             held = [[] for _ in names]
             yield Record(
                 trial=piece.trials[trial],
-                force_N=factor * (columns[0] - zero),
-                time_s=tick * columns[1] if clock else None,
+                force_N=spec.lift_N(columns[0]),
+                time_s=None if spec.clock is None else spec.tick * columns[1],
                 source=source_of(root, path),
             )
             trial += 1
@@ -159,7 +148,7 @@ FORMAT = Format(
     contents=long_table.contents,
     child=True,
 )
-PARQUET = Reader(
+READER = Reader(
     name=FORMAT.name,
     title=FORMAT.title,
     files=_files,

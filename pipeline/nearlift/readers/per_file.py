@@ -12,34 +12,26 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nearlift import units
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.channel import AS_FORCE, UNITS, Channel, Contents, Malformed, pick
-from nearlift.readers.seam import (
-    FloatArray,
-    Piece,
-    Plan,
-    Reader,
-    Record,
-    files_pattern,
-    force_channel,
+from nearlift.readers.files import (
+    files_per_trial,
     inside,
-    per_trial,
+    pieces,
+    plan_per_trial,
     source_of,
-    unlisted,
 )
+from nearlift.readers.seam import MARK, ChannelSpec, Piece, Plan, Reader, Record, files_pattern
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
     from nearlift.readers.row import Conditions, Row
-
-#: Files of one task, and bytes: whatever is reached first.
-PER_PIECE = 32
-BYTES_PER_PIECE = 64 << 20
 
 #: The names of the channels wanted; None for all.
 Names = tuple[str, ...] | None
@@ -114,26 +106,23 @@ def reader_of(form: Format) -> Reader:
         if _one_for_all(campaign):
             path = inside(root, files_pattern(campaign), "records.files")
             return [path] if path.is_file() else []
-        return [path for path, _ in per_trial(campaign, root, trials).values()]
+        return files_per_trial(campaign, root, trials)
 
     def plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
         form.checked_dialect(campaign.records.dialect)
-        notes: tuple[str, ...] = ()
-        if _one_for_all(campaign):
-            path = inside(root, files_pattern(campaign), "records.files")
-            there = dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
-        else:
-            there = per_trial(campaign, root, trials)
-            notes = unlisted(campaign, root, trials)
-        return Plan(pieces=tuple(_pieces(there)), notes=notes)
+        if not _one_for_all(campaign):
+            return plan_per_trial(campaign, root, trials)
+        path = inside(root, files_pattern(campaign), "records.files")
+        there = dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
+        return Plan(pieces=tuple(pieces(there)))
 
     def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
         from nearlift.readers import child
 
-        said = Said.by(campaign)
+        spec = ChannelSpec.of(campaign)
         with child.lasting(form) as contents:
-            for trial, path in _files_of(piece):
-                yield record(contents, said, trial, path, source_of(root, path))
+            for trial, path in zip(piece.trials, piece.paths, strict=True):
+                yield record(contents, spec, trial, path, source_of(root, path))
 
     def reduce_piece(
         campaign: Campaign,
@@ -146,10 +135,9 @@ def reader_of(form: Format) -> Reader:
 
         about = {
             "reader": form.name,
-            "said": asdict(Said.by(campaign)),
+            "spec": asdict(ChannelSpec.of(campaign)),
             "conditions": asdict(conditions),
         }
-        files = list(_files_of(piece))
         asked = [
             {
                 **about,
@@ -158,7 +146,7 @@ def reader_of(form: Format) -> Reader:
                 "source": source_of(root, p),
                 "tare_after_N": tare_after_N.get(t, math.nan),
             }
-            for t, p in files
+            for t, p in zip(piece.trials, piece.paths, strict=True)
         ]
         return child.rows(asked)
 
@@ -173,15 +161,6 @@ def reader_of(form: Format) -> Reader:
     )
 
 
-def _files_of(piece: Piece) -> Iterator[tuple[str, Path]]:
-    """Each trial of a piece with its file."""
-    return zip(
-        piece.trials,
-        piece.paths if len(piece.paths) == len(piece.trials) else piece.paths * len(piece.trials),
-        strict=True,
-    )
-
-
 def _one_for_all(campaign: Campaign) -> bool:
     """Whether one file holds every trial.
 
@@ -190,10 +169,8 @@ def _one_for_all(campaign: Campaign) -> bool:
     ManifestError
         Neither the files nor the column say where the trial's id stands, or both do.
     """
-    in_files, in_column = (
-        "{trial}" in files_pattern(campaign),
-        "{trial}" in force_channel(campaign).column,
-    )
+    in_files = MARK in files_pattern(campaign)
+    in_column = MARK in ChannelSpec.of(campaign).column
     if in_files == in_column:
         raise ManifestError(
             "records.files",
@@ -206,63 +183,9 @@ def _one_for_all(campaign: Campaign) -> bool:
     return in_column
 
 
-def _pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
-    trials: list[str] = []
-    size = 0
-    for trial, (_, length) in there.items():
-        trials.append(trial)
-        size += length
-        if len(trials) == PER_PIECE or size > BYTES_PER_PIECE:
-            yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials), bytes=size)
-            trials, size = [], 0
-    if trials:
-        yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials), bytes=size)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Said:
-    """What the manifest says of a record's channels, in plain values that can be sent to another
-    process.
-
-    Lift in N is ``factor * (number - zero)``; the clock's numbers times `tick` are seconds. A rate,
-    Hz, is what a file's own is held against.
-    """
-
-    column: str
-    unit: str
-    factor: float
-    zero: float
-    clock: str | None
-    clock_unit: str
-    tick: float
-    rate_Hz: float | None
-    dialect: Dialect
-
-    @classmethod
-    def by(cls, campaign: Campaign) -> Self:
-        """What a campaign's manifest says."""
-        force, clock, dialect = (
-            force_channel(campaign),
-            campaign.records.time,
-            campaign.records.dialect,
-        )
-        factor, zero = force.linear()
-        return cls(
-            column=force.column,
-            unit=force.unit,
-            factor=factor,
-            zero=zero,
-            clock=clock.column if clock else None,
-            clock_unit=clock.unit if clock else "s",
-            tick=units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0,
-            rate_Hz=None if dialect.get("ignore_rate") else campaign.load_cell.sample_rate,
-            dialect=dict(dialect),
-        )
-
-
 def record(
     contents: Callable[[Path, Dialect, Names], Contents],
-    said: Said,
+    spec: ChannelSpec,
     trial: str,
     path: Path,
     source: str,
@@ -271,10 +194,10 @@ def record(
     nothing: FloatArray = np.empty(0)
     if path.stat().st_size == 0:
         return Record(trial=trial, force_N=nothing, source=source, codes=("EMPTY",))
-    column = said.column.replace("{trial}", trial)
-    tick = said.clock.replace("{trial}", trial) if said.clock is not None else None
+    column = spec.column.replace(MARK, trial)
+    tick = spec.clock.replace(MARK, trial) if spec.clock is not None else None
     try:
-        found = contents(path, said.dialect, (column,) if tick is None else (column, tick))
+        found = contents(path, spec.dialect, (column,) if tick is None else (column, tick))
     except Malformed as fault:
         return Record(
             trial=trial,
@@ -288,12 +211,12 @@ def record(
             trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes
         )
     channel = pick(found.channels, column, "records.force.column", str(path))
-    _same_unit(channel, said.unit, "force", "records.force.unit", str(path))
-    _same_rate(channel, said.rate_Hz, str(path))
+    _same_unit(channel, spec.unit, "force", "records.force.unit", str(path))
+    _same_rate(channel, spec.rate_Hz, str(path))
     time_s = None
     if tick is not None:
         own = pick(found.channels, tick, "records.time.column", str(path))
-        _same_unit(own, said.clock_unit, "time", "records.time.unit", str(path))
+        _same_unit(own, spec.clock_unit, "time", "records.time.unit", str(path))
         if len(own.values) != len(channel.values):
             raise InputRefused(
                 str(path),
@@ -302,11 +225,11 @@ def record(
                 "under [records] time, name the clock of the force, or none",
             )
         # a clock in seconds is not copied
-        time_s = own.values if said.tick == 1.0 else said.tick * own.values
+        time_s = own.values if spec.tick == 1.0 else spec.tick * own.values
     codes = found.codes if len(channel.values) else (*found.codes, "NO_DATA")
     return Record(
         trial=trial,
-        force_N=said.factor * (channel.values - said.zero if said.zero else channel.values),
+        force_N=spec.lift_N(channel.values),
         time_s=time_s,
         source=source,
         codes=codes,

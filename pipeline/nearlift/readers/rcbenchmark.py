@@ -8,37 +8,12 @@ the order of the rows is kept.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
+from nearlift.readers.stand import stand_reader
 
-from nearlift.readers import stand
-from nearlift.readers.channel import Contents
-from nearlift.readers.per_file import Format, Names, reader_of
-
-NEEDED = {"time", "esc signal", "thrust", "voltage"}
-
-
-def _known(names: set[str]) -> bool:
-    return names >= NEEDED
-
-
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
-    """The channels of an RCbenchmark file; raises as `stand.contents`."""
-    return stand.contents(
-        path,
-        names,
-        title="RCbenchmark 15xx",
-        known=_known,
-        texts=("app message",),
-        speeds=lambda n: n.startswith("motor") and "speed" in n,
-    )
-
-
-RCBENCHMARK = Format(
+READER = stand_reader(
     name="rcbenchmark",
-    title="RCbenchmark 15xx CSV, one file per trial",
-    recognises=lambda head, name: _known(stand.bare(stand.header(head))),
-    contents=contents,
+    title="RCbenchmark 15xx",
+    known=lambda names: names >= {"time", "esc signal", "thrust", "voltage"},
+    speeds=lambda name: name.startswith("motor") and "speed" in name,
+    texts=("app message",),
 )
-RCBENCHMARK_READER = reader_of(RCBENCHMARK)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.native import POINTER, TEXT, WHOLE, Kernel, address
-from nearlift.readers.seam import FloatArray
 
 SCAN = Kernel(
     "nearlift.readers.kernel",

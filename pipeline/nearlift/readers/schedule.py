@@ -22,16 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
-from nearlift.declare import BOUNDARIES
+from nearlift.declare import BOUNDARIES, FloatArray
 from nearlift.errors import InputRefused, ManifestError, brief
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, KNOWN, Cells
+from nearlift.readers.files import inside
 from nearlift.readers.geometry import distances, throttle_is_plausible
-from nearlift.readers.seam import inside
 
-FloatArray = NDArray[np.float64]
 REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
 #: Kinds of characters that do not show: control, direction, ends of lines.

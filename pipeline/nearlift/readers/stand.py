@@ -15,7 +15,8 @@ import numpy as np
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import AS_FORCE, Channel, Contents, fold, split_unit
 from nearlift.readers.dialect import HEAD, Given, Layout
-from nearlift.readers.per_file import Names
+from nearlift.readers.per_file import Dialect, Format, Names, reader_of
+from nearlift.readers.seam import Reader
 from nearlift.readers.table import Cells
 from nearlift.readers.text import from_text, with_rate
 
@@ -42,67 +43,77 @@ def bare(names: Sequence[str]) -> set[str]:
     return {fold(split_unit(name)[0]) for name in names}
 
 
-def contents(
-    path: Path,
-    names: Names,
+def stand_reader(
     *,
+    name: str,
     title: str,
     known: Callable[[set[str]], bool],
-    texts: Sequence[str],
     speeds: Callable[[str], bool],
-) -> Contents:
-    """The channels of a stand's file.
+    texts: Sequence[str] = (),
+) -> Reader:
+    """The reader of one stand's files, one for each trial.
 
     Parameters
     ----------
+    name, title : str
+        As ``[records] reader`` says it, and as the format is called.
     known : callable
         Whether these bare names are those of the format.
-    texts : sequence of str
-        Bare names of columns that hold text.
     speeds : callable
         Whether a bare name is that of a rotor's speed; a speed that is zero throughout while there
         is lift is remarked on.
-
-    Raises
-    ------
-    InputRefused
-        The header is not the format's, or a line is not what it promises.
+    texts : sequence of str
+        Bare names of columns that hold text.
     """
-    with path.open("rb") as file:
-        head = file.read(HEAD)
-    if not head.strip(b"\0"):
-        return Contents(channels=(), kind=title, codes=("EMPTY",))
-    cells = header(head)
-    trailing = bool(cells) and cells[-1] == ""
-    columns = cells[:-1] if trailing else cells
-    if not known(bare(columns)):
-        raise InputRefused(
-            f"{path}, line 1",
-            f"has not the header of {title}",
-            '`nearlift inspect FILE` says what it is; another version may want reader = "text"',
+
+    def contents(path: Path, dialect: Dialect, names: Names) -> Contents:
+        """The channels of a file; refuses one whose header is not the format's, or a line that is
+        not what it promises.
+        """
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+        if not head.strip(b"\0"):
+            return Contents(channels=(), kind=title, codes=("EMPTY",))
+        cells = header(head)
+        trailing = bool(cells) and cells[-1] == ""
+        columns = cells[:-1] if trailing else cells
+        if not known(bare(columns)):
+            raise InputRefused(
+                f"{path}, line 1",
+                f"has not the header of {title}",
+                '`nearlift inspect FILE` says what it is; another version may want reader = "text"',
+            )
+        twice = sorted({name for name in columns if columns.count(name) > 1})
+        if twice:
+            raise InputRefused(
+                f"{path}, line 1",
+                f"has more than one column {twice[0]!r}",
+                "rename or drop one of them",
+            )
+        layout = Layout(
+            encoding="utf-8-sig" if head.startswith(b"\xef\xbb\xbf") else "utf-8",
+            cells=Cells(trailing=trailing),
+            names=tuple(columns),
+            units=tuple(split_unit(name)[1] for name in columns),
+            first=2,
+            texts=tuple(i for i, name in enumerate(columns) if fold(split_unit(name)[0]) in texts),
         )
-    twice = sorted({name for name in columns if columns.count(name) > 1})
-    if twice:
-        raise InputRefused(
-            f"{path}, line 1",
-            f"has more than one column {twice[0]!r}",
-            "rename or drop one of them",
+        turning = tuple(name for name in columns if speeds(fold(split_unit(name)[0])))
+        found = from_text(path, Given(), names if names is None else (*names, *turning), layout)
+        codes = (*found.codes, *_dead(found.channels, turning))
+        if not len(found.channels) or not len(found.channels[0].values):
+            codes = (*codes, "NO_DATA")
+        found = replace(found, kind=title, codes=codes, notes=())
+        return with_rate(found) if names is None else found
+
+    return reader_of(
+        Format(
+            name=name,
+            title=f"{title} CSV, one file per trial",
+            recognises=lambda head, _: known(bare(header(head))),
+            contents=contents,
         )
-    layout = Layout(
-        encoding="utf-8-sig" if head.startswith(b"\xef\xbb\xbf") else "utf-8",
-        cells=Cells(trailing=trailing),
-        names=tuple(columns),
-        units=tuple(split_unit(name)[1] for name in columns),
-        first=2,
-        texts=tuple(i for i, name in enumerate(columns) if fold(split_unit(name)[0]) in texts),
     )
-    turning = tuple(name for name in columns if speeds(fold(split_unit(name)[0])))
-    found = from_text(path, Given(), names if names is None else (*names, *turning), layout)
-    codes = (*found.codes, *_dead(found.channels, turning))
-    if not len(found.channels) or not len(found.channels[0].values):
-        codes = (*codes, "NO_DATA")
-    found = replace(found, kind=title, codes=codes, notes=())
-    return with_rate(found) if names is None else found
 
 
 def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...]:

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.arrow import floats
-from nearlift.readers.seam import FloatArray
 from nearlift.readers.words import number
 
 #: A separator that stands for runs of blanks and tabs, and one that never occurs: the line is one

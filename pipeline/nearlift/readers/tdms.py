@@ -86,14 +86,15 @@ def _unit(properties: Mapping[str, Any]) -> str:
     return unit_word(stated) or stated
 
 
-TDMS = Format(
-    name="tdms",
-    title=(
-        "TDMS of National Instruments: a file per trial, or one for all with groups named by trial"
-        " (extra)"
-    ),
-    recognises=lambda head, name: head.startswith((b"TDSm", b"TDSh")),
-    contents=contents,
-    child=True,
+READER = reader_of(
+    Format(
+        name="tdms",
+        title=(
+            "TDMS of National Instruments: a file per trial, or one for all with groups named by"
+            " trial (extra)"
+        ),
+        recognises=lambda head, name: head.startswith((b"TDSm", b"TDSh")),
+        contents=contents,
+        child=True,
+    )
 )
-TDMS_READER = reader_of(TDMS)

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import table
 from nearlift.readers.channel import Channel, Contents, pick, rate_of, split_unit, wanted
 from nearlift.readers.dialect import HEAD, Given, Layout, NoRows, sniff
 from nearlift.readers.per_file import Format, Names, reader_of
-from nearlift.readers.seam import FloatArray
 
 BLOCK = 8 << 20
 OPTIONS = {
@@ -267,4 +267,4 @@ TEXT = Format(
     contents=contents,
     options=OPTIONS,
 )
-TEXT_READER = reader_of(TEXT)
+READER = reader_of(TEXT)

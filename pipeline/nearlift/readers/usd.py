@@ -190,14 +190,15 @@ def _gathered(content: bytes, starts: Any, layout: np.dtype[Any]) -> Any:
     )
 
 
-USD = Format(
-    name="crazyflie-usd",
-    title="binary logs of the Crazyflie's uSD deck, check sum verified",
-    recognises=lambda head, name: (
-        len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16)
-    ),
-    contents=contents,
-    options={"salvage": bool},
-    checked=True,
+READER = reader_of(
+    Format(
+        name="crazyflie-usd",
+        title="binary logs of the Crazyflie's uSD deck, check sum verified",
+        recognises=lambda head, name: (
+            len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16)
+        ),
+        contents=contents,
+        options={"salvage": bool},
+        checked=True,
+    )
 )
-USD_READER = reader_of(USD)

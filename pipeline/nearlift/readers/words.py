@@ -11,30 +11,8 @@ from nearlift.errors import InputRefused
 from nearlift.units import NUMBER
 
 #: What loggers write where there is no number, in lower case.
-NO_NUMBER = (
-    "",
-    "nan",
-    "-nan",
-    "+nan",
-    "inf",
-    "+inf",
-    "-inf",
-    "over",
-    "ovl",
-    "ovfl",
-    "ol",
-    "o.l",
-    "#nv",
-    "#n/a",
-    "n/a",
-    "na",
-    "null",
-    "1.#inf",
-    "-1.#inf",
-    "1.#qnan",
-    "-1.#qnan",
-    "1.#ind",
-    "-1.#ind",
+NO_NUMBER = re.compile(
+    r"(?:[-+]?(?:nan|inf)|over|ovf?l|o\.?l|#nv|#?n/a|na|null|-?1\.#(?:inf|qnan|ind))?"
 )
 
 
@@ -47,12 +25,13 @@ def value_of(text: str, decimal: str = ".") -> float | None:
         plain = (
             plain.replace(",", ".")
             if "." not in plain and plain.count(",") <= 1
-            else (plain if plain.lower() in NO_NUMBER else "?")
+            else (plain if NO_NUMBER.fullmatch(plain.lower()) else "?")
         )
     if NUMBER.fullmatch(plain):
         value = float(plain)
         return value if math.isfinite(value) else math.nan
-    return math.nan if plain.lower() in NO_NUMBER or text.strip().lower() in NO_NUMBER else None
+    words = (plain.lower(), text.strip().lower())
+    return math.nan if any(map(NO_NUMBER.fullmatch, words)) else None
 
 
 def number(text: str, at: str, column: str, decimal: str = ".") -> float:

@@ -13,10 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.declare import FloatArray
 from nearlift.native import POINTER, WHOLE, Kernel, address
 from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
-
-FloatArray = NDArray[np.float64]
 
 LOOK = Kernel(
     "nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
 from nearlift.reduction.quality import rejected
 from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered
 
-FloatArray = NDArray[np.float64]
 #: Times the weight beyond which a single trial's lift is no lift, whatever the others are.
 TOO_HEAVY = 100.0
 #: Largest thrust over weight: racing quadrotors at full throttle come near 14.

@@ -26,13 +26,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination, slow_noise
 from nearlift.reduction.slow_noise import SlowNoise
 from nearlift.reduction.steps import stepped
 from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, Stretch, median, steady, stretch
-
-FloatArray = NDArray[np.float64]
 
 BATCHES = 16
 TARE_BATCHES = 8

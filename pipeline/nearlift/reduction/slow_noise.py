@@ -22,9 +22,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from nearlift.declare import FloatArray
 
 #: Segments of half a batch that a record is cut into for the second look.
 SEGMENTS = 64

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from nearlift.declare import FloatArray
 
 FEWEST_BATCHES = 8
 #: A step counts that stands within the middle half: nearer to the ends it is a start or a stop.

@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.declare import FloatArray
 from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
-
-FloatArray = NDArray[np.float64]
 
 STRETCH = Kernel(
     "nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nearlift.manifest.campaign import Campaign
-from nearlift.readers.seam import source_of
+from nearlift.readers.files import source_of
 from nearlift.run import store
 from nearlift.run.job import PIV_INPUT
 from nearlift.stages import ingest

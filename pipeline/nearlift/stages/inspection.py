@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import readers
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError, UsageError, brief
 from nearlift.manifest import toml
 from nearlift.readers import child, csv_trial
@@ -25,10 +26,8 @@ from nearlift.readers.channel import (
     fold,
     split_unit,
 )
-from nearlift.readers.csv_trial import CSV
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
-from nearlift.readers.seam import FloatArray
 from nearlift.readers.text import TEXT, with_rate
 from nearlift.run.lock import size
 
@@ -105,7 +104,7 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
     force = likely_force(contents)
     clock = likely_clock(contents, force)
     reader = (
-        CSV.name
+        csv_trial.READER.name
         if form is TEXT and not said and _plain_csv(path, force or contents.channels[0], clock)
         else form.name
     )

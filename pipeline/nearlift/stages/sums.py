@@ -13,7 +13,8 @@ from pathlib import Path, PurePosixPath
 
 from nearlift.errors import InputRefused, brief
 from nearlift.manifest.campaign import Campaign
-from nearlift.readers.seam import MARK, inside, source_of
+from nearlift.readers.files import inside, source_of
+from nearlift.readers.seam import MARK
 from nearlift.run import store
 from nearlift.run.job import Job
 

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from nearlift.errors import InputRefused, UsageError
-from nearlift.readers.csv_trial import CSV
+from nearlift.readers import csv_trial
 from nearlift.readers.text import TEXT
 from nearlift.stages.inspection import inspect, records_block
 
@@ -128,7 +128,7 @@ def write_from(
             )
     files = [file for path in files for file in (_within(path) if path.is_dir() else (path,))]
     found = [inspect(path, dialect) for path in files]
-    if {f.reader for f in found} == {CSV.name, TEXT.name}:
+    if {f.reader for f in found} == {csv_trial.READER.name, TEXT.name}:
         # one reader for all: the one that reads plain CSV as well
         found = [replace(f, reader=TEXT.name) for f in found]
     for other in found[1:]:

@@ -11,9 +11,9 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow.field import Field, masked, orient
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.readers.child import Child
+from nearlift.readers.files import inside, source_of
 from nearlift.readers.piv.seam import Setting
 from nearlift.readers.piv.sniff import read
-from nearlift.readers.seam import inside, source_of
 
 
 def files_of(root: Path, case: PivCase) -> list[Path]:
