@@ -1,4 +1,4 @@
-"""Bundle Vega, Vega-Lite and vega-embed as `pages/vendor/vega.js`, from the vl-convert that the
+"""Bundle Vega, Vega-Lite and vega-embed as `report/page/vendor/vega.js`, from the vl-convert that the
 lock names; a test holds the two together.
 """
 
@@ -8,7 +8,15 @@ from pathlib import Path
 
 import vl_convert
 
-VENDORED = Path(__file__).parent.parent / "pipeline" / "nearlift" / "pages" / "vendor" / "vega.js"
+VENDORED = (
+    Path(__file__).parent.parent
+    / "pipeline"
+    / "nearlift"
+    / "report"
+    / "page"
+    / "vendor"
+    / "vega.js"
+)
 
 if __name__ == "__main__":
     VENDORED.write_text(vl_convert.javascript_bundle(), encoding="utf-8")

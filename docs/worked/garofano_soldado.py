@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from nearlift.cli import main
-from nearlift.figures.style import REFERENCES, SERIES, context, style
 from nearlift.readers.garofano_soldado import convert, read
+from nearlift.report.figures.style import REFERENCES, SERIES, context, style
 
 HERE = Path(__file__).resolve().parent
 FIGURES = HERE.parent / "figures"

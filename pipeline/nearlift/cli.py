@@ -481,9 +481,9 @@ def diagnose(campaign: Path, explain: str | None, **options: Any) -> None:
     if explain is None:
         execute(campaign, ("diagnose",), force=True, **options)
         return
+    from nearlift.report.figures.explain import text
     from nearlift.run.store import plain
     from nearlift.stages import explain as explaining
-    from nearlift.summaries.explain import text
 
     voice = Voice(options["quiet"], options["verbose"], options["as_json"])
     with (
@@ -590,11 +590,11 @@ def design(campaign: Path, noise_from: str | None, write: Path | None, **options
 
     The plan is the folder's schedule, or the manifest's [design].
     """
+    from nearlift.report.figures.design import text
     from nearlift.run.lock import settled
     from nearlift.run.store import plain
     from nearlift.run.transaction import Homes
     from nearlift.stages import design as designing
-    from nearlift.summaries.design import text
 
     out: Path = options["out"]
     if noise_from is not None:

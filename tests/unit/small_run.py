@@ -13,11 +13,11 @@ from click.testing import CliRunner, Result
 from nearlift import catalogue
 from nearlift.cli import main
 from nearlift.manifest import campaign as manifests
+from nearlift.report.tidy import to_csv
 from nearlift.run import graph
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.inputs import digests
 from nearlift.run.job import Job
-from nearlift.summaries.tidy import to_csv
 from nearlift.synthetic.design import randomised
 from nearlift.synthetic.records import Bench, Form, write_campaign
 from nearlift.synthetic.truth import Truth

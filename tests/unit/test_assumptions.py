@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from tests.unit.conftest import raw_manifest, true_ratio
 
-from nearlift.figures import assumptions as drawing
-from nearlift.figures import style
-from nearlift.pages import assumptions as page
 from nearlift.products import FIT
+from nearlift.report.chapters import assumptions as page
+from nearlift.report.figures import assumptions, style
+from nearlift.report.figures import assumptions as drawing
 from nearlift.stages.report import gather
-from nearlift.summaries import assumptions
 
 MAP = {
     "points": [

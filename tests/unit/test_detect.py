@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from nearlift.errors import ManifestError
-from nearlift.figures.render import render
-from nearlift.figures.style import style
 from nearlift.manifest.flight import Reading
-from nearlift.pages import proximity as chapter
 from nearlift.products import DETECTION, FIT, PROXIMITY, RESULTS
+from nearlift.report.chapters import proximity as chapter
+from nearlift.report.figures.encoding import render
+from nearlift.report.figures.style import style
 from nearlift.stages import detect
 from nearlift.stages.belief import believe
 from nearlift.stages.gallery import FIGURES

@@ -8,8 +8,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nearlift.pages import verdict
 from nearlift.products import TRIALS
+from nearlift.report.chapters import verdict
 from nearlift.stages import report
 
 from . import quoted

@@ -12,14 +12,15 @@ import pytest
 from PIL import Image
 
 from nearlift.errors import ManifestError
-from nearlift.figures import fig2 as draw_fig2
-from nearlift.figures import residuals as draw_residuals
-from nearlift.figures import style
-from nearlift.figures.render import PAGE_WIDTH, render
 from nearlift.products import FIT, LIFT, POSTERIOR, TRIALS
+from nearlift.report.figures import style
+from nearlift.report.figures.encoding import PAGE_WIDTH, render
+from nearlift.report.figures.fig2 import drawing as draw_fig2
+from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.figures.residuals import drawing as draw_residuals
+from nearlift.report.figures.residuals import table as residuals
 from nearlift.stages.gallery import FIGURES
 from nearlift.stages.report import gather
-from nearlift.summaries import fig2, residuals
 
 
 @pytest.fixture(scope="module")

@@ -481,7 +481,7 @@ def explained(tmp_path_factory):
     with (raw / "campaign.toml").open("a") as file:
         file.write('[report]\nstyle = "screen"\n')
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nearlift.figures.render.render", small_run.undrawn)
+        patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
         assert nearlift("run", raw, "--out", out, "-q", "--executor", "serial").exit_code == 0
     return raw, out
 

@@ -30,7 +30,7 @@ def finished(once) -> Path:
     def run(place: Path) -> None:
         small_run.write(place / "raw")
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("nearlift.figures.render.render", small_run.undrawn)
+            patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
             assert ran(job(place / "raw", place)) == EVERY
 
     return once("finished-undrawn", run)

@@ -17,7 +17,7 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
 from nearlift.manifest import campaign as manifest
-from nearlift.pages import verdict
+from nearlift.report.chapters import verdict
 from nearlift.results import Noise
 
 from .conftest import raw_manifest

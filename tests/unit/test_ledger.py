@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from nearlift.pages.render import page
 from nearlift.products import FIT, QUALITY, RESULTS, TRIALS
+from nearlift.report.page.render import page
 from nearlift.run import store
 from nearlift.stages import ledger, report
 

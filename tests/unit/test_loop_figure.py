@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from nearlift.figures import loop as draw_loop
-from nearlift.figures import style
-from nearlift.figures.render import PAGE_WIDTH, render
 from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.report.figures import style
+from nearlift.report.figures.diagnosis import abscissa as against
+from nearlift.report.figures.diagnosis import caption as loop_text
+from nearlift.report.figures.diagnosis import drawing as draw_loop
+from nearlift.report.figures.diagnosis import table as loop
+from nearlift.report.figures.encoding import PAGE_WIDTH, render
 from nearlift.stages import diagnose, gallery, report
 from nearlift.stages.gallery import FIGURES
-from nearlift.summaries import against, loop, loop_text
 
 from . import quoted
 

@@ -9,8 +9,8 @@ import re
 
 import pytest
 
-from nearlift.pages import methods
 from nearlift.products import FIT
+from nearlift.report.documents import methods
 from nearlift.stages import report
 
 from . import quoted

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import nearlift
-from nearlift.pages import diagnosis, methods, verdict
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.report.chapters import diagnosis, verdict
+from nearlift.report.documents import methods
 from nearlift.stages import compare, report
 
 from . import small_run

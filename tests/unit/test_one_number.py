@@ -12,9 +12,9 @@ import re
 
 import pytest
 
-from nearlift.pages.number import SYMBOLS
 from nearlift.products import FIT, RESULTS
 from nearlift.quotation import Results
+from nearlift.report.number import SYMBOLS
 from nearlift.rounding import like, plus_minus
 from nearlift.stages import compare, diagnose, export, ledger, report
 from nearlift.study import display
@@ -34,7 +34,7 @@ def job(request, make_job):
     with pytest.MonkeyPatch.context() as patch:
         from . import small_run
 
-        patch.setattr("nearlift.figures.render.render", small_run.undrawn)
+        patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
         report.run(made)
     (made.root / "campaign.toml").write_text("")
     export.export(made, ("c", "document", "python"))

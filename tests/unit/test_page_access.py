@@ -11,13 +11,15 @@ from importlib import resources
 
 import pytest
 
-from nearlift.pages.charts import chart
-from nearlift.pages.charts.gallery import charts
-from nearlift.pages.render import Picture, page
+from nearlift.report.page import chart
+from nearlift.report.page.gallery import charts
+from nearlift.report.page.render import Picture, page
 from nearlift.stages import report
 
 STYLE = (
-    resources.files("nearlift.pages").joinpath("templates", "page.css").read_text(encoding="utf-8")
+    resources.files("nearlift.report.page")
+    .joinpath("templates", "page.css")
+    .read_text(encoding="utf-8")
 )
 VOID = {"meta", "link", "img", "br", "input", "path"}
 
@@ -120,7 +122,9 @@ def test_contrast_is_that_of_wcag_aa(scheme):
 def test_the_library_is_what_the_pinned_package_bundles():
     bundler = pytest.importorskip("vl_convert", reason="vl-convert is not installed")
     held = (
-        resources.files("nearlift.pages").joinpath("vendor", "vega.js").read_text(encoding="utf-8")
+        resources.files("nearlift.report.page")
+        .joinpath("vendor", "vega.js")
+        .read_text(encoding="utf-8")
     )
     assert bundler.javascript_bundle() == held
     assert "<!--" not in held

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.figures import corner as draw_corner
-from nearlift.figures import prior_posterior as draw_prior_posterior
-from nearlift.figures.render import render
-from nearlift.figures.style import style
-from nearlift.pages import posterior as page
 from nearlift.products import FIT, POSTERIOR
-from nearlift.summaries import corner, curves, prior_posterior
-from nearlift.summaries.evidence import Evidence
+from nearlift.report import curves
+from nearlift.report.chapters import posterior as page
+from nearlift.report.evidence import Evidence
+from nearlift.report.figures import corner, prior_posterior
+from nearlift.report.figures import corner as draw_corner
+from nearlift.report.figures import prior_posterior as draw_prior_posterior
+from nearlift.report.figures.encoding import render
+from nearlift.report.figures.style import style
 
 N = 4000
 

@@ -16,10 +16,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from nearlift.pages.chapters import CHAPTERS, Chapter
-from nearlift.pages.latex import escape
-from nearlift.pages.render import Picture, page, scripts
 from nearlift.products import DIAGNOSIS, FIT, LIFT, RESULTS
+from nearlift.report.chapters.contents import CHAPTERS, Chapter
+from nearlift.report.documents.latex import escape
+from nearlift.report.page.render import Picture, page, scripts
 from nearlift.stages import report
 from nearlift.stages.gallery import FIGURES
 

@@ -11,11 +11,11 @@ import re
 import pytest
 from PIL import Image
 
-from nearlift.pages import render
-from nearlift.pages.charts.gallery import charts
 from nearlift.products import LIFT, TRIALS
+from nearlift.report.figures.residuals import table as residuals
+from nearlift.report.page import render
+from nearlift.report.page.gallery import charts
 from nearlift.stages import report
-from nearlift.summaries import residuals
 
 from .browser import CHROMIUM, browser
 

@@ -11,16 +11,15 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
-from nearlift.figures.crash_map import draw as draw_map
-from nearlift.figures.render import render
-from nearlift.figures.style import style
 from nearlift.flight.simulation import groups, maps, presets
 from nearlift.flight.simulation.curve import tabulate
 from nearlift.flight.simulation.flight import Plan, Setting, fly
 from nearlift.flight.simulation.route import BASES
 from nearlift.manifest import campaign as manifest
-from nearlift.pages import safety as chapter
 from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
+from nearlift.report.figures.crash_map import draw as draw_map
+from nearlift.report.figures.encoding import render
+from nearlift.report.figures.style import style
 from nearlift.run.executors import open_executor
 from nearlift.run.graph import stage
 from nearlift.run.job import Job
@@ -29,7 +28,6 @@ from nearlift.stages.belief import believe
 from nearlift.stages.export import export
 from nearlift.stages.gallery import FIGURES
 from nearlift.stages.report import gather
-from nearlift.summaries.fig6 import touching
 
 from . import quoted
 from .conftest import raw_manifest

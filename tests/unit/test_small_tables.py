@@ -18,9 +18,10 @@ from nearlift.loop import confirmation
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import STEP, families
 from nearlift.loop.search import Options
-from nearlift.pages import diagnosis, methods, verdict
 from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import visits
+from nearlift.report.chapters import diagnosis, verdict
+from nearlift.report.documents import methods
 from nearlift.results import Observations
 from nearlift.stages import report
 

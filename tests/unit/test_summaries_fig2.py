@@ -15,11 +15,13 @@ import pytest
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, POSTERIOR, RESULTS
+from nearlift.report import curves, relative_lift
+from nearlift.report.evidence import values
+from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.figures.residuals import table as residuals
+from nearlift.report.tidy import to_csv
 from nearlift.rounding import decimals, plus_minus, siunitx
 from nearlift.stages.report import gather
-from nearlift.summaries import curves, fig2, relative_lift, residuals
-from nearlift.summaries.evidence import values
-from nearlift.summaries.tidy import to_csv
 
 
 @pytest.fixture(scope="module")

@@ -14,17 +14,18 @@ import subprocess
 import numpy as np
 import pytest
 
-from nearlift.figures import budget as draw_budget
-from nearlift.figures import profiles as draw_profiles
-from nearlift.figures.render import render
-from nearlift.figures.style import coefficient, style
-from nearlift.pages import latex, models, tables, uncertainty
-from nearlift.pages.number import degrees
 from nearlift.products import FIT, PROFILES, RESULTS
 from nearlift.quotation import BudgetLine
+from nearlift.report.chapters import models, uncertainty
+from nearlift.report.documents import latex, tables
+from nearlift.report.figures import budget, profiles
+from nearlift.report.figures import budget as draw_budget
+from nearlift.report.figures import profiles as draw_profiles
+from nearlift.report.figures.encoding import render
+from nearlift.report.figures.style import coefficient, style
+from nearlift.report.number import degrees
+from nearlift.report.tidy import to_csv
 from nearlift.stages.report import gather
-from nearlift.summaries import budget, profiles
-from nearlift.summaries.tidy import to_csv
 
 from . import quoted
 

@@ -196,12 +196,12 @@ def run(
     """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and
     answer what stands in the first.
     """
-    from nearlift.figures import forest as draw_forest
-    from nearlift.figures.render import render
-    from nearlift.figures.style import style
-    from nearlift.pages import comparison
-    from nearlift.summaries import forest
-    from nearlift.summaries.tidy import to_csv
+    from nearlift.report.figures import forest
+    from nearlift.report.figures import forest as draw_forest
+    from nearlift.report.figures.encoding import render
+    from nearlift.report.figures.style import style
+    from nearlift.report.page import comparison
+    from nearlift.report.tidy import to_csv
 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     groups = grouped(listed, shared)

@@ -238,11 +238,11 @@ def _draw(job: Job, found: dict[str, Any]) -> list[str]:
     """Numbers as JSON, the figure as pdf, png and csv; the paths written."""
     import json
 
-    from nearlift.figures import design as picture
-    from nearlift.figures.render import render
-    from nearlift.figures.style import style
-    from nearlift.summaries import design as summary
-    from nearlift.summaries.tidy import to_csv
+    from nearlift.report.figures import design as picture
+    from nearlift.report.figures import design as summary
+    from nearlift.report.figures.encoding import render
+    from nearlift.report.figures.style import style
+    from nearlift.report.tidy import to_csv
 
     table = summary.rows(found)
     files = render(picture.draw, table, style(job.campaign.report.style))

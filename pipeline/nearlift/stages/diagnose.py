@@ -21,7 +21,6 @@ from nearlift.run.job import Job, Outcome
 from nearlift.stages import quoting
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, interim_look, observe
-from nearlift.summaries.loop import could_have_seen
 
 
 def run(job: Job) -> Outcome:

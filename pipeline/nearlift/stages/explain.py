@@ -23,13 +23,13 @@ from nearlift.loop.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handl
 from nearlift.loop.search import SILENT, Stage, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS
+from nearlift.report.evidence import Columns
 from nearlift.results import Noise
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
-from nearlift.summaries.evidence import Columns
 
 #: Rivals listed.
 MOST = 8
@@ -177,7 +177,7 @@ def _size(
     foresight: Foresight, handle: Handle, boundary: Boundary
 ) -> tuple[dict[str, Any], Columns]:
     """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
-    from nearlift.summaries.explain import rows
+    from nearlift.report.figures.explain import rows
 
     stage = foresight.stage
     silent = visibility(stage, handle.effect) <= SILENT
@@ -255,11 +255,11 @@ def _verdict(name: str, loop: dict[str, Any] | None) -> dict[str, Any] | None:
 
 def _draw(job: Job, name: str, pictures: list[Columns]) -> list[str]:
     """pdf, png and csv; the paths written."""
-    from nearlift.figures import explain as picture
-    from nearlift.figures.render import render
-    from nearlift.figures.style import style
-    from nearlift.summaries.evidence import stack
-    from nearlift.summaries.tidy import to_csv
+    from nearlift.report.evidence import stack
+    from nearlift.report.figures import explain as picture
+    from nearlift.report.figures.encoding import render
+    from nearlift.report.figures.style import style
+    from nearlift.report.tidy import to_csv
 
     table = stack(pictures)
     files = render(picture.draw, table, style(job.campaign.report.style))

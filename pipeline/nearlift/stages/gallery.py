@@ -7,24 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from nearlift.figures import assumptions as draw_assumptions
-from nearlift.figures import budget as draw_budget
-from nearlift.figures import corner as draw_corner
-from nearlift.figures import crash_map as draw_crash_map
-from nearlift.figures import detection as draw_detection
-from nearlift.figures import fig2 as draw_fig2
-from nearlift.figures import fig3 as draw_fig3
-from nearlift.figures import fig4 as draw_fig4
-from nearlift.figures import fig5 as draw_fig5
-from nearlift.figures import fig6 as draw_fig6
-from nearlift.figures import flow_topology as draw_flow_topology
-from nearlift.figures import loop as draw_loop
-from nearlift.figures import prior_posterior as draw_prior_posterior
-from nearlift.figures import profiles as draw_profiles
-from nearlift.figures import residuals as draw_residuals
-from nearlift.figures import routes as draw_routes
-from nearlift.figures import safety as draw_safety
-from nearlift.figures.render import Draw
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import (
     CRASH_MAP,
@@ -48,27 +30,31 @@ from nearlift.products import (
     TRIALS,
     Product,
 )
-from nearlift.summaries import (
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures import (
     assumptions,
     budget,
     corner,
     crash_map,
     detection,
-    fig2,
     fig3,
     fig4,
     fig5,
     fig6,
     flow_topology,
-    loop,
-    loop_text,
     prior_posterior,
     profiles,
-    residuals,
     routes,
     safety,
 )
-from nearlift.summaries.evidence import Columns, Evidence
+from nearlift.report.figures.diagnosis import caption as loop_text
+from nearlift.report.figures.diagnosis import drawing as draw_loop
+from nearlift.report.figures.diagnosis import table as loop
+from nearlift.report.figures.encoding import Draw
+from nearlift.report.figures.fig2 import drawing as draw_fig2
+from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.figures.residuals import drawing as draw_residuals
+from nearlift.report.figures.residuals import table as residuals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +110,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="assumptions",
         title="Throttle, held quantity, rotor",
         summarise=assumptions.summarise,
-        draw=draw_assumptions.draw,
+        draw=assumptions.draw,
         needs=(FIT,),
         caption=assumptions.caption,
         alt=assumptions.alt,
@@ -133,7 +119,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="budget",
         title="Whose error it is",
         summarise=budget.summarise,
-        draw=draw_budget.draw,
+        draw=budget.draw,
         needs=(FIT,),
         caption=budget.caption,
         alt=budget.alt,
@@ -142,7 +128,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="profiles",
         title="Profile likelihoods",
         summarise=profiles.summarise,
-        draw=draw_profiles.draw,
+        draw=profiles.draw,
         needs=(FIT, PROFILES),
         caption=profiles.caption,
         alt=profiles.alt,
@@ -160,7 +146,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="corner",
         title="Posterior of the base models",
         summarise=corner.summarise,
-        draw=draw_corner.draw,
+        draw=corner.draw,
         needs=(FIT, POSTERIOR),
         caption=corner.caption,
         alt=corner.alt,
@@ -169,7 +155,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="prior_posterior",
         title="Prior against posterior",
         summarise=prior_posterior.summarise,
-        draw=draw_prior_posterior.draw,
+        draw=prior_posterior.draw,
         needs=(FIT, POSTERIOR),
         caption=prior_posterior.caption,
         alt=prior_posterior.alt,
@@ -178,7 +164,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="fig3",
         title="Flow near ground and ceiling",
         summarise=fig3.summarise,
-        draw=draw_fig3.draw,
+        draw=fig3.draw,
         needs=(DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW),
         caption=fig3.caption,
         alt=fig3.alt,
@@ -187,7 +173,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="fig4",
         title="Airspeed less the control's",
         summarise=fig4.summarise,
-        draw=draw_fig4.draw,
+        draw=fig4.draw,
         needs=(FLOW_FIELDS, FLOW),
         caption=fig4.caption,
         alt=fig4.alt,
@@ -196,7 +182,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="fig5",
         title="Wake over a tilted ground",
         summarise=fig5.summarise,
-        draw=draw_fig5.draw,
+        draw=fig5.draw,
         needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
         caption=fig5.caption,
         alt=fig5.alt,
@@ -205,7 +191,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="flow_topology",
         title="The wake against tilt",
         summarise=flow_topology.summarise,
-        draw=draw_flow_topology.draw,
+        draw=flow_topology.draw,
         needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
         caption=flow_topology.caption,
         alt=flow_topology.alt,
@@ -214,7 +200,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="fig6",
         title="Crash rates and energy, as the paper has them",
         summarise=fig6.summarise,
-        draw=draw_fig6.draw,
+        draw=fig6.draw,
         needs=(CRASH_RATES, FLIGHTS, SAFETY),
         caption=fig6.caption,
         alt=fig6.alt,
@@ -223,7 +209,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="safety",
         title="Crash rates and energy of the fitted models",
         summarise=safety.summarise,
-        draw=draw_safety.draw,
+        draw=safety.draw,
         needs=(CRASH_RATES, SAFETY),
         caption=safety.caption,
         alt=safety.alt,
@@ -232,7 +218,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="crash_map",
         title="Crash rate over dimensionless groups",
         summarise=crash_map.summarise,
-        draw=draw_crash_map.draw,
+        draw=crash_map.draw,
         needs=(CRASH_MAP, SAFETY),
         caption=crash_map.caption,
         alt=crash_map.alt,
@@ -242,7 +228,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="detection",
         title="How far away a boundary shows",
         summarise=detection.summarise,
-        draw=draw_detection.draw,
+        draw=detection.draw,
         needs=(DETECTION, PROXIMITY),
         caption=detection.caption,
         alt=detection.alt,
@@ -251,7 +237,7 @@ FIGURES: tuple[FigureSpec, ...] = (
         name="routes",
         title="Ways through the corridor",
         summarise=routes.summarise,
-        draw=draw_routes.draw,
+        draw=routes.draw,
         needs=(ROUTES, SAFETY),
         caption=routes.caption,
         alt=routes.alt,

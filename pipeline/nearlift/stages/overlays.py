@@ -12,7 +12,7 @@ import numpy as np
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest.campaign import Campaign, Overlay
-from nearlift.summaries.evidence import Columns
+from nearlift.report.evidence import Columns
 
 COLUMNS = ("z_hat", "delta_L", "u")
 MAX_BYTES = 5_000_000

@@ -11,7 +11,6 @@ from nearlift.run import store
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import overlays
 from nearlift.stages.observe import boundaries, observe
-from nearlift.summaries.evidence import Evidence
 
 if TYPE_CHECKING:
     from nearlift.stages.gallery import FigureSpec
@@ -24,14 +23,14 @@ def run(job: Job) -> Outcome:
     """Make the whole report anew. A figure whose products are missing is not made, and what an
     earlier run left of it is removed.
     """
-    from nearlift.figures.render import render
-    from nearlift.figures.style import style
-    from nearlift.pages import methods, tables
-    from nearlift.pages.charts.gallery import charts
-    from nearlift.pages.latex import coefficients, table
-    from nearlift.pages.render import Picture, page
+    from nearlift.report.documents import methods, tables
+    from nearlift.report.documents.latex import coefficients, table
+    from nearlift.report.figures.encoding import render
+    from nearlift.report.figures.style import style
+    from nearlift.report.page.gallery import charts
+    from nearlift.report.page.render import Picture, page
+    from nearlift.report.tidy import to_csv
     from nearlift.stages.gallery import FIGURES
-    from nearlift.summaries.tidy import to_csv
 
     look = style(job.campaign.report.style)
     evidence = gather(job)
@@ -72,7 +71,7 @@ def gather(job: Job) -> Evidence:
     """Everything that some figure or chapter reads, in memory; provenance.json is not among it,
     since times stand there.
     """
-    from nearlift.pages.chapters import CHAPTERS
+    from nearlift.report.chapters.contents import CHAPTERS
     from nearlift.run.graph import versions
     from nearlift.stages.gallery import FIGURES
 

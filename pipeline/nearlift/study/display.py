@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+from nearlift.report.findings import could_have_seen, stand_ins
 from nearlift.rounding import letter, like, plain, plus_minus
-from nearlift.summaries.loop import could_have_seen, stand_ins
 
 if TYPE_CHECKING:
     from nearlift.quotation import CoefficientResult

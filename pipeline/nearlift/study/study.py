@@ -149,8 +149,8 @@ class Study:
         UsageError
             There is no such figure, or this campaign does not have what it shows.
         """
-        from nearlift.figures.render import render
-        from nearlift.figures.style import style
+        from nearlift.report.figures.encoding import render
+        from nearlift.report.figures.style import style
         from nearlift.run import graph
         from nearlift.run.opening import open_job
         from nearlift.stages.gallery import FIGURES

@@ -1,0 +1,3 @@
+"""The chapters of index.html: what the products say, in words and numbers, each number with its
+source.
+"""

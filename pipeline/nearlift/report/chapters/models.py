@@ -1,0 +1,225 @@
+"""The models side by side, L_inf, and the noise."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from nearlift.declare import Boundary
+from nearlift.fit.remedies import SCALES
+from nearlift.likelihood import budget
+from nearlift.products import FIT
+from nearlift.report.chapters.uncertainty import untold
+from nearlift.report.chapters.verdict import reduced
+from nearlift.report.evidence import Evidence
+from nearlift.report.number import Number, Quoted, cite, headline, pointer, quote
+from nearlift.rounding import fixed, letter, plain, signed
+
+#: How a degeneracy names L_inf, before the throttle.
+LEVEL = "L_inf at "
+
+
+def comparison(evidence: Evidence) -> dict[str, Any]:
+    """A table of models for each boundary: the base first, then by AIC."""
+    return {"tables": [_table(evidence, b) for b in evidence.boundaries]}
+
+
+def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
+    content = evidence.document(FIT)
+    fits = content["boundaries"][boundary]
+    base = content["base"][boundary]
+    trials = fits[base]["n_trials"]
+    comparable = [n for n in fits if fits[n]["n_trials"] == trials]
+    names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n]["aic"]))
+    near = any(fits[n].get("r2_near") is not None for n in fits)
+    rows = []
+    for name in names:
+        path = ("boundaries", boundary, name)
+        rows.append(
+            {
+                "title": fits[name]["title"],
+                "name": name,
+                "base": name == base,
+                "parameters": [
+                    _coefficient(evidence, boundary, name, p) for p in fits[name]["parameters"]
+                ],
+                "reduced": reduced(evidence, boundary, name),
+                "rmse": cite(evidence, FIT, *path, "rmse", places=2, scale=100, how="in percent"),
+                "r2": cite(evidence, FIT, *path, "r2", places=4),
+                "r2_near": cite(evidence, FIT, *path, "r2_near", places=4) if near else None,
+                "daic": (
+                    _over_least(evidence, path, "aic", min(fits[n]["aic"] for n in comparable))
+                    if name in comparable
+                    else None
+                ),
+                "dbic": (
+                    _over_least(evidence, path, "bic", min(fits[n]["bic"] for n in comparable))
+                    if name in comparable
+                    else None
+                ),
+                "n": cite(evidence, FIT, *path, "n_trials", digits=6),
+                "fewer": name not in comparable,
+                "degeneracies": grouped(fits[name]["degeneracies"], fits[name]["parameters"]),
+            }
+        )
+    return {
+        "boundary": boundary,
+        "rows": rows,
+        "near": near,
+        "failed": sorted(content.get("failed", {}).get(boundary, {}).items()),
+    }
+
+
+def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) -> Quoted:
+    """A model's coefficient by its own fit; the base model's as it is quoted."""
+    if model == evidence.quoted(boundary).base_model:
+        return headline(evidence, boundary, name)
+    return quote(evidence, FIT, "boundaries", boundary, model, "parameters", name)
+
+
+def grouped(found: list[dict[str, Any]], parameters: dict[str, Any]) -> list[str]:
+    """Degeneracies in words, one sentence for all coefficients that trade places with the same
+    thing.
+    """
+    together: dict[str, list[dict[str, Any]]] = {}
+    for d in found:
+        first, second = d["pair"]
+        # pairs of the model's own coefficients, and what cannot be told apart at all, stand alone
+        alone = second in parameters or (
+            d.get("u_if_free") is None and not second.startswith(LEVEL)
+        )
+        together.setdefault(
+            f"{first} {second}" if alone else LEVEL if second.startswith(LEVEL) else second, []
+        ).append(d)
+    return [_sentence(second, group, parameters) for second, group in together.items()]
+
+
+def _sentence(second: str, group: list[dict[str, Any]], parameters: dict[str, Any]) -> str:
+    if len(group) == 1:
+        return str(group[0]["text"])
+    each: dict[str, list[dict[str, Any]]] = {}
+    for d in group:
+        each.setdefault(d["pair"][0], []).append(d)
+    if second == LEVEL:
+        throttles = list(dict.fromkeys(d["pair"][1].removeprefix(LEVEL) for d in group))
+        told = " and ".join(
+            f"{letter(name)} ({_range([d['r'] for d in own])})" for name, own in each.items()
+        )
+        return (
+            f"{told} {'trade' if len(each) > 1 else 'trades'} places with L_inf at"
+            f" {', '.join(throttles)} throttle"
+        )
+    told = " and ".join(
+        f"{letter(name)} ({_range([own[0]['r']])}, u from {plain(parameters[name]['u'], 2)} to"
+        f" {plain(own[0]['u_if_free'], 2)})"
+        for name, own in each.items()
+    )
+    return (
+        f"{told} would trade places with an unknown {second}, which would itself be known to"
+        f" {group[0]['known_to']}"
+    )
+
+
+def _range(r: list[float]) -> str:
+    """``r = −0.984``, or from one to the other."""
+    low, high = (signed(x, 3) for x in (min(r), max(r)))
+    return f"r = {low}" if low == high else f"r = {low} to {high}"
+
+
+def _over_least(evidence: Evidence, path: tuple[str, ...], key: str, least: float) -> Number:
+    value = float(cite(evidence, FIT, *path, key).value) - least
+    return Number(
+        text=fixed(value, 1),
+        value=value,
+        source=pointer(FIT, *path, key),
+        how="less the smallest of this boundary",
+    )
+
+
+def levels(evidence: Evidence) -> dict[str, Any]:
+    """L_inf of the base model per throttle and boundary."""
+    rows: dict[float, dict[str, Any]] = {}
+    for boundary in evidence.boundaries:
+        model, entry = evidence.base(boundary)
+        for key in entry["L_inf_N"]:
+            rows.setdefault(float(key), {})[boundary] = quote(
+                evidence, FIT, "boundaries", boundary, model.name, "L_inf_N", key
+            )
+    return {
+        "boundaries": evidence.boundaries,
+        "rows": [(f"{100 * t:.4g} %", cells) for t, cells in sorted(rows.items())],
+    }
+
+
+def noise(evidence: Evidence) -> dict[str, Any]:
+    """How trials scatter, and what the manifest declares that repeats cannot show."""
+    rows = []
+    for boundary in evidence.boundaries:
+        dof = evidence.document(FIT)["noise"][boundary]["dof"]
+        rows.append(
+            {
+                "boundary": boundary,
+                "relative": cite(
+                    evidence,
+                    FIT,
+                    "noise",
+                    boundary,
+                    "relative",
+                    digits=3,
+                    scale=100,
+                    how="in percent",
+                ),
+                "force": cite(
+                    evidence, FIT, "noise", boundary, "force_N", digits=3, scale=1000, how="in mN"
+                ),
+                "height": cite(
+                    evidence, FIT, "noise", boundary, "height_m", digits=3, scale=1000, how="in mm"
+                ),
+                "common": cite(
+                    evidence,
+                    FIT,
+                    "noise",
+                    boundary,
+                    "common",
+                    digits=3,
+                    scale=100,
+                    how="in percent",
+                ),
+                "drift": cite(
+                    evidence, FIT, "noise", boundary, "drift", digits=3, scale=100, how="in percent"
+                ),
+                "source": evidence.document(FIT)["noise"][boundary]["source"],
+                "untold": sorted(
+                    {
+                        c
+                        for own in evidence.quoted(boundary).coefficients.values()
+                        for c in untold(own)
+                    }
+                ),
+                "dof": (
+                    cite(evidence, FIT, "noise", boundary, "dof", digits=6)
+                    if dof is not None and math.isfinite(dof)
+                    else None
+                ),
+            }
+        )
+    return {"rows": rows, "declared": [_declared(c) for c in budget.components(evidence.campaign)]}
+
+
+def _declared(part: budget.Component) -> dict[str, Any]:
+    """One line of the budget, in the unit that a bench talks in."""
+    scale, unit = SCALES[part.on]
+    standard = Number(
+        text=plain(scale * part.standard, 3),
+        value=float(part.standard),
+        source="campaign.toml",
+        how=f"standard uncertainty, in {unit}",
+    )
+    return {
+        "name": part.name,
+        "on": part.on,
+        "standard": standard,
+        "unit": unit,
+        "distribution": part.distribution,
+        "scope": part.scope,
+    }

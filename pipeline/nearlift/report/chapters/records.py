@@ -1,0 +1,98 @@
+"""What became of every trial, and what made this page."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+import numpy as np
+
+import nearlift
+from nearlift.declare import BOUNDARIES
+from nearlift.products import TRIALS
+from nearlift.reduction.quality import CODES, reason, rejected
+from nearlift.report.evidence import Evidence
+from nearlift.report.number import count
+from nearlift.rounding import plain
+
+NAMES = {"none": "free air"}
+
+
+def ledger(evidence: Evidence) -> dict[str, Any]:
+    """Counts per boundary and per quality code, and every rejected trial with its reason."""
+    trials = evidence.table(TRIALS)
+    out = rejected(trials["quality"])
+    noted = np.array([bool(q) for q in trials["quality"]])
+    counts = []
+    for boundary in (*BOUNDARIES, "none"):
+        mine = trials["boundary"] == boundary
+        if not mine.any():
+            continue
+        counts.append(
+            {
+                "boundary": NAMES.get(boundary, boundary),
+                "scheduled": count(TRIALS, int(mine.sum()), f"rows with boundary {boundary}"),
+                "accepted": count(
+                    TRIALS,
+                    int((mine & ~out).sum()),
+                    f"rows with boundary {boundary} and no code in capitals in `quality`",
+                ),
+                "rejected": count(
+                    TRIALS,
+                    int((mine & out).sum()),
+                    f"rows with boundary {boundary} and a code in capitals in `quality`",
+                ),
+                "noted": count(
+                    TRIALS,
+                    int((mine & ~out & noted).sum()),
+                    f"rows with boundary {boundary} and only lower-case codes in `quality`",
+                ),
+            }
+        )
+    bases = {b: evidence.base(b) for b in evidence.boundaries}
+    words = [set(q.split()) for q in trials["quality"]]
+    codes = [(c, n) for c in CODES if (n := sum(c.name in w for w in words))]
+    return {
+        "counts": counts,
+        "codes": [
+            {
+                "name": c.name,
+                "rejects": c.rejects,
+                "meaning": c.meaning,
+                "n": count(TRIALS, n, f"rows with {c.name} in `quality`"),
+            }
+            for c, n in codes
+        ],
+        "rejected": [
+            {
+                "trial": str(trials["trial"][i]),
+                "boundary": NAMES.get(str(trials["boundary"][i]), str(trials["boundary"][i])),
+                "z_hat": plain(float(trials["z_hat"][i]), 4),
+                "throttle": f"{100 * float(trials['throttle'][i]):.4g} %",
+                "reason": reason(
+                    str(trials["quality"][i]), str(trials["fault"][i]) if "fault" in trials else ""
+                ),
+            }
+            for i in np.flatnonzero(out)
+        ],
+        "excluded": [
+            {"boundary": b, "model": m.title, "trials": e["excluded"]}
+            for b, (m, e) in bases.items()
+            if e["excluded"]
+        ],
+    }
+
+
+def provenance(evidence: Evidence) -> dict[str, Any]:
+    """Digests, versions, and the command that makes this again; nothing that changes from one run
+    to the next.
+    """
+    seed = f" --seed {evidence.seed}" if evidence.seed else ""
+    return {
+        "command": f"nearlift run {shlex.quote(evidence.campaign.name)}{seed}",
+        "seed": evidence.seed,
+        "nearlift": nearlift.__version__,
+        "versions": sorted(evidence.versions.items()),
+        "inputs": sorted(evidence.inputs.items()),
+        "products": sorted(evidence.digests.items()),
+    }

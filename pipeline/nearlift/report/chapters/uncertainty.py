@@ -1,0 +1,349 @@
+"""The budget of each coefficient, what the data cannot say, and which model foretells best."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nearlift.declare import Boundary
+from nearlift.products import FIT, RESULTS
+from nearlift.quotation import CoefficientResult
+from nearlift.report.evidence import Evidence
+from nearlift.report.figures.budget import fall
+from nearlift.report.number import Number, cite, degrees, follow, headline, pointer
+from nearlift.rounding import fixed, plain
+
+#: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told
+#: by number only; a declared one has its line.
+LEAST = 0.0005
+#: A size estimated with fewer degrees of freedom than this is no finding.
+TELLING = 2.0
+#: A difference of predictive scores below so many units is none, whatever its interval: there the
+#: standard error is no guide.
+LEAST_SCORE = 4.0
+#: A difference of AIC beyond this is explained where prediction sees none.
+AIC_APART = 10.0
+#: Inputs in the units that a bench talks in.
+SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
+TREATMENTS = {
+    "slope": "enters to first order, as the error times the slope of the curve",
+    "exact": (
+        "is an unknown with its declared distribution, integrated over by quadrature, because first"
+        " order is not enough"
+    ),
+    "mean": (
+        "enters to first order, and the prediction is averaged over it, because the curve bends"
+        " over so much height"
+    ),
+}
+
+
+def budget(evidence: Evidence) -> dict[str, Any]:
+    """A table for each coefficient that is quoted."""
+    tables = [
+        _budget(evidence, b, name, c)
+        for b in evidence.boundaries
+        for name, c in evidence.quoted(b).coefficients.items()
+        if c.budget
+    ]
+    heights = [_heights(evidence, b) for b in evidence.boundaries]
+    return {"tables": tables, "heights": [h for h in heights if h["lines"]]}
+
+
+def _budget(
+    evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult
+) -> dict[str, Any]:
+    here = ("boundaries", boundary, "coefficients", name)
+    rows, small = [], 0
+    for i, line in sorted(enumerate(own.budget), key=lambda pair: pair[1].u_without):
+        if fall(line, own.u) < LEAST and line.kind == "A":
+            small += 1
+            continue
+        at = (*here, "budget", str(i))
+        scale, unit = SCALES[line.unit] if line.unit else (1.0, "")
+        known = line.u_input is not None
+        rows.append(
+            {
+                "source": line.source,
+                "type": line.kind,
+                "distribution": line.distribution,
+                "scope": line.scope,
+                "input": (
+                    cite(evidence, RESULTS, *at, "u_input", digits=3, scale=scale, how=f"in {unit}")
+                    if known
+                    else None
+                ),
+                "unit": unit,
+                "sensitivity": (
+                    cite(
+                        evidence,
+                        RESULTS,
+                        *at,
+                        "sensitivity",
+                        digits=3,
+                        scale=1 / scale,
+                        how=f"per {unit}",
+                    )
+                    if known
+                    else None
+                ),
+                "u": cite(evidence, RESULTS, *at, "u", digits=2),
+                "u_without": cite(evidence, RESULTS, *at, "u_without", digits=2),
+                "dof": degrees(evidence, RESULTS, *at, "dof"),
+            }
+        )
+    return {
+        "boundary": boundary,
+        "quoted": headline(evidence, boundary, name),
+        "rows": rows,
+        "small": small,
+        "untold": untold(own),
+        "u": cite(evidence, RESULTS, *here, "u", digits=3),
+        "dof": degrees(evidence, RESULTS, *here, "dof"),
+        "lo95": cite(evidence, RESULTS, *here, "lo95", like_u=own.u),
+        "hi95": cite(evidence, RESULTS, *here, "hi95", like_u=own.u),
+    }
+
+
+def untold(own: CoefficientResult) -> list[str]:
+    """The sources of a coefficient's uncertainty of which repeats tell next to nothing."""
+    return [line.source for line in own.budget if line.dof < TELLING]
+
+
+def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
+    model, entry = evidence.base(boundary)
+    path = ("boundaries", boundary, model.name)
+    lines = [
+        {
+            "component": own["component"],
+            "words": TREATMENTS[own["treatment"]],
+            "coefficient": headline(evidence, boundary, own["coefficient"]),
+            "size": cite(
+                evidence,
+                FIT,
+                *path,
+                "heights",
+                str(i),
+                "standard_m",
+                digits=2,
+                scale=1e3,
+                how="in mm",
+            ),
+            "shift": cite(evidence, FIT, *path, "heights", str(i), "shift", digits=2),
+            "ratio": cite(
+                evidence,
+                FIT,
+                *path,
+                "heights",
+                str(i),
+                "ratio",
+                digits=2,
+                scale=100,
+                how="in percent",
+            ),
+        }
+        for i, own in enumerate(entry.get("heights", []))
+    ]
+    error = None
+    if "height_error" in entry:
+        u = float(entry["height_error"]["u"])
+        error = {
+            k: cite(evidence, FIT, *path, "height_error", k, like_u=u, scale=1e3, how="in mm")
+            for k in ("value", "u")
+        }
+    return {"boundary": boundary, "lines": lines, "error": error}
+
+
+def limits(evidence: Evidence) -> dict[str, Any]:
+    """What would halve each uncertainty, and coefficients at a bound."""
+    sections = []
+    for boundary in evidence.boundaries:
+        _, entry = evidence.base(boundary)
+        halves = [
+            {
+                "texts": [k["text"] for k in own["knowledge"]] + [own["repeats"]["text"]],
+                "coefficient": name,
+            }
+            for name, own in entry.get("would_halve", {}).items()
+        ]
+        bound = [name for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
+        sections.append({"boundary": boundary, "halves": halves, "bound": bound})
+    return {"sections": sections}
+
+
+def held_out(evidence: Evidence) -> dict[str, Any]:
+    """Each boundary's models by what they foretell of a visit left out, beside the criteria that
+    count parameters, and R².
+    """
+    found = evidence.document(FIT).get("comparison", {})
+    return {"tables": [_held_out(evidence, b, found[b]) for b in evidence.boundaries if b in found]}
+
+
+def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> dict[str, Any]:
+    fits = evidence.document(FIT)["boundaries"][boundary]
+    models, base = own["models"], own["reference"]
+    visits = models[base]["visits"]
+    with_evidence = follow(fits, (base, "log_evidence", "value")) is not None
+    rows = []
+    for name in sorted(
+        models, key=lambda n: (models[n]["visits"] != visits, -(models[n]["d_elpd"] or 0.0))
+    ):
+        path = ("comparison", boundary, "models", name)
+        whole = models[name]["visits"] == visits
+        rows.append(
+            {
+                "title": fits[name]["title"],
+                "base": name == base,
+                "free": len(fits[name]["parameters"]),
+                "d_elpd": cite(evidence, FIT, *path, "d_elpd", places=1),
+                "u_d_elpd": (
+                    None if name == base else cite(evidence, FIT, *path, "u_d_elpd", places=1)
+                ),
+                "rmse": cite(evidence, FIT, *path, "rmse", places=3, scale=100, how="in percent"),
+                "d_rmse": (
+                    None
+                    if name == base
+                    else cite(evidence, FIT, *path, "d_rmse", places=3, scale=100, how="in percent")
+                ),
+                "u_d_rmse": (
+                    None
+                    if name == base
+                    else cite(
+                        evidence, FIT, *path, "u_d_rmse", places=3, scale=100, how="in percent"
+                    )
+                ),
+                "evidence": (
+                    _excess_evidence(evidence, boundary, name, base) if with_evidence else None
+                ),
+                "aic": (
+                    _excess(evidence, path, "aic", float(models[base]["aic"])) if whole else None
+                ),
+                "bic": (
+                    _excess(evidence, path, "bic", float(models[base]["bic"])) if whole else None
+                ),
+                "r2": cite(evidence, FIT, *path, "r2", places=4),
+                "visits": None if whole else cite(evidence, FIT, *path, "visits", digits=6),
+            }
+        )
+    return {
+        "boundary": boundary,
+        "rows": rows,
+        "visits": cite(evidence, FIT, "comparison", boundary, "models", base, "visits", digits=6),
+        "evidence": with_evidence,
+        "words": verdicts(models, base, {n: str(f["title"]) for n, f in fits.items()}),
+    }
+
+
+def _excess(evidence: Evidence, path: tuple[str, ...], key: str, reference: float) -> Number:
+    value = float(cite(evidence, FIT, *path, key).value) - reference
+    return Number(
+        text=fixed(value, 1),
+        value=value,
+        source=pointer(FIT, *path, key),
+        how="less the base model's",
+    )
+
+
+def _excess_evidence(evidence: Evidence, boundary: str, name: str, base: str) -> Number | None:
+    path = ("boundaries", boundary, name, "log_evidence", "value")
+    found = follow(evidence.document(FIT), path)
+    if found is None:
+        return None
+    value = float(found) - float(
+        follow(evidence.document(FIT), ("boundaries", boundary, base, "log_evidence", "value"))
+    )
+    return Number(
+        text=fixed(value, 1), value=value, source=pointer(FIT, *path), how="less the base model's"
+    )
+
+
+def _half(own: dict[str, Any]) -> float:
+    """Half of the 95 % interval of a difference of scores, over visits."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, max(own["visits"] - 1, 1))) * float(own["u_d_elpd"])
+
+
+def _difference(own: dict[str, Any]) -> str:
+    """Difference of scores with its 95 % interval."""
+    half = _half(own)
+    return (
+        f"{fixed(own['d_elpd'], 1)}, 95 %: {fixed(own['d_elpd'] - half, 1)} to"
+        f" {fixed(own['d_elpd'] + half, 1)}"
+    )
+
+
+def _aic(models: dict[str, Any], base: str, name: str) -> float | None:
+    """AIC less the base model's, where both are known."""
+    if models[name].get("aic") is None or models[base].get("aic") is None:
+        return None
+    return float(models[name]["aic"] - models[base]["aic"])
+
+
+def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[str]:
+    """Which models foretell worse than the base, which as well, which better; and what R² would
+    have said.
+    """
+    worse: list[str] = []
+    same: list[str] = []
+    better: list[str] = []
+    for name, own in models.items():
+        if name == base or own["u_d_elpd"] is None or own["visits"] < models[base]["visits"]:
+            continue
+        size = max(_half(own), LEAST_SCORE)
+        (worse if own["d_elpd"] < -size else better if own["d_elpd"] > size else same).append(name)
+
+    def listed(names: list[str]) -> str:
+        return ", ".join(titles[n] for n in names)
+
+    def told(names: list[str]) -> str:
+        return "; ".join(f"{titles[n]} ({_difference(models[n])})" for n in names)
+
+    words = []
+    if better:
+        words.append(
+            f"Better than the base: {told(better)}. The 95 % interval of the score difference over"
+            " visits excludes zero."
+        )
+    if same:
+        words.append(f"Prediction does not part these from the base: {told(same)}.")
+    if worse:
+        words.append(
+            f"Worse: {told(worse)}. The 95 % interval of the score difference over visits excludes"
+            " zero."
+        )
+    torn = [
+        n
+        for n in same
+        if _aic(models, base, n) is not None and abs(_aic(models, base, n) or 0.0) > AIC_APART
+    ]
+    if torn:
+        listing = "; ".join(
+            f"{titles[n]} {abs(_aic(models, base, n) or 0.0):.0f}"
+            f" {'behind' if (_aic(models, base, n) or 0.0) > 0 else 'ahead of'} the base"
+            for n in torn
+        )
+        words.append(
+            f"AIC sees it otherwise: {listing}. It asks how well all trials are fitted at once, and"
+            " charges a model for every shared unknown (a datum, a gain) that it must bend from"
+            " what is declared; the score foretells a visit with those unknowns already learnt"
+            " from the others, so a misfit that looks like a wrong datum costs little. Where a"
+            " shared error is well declared, believe AIC; where it is not, neither decides."
+        )
+    if not better and not same and worse:
+        words.append("No other model foretells as well as the base.")
+    known = {n: m["r2"] for n, m in models.items() if m["r2"] is not None}
+    fooled = [n for n in worse if n in known and known[n] > 0.9]
+    if fooled:
+        words.append(
+            f"R² cannot decide: it is above 0.9 for {len([n for n in known if known[n] > 0.9])} of"
+            f" {len(known)} models, {listed(fooled)} among them ({plain(known[fooled[0]], 3)}),"
+            " which prediction rejects."
+        )
+    elif same and base in known:
+        close = [n for n in same if n in known and abs(known[n] - known[base]) > 0.002]
+        if close:
+            words.append(
+                f"R² parts {listed(close)} from the base although prediction does not: it counts"
+                " the trials' noise in the means as merit."
+            )
+    return words

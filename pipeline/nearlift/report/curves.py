@@ -1,0 +1,169 @@
+"""A model's curve over distance, and the 90 % band that the covariance of its fit implies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.products import POSTERIOR
+from nearlift.report.evidence import Evidence, values
+
+#: Normal quantile of a two-sided 90 % interval, for a fit that quotes none of its own.
+NORMAL_90 = 1.6448536269514722
+#: Two curves that part by less than this much of what the data span are one line in a figure.
+VISIBLE = 0.01
+
+
+def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, Any]) -> FloatArray:
+    """L / L_inf at `z_hat`; nan outside the model's range and where it has no value."""
+    low, high = model.valid_z_hat
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        value = np.broadcast_to(np.asarray(model(z_hat, **arguments), dtype=float), z_hat.shape)
+    return np.where(
+        (z_hat > low) & (z_hat <= high) & np.isfinite(value) & (value > 0), value, np.nan
+    )
+
+
+def uncertainty(
+    model: LiftModel, z_hat: FloatArray, known: Mapping[str, Any], entry: Mapping[str, Any]
+) -> FloatArray:
+    """Standard uncertainty of L / L_inf at `z_hat` from the covariance of the fitted parameters, to
+    first order.
+    """
+    names = entry["covariance"]["names"]
+    covariance = np.asarray(entry["covariance"]["values"], dtype=float).reshape(
+        len(names), len(names)
+    )
+    centre = {n: float(entry["parameters"][n]["value"]) for n in names}
+    jacobian = np.zeros((len(names), len(z_hat)))
+    for i, name in enumerate(names):
+        low, high = model.parameter(name).bounds
+        # a step well within the uncertainty, so that the slope is that of the curve where the data
+        # leave it
+        step = max(0.01 * float(np.sqrt(covariance[i, i])), 1e-7 * max(abs(centre[name]), 1.0))
+        up, down = min(centre[name] + step, high), max(centre[name] - step, low)
+        jacobian[i] = (
+            ratio(model, z_hat, {**known, **centre, name: up})
+            - ratio(model, z_hat, {**known, **centre, name: down})
+        ) / (up - down)
+    variance = np.einsum("iz,ij,jz->z", jacobian, covariance, jacobian)
+    result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
+    return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """L / L_inf - 1 of a base model over distance, arrays of shape (n,).
+
+    Attributes
+    ----------
+    middle, low, high : array
+        The posterior's pointwise median and central 90 %; where there is no posterior, least
+        squares with the band that the covariance of its parameters implies. `low` and `high` are
+        nan where the intervals of the coefficients have no end.
+    least_squares : array
+    sampled : bool
+        Whether `middle` is the posterior's.
+    """
+
+    middle: FloatArray
+    low: FloatArray
+    high: FloatArray
+    least_squares: FloatArray
+    sampled: bool
+
+    @property
+    def banded(self) -> bool:
+        """Whether there is a band to draw."""
+        return bool(np.isfinite(self.low).any())
+
+    def parts(self, span: float) -> bool:
+        """Whether least squares can be told from `middle` in a panel whose data span so much; a
+        prior, or a curve that bends, parts them.
+        """
+        return self.sampled and bool(
+            np.nanmax(np.abs(self.least_squares - self.middle), initial=0.0) > VISIBLE * span
+        )
+
+
+def posterior_quantiles(
+    evidence: Evidence,
+    boundary: Boundary,
+    model: LiftModel,
+    z_hat: FloatArray,
+    known: Mapping[str, Any],
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """The 5, 50 and 95 % quantiles of L / L_inf - 1 at each `z_hat` over the posterior's draws;
+    None where there are none.
+    """
+    if not evidence.has(POSTERIOR):
+        return None
+    draws = evidence.table(POSTERIOR)
+    mine = (draws["boundary"] == boundary) & (draws["model"] == model.name)
+    each = {
+        p.name: draws["value"][mine & (draws["parameter"] == p.name)][:, None]
+        for p in model.parameters
+    }
+    if not each or not all(len(x) for x in each.values()):
+        return None
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        value = np.asarray(model(z_hat, **known, **each), dtype=float) - 1
+    inside = np.isfinite(
+        ratio(model, z_hat, {**known, **{n: float(np.median(x)) for n, x in each.items()}})
+    )
+    low, middle, high = np.nanquantile(
+        np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.5, 0.95], axis=0
+    )
+    return (
+        np.where(inside, low, np.nan),
+        np.where(inside, middle, np.nan),
+        np.where(inside, high, np.nan),
+    )
+
+
+def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray) -> Curve:
+    """The base model's curve as believed, with its 90 % band, and as least squares has it.
+
+    `z_hat` is as recorded; the model is taken where the rotor stood, by the height error that the
+    fit found.
+    """
+    entry = evidence.base(boundary)[1]
+    z_hat = z_hat + height_found_m(entry) / evidence.observations[boundary].radius_m
+    known = evidence.known(boundary, model)
+    fitted = ratio(model, z_hat, {**known, **values(entry)}) - 1
+    drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
+    if drawn is None:
+        reach = quantile90(entry) * uncertainty(model, z_hat, known, entry)
+        drawn = fitted - reach, fitted, fitted + reach
+    low, middle, high = drawn
+    if endless(entry):
+        low, high = np.full_like(middle, np.nan), np.full_like(middle, np.nan)
+    return Curve(
+        middle=middle, low=low, high=high, least_squares=fitted, sampled=middle is not fitted
+    )
+
+
+def endless(entry: Mapping[str, Any]) -> bool:
+    """Whether a determined coefficient's 90 % interval has no end, because no repeats tell what the
+    trials of a visit share.
+    """
+    return any(e["u"] is not None and e["lo90"] is None for e in entry["parameters"].values())
+
+
+def height_found_m(entry: Mapping[str, Any]) -> float:
+    """What a fit adds to every recorded distance, m; 0 where it found no height error that all
+    trials share.
+    """
+    return float(entry.get("height_error", {"value": 0.0})["value"])
+
+
+def quantile90(entry: Mapping[str, Any]) -> float:
+    """How many standard uncertainties the fit's own 90 % intervals reach to either side."""
+    for e in entry["parameters"].values():
+        if e["u"] and e["hi90"] is not None:
+            return float((e["hi90"] - e["value"]) / e["u"])
+    return NORMAL_90

@@ -1,0 +1,1 @@
+"""Texts for a paper: methods and references, tables in LaTeX and CSV."""

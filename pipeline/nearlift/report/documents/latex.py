@@ -1,0 +1,94 @@
+"""The coefficients to quote, as a LaTeX table (booktabs, siunitx) and as CSV."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.nomenclature import VERDICTS
+from nearlift.products import RESULTS
+from nearlift.quotation import CoefficientResult
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.rounding import decimals, siunitx
+
+SYMBOLS = {"alpha": r"\alpha", "lambda_": r"\lambda", "inverse_K_b": "1/K_b"}
+SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{c: "\\" + c for c in "&%$#_{}"},
+}
+FIELDS = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "at_bound", "holds")
+
+
+def coefficients(evidence: Evidence) -> Columns:
+    """Every coefficient to be quoted, a row each; `base_model` with `effects` is what it belongs
+    to.
+    """
+    rows = []
+    for boundary in evidence.boundaries:
+        own = evidence.quoted(boundary)
+        for name, c in own.coefficients.items():
+            rows.append(
+                (
+                    boundary,
+                    own.base_model,
+                    own.verdict,
+                    " + ".join(own.effects),
+                    name,
+                    c.unit,
+                    *(getattr(c, f) for f in FIELDS),
+                )
+            )
+    names = ("boundary", "base_model", "verdict", "effects", "parameter", "unit", *FIELDS)
+    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+
+
+def table(evidence: Evidence) -> str:
+    r"""The same as a LaTeX table; needs ``\usepackage{booktabs,siunitx}``."""
+    lines = [
+        (
+            f"% {comment(evidence.campaign.name)}: coefficients to quote, from {RESULTS.file};"
+            " standard uncertainties (k = 1) in parentheses"
+        ),
+        r"% \usepackage{booktabs, siunitx}",
+        r"\begin{tabular}{lllll}",
+        r"\toprule",
+        r"Boundary & Model & Coefficient & 90\,\% interval & Verdict \\",
+        r"\midrule",
+    ]
+    for boundary in evidence.boundaries:
+        own = evidence.quoted(boundary)
+        title = escape(
+            " with ".join(
+                [catalogue.model(own.base_model).title, *(e.replace("_", " ") for e in own.effects)]
+            )
+        )
+        rows = [
+            rf"${SYMBOLS.get(n, n)} = \num{{{siunitx(c.value, c.u)}}}$ & {_interval(c)}"
+            for n, c in own.coefficients.items()
+        ] or ["none & "]
+        lines.append(f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[own.verdict])} " + r"\\")
+        lines += [rf" & & {row} & \\" for row in rows[1:]]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _interval(c: CoefficientResult) -> str:
+    if not (math.isfinite(c.u) and c.u > 0):
+        return "--"
+    places = max(decimals(c.u), 0)
+    return rf"\numrange{{{c.lo90:.{places}f}}}{{{c.hi90:.{places}f}}}" + (
+        " (at bound)" if c.at_bound else ""
+    )
+
+
+def escape(text: str) -> str:
+    """Text with nothing in it that LaTeX would act upon."""
+    return "".join(SPECIAL.get(c, c) for c in text if c.isprintable())
+
+
+def comment(text: str) -> str:
+    """Text on one line, as a comment wants it."""
+    return " ".join(text.split())

@@ -1,0 +1,355 @@
+"""The methods paragraph of a paper, from what was done: Markdown as pandoc reads it, LaTeX, and the
+BibTeX of what both cite.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import nearlift
+from nearlift import catalogue
+from nearlift.likelihood import budget
+from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
+from nearlift.quotation import BoundaryResult
+from nearlift.reduction.quality import code, rejected
+from nearlift.report.documents.latex import SYMBOLS, escape
+from nearlift.report.documents.references import bibtex, keys
+from nearlift.report.evidence import Evidence
+from nearlift.report.findings import could_have_seen, stand_ins
+from nearlift.rounding import like, plain, plus_minus
+
+VERDICTS = {
+    "adequate": "nothing was left beyond the noise floor",
+    "unexplained": "structure was left that no candidate could honestly take the credit for",
+}
+#: A part of the scatter with less of the headline's variance goes unmentioned.
+LEAST_SHARE = 0.01
+CITED = re.compile(r"\[@([a-z0-9_]+(?:; @[a-z0-9_]+)*)\]")
+APART = re.compile(r"(\$[^$]+\$|\[@[a-z0-9_; @]+\])")
+
+
+def paragraphs(evidence: Evidence) -> list[str]:
+    """Design, reduction, fits, loop, results and programs, a paragraph each, in pandoc's Markdown:
+    ``$K_b$``, ``[@key]``.
+    """
+    return [
+        p
+        for p in (
+            _design(evidence),
+            _reduction(evidence),
+            _fits(evidence),
+            _loop(evidence),
+            _results(evidence),
+            _programs(evidence),
+        )
+        if p
+    ]
+
+
+def facts(evidence: Evidence) -> dict[str, Any]:
+    """The paragraphs as plain text, for the page."""
+    return {"paragraphs": [_read(p) for p in paragraphs(evidence)]}
+
+
+def markdown(evidence: Evidence) -> bytes:
+    """methods.md."""
+    return ("\n\n".join(paragraphs(evidence)) + "\n").encode()
+
+
+def tex(evidence: Evidence) -> bytes:
+    r"""methods.tex: paragraphs to ``\input``; cites with ``\cite``, needs nothing but
+    ``inputenc``.
+    """
+    return ("\n\n".join(_tex(p) for p in paragraphs(evidence)) + "\n").encode()
+
+
+def references(evidence: Evidence) -> bytes:
+    """references.bib: what the paragraphs cite, and nothing else."""
+    cited = [
+        key
+        for p in paragraphs(evidence)
+        for group in CITED.findall(p)
+        for key in group.split("; @")
+    ]
+    return bibtex(cited, (*catalogue.models(), *catalogue.effects())).encode()
+
+
+def _cite(*names: str) -> str:
+    return f"[@{'; @'.join(dict.fromkeys(names))}]"
+
+
+def _safe(text: str) -> str:
+    """A name from a file, with nothing in it that Markdown or this module would act upon."""
+    return " ".join(re.sub(r"[$\[\]@`*\\<>]", " ", text).split())
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _plural(n: int, word: str) -> str:
+    return f"{n} {word}{'s' if n != 1 else ''}"
+
+
+def _design(evidence: Evidence) -> str:
+    vehicle, rig, trials = evidence.campaign.vehicle, evidence.campaign.rig, evidence.table(TRIALS)
+    parts = []
+    for boundary in evidence.boundaries:
+        mine = (trials["boundary"] == boundary) & np.isfinite(trials["z_hat"])
+        z, levels = trials["z_hat"][mine], np.unique(trials["throttle"][mine])
+        visits = (
+            f" in {_plural(len(np.unique(trials['visit'][mine])), 'visit')}"
+            if "visit" in trials
+            else ""
+        )
+        parts.append(
+            f"near the {boundary}, {_plural(int(mine.sum()), 'trial')}{visits} at"
+            f" {_plural(len(np.unique(z)), 'distance')} "
+            rf"($\hat z$ from {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}) and"
+            rf" {_plural(len(levels), 'throttle')}"
+        )
+    radius = plain(1e3 * vehicle.rotor_radius)
+    simulated = "The records were simulated, not measured. " if evidence.campaign.simulated else ""
+    return (
+        f"{simulated}Lift of a tethered rotorcraft ({_safe(vehicle.name)}:"
+        f" {_plural(vehicle.rotors, 'rotor')} of radius {radius} mm) was "
+        rf"measured as follows: {'; '.join(parts)}. A trial held the {rig.held}; $\hat z$ is the"
+        r" distance over the rotor radius."
+    )
+
+
+def _reduction(evidence: Evidence) -> str:
+    trials, cell = evidence.table(TRIALS), evidence.campaign.load_cell
+    out = rejected(trials["quality"])
+    if evidence.campaign.records.reader == "means":
+        text = "Mean lifts of trials were taken as they were recorded. "
+    else:
+        rate = f" at {plain(cell.sample_rate)} Hz" if cell is not None and cell.sample_rate else ""
+        text = f"Each trial is the mean of a load-cell record{rate}, tare removed. "
+    names = Counter(
+        n for q in trials["quality"][out].tolist() for n in q.split() if code(n).rejects
+    )
+    if out.any():
+        why = _listed([f"{code(n).meaning} ({k})" for n, k in names.most_common()])
+        text += (
+            f"Of {_plural(len(out), 'trial')}, {int(out.sum())}"
+            f" {'was' if out.sum() == 1 else 'were'} left out: {why}. "
+        )
+    else:
+        text += f"None of the {_plural(len(out), 'trial')} was left out. "
+    excluded = sum(len(evidence.base(b)[1]["excluded"]) for b in evidence.boundaries)
+    if excluded:
+        text += (
+            f"{_plural(excluded, 'accepted trial')} outside the range of a base model took no part"
+            " in its fit. "
+        )
+    return text + r"The relative change of lift is $\Delta L = (L - L_\infty)/L_\infty$."
+
+
+def _fits(evidence: Evidence) -> str:
+    content = evidence.document(FIT)
+    parts = []
+    for boundary in evidence.boundaries:
+        model, entry = evidence.base(boundary)
+        rivals = [catalogue.model(n) for n in content["boundaries"][boundary] if n != model.name]
+        beside = (
+            f", beside {_plural(len(rivals), 'rival')}"
+            f" {_cite(*(k for r in rivals for k in keys(r)))}"
+            if rivals
+            else ""
+        )
+        parts.append(
+            f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to"
+            f" {_plural(int(entry['n_trials']), 'trial')}{_scatter(evidence.quoted(boundary))}"
+        )
+    declared = [
+        f"{_safe(c.name)} (shared by {c.scope})" for c in budget.components(evidence.campaign)
+    ]
+    shared = (
+        f", and of declared components that no repeat shows: {_listed(declared)}"
+        if declared
+        else ""
+    )
+    sources = dict.fromkeys(
+        str(content["noise"][b]["source"]).partition(" (")[0] for b in evidence.boundaries
+    )
+    text = (
+        r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with"
+        r" $L_\infty$ free for every throttle: "
+        f"{'; '.join(parts)}. Least squares (trust region {_cite('lmfit')}) used the full"
+        f" covariance of the {_listed(list(sources))}{shared}. "
+        f"Uncertainties follow the GUM {_cite('gum2008')}."
+    )
+    if evidence.has(POSTERIOR):
+        fits = (
+            content["boundaries"][b][content["base"][b]].get("posterior")
+            for b in evidence.boundaries
+        )
+        text += _posteriors([p for p in fits if p])
+    return text
+
+
+def _scatter(quoted: BoundaryResult) -> str:
+    """What the trials scatter by: each part with at least a hundredth of the headline's variance,
+    the largest first.
+    """
+    headline = next(iter(quoted.coefficients.values()), None)
+    if headline is None:
+        return ""
+    parts = [
+        line
+        for line in headline.budget
+        if line.kind == "A"
+        and line.u**2 >= LEAST_SHARE * headline.u**2
+        and line.u_input is not None
+    ]
+    if not parts:
+        return ""
+    scales = {"1": (1e2, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}
+    sized = [(a.source, (a.u_input or 0.0) * scales[a.unit][0], scales[a.unit][1]) for a in parts]
+    return (
+        ", whose errors are"
+        f" {_listed([f'{name} ({plain(size, 2)} {unit})' for name, size, unit in sized])}"
+    )
+
+
+def _posteriors(fits: Sequence[Mapping[str, Any]]) -> str:
+    """How the base models' posteriors were drawn, and who judged them."""
+    drawn = {"importance": "importance sampling", "emcee": f"ensemble sampling {_cite('emcee')}"}
+    judges = {"importance": "the Pareto k of their weights", "emcee": "R-hat"}
+    samplers = [s for s in dict.fromkeys(str(p["sampler"]) for p in fits) if s in drawn]
+    if not samplers:
+        return ""
+    others = dict.fromkeys(
+        f"a {check['by']}" if check["by"] == "grid" else f"the {check['by']}"
+        for p in fits
+        for check in p["checks"]
+        if not check["unfit"]
+    )
+    judged = _listed(["effective draws", *(judges[s] for s in samplers), *others])
+    return (
+        f" Posteriors were drawn by {_listed([drawn[s] for s in samplers])}, and judged by {judged}"
+        f" {_cite('vehtari2021')}."
+    )
+
+
+def _loop(evidence: Evidence) -> str:
+    if not evidence.has(DIAGNOSIS):
+        return ""
+    content = evidence.document(DIAGNOSIS)
+    known = {e.name: e for e in catalogue.effects()}
+    parts, silent = [], []
+    for boundary in evidence.boundaries:
+        if reason := evidence.not_diagnosed(boundary):
+            silent.append(f"Residuals near the {boundary} were not diagnosed: {reason}.")
+        found = evidence.diagnosed(boundary)
+        if not found:
+            continue
+        said = VERDICTS.get(found["verdict"], "")
+        if found["verdict"] == "effect":
+            said = _listed(
+                [
+                    f"{e['name'].replace('_', ' ')} {_cite(*keys(known[e['name']]))}"
+                    for e in found["effects"]
+                    if e["name"] in known
+                ]
+            )
+            rivals = list(
+                dict.fromkeys(
+                    r.replace(" + ", " with ")
+                    for e in found["effects"]
+                    for r in stand_ins(found, e)
+                )
+            )
+            said = f"what was left is accounted for by {said}" + (
+                f", which the design cannot tell from {_listed(rivals).replace('_', ' ')}"
+                if rivals
+                else ""
+            )
+        if look := found.get("look"):
+            said += f" ({look['text']})"
+        error = found.get("error")
+        if error:
+            after = (
+                f" to {plain(100 * error['after']['held_out_rmse'], 3)} %"
+                if found["verdict"] == "effect"
+                else ""
+            )
+            said += (
+                " (error on trials that took no part in choosing:"
+                f" {plain(100 * error['before']['held_out_rmse'], 3)} %{after} of lift; noise floor"
+                f" {plain(100 * error['noise_floor'], 3)} %)"
+            )
+        if could := could_have_seen(found):
+            said += f"; {found['sensitivity']['trials']} trials {could.replace('_', ' ')}"
+        parts.append(f"near the {boundary}, {said}")
+    if not parts:
+        return " ".join(silent)
+    rate = plain(
+        100 * content.get("false_alarm_rate", evidence.campaign.diagnose.false_alarm_rate), 2
+    )
+    tested = (
+        f"Residuals of the base models were tested against the recorded covariates and {len(known)}"
+        f" declared effects, at a chance of {rate} % for any claim at a boundary where nothing is"
+        f" missing: {'; '.join(parts)}."
+    )
+    return " ".join([tested, *silent])
+
+
+def _results(evidence: Evidence) -> str:
+    """The coefficients to quote, with what their intervals hold."""
+    parts = []
+    for boundary in evidence.boundaries:
+        for name, c in evidence.quoted(boundary).coefficients.items():
+            ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
+            parts.append(
+                f"Near the {boundary}, ${SYMBOLS.get(name, name)}$ = {plus_minus(c.value, c.u)} (k"
+                f" = 1; 90 %: {ends}). {_safe(c.holds)}"
+            )
+    return " ".join(parts)
+
+
+def _programs(evidence: Evidence) -> str:
+    versions = evidence.versions
+    named = [
+        f"{name} {versions[key]} {_cite(key)}"
+        for name, key in (("NumPy", "numpy"), ("SciPy", "scipy"), ("Matplotlib", "matplotlib"))
+        if key in versions
+    ]
+    with_what = f"Python {versions.get('python', '')}, {_listed(named)}" if named else "Python"
+    return (
+        f"All numbers are those of nearlift {nearlift.__version__} with {with_what}, seed"
+        f" {evidence.seed}."
+    )
+
+
+def _tex(text: str) -> str:
+    parts = APART.split(text)
+    return "".join(
+        _apart(p) if i % 2 else escape(p).replace("±", r"$\pm$").replace("−", "$-$")
+        for i, p in enumerate(parts)
+    )
+
+
+def _apart(part: str) -> str:
+    return part if part.startswith("$") else r"\cite{" + part[2:-1].replace("; @", ",") + "}"
+
+
+def _read(text: str) -> str:
+    """For the eye: no cites, and symbols as letters."""
+    text = CITED.sub("", text)
+    for latex, letter in (
+        (r"\hat z", "ẑ"),
+        (r"\Delta", "Δ"),
+        (r"_\infty", "∞"),
+        (r"\alpha", "α"),
+        (r"\lambda", "λ"),
+        ("$", ""),
+    ):
+        text = text.replace(latex, letter)
+    return re.sub(r"(?<!\s)\s++([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))

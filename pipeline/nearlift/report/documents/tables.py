@@ -1,0 +1,219 @@
+"""Budget and comparison as LaTeX tables (booktabs, siunitx) and as CSV."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from nearlift.products import FIT
+from nearlift.quotation import BudgetLine
+from nearlift.report.chapters.uncertainty import LEAST, untold
+from nearlift.report.documents.latex import SYMBOLS, comment, escape
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.budget import fall
+from nearlift.report.number import FEW
+
+BUDGET = (
+    "source",
+    "kind",
+    "distribution",
+    "scope",
+    "u_input",
+    "unit",
+    "sensitivity",
+    "u",
+    "u_without",
+    "dof",
+)
+SCORES = (
+    "visits",
+    "skipped",
+    "elpd",
+    "d_elpd",
+    "u_d_elpd",
+    "rmse",
+    "d_rmse",
+    "u_d_rmse",
+    "aic",
+    "bic",
+    "r2",
+)
+UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
+#: What a figure or table calls a score: every RMSE here is of visits left out.
+HEADS = {
+    "kind": "type",
+    "rmse": "held_out_rmse",
+    "d_rmse": "d_held_out_rmse",
+    "u_d_rmse": "u_d_held_out_rmse",
+}
+
+
+def budget(evidence: Evidence) -> Columns:
+    """Every source of error of every coefficient that is quoted, a row each; the combined
+    uncertainty is a row named so.
+    """
+    rows: list[tuple[Any, ...]] = []
+    for boundary in evidence.boundaries:
+        own = evidence.quoted(boundary)
+        for name, c in own.coefficients.items():
+            head = (boundary, own.base_model, name)
+            rows += [(*head, *(_cell(getattr(line, k)) for k in BUDGET)) for line in c.budget]
+            rows.append((*head, "combined", "", "", "", math.nan, "", math.nan, c.u, 0.0, c.dof))
+    names = ("boundary", "model", "coefficient", *(HEADS.get(k, k) for k in BUDGET))
+    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+
+
+def comparison(evidence: Evidence) -> Columns:
+    """Every model's scores, a row each; `held_out_rmse` in log lift, of visits foretold from all
+    others.
+    """
+    content = evidence.document(FIT)
+    rows = []
+    for boundary, own in content.get("comparison", {}).items():
+        for model, scores in own["models"].items():
+            fit = content["boundaries"][boundary][model]
+            weight = (fit.get("log_evidence") or {}).get("value")
+            head = (boundary, model, model == own["reference"], len(fit["parameters"]))
+            rows.append((*head, *(_cell(scores[k]) for k in SCORES), _cell(weight)))
+    names = (
+        "boundary",
+        "model",
+        "base",
+        "free",
+        *(HEADS.get(k, k) for k in SCORES),
+        "log_evidence",
+    )
+    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+
+
+def _cell(value: Any) -> Any:
+    return math.nan if value is None else value
+
+
+def budget_table(evidence: Evidence) -> str:
+    r"""The budgets of the coefficients that are quoted; needs ``\usepackage{booktabs,siunitx}``."""
+    lines = _head(
+        evidence,
+        "uncertainty budget of each coefficient that is quoted",
+        r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} &"
+        r" {Sensitivity} & {$u$} & {$u$ without} & {$\nu$} \\",
+        "lllllrrrrr",
+    )
+    first, marked = True, False
+    for boundary in evidence.boundaries:
+        for name, own in evidence.quoted(boundary).coefficients.items():
+            lines += [] if first else [r"\addlinespace"]
+            first = False
+            label = f"${SYMBOLS.get(name, name)}$, {boundary}"
+            few = untold(own)
+            marked = marked or bool(few)
+            for line in sorted(own.budget, key=lambda one: one.u_without):
+                if fall(line, own.u) < LEAST and line.kind == "A":
+                    # tables/budget.csv has it
+                    continue
+                lines.append(
+                    f"{label} & {escape(line.source)}{FOOTMARK if line.source in few else ''} &"
+                    f" {line.kind} & "
+                    f"{escape(line.distribution)} & {escape(line.scope)} & {_input(line)} & "
+                    rf"\num{{{line.u:.2g}}} & \num{{{line.u_without:.2g}}} & {_dof(line.dof)} \\"
+                )
+                label = ""
+            lines.append(
+                rf"{label} & combined ($k = 1$) & & & & & & \num{{{own.u:.2g}}} & &"
+                rf" {_dof(own.dof)} \\"
+            )
+    return "\n".join(
+        [*lines, r"\bottomrule", r"\end{tabular}", *([FOOTNOTE] if marked else []), ""]
+    )
+
+
+FOOTMARK = r"$^{*}$"
+FOOTNOTE = (
+    rf"\par\smallskip{{\footnotesize {FOOTMARK}\,Fewer than two degrees of freedom: repeats tell"
+    r" nothing of this size, "
+    "which is what they cannot exclude and no finding.}"
+)
+
+
+def _input(line: BudgetLine) -> str:
+    """Standard uncertainty of the input, and the sensitivity to it; two cells."""
+    if line.u_input is None or line.sensitivity is None:
+        return "& "
+    unit = UNITS[line.unit]
+    size = rf"\qty{{{line.u_input:.3g}}}{{{unit}}}" if unit else rf"\num{{{line.u_input:.3g}}}"
+    per = (
+        rf"\qty{{{line.sensitivity:.3g}}}{{\per{unit}}}"
+        if unit
+        else rf"\num{{{line.sensitivity:.3g}}}"
+    )
+    return f"{size} & {per}"
+
+
+def _dof(dof: float | None) -> str:
+    """Degrees of freedom as text mode has them: one decimal below ten."""
+    return (
+        rf"\num{{{dof:.{0 if dof >= FEW else 1}f}}}"
+        if dof is not None and math.isfinite(dof)
+        else r"$\infty$"
+    )
+
+
+def comparison_table(evidence: Evidence) -> str:
+    r"""The models of each boundary by held-out score; needs ``\usepackage{booktabs,siunitx}``."""
+    content = evidence.document(FIT)
+    lines = _head(
+        evidence,
+        "models compared; scores are log predictive densities of visits left out, less the base"
+        " model's",
+        r"Boundary & Model & {Free} & {$\Delta$ score} & {Held-out RMSE (\%)} & {$\Delta$AIC} &"
+        r" {$\Delta$BIC} & {$\Delta \ln Z$} & {$R^2$} \\",
+        "llrrrrrrr",
+    )
+    for i, boundary in enumerate(evidence.boundaries):
+        own = content.get("comparison", {}).get(boundary)
+        if not own:
+            continue
+        lines += [r"\addlinespace"] if i else []
+        models, base = own["models"], own["reference"]
+        fits = content["boundaries"][boundary]
+        for name in sorted(models, key=lambda n: -(models[n]["d_elpd"] or 0.0)):
+            one = models[name]
+            title = escape(fits[name]["title"]) + (" (base)" if name == base else "")
+            score = (
+                r"\num{0}"
+                if name == base
+                else rf"\num{{{_number(one['d_elpd'], 1)} +- {_number(one['u_d_elpd'], 1)}}}"
+            )
+            whole = one["visits"] == models[base]["visits"]
+            excess = [
+                rf"\num{{{one[k] - models[base][k]:.1f}}}" if whole else "--"
+                for k in ("aic", "bic")
+            ]
+            weights: list[Any] = [
+                (fits[n].get("log_evidence") or {}).get("value") for n in (name, base)
+            ]
+            weight = "--" if None in weights else rf"\num{{{weights[0] - weights[1]:.1f}}}"
+            r2 = "--" if one["r2"] is None else rf"\num{{{one['r2']:.4f}}}"
+            rest = " & ".join([*excess, weight, r2])
+            lines.append(
+                rf"{boundary} & {title} & {len(fits[name]['parameters'])} & {score} &"
+                rf" \num{{{100 * one['rmse']:.3f}}} & {rest} \\"
+            )
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _number(value: float | None, places: int) -> str:
+    return "0" if value is None else f"{value:.{places}f}"
+
+
+def _head(evidence: Evidence, what: str, header: str, columns: str) -> list[str]:
+    return [
+        f"% {comment(evidence.campaign.name)}: {what}, from {FIT.file}",
+        r"% \usepackage{booktabs, siunitx}",
+        rf"\begin{{tabular}}{{{columns}}}",
+        r"\toprule",
+        header,
+        r"\midrule",
+    ]

@@ -1,0 +1,275 @@
+"""What the ratio takes for granted: the coefficient per throttle, against the exponent of the held
+quantity, and C_L against speed; a row of panels per question, a column per boundary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from nearlift import nomenclature
+from nearlift.declare import Boundary
+from nearlift.products import FIT
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style
+from nearlift.rounding import plain
+
+PARTS = ("throttle", "exponent", "rotor")
+NUMBERS = ("x", "value", "lo90", "hi90", "lo90_apart", "hi90_apart")
+
+
+Rows = Mapping[str, Any]
+COLOUR = SERIES[0][0]
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `part`, `kind`, `label` (the coefficient's name), `x`, `value`, `lo90`,
+        `hi90`, `lo90_apart`, `hi90_apart`. Part `throttle`: kinds `throttle` (x in per cent; the
+        interval `apart` is without what all throttles share) and `common`. Part `exponent`: kinds
+        `curve`, `plausible`, and `supported` (an end of what the logs leave). Part `rotor`: kinds
+        `C_L` (x in Hz), `law`, `paper`.
+    """
+    rows: list[dict[str, Any]] = []
+    for boundary in evidence.boundaries:
+        rows += [
+            {"panel": boundary, "part": "throttle", **r} for r in _throttles(evidence, boundary)
+        ]
+        rows += [
+            {"panel": boundary, "part": "exponent", **r} for r in _exponents(evidence, boundary)
+        ]
+        rows += [{"panel": boundary, "part": "rotor", **r} for r in _rotor(evidence, boundary)]
+    texts = {
+        name: np.array([r[name] for r in rows], dtype=object)
+        for name in ("panel", "part", "kind", "label")
+    }
+    return {
+        **texts,
+        **{name: np.array([r.get(name, np.nan) for r in rows], dtype=float) for name in NUMBERS},
+    }
+
+
+def entry(evidence: Evidence, question: str, boundary: Boundary) -> dict[str, Any]:
+    """What fit.json says beside one boundary's base fit; empty where it says nothing."""
+    found: dict[str, Any] = evidence.document(FIT).get(question, {}).get(boundary, {})
+    return found
+
+
+def _estimate(e: dict[str, Any]) -> dict[str, float]:
+    return {k: e[k] for k in ("value", "lo90", "hi90")}
+
+
+def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+    found = entry(evidence, "throttle_collapse", boundary)
+    each = found.get("per_throttle", {})
+    if len(each) < 2:
+        return []
+    name = found["coefficient"]
+    _, base = evidence.base(boundary)
+    rows = [{"kind": "common", "label": name, **_estimate(base["parameters"][name])}]
+    for throttle, e in each.items():
+        apart = (e["hi90"] - e["value"]) * e["u_apart"] / e["u"]
+        around = {"lo90_apart": e["value"] - apart, "hi90_apart": e["value"] + apart}
+        rows.append(
+            {
+                "kind": "throttle",
+                "label": name,
+                "x": 100 * float(throttle),
+                **_estimate(e),
+                **around,
+            }
+        )
+    return rows
+
+
+def _exponents(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+    found = entry(evidence, "held_quantity", boundary)
+    if not found.get("curve"):
+        return []
+    name = found["coefficient"]
+    rows = [
+        {"kind": kind, "label": name, "x": e["n"], **_estimate(e)}
+        for kind in ("curve", "plausible")
+        for e in found[kind]
+    ]
+    return rows + [
+        {"kind": "supported", "label": name, "x": n} for n in found["supported_exponents"] or ()
+    ]
+
+
+def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+    found = entry(evidence, "rotor_coefficient", boundary)
+    if not found.get("per_throttle"):
+        return []
+    points = [
+        {"kind": "C_L", "label": "C_L", "x": e["speed_Hz"], **_estimate(e)}
+        for e in found["per_throttle"].values()
+    ]
+    rows = [*points, {"kind": "paper", "label": "C_L", "value": found["paper"]}]
+    if found["exponent"] is not None:
+        speeds = np.geomspace(min(p["x"] for p in points), max(p["x"] for p in points), 41)
+        law = (
+            found["law"]["C_L"] * (speeds / found["law"]["speed_Hz"]) ** found["exponent"]["value"]
+        )
+        rows += [
+            {"kind": "law", "label": "C_L", "x": float(x), "value": float(c)}
+            for x, c in zip(speeds, law, strict=True)
+        ]
+    return rows
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What each row of panels shows."""
+    parts = []
+    if (table["part"] == "throttle").any():
+        parts.append(
+            "Coefficient of the base fit per throttle (symbols) and for all (line, 90 % band)."
+        )
+        parts.append(
+            "Thick: 90 % interval of what parts a throttle from the others; thin: with the errors"
+            " that all throttles share."
+        )
+    if (table["part"] == "exponent").any():
+        parts.append(
+            "Coefficient of the base fit against the exponent n to which the model's ratio is"
+            " raised (line, 90 % band):"
+        )
+        parts.append(
+            "1 as published, 2/3 constant power, 0.60 to 0.82 constant rotor speed (symbols)."
+        )
+    if (table["kind"] == "supported").any():
+        parts.append("Shade: what the logged speed or power leaves.")
+    if (table["part"] == "rotor").any():
+        parts.append(
+            "Rotor coefficient per throttle against rotor speed, 90 % intervals; line: power law;"
+        )
+        parts.append("dashed: the constant of Carter et al. 2021.")
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """The picture's numbers for those who do not see it."""
+    parts = []
+    for boundary in dict.fromkeys(table["panel"].tolist()):
+        mine = table["panel"] == boundary
+        for part, kind, what, unit in (
+            ("throttle", "throttle", "per throttle", " %"),
+            ("exponent", "plausible", "per exponent", ""),
+            ("rotor", "C_L", "per speed", " Hz"),
+        ):
+            rows = np.flatnonzero(mine & (table["part"] == part) & (table["kind"] == kind))
+            if len(rows):
+                each = ", ".join(
+                    f"{plain(float(table['value'][i]), 3)} at"
+                    f" {plain(float(table['x'][i]), 3)}{unit}"
+                    for i in rows
+                )
+                parts.append(f"{boundary.capitalize()}: {table['label'][rows[0]]} {what}: {each}.")
+    return " ".join(parts)
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """The grid; with one boundary its questions stand side by side."""
+    panels = list(dict.fromkeys(table["panel"].tolist()))
+    parts = [p for p in DRAW if (table["part"] == p).any()]
+    lone = len(panels) == 1
+    rows, columns = (1, len(parts)) if lone else (len(parts), len(panels))
+    width = look.single_in if lone and len(parts) == 1 else look.double_in
+    height = 0.36 * look.double_in if rows == 1 else 0.27 * look.double_in * rows
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for i, part in enumerate(parts):
+        for j, boundary in enumerate(panels):
+            ax = axes[0, i] if lone else axes[i, j]
+            mine = {
+                name: column[(table["panel"] == boundary) & (table["part"] == part)]
+                for name, column in table.items()
+            }
+            if not len(mine["kind"]):
+                ax.set_axis_off()
+                continue
+            DRAW[part](ax, mine)
+            ax.yaxis.set_major_locator(MaxNLocator(4))
+            ax.set_ylabel(nomenclature.label(str(mine["label"][0])), labelpad=1)
+            if i == 0 or lone:
+                ax.set_title(boundary, loc="left", fontsize=look.text_pt)
+    return figure
+
+
+def _select(rows: Rows, kind: str) -> dict[str, Any]:
+    return {name: column[rows["kind"] == kind] for name, column in rows.items()}
+
+
+def _bars(ax: Axes, rows: Rows, low: str, high: str, linewidth: float) -> None:
+    ax.vlines(rows["x"], rows[low], rows[high], color=COLOUR, linewidth=linewidth, zorder=3)
+
+
+def _draw_throttles(ax: Axes, rows: Rows) -> None:
+    common, each = _select(rows, "common"), _select(rows, "throttle")
+    ax.axhspan(common["lo90"][0], common["hi90"][0], color=BAND, linewidth=0, zorder=0)
+    ax.axhline(common["value"][0], color=FITTED, zorder=1)
+    _bars(ax, each, "lo90", "hi90", 0.7)
+    _bars(ax, each, "lo90_apart", "hi90_apart", 2.0)
+    many = len(each["x"]) > 8
+    ax.plot(
+        each["x"],
+        each["value"],
+        "o",
+        color=COLOUR,
+        markerfacecolor="white",
+        markeredgewidth=0.8,
+        zorder=4,
+    )
+    if not many:
+        ax.set_xticks(each["x"], [f"{x:.3g}" for x in each["x"]])
+    ax.margins(x=0.12)
+    ax.set_xlabel("throttle (%)", labelpad=1)
+
+
+def _draw_exponents(ax: Axes, rows: Rows) -> None:
+    curve, marks, supported = (_select(rows, kind) for kind in ("curve", "plausible", "supported"))
+    if len(supported["x"]) == 2:
+        ax.axvspan(*supported["x"], color=SERIES[5][0], alpha=0.3, linewidth=0, zorder=0)
+    ax.fill_between(curve["x"], curve["lo90"], curve["hi90"], color=BAND, linewidth=0, zorder=1)
+    ax.plot(curve["x"], curve["value"], color=FITTED, zorder=2)
+    ax.plot(
+        marks["x"],
+        marks["value"],
+        "o",
+        color=COLOUR,
+        markerfacecolor="white",
+        markeredgewidth=0.8,
+        zorder=4,
+    )
+    ax.set_xlim(float(np.min(curve["x"])), float(np.max(curve["x"])))
+    ax.set_xlabel("exponent $n$ of the ratio", labelpad=1)
+
+
+def _draw_rotor(ax: Axes, rows: Rows) -> None:
+    points, law, paper = (_select(rows, kind) for kind in ("C_L", "law", "paper"))
+    ax.plot(law["x"], law["value"], color=FITTED, zorder=2)
+    ax.axhline(paper["value"][0], color=REFERENCES[0][0], linestyle=REFERENCES[0][1], zorder=1)
+    _bars(ax, points, "lo90", "hi90", 1.2)
+    ax.plot(
+        points["x"],
+        points["value"],
+        "o",
+        color=COLOUR,
+        markerfacecolor="white",
+        markeredgewidth=0.8,
+        zorder=4,
+    )
+    ax.margins(x=0.12, y=0.12)
+    ax.set_xlabel(f"rotor speed {nomenclature.label('speed_Hz')}", labelpad=1)
+
+
+DRAW = {"throttle": _draw_throttles, "exponent": _draw_exponents, "rotor": _draw_rotor}

@@ -1,0 +1,179 @@
+"""What each source of error holds: the fall of each coefficient's uncertainty if that source were
+known exactly; a panel per coefficient, a bar per source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from nearlift.quotation import BudgetLine, CoefficientResult
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.style import SERIES, Style, coefficient, plain_text
+from nearlift.rounding import letter
+
+#: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
+#: not drawn; what was declared always is.
+LEAST = 0.002
+
+
+Rows = Mapping[str, Any]
+LOOKS = {"A": (SERIES[0][0], ""), "B": (SERIES[1][0], "////")}
+MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """A row for each bar.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared),
+        `fall_percent` of the coefficient's standard uncertainty if the source were known exactly,
+        `u` that it adds, `u_without` it. Every panel has every component, the largest fall first;
+        numbers are NaN where a coefficient has no such source.
+    """
+    bars = [
+        (b, name, c)
+        for b in evidence.boundaries
+        for name, c in evidence.quoted(b).coefficients.items()
+        if c.budget
+    ]
+    rows = _rows(bars)
+    kinds: tuple[tuple[str, type], ...] = (
+        ("panel", object),
+        ("parameter", object),
+        ("component", object),
+        ("type", object),
+        ("fall_percent", float),
+        ("u", float),
+        ("u_without", float),
+    )
+    return {
+        name: np.array([row[i] for row in rows], dtype=kind) for i, (name, kind) in enumerate(kinds)
+    }
+
+
+def fall(line: BudgetLine, u: float) -> float:
+    """By which part of itself the coefficient's standard uncertainty `u` falls if the source of
+    `line` were known exactly.
+    """
+    return 1.0 - line.u_without / u if np.isfinite(u) else 0.0
+
+
+def _rows(bars: Sequence[tuple[str, str, CoefficientResult]]) -> list[tuple[Any, ...]]:
+    falls: dict[str, list[float]] = {}
+    kinds: dict[str, str] = {}
+    for _, _, own in bars:
+        for line in own.budget:
+            falls.setdefault(line.source, []).append(fall(line, own.u))
+            kinds[line.source] = line.kind
+    shown = sorted(
+        (c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"),
+        key=lambda c: -sum(falls[c]),
+    )
+    rows: list[tuple[Any, ...]] = []
+    for boundary, name, own in bars:
+        lines = {line.source: line for line in own.budget}
+        for source in shown:
+            held = lines.get(source)
+            found = (
+                (100 * fall(held, own.u), held.u, held.u_without)
+                if held
+                else (np.nan, np.nan, np.nan)
+            )
+            rows.append((boundary, name, source, kinds[source], *found))
+    return rows
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What is drawn, and the largest source of each coefficient."""
+    words = []
+    for panel, name in dict.fromkeys(zip(table["panel"], table["parameter"], strict=True)):
+        mine = (table["panel"] == panel) & (table["parameter"] == name)
+        top = np.flatnonzero(mine)[np.nanargmax(table["fall_percent"][mine])]
+        words.append(
+            f"{letter(name)} ({panel}): {table['component'][top]},"
+            f" {table['fall_percent'][top]:.0f} %"
+        )
+    return (
+        "By how much the standard uncertainty of each coefficient would fall if one source of"
+        " error were known exactly; type A from repeats, type B declared in the manifest, always"
+        " shown. Sources are correlated through the fit, so the falls do not add. Largest:"
+        f" {'; '.join(words)}."
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """The same for who cannot see it."""
+    n = len(set(zip(table["panel"], table["parameter"], strict=True)))
+    return (
+        f"Horizontal bars in {n} panel{'s' if n != 1 else ''}. "
+        + caption(evidence, table).split("Largest: ")[1]
+    )
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """Panels side by side share the list of sources."""
+    panels = list(
+        dict.fromkeys(zip(table["panel"].tolist(), table["parameter"].tolist(), strict=True))
+    )
+    components = list(dict.fromkeys(table["component"].tolist()))
+    height = min((0.19 * len(components) + 0.75) * look.text_pt / 8, look.height_in)
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    # names of sources reach to the figure's edge, and a printer's cut would take their first letter
+    figure.set_layout_engine("constrained", rect=(0.012, 0.0, 0.976, 1.0))
+    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
+    for ax, (boundary, parameter) in zip(axes, panels, strict=True):
+        mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
+        for y, fall, kind in zip(
+            range(len(components)), table["fall_percent"][mine], table["type"][mine], strict=True
+        ):
+            if np.isnan(fall):
+                # no source of this coefficient
+                continue
+            colour, hatch = LOOKS[kind]
+            ax.barh(
+                y, fall, height=0.7, facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0
+            )
+            ax.annotate(
+                _percent(fall),
+                (fall, y),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=look.text_pt - 2,
+            )
+        ax.set_yticks(range(len(components)), [plain_text(c) for c in components])
+        ax.set_ylim(len(components) - 0.4, -0.6)
+        ax.set_xlim(0, 124)
+        ax.set_xticks([0, 50, 100])
+        ax.tick_params(axis="y", length=0)
+        ax.set_title(f"{coefficient(parameter)}, {boundary}", fontsize=look.text_pt)
+    figure.supxlabel(
+        "fall of the standard uncertainty if the source were known exactly (%)",
+        fontsize=look.text_pt,
+    )
+    used = [k for k in LOOKS if np.any(table["type"] == k)]
+    handles = [
+        Patch(
+            facecolor=LOOKS[k][0],
+            hatch=LOOKS[k][1],
+            edgecolor="white",
+            linewidth=0.0,
+            label=MEANINGS[k],
+        )
+        for k in used
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(used))
+    return figure
+
+
+def _percent(fall: float) -> str:
+    if fall < 0.1:
+        return "< 0.1" if fall > 0 else "0"
+    return f"{fall:.1f}" if fall < 9.95 else f"{fall:.0f}"

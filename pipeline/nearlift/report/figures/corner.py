@@ -1,0 +1,297 @@
+"""Corner plots of the base models' posteriors, a boundary beside the other: histograms of the
+parameters and one throttle's L_inf on the diagonal, regions of highest density beneath it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from numpy.typing import NDArray
+
+from nearlift import nomenclature
+from nearlift.declare import Boundary, FloatArray
+from nearlift.errors import UsageError
+from nearlift.products import POSTERIOR
+from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.style import FITTED, Style, plain_text
+from nearlift.rounding import plain
+
+BINS, CELLS = 40, 26
+#: Shares of the draws between which an axis runs.
+SHOWN = (0.001, 0.999)
+
+
+Rows = Mapping[str, Any]
+#: Share of the posterior within a region, and its grey.
+REGIONS = ((0.5, "#555555"), (0.9, "#9A9A9A"), (1.0, "#DADADA"))
+
+
+def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
+    """Draws of the base model's parameters, and of L_inf in mN at the highest throttle,
+    (n,) each.
+    """
+    table = evidence.table(POSTERIOR)
+    model, _ = evidence.base(boundary)
+    mine = (table["boundary"] == boundary) & (table["model"] == model.name)
+    names = list(dict.fromkeys(table["parameter"][mine].tolist()))
+    parameters = [n for n in names if not n.startswith("L_inf_N")]
+    levels = [n for n in names if n.startswith("L_inf_N")]
+    found = {
+        n: table["value"][mine & (table["parameter"] == n)] for n in (*parameters, *levels[-1:])
+    }
+    return {n.replace("_N[", "_mN["): 1000 * x if n in levels else x for n, x in found.items()}
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `kind` (histogram or region), `x_name`, `y_name` (empty for a
+        histogram), the cell's `x_low`, `x_high`, `y_low`, `y_high`, and `value`: of a histogram the
+        density over its greatest, of a region the share of the posterior that lies where it is at
+        least as dense as here.
+    """
+    rows = []
+    for boundary in evidence.boundaries:
+        found = draws(evidence, boundary)
+        edges = {name: _edges(x, CELLS) for name, x in found.items()}
+        for i, (name, x) in enumerate(found.items()):
+            rows.append(_histogram(boundary, name, x))
+            rows += [
+                _region(boundary, (name, x, edges[name]), (other, found[other], edges[other]))
+                for other in list(found)[i + 1 :]
+            ]
+    return stack(rows) if rows else {}
+
+
+def _edges(x: FloatArray, bins: int) -> FloatArray:
+    low, high = np.quantile(x, SHOWN)
+    if not high > low:
+        # a parameter without spread still has a place
+        reach = 1e-3 * max(abs(float(low)), 1e-6)
+        low, high = low - reach, high + reach
+    margin = 0.04 * (high - low)
+    return np.linspace(float(low - margin), float(high + margin), bins + 1)
+
+
+def _histogram(boundary: str, name: str, x: FloatArray) -> Columns:
+    edges = _edges(x, BINS)
+    count = np.histogram(x, edges)[0]
+    none = np.full(BINS, np.nan)
+    return _rows(
+        boundary,
+        "histogram",
+        (name, ""),
+        (edges[:-1], edges[1:], none, none),
+        count / max(int(count.max()), 1),
+    )
+
+
+def _region(
+    boundary: str,
+    first: tuple[str, FloatArray, FloatArray],
+    second: tuple[str, FloatArray, FloatArray],
+) -> Columns:
+    (x_name, x, x_edges), (y_name, y, y_edges) = first, second
+    count = np.histogram2d(x, y, (x_edges, y_edges))[0]
+    count = _smooth(_smooth(count).T).T
+    order = np.argsort(-count, axis=None)
+    share = np.empty(count.size)
+    share[order] = np.cumsum(count.ravel()[order]) / count.sum()
+    i, j = (index.ravel() for index in np.indices(count.shape))
+    keep = (count.ravel() > 0) & (share < 0.995)
+    ends = (x_edges[i], x_edges[i + 1], y_edges[j], y_edges[j + 1])
+    low_x, high_x, low_y, high_y = (end[keep] for end in ends)
+    return _rows(boundary, "region", (x_name, y_name), (low_x, high_x, low_y, high_y), share[keep])
+
+
+def _smooth(count: FloatArray) -> FloatArray:
+    """A binomial window over neighbouring cells along the first axis; counts of a few draws scatter
+    more than the density.
+    """
+    padded = np.pad(count, ((2, 2), (0, 0)))
+    n = len(count)
+    return np.asarray(
+        sum(w * padded[k : k + n] for k, w in enumerate((1, 4, 6, 4, 1))) / 16, dtype=np.float64
+    )
+
+
+def _rows(
+    boundary: str,
+    kind: str,
+    names: tuple[str, str],
+    ends: tuple[NDArray[np.float64], ...],
+    value: FloatArray,
+) -> Columns:
+    n = len(value)
+    x_low, x_high, y_low, y_high = ends
+    return {
+        "panel": text_column(boundary, n),
+        "kind": text_column(kind, n),
+        "x_name": text_column(names[0], n),
+        "y_name": text_column(names[1], n),
+        "x_low": x_low,
+        "x_high": x_high,
+        "y_low": y_low,
+        "y_high": y_high,
+        "value": value,
+    }
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know to read the figure, numbers included."""
+    parts = [
+        (
+            "Posterior of each base model: histograms of the draws and, for each pair, the regions"
+            " of highest density that hold 50, 90 and 99 %."
+        )
+    ]
+    for boundary in evidence.boundaries:
+        found = draws(evidence, boundary)
+        names = list(found)
+        model, entry = evidence.base(boundary)
+        n = len(found[names[0]]) if names else 0
+        pairs = [
+            (a, b, _correlation(found[a], found[b]))
+            for i, a in enumerate(names)
+            for b in names[i + 1 :]
+        ]
+        strongest = max(pairs, key=lambda p: abs(p[2]), default=None)
+        told = (
+            f"; strongest correlation {plain(strongest[2], 2)}, of {_word(strongest[0])} and"
+            f" {_word(strongest[1])}"
+            if strongest
+            else ""
+        )
+        parts.append(
+            f"{boundary.capitalize()}: {model.title}, {n} draws by"
+            f" {SAMPLERS[entry['posterior']['sampler']]}{told}."
+        )
+    return " ".join(parts)
+
+
+SAMPLERS = {"importance": "importance sampling", "emcee": "emcee", "none": "its closed form"}
+
+
+def _correlation(x: FloatArray, y: FloatArray) -> float:
+    return float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
+
+
+def _word(name: str) -> str:
+    if name.startswith("L_inf_mN["):
+        return f"L∞ at {100 * float(name[9:-1]):.3g} %"
+    return {"alpha": "α", "lambda_": "λ"}.get(name, name)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    told = [
+        f"{b.capitalize()}: {', '.join(_word(name) for name in draws(evidence, b))}."
+        for b in evidence.boundaries
+    ]
+    return f"Corner plots of the posteriors. {' '.join(told)}"
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """A triangle of panels for each boundary."""
+    boundaries = list(dict.fromkeys(table["panel"].tolist()))
+    names = {
+        b: list(dict.fromkeys(table["x_name"][table["panel"] == b].tolist())) for b in boundaries
+    }
+    sizes = [max(len(names[b]), 1) for b in boundaries]
+    side = min(look.double_in / sum(sizes), 1.7 * look.double_in / 6.75)
+    figure = Figure(figsize=(look.double_in, side * max(sizes) + 0.35), layout="constrained")
+    blocks = figure.subfigures(1, len(boundaries), squeeze=False, width_ratios=sizes)[0]
+    for letter, boundary, block in zip("abc", boundaries, blocks, strict=False):
+        chosen = _select(table, table["panel"] == boundary)
+        block.suptitle(
+            f"{letter}) {boundary}" if len(boundaries) > 1 else boundary,
+            fontsize=look.text_pt,
+            x=0.02,
+            ha="left",
+        )
+        _triangle(block, chosen, names[boundary], max(sizes))
+    return figure
+
+
+def _triangle(block: Any, rows: Rows, names: list[str], height: int) -> None:
+    axes = block.subplots(height, len(names), squeeze=False)
+    for i in range(height):
+        for j, x_name in enumerate(names):
+            ax = axes[i][j]
+            if i >= len(names) or j > i:
+                ax.set_axis_off()
+                continue
+            mine = _select(rows, rows["x_name"] == x_name)
+            if i == j:
+                _draw_histogram(ax, _select(mine, mine["kind"] == "histogram"))
+            else:
+                _draw_region(ax, _select(mine, mine["y_name"] == names[i]))
+                if j == 0:
+                    ax.set_ylabel(_label(names[i]))
+                else:
+                    ax.tick_params(labelleft=False)
+            ax.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+            whole = _select(mine, mine["kind"] == "histogram")
+            ax.set_xlim(whole["x_low"].min(), whole["x_high"].max())
+            if i == len(names) - 1:
+                ax.set_xlabel(_label(x_name))
+                ax.xaxis.set_major_formatter(_numbers())
+            else:
+                ax.tick_params(labelbottom=False)
+
+
+def _numbers() -> ScalarFormatter:
+    shown = ScalarFormatter(useOffset=False)
+    shown.set_powerlimits((-4, 5))
+    return shown
+
+
+def _draw_histogram(ax: Axes, rows: Rows) -> None:
+    ax.stairs(rows["value"], [*rows["x_low"], rows["x_high"][-1]], color=FITTED, linewidth=0.8)
+    ax.set_ylim(0, 1.12)
+    ax.set_yticks([])
+
+
+def _draw_region(ax: Axes, rows: Rows) -> None:
+    below = 0.0
+    for share, colour in REGIONS:
+        mine = _select(rows, (rows["value"] > below) & (rows["value"] <= share))
+        below = share
+        corners = [
+            (mine[x], mine[y])
+            for x, y in (
+                ("x_low", "y_low"),
+                ("x_high", "y_low"),
+                ("x_high", "y_high"),
+                ("x_low", "y_high"),
+            )
+        ]
+        cells = np.moveaxis(np.array(corners), (0, 1, 2), (1, 2, 0))
+        ax.add_collection(
+            PolyCollection(list(cells), facecolor=colour, edgecolor=colour, linewidth=0.2)
+        )
+    ax.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+    ax.yaxis.set_major_formatter(_numbers())
+    ax.set_ylim(rows["y_low"].min(), rows["y_high"].max())
+
+
+def _label(name: str) -> str:
+    if name.startswith("L_inf_mN["):
+        return rf"$L_\infty$ at {100 * float(name[9:-1]):.3g} % (mN)"
+    try:
+        return nomenclature.label(name)
+    except UsageError:
+        return plain_text(name)
+
+
+def _select(table: Rows, rows: Any) -> dict[str, Any]:
+    return {name: column[rows] for name, column in table.items()}

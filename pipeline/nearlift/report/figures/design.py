@@ -1,0 +1,322 @@
+"""A design's outlook: what it could see of each effect, and what it would take each one for; drawn,
+and as text for the console.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from nearlift.report.evidence import Columns
+from nearlift.report.figures.style import SERIES, Style
+
+#: Displayed units of sizes that are small in SI.
+SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m", 1e3)}
+
+
+Rows = Mapping[str, Any]
+LOOKS = {
+    "named": (SERIES[2][0], SERIES[2][1]),
+    "seen, seldom named": (SERIES[4][0], SERIES[4][1]),
+    "seen, not told apart": (SERIES[0][0], SERIES[0][1]),
+    "too small to see": (SERIES[1][0], SERIES[1][1]),
+    "silent": ("0.5", "x"),
+}
+#: Chances below this are left blank.
+LEAST = 0.05
+
+
+def size_text(value: float, unit: str) -> str:
+    """A size with its unit, in millimetres and millinewtons where these are handier."""
+    shown, factor = SHOWN.get(unit, ("" if unit == "1" else unit, 1.0))
+    return f"{factor * value:.3g} {shown}".strip()
+
+
+def rows(found: dict[str, Any]) -> Columns:
+    """The figure's rows. `panel` limits: `x` the detection limit over the plausible size (nan if
+    never seen); confused: `x` the chance.
+    """
+    content: list[tuple[str, str, str, str, float, str]] = []
+    for boundary, at in found["boundaries"].items():
+        order = at["effects"]
+        for row in order:
+            name = label(row)
+            limit = row["detection_limit"]
+            ratio = np.nan if limit is None else limit / row["plausible_size"]
+            text = "" if limit is None else size_text(limit, row["unit"])
+            content.append((boundary, "limits", name, row["verdict"], ratio, text))
+        for row in order:
+            if row["verdict"] in ("silent", "too small to see"):
+                continue
+            content.append((boundary, "confused", label(row), row["effect"], row["within"], ""))
+            content += [
+                (boundary, "confused", label(row), rival, chance, "")
+                for rival, chance in row["rivals"].items()
+            ]
+    boundary, panel, effect, series, x, note = zip(*content, strict=True)
+
+    def text_of(values: tuple[str, ...]) -> Any:
+        return np.array(values, dtype=object)
+
+    return {
+        "boundary": text_of(boundary),
+        "panel": text_of(panel),
+        "effect": text_of(effect),
+        "series": text_of(series),
+        "x": np.array(x, dtype=float),
+        "note": text_of(note),
+    }
+
+
+def label(row: dict[str, Any]) -> str:
+    """An effect's name; with its parameter where it has several sizes."""
+    return str(row["parameter"]) if row["effect"] == "tilt" else str(row["effect"])
+
+
+def text(found: dict[str, Any]) -> str:
+    """The outlook in words, its numbers from `found`."""
+    lines = [f"{found['campaign']}: a plan from {found['plan']}"]
+    lines += [line for said in found["assumed"] for line in _wrap(f"Assumed: {said}.")]
+    for boundary, at in found["boundaries"].items():
+        lines += ["", f"{boundary}: {at['trials']} trials about {at['base_model']}", ""]
+        lines += _boundary(at)
+    lines += [line for note in found["notes"] for line in ("", *_wrap(f"Not weighed: {note}"))]
+    s = found["schedule"]
+    lines += [
+        "",
+        *_wrap(
+            f"Random schedule (seed {s['seed']}): {s['trials']} trials at {s['visits']} visits in"
+            f" {s['sessions']} sessions, about {s['hours']:.1f} h; {100 * s['from_afar']:.0f} % of"
+            f" visits arrive moving towards the boundary, {s['detours']} drive past their station"
+            " first (column via). Times are planned ones: put the true ones in."
+        ),
+        s["file"],
+        "Copy it into the campaign's folder as trials.csv; nothing is written there.",
+        "",
+        *found["files"],
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _boundary(at: dict[str, Any]) -> list[str]:
+    noise = at["expected_noise"]
+    lines = _wrap(
+        f"Noise ({noise['source']}): {100 * noise['relative']:.2g} % of lift,"
+        f" {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit. False-alarm"
+        f" rate {at['false_alarm_rate']:g}, for all tests together."
+    )
+    for name, c in at["coefficients"].items():
+        wide = f"{c['u_with_undetected_effects']:.2g}"
+        lines += _wrap(
+            f"Expected: {name} = {c['expected']:.3g} +- {c['u']:.2g}; with every effect of"
+            f" plausible size unnoticed, +- {wide}."
+        )
+    lines += [
+        "",
+        f"  {'effect':<22} {'limit':>12} {'plausible':>12} {'seen':>5} {'alone':>6}  verdict",
+    ]
+    for row in at["effects"]:
+        limit = (
+            "never"
+            if row["detection_limit"] is None
+            else size_text(row["detection_limit"], row["unit"])
+        )
+        plausible = size_text(row["plausible_size"], row["unit"])
+        chances = f"{100 * row['seen']:4.0f}% {100 * row['alone']:5.0f}%"
+        lines.append(f"  {label(row):<22} {limit:>12} {plausible:>12} {chances}  {row['verdict']}")
+    lines += [
+        "",
+        (
+            "  limit: size seen with 80 % chance; seen, alone: chances at the plausible size"
+            " (alone: named without a rival)"
+        ),
+        "",
+    ]
+    hidden = [r for r in at["effects"] if r["verdict"] in ("silent", "too small to see")]
+    first = next(iter(at["coefficients"]), None)
+    if first is not None and hidden:
+        worst = sorted(hidden, key=lambda r: -abs(r["bias"][first]["in_u"]))[:3]
+        told = "; ".join(
+            f"{label(r)} of {size_text(r['hides_up_to'], r['unit'])}:"
+            f" {r['bias'][first]['shift']:+.2g}"
+            for r in worst
+        )
+        lines += _wrap(f"Bias of {first} by what this plan would not see: {told}.")
+    for limit in at["limits"]:
+        lines += _wrap(limit["text"])
+    for group in at["groups"]:
+        lines += _wrap(f"Not told apart: {', '.join(group)}.")
+    for lacking in at["untestable"]:
+        if lacking["log_next_time"]:
+            lines += _wrap(
+                f"Untestable: {lacking['effect']}; log {', '.join(lacking['log_next_time'])}."
+            )
+    lines += _changes(at["changes"])
+    return lines
+
+
+def _changes(changes: dict[str, Any]) -> list[str]:
+    if not changes["pairs"]:
+        return ["", "Nothing that would be seen is confused with anything else."]
+    lines = ["", "What would part them (expected evidence; 13 is enough for one pair)"]
+    for pair in changes["pairs"]:
+        head = (
+            f"  {pair['pair'][0]} of {size_text(pair['size'], pair['unit'])} against"
+            f" {pair['pair'][1]}: evidence {pair['evidence_now']:.1f}"
+        )
+        lines.append(head)
+        if pair["held_together_by"] == "form":
+            lines.append(
+                "    more trials do not help: what is not known is the exact form of either"
+            )
+        elif not pair["options"]:
+            lines.append("    none of the proposals parts them within ten times its trials")
+        for o in pair["options"]:
+            lines.append(f"    {o['change']}: {_cost(o)}")
+        if pair["log"]:
+            lines.append(f"    log: {', '.join(pair['log'])}")
+    lines += ["", "Changes that serve most pairs"]
+    for best in changes["best"]:
+        cost = f"{best['trials']} trials" if best["trials"] else "no further trial"
+        lines.append(
+            f"  {best['change']} ({cost}): parts {best['pairs_parted']} of {best['pairs']}"
+        )
+        resolved = [r for r in best.get("rivals_after") or [] if r["after"] < r["before"] - 0.2]
+        lines += [
+            f"    {r['pair'][0]} taken for {r['pair'][1]}: {100 * r['before']:.0f} % ->"
+            f" {100 * r['after']:.0f} %"
+            for r in resolved[:4]
+        ]
+    return lines
+
+
+def _cost(option: dict[str, Any]) -> str:
+    if option["evidence_per_trial"] is None:
+        return f"no further trial, evidence {option['evidence']:.1f}"
+    return (
+        f"some {option['trials_to_part']} trials (evidence {option['evidence_per_trial']:.2g} each)"
+    )
+
+
+def _wrap(text: str) -> list[str]:
+    return textwrap.wrap(text, 110)
+
+
+def draw(rows: Rows, look: Style) -> Figure:
+    """A line of two panels for each boundary."""
+    sides = list(dict.fromkeys(rows["boundary"].tolist()))
+    count = [
+        len(set(rows["effect"][(rows["boundary"] == s) & (rows["panel"] == "limits")].tolist()))
+        for s in sides
+    ]
+    figure = Figure(
+        figsize=(look.double_in, sum(1.55 + 0.155 * c for c in count)), layout="constrained"
+    )
+    grid = figure.subplots(
+        len(sides),
+        2,
+        squeeze=False,
+        width_ratios=(1, 1.25),
+        height_ratios=[1.55 + 0.155 * c for c in count],
+    )
+    for line, side in zip(grid, sides, strict=True):
+        mine = rows["boundary"] == side
+        part = {k: v[mine] for k, v in rows.items()}
+        _limits(line[0], part, side)
+        _confused(line[1], part)
+    return figure
+
+
+def _limits(ax: Axes, rows: Rows, side: str) -> None:
+    mine = rows["panel"] == "limits"
+    names, verdict, x, note = (rows[k][mine] for k in ("effect", "series", "x", "note"))
+    place = np.arange(len(names))[::-1]
+    finite = x[np.isfinite(x)]
+    low, high = (finite.min(), finite.max()) if len(finite) else (0.1, 10.0)
+    edge = 3.0 * max(high, 1.0)
+    ax.axvspan(1.0, 30 * edge, color="0.93", linewidth=0, zorder=0)
+    for y, kind, at, text in zip(place, verdict, x, note, strict=True):
+        colour, marker = LOOKS[kind]
+        if np.isfinite(at):
+            ax.plot([at], [y], marker=marker, color=colour, markersize=4, zorder=3)
+            ax.annotate(
+                text,
+                (at, y),
+                xytext=(5, -2.4),
+                textcoords="offset points",
+                fontsize="x-small",
+                color="0.25",
+            )
+        else:
+            ax.plot([edge], [y], marker="x", color=colour, markersize=4, zorder=3)
+            ax.annotate(
+                "never",
+                (edge, y),
+                xytext=(5, -2.4),
+                textcoords="offset points",
+                fontsize="x-small",
+                color="0.25",
+            )
+    ax.set_xscale("log")
+    ax.set_xlim(0.5 * min(low, 0.5), 12 * edge)
+    ax.xaxis.set_major_locator(LogLocator())
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    ax.set_yticks(place, [str(n).replace("_", " ") for n in names])
+    ax.tick_params(axis="y", length=0)
+    ax.set_ylim(-0.8, len(names) - 0.2)
+    ax.set_xlabel("detection limit over plausible size", labelpad=1)
+    ax.set_title(f"{side}: what could be seen", loc="left")
+    handles = [
+        Line2D([], [], linestyle="none", marker=m, color=c, markersize=4)
+        for k, (c, m) in LOOKS.items()
+        if k in verdict
+    ]
+    words = [k for k in LOOKS if k in verdict]
+    ax.legend(
+        handles,
+        words,
+        loc="upper center",
+        bbox_to_anchor=(0.4, -0.1 - 1.6 / (6 + len(names))),
+        ncols=2,
+        columnspacing=0.8,
+        handlelength=1.0,
+    )
+
+
+def _confused(ax: Axes, rows: Rows) -> None:
+    mine = rows["panel"] == "confused"
+    if not mine.any():
+        ax.set_axis_off()
+        return
+    truth = list(dict.fromkeys(rows["effect"][mine].tolist()))
+    taken = list(dict.fromkeys([*truth, *rows["series"][mine].tolist()]))
+    taken = [t for t in taken if np.any((rows["series"] == t) & mine)]
+    table = np.full((len(truth), len(taken)), np.nan)
+    for a, b, chance in zip(
+        rows["effect"][mine], rows["series"][mine], rows["x"][mine], strict=True
+    ):
+        if chance >= LEAST:
+            table[truth.index(a), taken.index(b)] = 100 * chance
+    ax.imshow(table, cmap="Blues", vmin=0, vmax=130, aspect="auto")
+    for i, j in zip(*np.nonzero(np.isfinite(table)), strict=True):
+        own = truth[i] == taken[j]
+        ax.text(
+            j, i, f"{table[i, j]:.0f}", ha="center", va="center", fontsize="x-small",
+            color="white" if table[i, j] > 70 else "black", fontweight="bold" if own else "normal",
+        )  # fmt: skip
+    ax.set_xticks(np.arange(len(taken)), [str(t).replace("_", " ") for t in taken], rotation=90)
+    ax.set_yticks(np.arange(len(truth)), [str(t).replace("_", " ") for t in truth])
+    ax.tick_params(length=0)
+    ax.set_xticks(np.arange(len(taken)) - 0.5, minor=True)
+    ax.set_yticks(np.arange(len(truth)) - 0.5, minor=True)
+    ax.grid(which="minor", color="0.9", linewidth=0.4)
+    ax.tick_params(which="minor", length=0)
+    ax.set_title("if this acts, this is named or a rival (%)", loc="left")

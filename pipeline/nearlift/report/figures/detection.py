@@ -1,0 +1,273 @@
+"""From how far a boundary shows in lift, against averaging time, and what a reading says of the
+distance; a column per boundary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from nearlift import nomenclature
+from nearlift.declare import BOUNDARIES
+from nearlift.products import DETECTION, PROXIMITY
+from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style
+from nearlift.rounding import plain
+
+REAL = ("payload_percent", "voltage_percent", "x", "y", "lo90", "hi90")
+
+
+Rows = Mapping[str, Any]
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `row` (range, located, reading), `panel` (boundary), `case` (what weight and supply are
+        known to, in words), `payload_percent`, `voltage_percent`, `x`, `y`, `lo90`, `hi90`. In
+        `range`, x is the averaging time in s and y the range in z_hat (nan: none); in `located`, x
+        is the true z_hat and y the posterior's median; in `reading`, y is what one of the
+        manifest's readings says.
+    """
+    table, content = evidence.table(DETECTION), evidence.document(PROXIMITY)["boundaries"]
+    parts = []
+    for side in (b for b in BOUNDARIES if b in content):
+        mine = table["boundary"] == side
+        least = (float(table["payload"][mine].min()), float(table["voltage"][mine].min()))
+        for voltage, payload in sorted(
+            set(zip(table["voltage"][mine].tolist(), table["payload"][mine].tolist(), strict=True))
+        ):
+            if payload != least[0] and voltage != least[1]:
+                # each alone shows what it costs; both together are in the product
+                continue
+            own = mine & (table["payload"] == payload) & (table["voltage"] == voltage)
+            known = {
+                "payload_percent": 100 * payload,
+                "voltage_percent": 100 * voltage,
+                "lo90": table["lo90"][own],
+                "hi90": table["hi90"][own],
+            }
+            parts.append(
+                _rows(
+                    "range",
+                    side,
+                    table["averaging_s"][own],
+                    table["range_z_hat"][own],
+                    case=case(payload, voltage),
+                    **known,
+                )
+            )
+        found = content[side].get("located", [])
+        if found:
+            z_hat, median, lo90, hi90 = (
+                np.array([f[k] for f in found]) for k in ("z_hat", "median", "lo90", "hi90")
+            )
+            parts.append(_rows("located", side, z_hat, median, lo90=lo90, hi90=hi90))
+        for read in evidence.document(PROXIMITY)["readings"]:
+            if read["boundary"] == side and "refused" not in read:
+                z = read["z_hat"]
+                parts.append(
+                    _rows(
+                        "reading", side, [np.nan], [z["median"]], lo90=[z["lo90"]], hi90=[z["hi90"]]
+                    )
+                )
+    return stack(parts) if parts else {}
+
+
+def case(payload: float, voltage: float) -> str:
+    """What weight and supply voltage are known to (standard uncertainties, fractions), in words."""
+    known = [
+        f"{name} ±{plain(100 * u, 2)} %"
+        for name, u in (("weight", payload), ("supply voltage", voltage))
+        if u > 0
+    ]
+    return ", ".join(known) if known else "weight and supply known exactly"
+
+
+def _rows(row: str, panel: str, x: Any, y: Any, case: str = "", **further: Any) -> Columns:
+    n = len(x)
+    real = {"x": x, "y": y, **further}
+    return {
+        "row": text_column(row, n),
+        "panel": text_column(panel, n),
+        "case": text_column(case, n),
+    } | {
+        name: np.broadcast_to(np.asarray(real.get(name, np.nan), dtype=float), (n,))
+        for name in REAL
+    }
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What is drawn, at which rates and with which sensor."""
+    content = evidence.document(PROXIMITY)
+    parts = [
+        (
+            "Above: the farthest distance at which a boundary is noticed with"
+            f" {100 * content['false_alarm_rate']:g} % false alarms and"
+            f" {100 * content['miss_rate']:g} % misses, against averaging time, by the standard"
+            " uncertainty of weight or supply voltage; bands: 90 % over the model's uncertainty."
+            " An alarm is one-sided: more lift near ground and ceiling, less near a wall. Where"
+            " there is no curve, no distance that was measured would do."
+        ),
+        (
+            f"Below: what a reading averaged over {content['averaging_s']:g} s says of the distance"
+            " (median and 90 %, weight and supply known best)"
+            + (
+                "; shaded across: the manifest's readings."
+                if (table["row"] == "reading").any()
+                else "."
+            )
+        ),
+    ]
+    for side, own in content["boundaries"].items():
+        largest, noise, floor = (
+            100 * own[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor")
+        )
+        plus = "+" if largest > 0 else ""
+        parts.append(
+            f"{side.capitalize()}, {own['title']}: largest change of lift measured"
+            f" {plus}{plain(largest, 2)} %, noise {plain(noise, 2)} %/√Hz and {plain(floor, 2)} %"
+            " that averaging leaves; lift is taken to go as the voltage to the power"
+            f" {own['lift_per_voltage']:.2g}."
+        )
+        if "refused" in own:
+            parts.append(f"Not inverted: {own['refused']}.")
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    rows = evidence.table(DETECTION)
+    parts = []
+    for side in dict.fromkeys(rows["boundary"].tolist()):
+        ranges = rows["range_z_hat"][rows["boundary"] == side]
+        known = ranges[np.isfinite(ranges)]
+        parts.append(
+            f"{side}: noticed from z_hat {known.min():.2g} to {known.max():.2g} away"
+            if len(known)
+            else f"{side}: never noticed"
+        )
+    return "Detection range against averaging time. " + "; ".join(parts) + "."
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """Two panels for each boundary."""
+    sides = list(dict.fromkeys(table["panel"].tolist()))
+    figure = Figure(
+        figsize=(look.double_in if len(sides) > 1 else 1.2 * look.single_in, 0.68 * look.double_in),
+        layout="constrained",
+    )
+    axes = figure.subplots(2, len(sides), squeeze=False)
+    letters = iter("abcdef")
+    for i, row in enumerate(("range", "located")):
+        for j, side in enumerate(sides):
+            ax = axes[i, j]
+            own, read = (
+                {
+                    k: column[(table["row"] == r) & (table["panel"] == side)]
+                    for k, column in table.items()
+                }
+                for r in (row, "reading")
+            )
+            ax.set_title(f"{next(letters)}) {side}", loc="left", fontsize=look.text_pt)
+            if row == "range":
+                _range(ax, own)
+            else:
+                _located(ax, own, read)
+    axes[0, 0].set_ylabel("detection range " + nomenclature.label("z_hat"))
+    axes[1, 0].set_ylabel("located " + nomenclature.label("z_hat"))
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(
+        handles,
+        names,
+        loc="outside upper center",
+        ncols=min(len(names), 4 if len(sides) > 1 else 2),
+    )
+    return figure
+
+
+def _range(ax: Any, own: Rows) -> None:
+    ax.set_xscale("log")
+    for (shade, marker), case in zip(SERIES, dict.fromkeys(own["case"].tolist()), strict=False):
+        mine = own["case"] == case
+        x, y = own["x"][mine], own["y"][mine]
+        dashes = (
+            (0, (4, 1.5)) if own["voltage_percent"][mine][0] > own["voltage_percent"].min() else "-"
+        )
+        ax.plot(
+            x,
+            y,
+            color=shade,
+            marker=marker,
+            markerfacecolor="white",
+            linestyle=dashes,
+            label=case,
+            zorder=3,
+        )
+        known = np.isfinite(y)
+        ax.fill_between(
+            x[known],
+            own["lo90"][mine][known],
+            own["hi90"][mine][known],
+            color=shade,
+            alpha=0.2,
+            linewidth=0,
+        )
+    ax.set_ylim(bottom=0)
+    nowhere = [
+        c
+        for c in dict.fromkeys(own["case"].tolist())
+        if not np.isfinite(own["y"][own["case"] == c]).any()
+    ]
+    if not np.isfinite(own["y"]).any():
+        ax.set_ylim(0, 1)
+        ax.text(0.5, 0.5, "nowhere", transform=ax.transAxes, ha="center", va="center")
+    elif nowhere:
+        ax.text(
+            0.96,
+            0.04,
+            "\n".join([*nowhere, "nowhere"]),
+            transform=ax.transAxes,
+            ha="right",
+            va="bottom",
+            fontsize="small",
+            color="0.35",
+        )
+    ax.set_xlim(own["x"].min() / 1.5, own["x"].max() * 1.5)
+    ax.set_xlabel("averaging time (s)")
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _located(ax: Any, own: Rows, read: Rows) -> None:
+    ax.set_xlabel("true " + nomenclature.label("z_hat"))
+    if not len(own["x"]):
+        ax.text(
+            0.5,
+            0.5,
+            "not inverted: the model folds",
+            transform=ax.transAxes,
+            ha="center",
+            va="center",
+        )
+        return
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.fill_between(own["x"], own["lo90"], own["hi90"], color=BAND, linewidth=0)
+    ax.plot(own["x"], own["y"], color=FITTED)
+    ax.plot(own["x"], own["x"], color="0.45", linestyle=(0, (1, 1.2)))
+    for (shade, _), y, low, high in zip(
+        SERIES, read["y"], read["lo90"], read["hi90"], strict=False
+    ):
+        ax.axhspan(low, high, color=shade, alpha=0.25, linewidth=0)
+        ax.axhline(y, color=shade, linewidth=0.8)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,1 @@
+"""The figure `diagnosis`: residual, candidates, held-out error and coefficient of each boundary."""

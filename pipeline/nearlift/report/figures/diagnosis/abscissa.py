@@ -1,0 +1,182 @@
+"""What a residual is drawn against: the covariate that betrays it, as numbers in drawing units,
+with means over bins.
+
+L_inf is free at every throttle, so nothing can show against throttle alone: such structure is drawn
+against distance, a series for each throttle; backlash likewise, a series for each direction of
+approach. Time is drawn as run order, since sessions may lie days apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import catalogue
+from nearlift.declare import FloatArray
+from nearlift.loop.families import cosines
+from nearlift.loop.setting import SCHEDULE_WORDS
+from nearlift.report.figures.residuals.table import DISTINCT, bins
+from nearlift.results import Observations
+from nearlift.rounding import plain
+
+#: Residuals are drawn against so many covariates at most.
+MOST = 2
+#: Bins of run order, and terms of a curve along it, from which Akaike's criterion chooses.
+TIME_BINS = (12, 24, 48)
+TIME_TERMS = 40
+TERMS = 8
+CURVE_POINTS = 400
+#: A second covariate with more levels than this is parted into thirds.
+LEVELS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Axis:
+    """Abscissa, and perhaps a second covariate whose levels are series of their own."""
+
+    column: str
+    series: str = ""
+
+
+#: The schedule's words. Any other covariate is drawn as it is.
+AXES: dict[str, Axis] = {
+    "distance": Axis(column="z_hat"),
+    "throttle": Axis(column="z_hat", series="throttle_percent"),
+    "approach": Axis(column="z_hat", series="approach"),
+    "tilt": Axis(column="tilt_rad", series="z_hat"),
+    "start": Axis(column="run_order"),
+    "supply": Axis(column="supply_V"),
+    "temperature": Axis(column="temperature_K"),
+    "previous_throttle": Axis(column="previous_throttle_percent"),
+    "previous_distance": Axis(column="previous_z_hat"),
+}
+
+
+def chosen(found: Mapping[str, Any]) -> list[str]:
+    """The covariate of the most significant structure; after two effects also that of the effect
+    which it does not concern.
+    """
+    words = [str(s["covariate"]) for s in found.get("structure", [])[:1]] or ["distance"]
+    if len(found.get("effects", [])) > 1:
+        known = {e.name: e.varies_with for e in catalogue.effects()}
+        words += [
+            SCHEDULE_WORDS.get(known[e["name"]], known[e["name"]])
+            for e in found["effects"]
+            if e["name"] in known
+        ]
+    return list(dict.fromkeys(words))[:MOST]
+
+
+def axis(word: str, data: Observations) -> Axis:
+    """Where residuals with that covariate are drawn; run order where it is not among the trials'
+    own.
+    """
+    wanted = AXES.get(word, Axis(column=word))
+    return wanted if np.isfinite(column(wanted.column, data)).any() else AXES["start"]
+
+
+def column(name: str, data: Observations) -> FloatArray:
+    """A covariate in drawing units, nan where it says nothing (free air, the first trial of a
+    session).
+    """
+    known = data.covariates
+    nothing = np.full(data.n, np.nan)
+    if name == "z_hat":
+        return np.where(np.isfinite(data.z_hat), data.z_hat, np.nan)
+    if name == "throttle_percent":
+        return np.multiply(100.0, data.throttle)
+    if name == "run_order":
+        return np.arange(1, data.n + 1, dtype=float)
+    if name == "session":
+        return np.asarray(data.session + 1, dtype=float)
+    if name == "order_in_visit":
+        return known[name] + 1 if name in known else nothing
+    if name == "previous_throttle_percent":
+        return 100 * column("previous_throttle", data)
+    values = np.asarray(known.get(name, nothing), dtype=float)
+    if name.startswith("previous_"):
+        return np.where(np.isfinite(values) & (values > 0), values, np.nan)
+    return values
+
+
+def series(name: str, data: Observations) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Label and trials of each series; one without a label if there is no second covariate."""
+    if not name:
+        yield "", np.ones(data.n, dtype=bool)
+        return
+    values = column(name, data)
+    distinct = np.unique(values[np.isfinite(values)])
+    if len(distinct) <= LEVELS:
+        for level in distinct:
+            yield _level(name, float(level)), values == level
+        return
+    ends = np.quantile(values[np.isfinite(values)], [0, 1 / 3, 2 / 3, 1])
+    for i, (low, high) in enumerate(pairwise(ends)):
+        yield (
+            f"{plain(float(low), 3)} to {plain(float(high), 3)}{_unit(name)}",
+            (values >= low if i == 0 else values > low) & (values <= high),
+        )
+
+
+def _level(name: str, level: float) -> str:
+    if name == "approach":
+        return "moved away" if level > 0 else "moved closer"
+    return plain(level, 3) + _unit(name)
+
+
+def _unit(name: str) -> str:
+    return " %" if name.endswith("_percent") else ""
+
+
+def label(name: str, x: FloatArray, y: FloatArray, session: NDArray[Any]) -> NDArray[np.int64]:
+    """Bin of each trial. Run order is parted within sessions, into as many bins as Akaike's
+    criterion wants.
+    """
+    if name != "run_order":
+        return bins(x)
+    tried = [_within(session, count) for count in TIME_BINS]
+    return min(
+        tried,
+        key=lambda own: _akaike(
+            y - (np.bincount(own, y) / np.bincount(own))[own], int(own.max()) + 1
+        ),
+    )
+
+
+def _within(session: NDArray[Any], count: int) -> NDArray[np.int64]:
+    own = np.zeros(len(session), dtype=np.int64)
+    first = 0
+    for value in dict.fromkeys(session.tolist()):
+        mine = np.flatnonzero(session == value)
+        parts = max(round(count * len(mine) / len(session)), 1)
+        own[mine] = first + np.arange(len(mine)) * parts // len(mine)
+        first += parts
+    return np.unique(own, return_inverse=True)[1].astype(np.int64)
+
+
+def curve(name: str, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A smooth curve without a name through residuals, its number of terms chosen by Akaike's
+    criterion; empty for few levels.
+    """
+    if len(np.unique(x)) <= DISTINCT:
+        return np.zeros(0), np.zeros(0)
+    terms = min(TIME_TERMS if name == "run_order" else TERMS, len(x) // 8)
+    columns = np.hstack([np.ones((len(x), 1)), cosines(x, terms)])
+    fits = [
+        columns[:, : m + 1] @ np.linalg.lstsq(columns[:, : m + 1], y, rcond=None)[0]
+        for m in range(1, terms + 1)
+    ]
+    best = min(range(terms), key=lambda i: _akaike(y - fits[i], i + 2))
+    order = np.argsort(x, kind="stable")[
+        np.unique(np.linspace(0, len(x) - 1, CURVE_POINTS).astype(int))
+    ]
+    return x[order], fits[best][order]
+
+
+def _akaike(residual: FloatArray, unknowns: int) -> float:
+    return len(residual) * float(np.log(max(float(np.mean(residual**2)), 1e-300))) + 2 * unknowns

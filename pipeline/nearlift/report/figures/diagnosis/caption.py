@@ -1,0 +1,133 @@
+"""Caption and alternative text of the loop's figure, from the table that is drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.loop.search import FORM_SD, RIVAL
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.rounding import plain
+
+MEANINGS = {
+    "adequate": "nothing beyond the noise, so nothing is added",
+    "unexplained": (
+        "structure that no candidate may take the credit for; the curve follows it and names"
+        " nothing"
+    ),
+}
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What each panel shows; letters as in the picture."""
+    after = (table["when"] == "after").any()
+    second = any(
+        len(set(table["covariate"][(table["panel"] == b) & (table["kind"] == "reach")].tolist()))
+        > 1
+        for b in set(table["panel"].tolist())
+    )
+    also = ", and against that of the other effect" if second else ""
+    parts = [
+        (
+            f"Relative residuals ({_letters(table, 'residual')}) against the covariate of the"
+            f" largest test{also}."
+        )
+    ]
+    parts.append(
+        f"Dots: trials{_beyond(table)}; symbols: means over bins with their standard error; shade:"
+        " ± the noise floor."
+    )
+    if after:
+        parts.append(
+            "After: the effect in its declared form is added; what its true form may depart from"
+            f" it ({100 * FORM_SD:.0f} %) is still there."
+        )
+    if ((table["part"] == "residual") & (table["kind"] == "session")).any():
+        parts.append("Dashed uprights: a new session.")
+    if (table["part"] == "candidate").any():
+        reference = "best accepted" if after else "best"
+        parts.append(
+            f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of"
+            f" the {reference} one over each; filled: named, a rival or good enough; hollow:"
+            f" rejected; shade: within {RIVAL:g}, where this design cannot tell them apart (the one"
+            " whose size is most plausible beforehand is named)."
+        )
+    if (table["part"] == "error").any():
+        parts.append(
+            f"Held-out error ({_letters(table, 'error')}): visits that took no part in the search,"
+            " 90 % intervals; dashed: noise floor."
+        )
+    if (table["part"] == "coefficient").any():
+        parts.append(
+            f"Coefficients ({_letters(table, 'coefficient')}): bold, as quoted, 90 %; thin and"
+            " numbered, what they would be on a condition (an arrow where it leaves the axis, its"
+            " ends in figures)."
+        )
+    for boundary in dict.fromkeys(table["panel"].tolist()):
+        parts.append(_boundary(table, boundary))
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """The picture's numbers for those who do not see it."""
+    parts = []
+    for boundary in dict.fromkeys(table["panel"].tolist()):
+        mine = table["panel"] == boundary
+        means = mine & (table["kind"] == "bin")
+        line = _boundary(table, boundary)
+        for when in dict.fromkeys(table["when"][means].tolist()):
+            own = np.abs(table["value"][means & (table["when"] == when)])
+            name = str(table["covariate"][means][0]).replace("_", " ")
+            line += (
+                f" Bin means {when} stray up to {plain(float(own.max()), 2)} % from zero against"
+                f" {name}."
+                if len(own)
+                else ""
+            )
+        for i in np.flatnonzero(
+            mine & (table["part"] == "coefficient") & (table["kind"] != "reference")
+        ).tolist():
+            row = {k: v[i] for k, v in table.items()}
+            condition = f", if {row['note']}" if row["note"] else ""
+            line += (
+                f" {row['label']}{condition}: {plain(row['value'], 3)}, 90 %"
+                f" {plain(row['lo90'], 3)} to {plain(row['hi90'], 3)}."
+            )
+        parts.append(line)
+    return " ".join(parts)
+
+
+def _boundary(table: Columns, boundary: str) -> str:
+    mine = table["panel"] == boundary
+    verdict = mine & (table["part"] == "verdict")
+    kind, label = str(table["kind"][verdict][0]), str(table["label"][verdict][0])
+    text = f"{boundary.capitalize()}: {MEANINGS.get(kind, label)}"
+    rmse = mine & (table["kind"] == "rmse")
+    if rmse.any():
+        values = [f"{plain(float(v), 3)} %" for v in table["value"][rmse]]
+        floor = plain(
+            float(
+                table["value"][mine & (table["kind"] == "floor") & (table["part"] == "error")][0]
+            ),
+            3,
+        )
+        text += f"; held-out error {' to '.join(values)}, noise floor {floor} %"
+    conditions = table["note"][mine & (table["part"] == "coefficient") & (table["kind"] == "doubt")]
+    listed = "; ".join(f"({i}) {c}" for i, c in enumerate(dict.fromkeys(conditions.tolist()), 1))
+    return text + (f"; if {listed}" if listed else "") + "."
+
+
+def _letters(table: Columns, part: str) -> str:
+    """Letters of the panels of a part: ``a, b, f``, neighbours of three and more as ``a–d``."""
+    found: list[str] = list(dict.fromkeys(table["letter"][table["part"] == part].tolist()))
+    runs: list[list[str]] = []
+    for letter in found:
+        if runs and ord(letter) == ord(runs[-1][-1]) + 1:
+            runs[-1].append(letter)
+        else:
+            runs.append([letter])
+    return ", ".join(f"{r[0]}–{r[-1]}" if len(r) > 2 else ", ".join(r) for r in runs)
+
+
+def _beyond(table: Columns) -> str:
+    count = int(np.count_nonzero(table["kind"] == "beyond"))
+    return f", of which {count} beyond the axis stand as ticks at its edge" if count else ""

@@ -1,0 +1,257 @@
+"""The loop's lower panels: candidates, held-out errors, coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib import rcParams
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from nearlift import nomenclature
+from nearlift.loop.search import RIVAL
+from nearlift.report.figures.diagnosis.clouds import CLOUD, FLOOR, LOOKS
+from nearlift.report.figures.style import FITTED, plain_text
+
+Rows = Mapping[str, Any]
+#: Where the axis of evidence turns logarithmic.
+LINEAR = 10.0
+#: So many times the others' width, and an interval is cut off.
+CLIPPED = 5.0
+#: Behind numbers that stand on a line.
+PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.2}
+
+
+def candidates(ax: Axes, rows: Rows) -> None:
+    """How far each trails the best, on an axis linear to ten and logarithmic beyond; rejected ones
+    are hollow, with what they leave.
+    """
+    behind = rows["value"]
+    y = np.arange(len(behind))[::-1]
+    accepted = bool((rows["kind"] != "rejected").any())
+    far = max(float(behind.max()) * 2.2, 40.0)
+    ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
+    ax.set_xlim(min(1.4 * float(behind.min()), -1.2), far)
+    if accepted:
+        ax.axvspan(0, RIVAL, color=FLOOR, linewidth=0, zorder=0)
+    ax.axvline(0, color="0.3", linewidth=0.6, zorder=1)
+    turn = float(np.sqrt(LINEAR * far)) if far > 4 * LINEAR else LINEAR
+    for kind, note, at, x in zip(rows["kind"], rows["note"], y, behind, strict=True):
+        colour, marker = LOOKS["after"] if kind in ("named", "rival") else (CLOUD, "o")
+        ax.plot([0, x], [at, at], color="0.55", linewidth=0.6, zorder=2)
+        filling = "white" if kind == "rejected" else colour
+        ax.plot(
+            [x],
+            [at],
+            marker=marker,
+            color=colour,
+            markerfacecolor=filling,
+            markersize=4,
+            markeredgewidth=0.9,
+            zorder=3,
+        )
+        words = {"named": "named", "rival": "rival", "worse": "accepted"}.get(
+            str(kind), plain_text(str(note))
+        )
+        side = 1 if x < turn else -1
+        start, slant = (max(x, 0.0), "left") if side > 0 else (x, "right")
+        text = ax.annotate(
+            words,
+            (start, at),
+            xytext=(4.5 * side, 0),
+            textcoords="offset points",
+            ha=slant,
+            va="center",
+            color="0.25",
+            zorder=4,
+        )
+        text.set_fontsize(rcParams["legend.fontsize"] - 0.5)
+        text.set_bbox(
+            {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
+            if side < 0
+            else {"alpha": 0, "pad": 0}
+        )
+    ax.set_yticks(y, [plain_text(str(name).replace("_", " ")) for name in rows["label"]])
+    ax.tick_params(axis="y", length=0)
+    ax.tick_params(axis="x", which="minor", length=0)
+    ax.set_ylim(-0.7, len(y) - 0.3)
+    ticks = [
+        t
+        for t in (-100, -10, 0, 5, 10, 100, 1000, 10000, 100000)
+        if float(behind.min()) <= t <= far and (t != 5 or far < 2000)
+    ]
+    ax.set_xticks(ticks, [f"{t:,}".replace(",", "\u2009").replace("-", "−") for t in ticks])
+    ax.set_xlabel(r"$2 \,\ln B$, best over candidate", labelpad=1)
+
+
+def error(ax: Axes, rows: Rows) -> None:
+    """Root mean square on held-out trials with its 90 % interval, and the noise floor."""
+    floor = float(rows["value"][rows["kind"] == "floor"][0])
+    shown = rows["kind"] == "rmse"
+    whens, values, low, high = (rows[k][shown] for k in ("when", "value", "lo90", "hi90"))
+    n = len(values)
+    if np.isfinite(floor):
+        ax.axhline(floor, color=FITTED, linewidth=0.8, linestyle=(0, (4, 2)), zorder=1)
+    for i, when in enumerate(whens):
+        colour, marker = LOOKS[str(when)]
+        reach = np.nan_to_num([[values[i] - low[i]], [high[i] - values[i]]])
+        ax.errorbar(
+            [i],
+            [values[i]],
+            reach,
+            fmt=marker,
+            color=colour,
+            markersize=4,
+            elinewidth=1.0,
+            capsize=2,
+            zorder=3,
+        )
+    # numbers stand above what they belong to, the floor's beneath its line
+    for i, (value, at) in enumerate(
+        zip([*values, floor], [*np.fmax(values, high), floor], strict=True)
+    ):
+        if np.isfinite(value):
+            below = i == n
+            text = ax.annotate(
+                f"{value:#.3g}",
+                (i, at),
+                xytext=(0, -2.5 if below else 2.5),
+                textcoords="offset points",
+                ha="center",
+                zorder=4,
+            )
+            text.set(
+                va="top" if below else "bottom", fontsize=rcParams["legend.fontsize"], bbox=PAPER
+            )
+    ax.set_ylim(0, 1.3 * float(np.nanmax([floor, *values, *high])))
+    ax.set_xlim(-0.6, n + 0.6)
+    ax.set_xticks(range(n + 1), [*([str(w) for w in whens] if n > 1 else ["base"]), "floor"])
+    ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+    ax.tick_params(axis="x", length=0)
+    ax.set_ylabel("RMSE (% of lift)")
+
+
+def coefficients(ax: Axes, rows: Rows) -> Axes:
+    """Each coefficient's intervals, one beside the other; the leftmost axes are handed back."""
+    names = list(dict.fromkeys(rows["label"].tolist()))
+    figure, place = ax.get_figure(), ax.get_subplotspec()
+    axes = [ax]
+    if len(names) > 1 and figure is not None and place is not None:
+        ax.remove()
+        inside = place.subgridspec(1, len(names), wspace=0.08)
+        axes = [figure.add_subplot(inside[0, i]) for i in range(len(names))]
+        for other in axes[1:]:
+            other.tick_params(axis="y", labelleft=False)
+    conditions = list(dict.fromkeys(rows["note"][rows["kind"] == "doubt"].tolist()))
+    for own, name in zip(axes, names, strict=False):
+        _coefficient(
+            own,
+            {k: v[rows["label"] == name] for k, v in rows.items()},
+            name,
+            conditions,
+            lone=len(names) == 1,
+        )
+    return axes[0]
+
+
+def _coefficient(ax: Axes, rows: Rows, name: str, conditions: list[str], lone: bool) -> None:
+    """One coefficient: as quoted, and beneath it on each of the conditions, which have the same
+    places in neighbouring axes.
+    """
+    ticks, digits = (4, 3) if lone else (2, 2)
+    reference = rows["kind"] == "reference"
+    kinds, whens, values, lows, highs = (
+        rows[k][~reference] for k in ("kind", "when", "value", "lo90", "hi90")
+    )
+    left, right = _limits(kinds, lows, highs, rows["value"][reference])
+    ax.set_xlim(left, right)
+    for value, note in zip(rows["value"][reference], rows["note"][reference], strict=True):
+        ax.axvline(value, color="0.35", linewidth=0.8, linestyle=(0, (5, 2)), zorder=1)
+        side = 1 if value < (left + right) / 2 else -1
+        text = ax.annotate(
+            plain_text(f"{note} {value:g}"),
+            (value, 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(2.5 * side, -4),
+            textcoords="offset points",
+            ha="left" if side > 0 else "right",
+            va="top",
+            fontsize=rcParams["legend.fontsize"],
+            color="0.25",
+        )
+        text.set_in_layout(False)
+    y = [
+        len(conditions) - (1 + conditions.index(n) if k == "doubt" else 0)
+        for k, n in zip(kinds, rows["note"][~reference], strict=True)
+    ]
+    for at, kind, when, value, low, high in zip(y, kinds, whens, values, lows, highs, strict=True):
+        colour, marker = LOOKS[str(when)]
+        ax.plot(
+            [low, high],
+            [at, at],
+            color=colour,
+            linewidth=2.2 if kind == "quoted" else 0.9,
+            solid_capstyle="butt",
+            zorder=2,
+        )
+        # one that lies outside altogether has one arrow, towards where it is
+        shown = (
+            [(low, "<")]
+            if high < left
+            else [(high, ">")]
+            if low > right
+            else [(low, "<"), (high, ">")]
+        )
+        for end, arrow in shown:
+            outside = end < left or end > right
+            inside = (0.02 if lone else 0.05) * (right - left)
+            edge = min(max(end, left + inside), right - inside)
+            ax.plot(
+                [edge if outside else end],
+                [at],
+                arrow if outside else "|",
+                color=colour,
+                markersize=4.5 if outside else 7,
+                markeredgewidth=1.0,
+                zorder=2,
+            )
+        if low < left or high > right:
+            words = f"{low:#.{digits}g} to {high:#.{digits}g}".replace("-", "−")
+            text = ax.annotate(
+                words,
+                (0.5, at),
+                xycoords=("axes fraction", "data"),
+                xytext=(0, 4),
+                textcoords="offset points",
+                ha="center",
+            )
+            text.set(fontsize=rcParams["legend.fontsize"], bbox=PAPER, in_layout=False)
+        if left <= value <= right:
+            ax.plot(
+                [value], [at], marker, color=colour, markersize=3.6, markeredgewidth=0, zorder=3
+            )
+    ax.set_yticks(
+        range(len(conditions), -1, -1),
+        ["quoted", *(f"if ({i})" for i in range(1, len(conditions) + 1))],
+    )
+    ax.tick_params(axis="y", length=0)
+    ax.set_ylim(-0.6, len(conditions) + 1 - (0.15 if reference.any() else 0.4))
+    ax.xaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 2.5, 5, 10]))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+    ax.set_xlabel(nomenclature.label(name), labelpad=1)
+
+
+def _limits(kinds: Any, lows: Any, highs: Any, references: Any) -> tuple[float, float]:
+    """Ends of the axis: conditions of many times the quoted interval's width run out of it, or
+    nothing else could be seen.
+    """
+    own = kinds == "quoted"
+    narrow = [float(np.min([*lows[own], *references])), float(np.max([*highs[own], *references]))]
+    wide = [float(np.min([*lows, *references])), float(np.max([*highs, *references]))]
+    low, high = narrow if wide[1] - wide[0] > CLIPPED * (narrow[1] - narrow[0]) else wide
+    margin = (0.35 if low > wide[0] or high < wide[1] else 0.08) * (high - low) or 1e-3 * max(
+        abs(high), 1e-3
+    )
+    return low - margin, high + margin

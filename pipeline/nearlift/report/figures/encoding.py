@@ -1,0 +1,60 @@
+"""A drawn figure as bytes: PDF and PNG for print, a light PNG for the page. The same table gives
+the same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from nearlift.report.figures.style import Style, context
+
+Draw = Callable[[Mapping[str, Any], Style], Figure]
+#: Width in pixels of the pictures in index.html, and their colours: what is drawn here has few, and
+#: so a fifth of the bytes.
+PAGE_WIDTH = 1500
+COLOURS = 256
+#: Of what is a raster inside a PDF: clouds of thousands of dots.
+RASTER_DPI = 300
+
+
+def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes]:
+    """Draw once and encode: ``{"pdf": ..., "png": ..., "page": ...}``, free of dates and of the
+    software's name.
+    """
+    with context(look):
+        figure = draw(table, look)
+        FigureCanvasAgg(figure)
+        # laid out once: the files show the same picture, and none lays it out again
+        figure.draw_without_rendering()
+        figure.set_layout_engine(None)
+        png = _encode(figure, "png", look.dpi, {"Software": None})
+        return {
+            "pdf": _encode(
+                figure, "pdf", RASTER_DPI, {"CreationDate": None, "Producer": None, "Creator": None}
+            ),
+            "png": png,
+            "page": light(png),
+        }
+
+
+def _encode(figure: Figure, kind: str, dpi: int, metadata: dict[str, Any]) -> bytes:
+    sink = io.BytesIO()
+    figure.savefig(sink, format=kind, dpi=dpi, metadata=metadata)
+    return sink.getvalue()
+
+
+def light(png: bytes) -> bytes:
+    """The same picture for a page: at most `PAGE_WIDTH` wide, with a palette."""
+    picture = Image.open(io.BytesIO(png)).convert("RGB")
+    if picture.width > PAGE_WIDTH:
+        size = PAGE_WIDTH, round(picture.height * PAGE_WIDTH / picture.width)
+        picture = picture.resize(size, Image.Resampling.LANCZOS, reducing_gap=2.0)
+    sink = io.BytesIO()
+    picture.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(sink, "PNG")
+    return sink.getvalue()

@@ -1,0 +1,418 @@
+"""One effect: its signature before and after the model has absorbed what it can, its power, and
+what it is taken for; drawn, and as text for the console.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from nearlift.loop.foresight import Handle
+from nearlift.loop.search import Stage
+from nearlift.report.evidence import Columns
+from nearlift.report.figures.design import SHOWN, size_text
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, log_distance, quantity
+
+#: What a session or a setting is called along the axis.
+OWN = ("z_hat", "throttle", "session")
+
+
+Rows = Mapping[str, Any]
+LOOKS = {
+    "seen": (FITTED, "-", "structure seen"),
+    "within": (SERIES[0][0], "--", "named or a rival"),
+    "alone": (SERIES[1][0], ":", "named alone"),
+}
+#: A covariate with more distinct values than this is drawn as a cloud, with fewer as points of
+#: their mean and range.
+MANY = 40
+
+
+def rows(
+    stage: Stage,
+    handle: Handle,
+    boundary: str,
+    found: dict[str, Any],
+    raw: Any,
+    left: Any,
+    confused: list[dict[str, Any]],
+) -> Columns:
+    """The figure's rows for one size at one boundary.
+
+    `panel` is signature, power or confused; a signature's `y` is per cent of lift against the
+    effect's own covariate `x`, a power's a chance against size, a confusion's the share of energy
+    that `series` takes over, with the chance of being a rival as `x`.
+    """
+    data, effect = stage.data, handle.effect
+    name = effect.varies_with
+    own = {"z_hat": data.z_hat, "throttle": 100 * data.throttle, "session": data.session + 1.0}
+    x = np.asarray(own[name] if name in own else data.covariates[name], dtype=float)
+    finite = np.isfinite(x)
+    parts = [
+        ("signature", "raw", x[finite], 100 * raw[finite]),
+        ("signature", "left", x[finite], 100 * left[finite]),
+        ("signature", "noise", np.array([np.nan]), np.array([100 * _typical(stage)])),
+    ]
+    power = found["power"]
+    unit, factor = SHOWN.get(handle.parameter.unit, (handle.parameter.unit, 1.0))
+    if power is not None:
+        size = factor * np.asarray(power["size"])
+        parts += [
+            ("power", key, size, np.asarray(power[key])) for key in ("seen", "within", "alone")
+        ]
+        parts.append(
+            ("power", "false alarm", np.array([np.nan]), np.array([stage.options.false_alarm_rate]))
+        )
+    if found["detection_limit"] is not None:
+        parts.append(
+            ("power", "limit", np.array([factor * found["detection_limit"]]), np.array([0.8]))
+        )
+    parts += [
+        ("confused", c["effect"], np.array([c["rival_chance"]]), np.array([c["energy_absorbed"]]))
+        for c in confused
+    ]
+    panel, series, xs, ys = zip(*parts, strict=True)
+    count = [len(v) for v in xs]
+    total = sum(count)
+
+    def text(value: str) -> Any:
+        return np.full(total, value, dtype=object)
+
+    return {
+        "boundary": text(boundary),
+        "effect": text(effect.title),
+        "parameter": text(handle.parameter.name),
+        "unit": text(unit),
+        "size": np.full(total, factor * found["shown_size"]),
+        "covariate": text(name),
+        "panel": np.repeat(np.array(panel, dtype=object), count),
+        "series": np.repeat(np.array(series, dtype=object), count),
+        "x": np.concatenate(xs),
+        "y": np.concatenate(ys),
+    }
+
+
+def _typical(stage: Stage) -> float:
+    """Scatter of one trial about any curve, rms over trials."""
+    from nearlift.likelihood.noise import floor
+
+    return floor(stage.data, stage.noise, stage.slope)
+
+
+def text(found: dict[str, Any]) -> str:
+    """The explanation in words, its numbers from `found`."""
+    source = found["source"]
+    cited = "; ".join(
+        x
+        for x in (
+            source["citation"],
+            source["equation"] and f"equation {source['equation']}",
+            source["doi"],
+        )
+        if x
+    )
+    lines = [
+        f"{found['effect']}: {found['title']}",
+        "",
+        *_wrap(f"Mechanism: {found['mechanism']} (acts on {found['acts_on']})."),
+    ]
+    lines += [
+        "",
+        *found["notes_of_declaration"].strip().splitlines(),
+        "",
+        *_wrap(f"Source: {cited}."),
+    ]
+    lines += [line for doubt in source["doubts"] for line in _wrap(f"Doubt: {doubt}")]
+    for boundary, at in found["boundaries"].items():
+        lines += ["", f"In {found['campaign']}, {boundary}", ""]
+        lines += _boundary(at, found)
+    lines += [line for note in found["notes"] for line in ("", *_wrap(f"Not looked at: {note}"))]
+    if found["files"]:
+        lines += ["", *found["files"]]
+    return "\n".join(lines) + "\n"
+
+
+def _boundary(at: dict[str, Any], found: dict[str, Any]) -> list[str]:
+    if not at["testable"]:
+        if at.get("reason"):
+            return _wrap(f"Not a candidate here: {at['reason']}.")
+        return _wrap(
+            f"Untestable: {', '.join(at['needs'])} {'are' if len(at['needs']) > 1 else 'is'}"
+            " unknown, or did not vary. Log next time:"
+            f" {', '.join(at['log_next_time']) or 'more of the same'}, and let it vary."
+        )
+    noise = at["noise"]
+    lines = _wrap(
+        f"{at['trials']} trials about {at['base_model']}; noise {100 * noise['relative']:.2g} % of"
+        f" lift, {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit;"
+        f" false-alarm rate {at['false_alarm_rate']:g}, for all tests together."
+    )
+    lines += _here(at["in_this_campaign"], found["effect"])
+    if "within_trial" in at:
+        w = at["within_trial"]
+        return lines + _wrap(
+            "It acts within a record and leaves no mark on trial means. "
+            + (
+                f"A mean change of {100 * w['limit']:.2g} % of lift over a record would be seen"
+                " with 80 % chance."
+                if w
+                else "Records are unknown here."
+            )
+        )
+    for size in at["sizes"]:
+        lines += ["", *_size(size, at)]
+    return lines
+
+
+def _here(verdict: dict[str, Any] | None, name: str) -> list[str]:
+    if verdict is None:
+        return _wrap(
+            "The loop has not run on this campaign (`nearlift diagnose CAMPAIGN`); the noise is"
+            " that of its own trials."
+        )
+    if verdict["named"]:
+        with_rivals = (
+            f", with the rivals {', '.join(verdict['rivals'])}"
+            if verdict["rivals"]
+            else ", without a rival"
+        )
+        return _wrap(f"The loop named it here{with_rivals}.")
+    if verdict["rival_of"]:
+        return _wrap(
+            "The loop lists it here among what this design cannot tell from"
+            f" {', '.join(verdict['rival_of'])}."
+        )
+    tried = verdict["tried"]
+    if tried and not tried["accepted"]:
+        left = (
+            f"it leaves structure in {tried['left_in']}"
+            if tried.get("left_in")
+            else "it earns too little"
+        )
+        return _wrap(
+            f"The loop tried it here and did not accept it: {left}. Verdict: {verdict['verdict']}."
+        )
+    return _wrap(f"The loop had no need of it here. Verdict: {verdict['verdict']}.")
+
+
+def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
+    unit = s["unit"]
+    shape = ", ".join(f"{k} = {v:g}" for k, v in s["shape"].items())
+    head = f"{s['parameter']}{f' (with {shape})' if shape else ''}: {s['meaning']}."
+    lines = _wrap(head)
+    if at["share_visible"] <= 1e-4:
+        lines += _wrap(
+            "Silent: the model's coefficients and L_inf absorb it wholly. No number of trials of"
+            " this kind can show it."
+        )
+    elif s["detection_limit"] is None:
+        lines += _wrap(
+            f"Even the largest possible size, {size_text(s['largest_size'], unit)}, is not seen"
+            f" with 80 % chance (seen with {100 * s['power']['seen'][-1]:.0f} %)."
+        )
+    else:
+        ratio = s["detection_limit"] / s["plausible_size"]
+        lines += _wrap(
+            "Detection limit (80 % power):"
+            f" {size_text(s['detection_limit'], unit)}"
+            f"{' rms over sessions' if s['per'] == 'session' else ''},"
+            f" which is {ratio:.2g} times its plausible size of"
+            f" {size_text(s['plausible_size'], unit)}."
+        )
+        named = s["limit_named_alone"]
+        lines += _wrap(
+            "Among the names or their rivals with 80 % chance from"
+            f" {_or(s['limit_within_set'], unit)}; named alone from {_or(named, unit)}. "
+            + (
+                "(With so few visits the loop decides by what it predicts of a visit left out, so"
+                " take the chances to be named as upper ends.)"
+                if at["few_visits"]
+                else (
+                    "(Before held-out visits have their say, which lowers the chances of weak"
+                    " effects.)"
+                )
+            )
+        )
+    sig = s["signature"]
+    lines += _wrap(
+        f"At {size_text(s['shown_size'], unit)} it changes lift by {100 * sig['rms']:.2g} % (rms"
+        f" over trials), of which {100 * sig['rms_left']:.2g} % are left when the coefficients and"
+        f" L_inf have absorbed what they can (at most {100 * sig['largest_left']:.2g} % in one"
+        " trial)."
+    )
+    for name, b in s["bias"].items():
+        units = f"{abs(b['in_u']):.2g} of its standard uncertainty"
+        lines += _wrap(
+            f"Unnoticed at that size it shifts {name} = {b['value']:.3g} by {b['shift']:+.2g},"
+            f" {units}."
+        )
+    rivals = [
+        c for c in s["confused_with"] if c["rival_chance"] >= 0.05 or c["energy_absorbed"] >= 0.5
+    ][:8]
+    if rivals:
+        lines += [
+            (
+                "Confused with (correlation after theta and L_inf; energy it takes over; chance to"
+                " be named or a rival at that size):"
+            )
+        ]
+        lines += [
+            f"  {c['effect']:<22} r = {c['correlation']:.3f}   {100 * c['energy_absorbed']:3.0f} % "
+            f"  {100 * c['rival_chance']:3.0f} %"
+            for c in rivals
+        ]
+    elif at["share_visible"] > 1e-4:
+        lines += ["Confused with nothing in the library."]
+    return lines
+
+
+def _or(value: float | None, unit: str) -> str:
+    return "beyond any size looked at" if value is None else size_text(value, unit)
+
+
+def _wrap(text: str) -> list[str]:
+    return textwrap.wrap(text, 110)
+
+
+def draw(rows: Rows, look: Style) -> Figure:
+    """A line of three panels for each boundary and each of the effect's sizes."""
+    keys = list(
+        dict.fromkeys(zip(rows["boundary"].tolist(), rows["parameter"].tolist(), strict=True))
+    )
+    figure = Figure(figsize=(look.double_in, 0.35 + 2.15 * len(keys)), layout="constrained")
+    grid = figure.subplots(len(keys), 3, squeeze=False, width_ratios=(1.25, 1.1, 1))
+    for line, (boundary, parameter) in zip(grid, keys, strict=True):
+        mine = (rows["boundary"] == boundary) & (rows["parameter"] == parameter)
+        part = {k: v[mine] for k, v in rows.items()}
+        unit = str(part["unit"][0])
+        size = f"{float(part['size'][0]):.3g}" + ("" if unit == "1" else f" {unit}")
+        word = parameter.removesuffix("_m").removesuffix("_N").replace("_", " ")
+        _signature(line[0], part, f"{boundary}: {word} of {size}")
+        _power(line[1], part, word + ("" if unit == "1" else f" ({unit})"))
+        _confused(line[2], part)
+    return figure
+
+
+def _signature(ax: Axes, rows: Rows, title: str) -> None:
+    mine = rows["panel"] == "signature"
+    noise = float(rows["y"][mine & (rows["series"] == "noise")][0])
+    ax.axhspan(-noise, noise, color=BAND, alpha=0.5, linewidth=0, zorder=0)
+    ax.axhline(0, color="0.3", linewidth=0.6, zorder=1)
+    looks = {
+        "raw": ("0.35", "o", "none", "as it acts"),
+        "left": (SERIES[1][0], "s", SERIES[1][0], "what the model leaves"),
+    }
+    for name, (edge, marker, face, _) in looks.items():
+        here = mine & (rows["series"] == name)
+        size = 4.0 if name == "raw" else 1.8
+        ax.plot(
+            rows["x"][here],
+            rows["y"][here],
+            marker=marker,
+            linestyle="none",
+            markersize=size,
+            markerfacecolor=face,
+            markeredgecolor=edge,
+            markeredgewidth=0.5,
+            zorder=3,
+            rasterized=True,
+        )
+    covariate = str(rows["covariate"][0])
+    if covariate == "z_hat":
+        ax.set_xscale("log")
+        log_distance(ax)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(5, integer=covariate == "session"))
+    ax.margins(x=0.05)
+    ax.set_xlabel(r"throttle (%)" if covariate == "throttle" else quantity(covariate), labelpad=1)
+    ax.set_ylabel("change of lift (%)")
+    ax.set_title(title, loc="left")
+    handles = [
+        Line2D(
+            [], [], linestyle="none", marker=m, markersize=3, markerfacecolor=f, markeredgecolor=e
+        )
+        for e, m, f, _ in looks.values()
+    ]
+    handles.append(Line2D([], [], color=BAND, linewidth=5, alpha=0.6))
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + 0.42 * (high - low))
+    ax.legend(
+        handles,
+        [*(t for *_, t in looks.values()), "noise of one trial"],
+        loc="upper left",
+        handlelength=1.2,
+    )
+
+
+def _power(ax: Axes, rows: Rows, label: str) -> None:
+    mine = rows["panel"] == "power"
+    if not mine.any():
+        ax.set_axis_off()
+        ax.text(
+            0.5,
+            0.5,
+            "silent: the model absorbs it\nat any size",
+            ha="center",
+            va="center",
+            transform=ax.transAxes,
+        )
+        return
+    false_alarm = float(rows["y"][mine & (rows["series"] == "false alarm")][0])
+    ax.axhline(100 * false_alarm, color="0.6", linewidth=0.6, linestyle=(0, (2, 2)))
+    for name, (colour, dash, text) in LOOKS.items():
+        here = mine & (rows["series"] == name)
+        ax.plot(rows["x"][here], 100 * rows["y"][here], color=colour, linestyle=dash, label=text)
+    limit = mine & (rows["series"] == "limit")
+    for x, y in zip(rows["x"][limit], rows["y"][limit], strict=True):
+        ax.plot([x, x, 0], [0, 100 * y, 100 * y], color="0.6", linewidth=0.6)
+        ax.plot([x], [100 * y], "o", color=FITTED, markersize=3)
+    ax.set_ylim(0, 104)
+    ax.set_xlim(left=0)
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.set_xlabel(label, labelpad=1)
+    ax.set_ylabel("chance (%)")
+    ax.legend(loc="best")
+
+
+def _confused(ax: Axes, rows: Rows) -> None:
+    if not np.any(rows["panel"] == "power"):
+        ax.set_axis_off()
+        return
+    mine = np.flatnonzero(
+        (rows["panel"] == "confused") & ((rows["x"] >= 0.02) | (rows["y"] >= 0.1))
+    )
+    if not len(mine):
+        ax.set_axis_off()
+        ax.text(
+            0.5,
+            0.5,
+            "confused with nothing\nin the library",
+            ha="center",
+            va="center",
+            transform=ax.transAxes,
+        )
+        return
+    place = np.arange(len(mine))[::-1]
+    ax.barh(
+        place + 0.2, 100 * rows["y"][mine], height=0.36, color="0.75", label="energy it takes over"
+    )
+    ax.barh(
+        place - 0.2,
+        100 * rows["x"][mine],
+        height=0.36,
+        color=SERIES[0][0],
+        label="chance to be a rival",
+    )
+    ax.set_yticks(place, [str(n).replace("_", " ") for n in rows["series"][mine]])
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlim(0, 100)
+    ax.set_ylim(-0.6, len(mine) - 0.4 + 0.28 * len(mine))
+    ax.set_xlabel("%", labelpad=1)
+    ax.legend(loc="upper right")

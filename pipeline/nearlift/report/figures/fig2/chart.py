@@ -1,0 +1,432 @@
+"""Figure 2 to be pointed at: every cell with what stands behind it; throttles, models, bands,
+quantity and axis to be switched.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.products import FIT
+from nearlift.report import curves
+from nearlift.report.evidence import Columns, Evidence, values
+from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.figures.fig2.points import force_unit, points, throttle_key
+from nearlift.report.page.chart import (
+    AREAS,
+    DASHES,
+    SERIES,
+    SHAPES,
+    Chart,
+    Choice,
+    Control,
+    Spec,
+    View,
+    axis,
+    column,
+    frame,
+    params,
+    shade,
+)
+
+GRID = 90
+HEIGHT = 300
+#: More throttles than this are shaded instead of each having its own colour, and are chosen behind
+#: a summary.
+APART = len(SERIES)
+#: The table beneath the chart holds so many points.
+TABLE = 400
+HEADS = ("boundary", "throttle", "ẑ", "ΔL", "lift", "trials", "quality")
+TOOLTIP = (
+    ("label", "throttle"),
+    ("at", "ẑ"),
+    ("delta_text", "ΔL"),
+    ("force_text", "lift"),
+    ("trials", "trials"),
+    ("names", "averaged"),
+    ("quality", "quality"),
+)
+
+
+def chart(evidence: Evidence) -> Chart:
+    """A view for each boundary; what is chosen of throttles, quantity and axis holds for all."""
+    found = {b: points(evidence, b) for b in evidence.boundaries}
+    found = {b: p for b, p in found.items() if p}
+    throttles = sorted(
+        {
+            (float(t), str(label))
+            for p in found.values()
+            for t, label in zip(p["throttle"], p["label"], strict=True)
+        }
+    )
+    looks = {throttle_key(t): _look(i, len(throttles)) for i, (t, _) in enumerate(throttles)}
+    unit = force_unit(evidence)[1]
+    views = tuple(_view(evidence, b, p, looks, unit) for b, p in found.items())
+    chosen = tuple(
+        Choice(
+            value=throttle_key(t),
+            label=label,
+            colour=looks[throttle_key(t)][0],
+            shape=looks[throttle_key(t)][1],
+        )
+        for t, label in throttles
+    )
+    controls = (
+        Control(signal="throttles", legend="Throttle", choices=chosen, folded=len(chosen) > APART),
+        Control(
+            signal="quantity",
+            legend="Show",
+            kind="one",
+            choices=(
+                Choice(value="delta", label="ΔL"),
+                Choice(value="force", label=f"lift in {unit}", on=False),
+            ),
+        ),
+        Control(
+            signal="x_scale",
+            legend="Distance",
+            kind="one",
+            choices=(
+                Choice(value="log", label="logarithmic"),
+                Choice(value="linear", label="linear", on=False),
+            ),
+        ),
+        Control(
+            signal="bands",
+            legend="Band",
+            kind="switch",
+            choices=(Choice(value="bands", label="90 %"),),
+        ),
+    )
+    rows = [
+        (b, *(str(x) for x in row))
+        for b, p in found.items()
+        for row in zip(
+            *(p[n] for n in ("label", "at", "delta_text", "force_text", "trials", "quality")),
+            strict=True,
+        )
+    ]
+    return Chart(
+        name="fig2",
+        label="Lift change against distance, to be pointed at",
+        views=views,
+        controls=controls,
+        heads=HEADS,
+        rows=tuple(rows[:TABLE]),
+        further=max(len(rows) - TABLE, 0),
+    )
+
+
+def _look(i: int, n: int) -> tuple[str, str, int]:
+    if n <= APART:
+        return SERIES[i], SHAPES[i], AREAS[i]
+    return shade(i, n), "circle", 34
+
+
+def _view(
+    evidence: Evidence,
+    boundary: Boundary,
+    cells: Columns,
+    looks: dict[str, tuple[str, str, int]],
+    unit: str,
+) -> View:
+    for i, name in enumerate(("colour", "shape", "area")):
+        cells[name] = column([looks[str(t)][i] for t in cells["throttle"]])
+    grid = np.geomspace(cells["z_hat"].min(), cells["z_hat"].max(), GRID)
+    drawn, choices, levels = _models(
+        evidence, boundary, grid, float(np.nanmax(cells["delta"]) - np.nanmin(cells["delta"])) / 100
+    )
+    data = {"cells": cells, "curves": drawn}
+    beside = _overlays(evidence, boundary)
+    if beside:
+        data["overlays"] = beside
+    on = [c.value for c in choices if c.on]
+    span = [float(cells["z_hat"].min()), float(cells["z_hat"].max())]
+    spec = frame(
+        f"Lift change near the {boundary} against distance over rotor radius",
+        height=HEIGHT,
+        parameters=params(
+            throttles=list(looks),
+            models=on,
+            quantity="delta",
+            bands=True,
+            levels=levels,
+            low=0,
+            high=1,
+        ),
+        layers=[
+            layer for layer in _layers(span, unit) if layer["data"].get("name", "cells") in data
+        ],
+    )
+    return View(
+        name=boundary,
+        title=boundary.capitalize(),
+        spec=spec,
+        data=data,
+        controls=(
+            Control(signal="models", legend="Models", choices=tuple(c for c in choices if c.on)),
+            Control(
+                signal="models",
+                legend="Others fitted",
+                choices=tuple(c for c in choices if not c.on),
+                folded=True,
+            ),
+        ),
+    )
+
+
+def _models(
+    evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float
+) -> tuple[Columns, list[Choice], dict[str, dict[str, float]]]:
+    """Curves of all fitted models and of the literature's, what chooses them, and L_inf of each
+    model and throttle.
+    """
+    scale = force_unit(evidence)[0]
+    fits = evidence.document(FIT)["boundaries"][boundary]
+    base, entry = evidence.base(boundary)
+    rows: list[dict[str, Any]] = []
+    choices: list[Choice] = []
+    levels: dict[str, dict[str, float]] = {}
+
+    def add(
+        name: str,
+        label: str,
+        ratio: FloatArray,
+        fit: dict[str, Any],
+        on: bool,
+        band: tuple[FloatArray, FloatArray] | None = None,
+    ) -> None:
+        i = len(choices) - 1
+        colour, dash = (
+            ("var(--text)", None)
+            if name == base.name
+            else (SERIES[i % len(SERIES)], DASHES[i % len(DASHES)])
+        )
+        choices.append(Choice(value=name, label=label, on=on, colour=colour, dash=dash))
+        levels[name] = {
+            throttle_key(float(t)): scale * float(e["value"]) for t, e in fit["L_inf_N"].items()
+        }
+        low, high = band if band is not None else (np.full(GRID, np.nan), np.full(GRID, np.nan))
+        keep = np.isfinite(ratio)
+        rows.append(
+            {"z_hat": grid[keep], "ratio": ratio[keep], "lo": low[keep], "hi": high[keep]}
+            | {
+                "model": [name] * int(keep.sum()),
+                "label": [label] * int(keep.sum()),
+                "colour": [colour] * int(keep.sum()),
+            }
+            | {"dash": [list(dash or (1, 0))] * int(keep.sum())}
+        )
+
+    own, effects = fig2.line(evidence, boundary, grid), fig2.named(evidence, boundary)
+    apart = own.parts(span)
+    if own.sampled:
+        # the line's own level, for its lift in newtons
+        entry = {
+            **entry,
+            "L_inf_N": {
+                t: {"value": e["median"]} for t, e in entry["posterior"]["L_inf_N"].items()
+            },
+        }
+    source = (
+        f"as quoted, beside {' and '.join(effects)}"
+        if effects
+        else "posterior median"
+        if own.sampled
+        else "least squares"
+    )
+    add(
+        base.name,
+        f"{entry['title']}, {source}",
+        own.middle + 1,
+        entry,
+        True,
+        (own.low + 1, own.high + 1),
+    )
+    if apart:
+        add("least squares", f"{entry['title']}, least squares", own.least_squares + 1, entry, True)
+    for reference in fig2.references(evidence, boundary):
+        add(
+            f"reference:{reference.label}",
+            reference.label,
+            curves.ratio(catalogue.model(reference.model), grid, reference.arguments),
+            entry,
+            True,
+        )
+    for name, fit in fits.items():
+        model: LiftModel = catalogue.model(name)
+        if name != base.name:
+            stood = grid + curves.height_found_m(fit) / evidence.observations[boundary].radius_m
+            ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **values(fit)})
+            add(name, f"{fit['title']}, least squares", ratio, fit, False)
+    names = ("z_hat", "ratio", "lo", "hi", "model", "label", "colour", "dash")
+    return (
+        {
+            n: column(
+                [
+                    x
+                    for row in rows
+                    for x in (row[n].tolist() if isinstance(row[n], np.ndarray) else row[n])
+                ]
+            )
+            for n in names
+        },
+        choices,
+        levels,
+    )
+
+
+def _overlays(evidence: Evidence, boundary: Boundary) -> Columns:
+    rows = [
+        (float(z), 100 * float(d), 100 * float(u), overlay.label)
+        for overlay, table in evidence.overlays
+        if overlay.boundary == boundary
+        for z, d, u in zip(table["z_hat"], table["delta_L"], table["u"], strict=True)
+        if z > 0
+    ]
+    return (
+        {
+            name: column([row[i] for row in rows])
+            for i, name in enumerate(("z_hat", "delta", "u_delta", "label"))
+        }
+        if rows
+        else {}
+    )
+
+
+def _layers(span: list[float], unit: str) -> list[Spec]:
+    """From back to front: zero, bands, curves, bars, points, further data. Only the points decide
+    how far the ordinate reaches.
+    """
+    x: Spec = {
+        "field": "z_hat",
+        "type": "quantitative",
+        "scale": {"type": "$x_scale", "domain": [0.94 * span[0], 1.06 * span[1]], "nice": False},
+        "axis": axis("ẑ = distance / rotor radius", format="~g", labelOverlap=True),
+    }
+    titled = axis(f"ΔL (%), or lift ({unit})")
+    titled["title"] = {"expr": f"quantity == 'delta' ? 'ΔL (%)' : 'lift ({unit})'"}
+    y: Spec = {
+        "field": "y",
+        "type": "quantitative",
+        "scale": {"domain": [{"expr": "low"}, {"expr": "high"}], "nice": False, "zero": False},
+        "axis": titled,
+    }
+    shown: Spec = {"filter": "indexof(throttles, datum.throttle) >= 0"}
+    value = "100 * (datum.{0} - 1)", "levels[datum.model][datum.throttle] * datum.{0}"
+    spread: list[Spec] = [
+        {"filter": "indexof(models, datum.model) >= 0"},
+        {"calculate": "quantity == 'delta' ? ['all'] : throttles", "as": "throttle"},
+        {"flatten": ["throttle"]},
+        *(
+            {
+                "calculate": f"quantity == 'delta' ? {value[0].format(n)} : {value[1].format(n)}",
+                "as": to,
+            }
+            for n, to in (("ratio", "y"), ("lo", "y_lo"), ("hi", "y_hi"))
+        ),
+        {"filter": "isFinite(datum.y)"},
+    ]
+    mine: list[Spec] = [shown, {"calculate": "datum[quantity]", "as": "y"}]
+    bar: list[Spec] = [
+        {"calculate": f"datum[quantity] {sign} datum['u_' + quantity]", "as": f"y_{end}"}
+        for sign, end in (("-", "lo"), ("+", "hi"))
+    ]
+    raw: Spec = {"type": "nominal", "scale": None}
+    points_of: Spec = {
+        "tooltip": [
+            {"field": field, "type": "nominal", "title": title} for field, title in TOOLTIP
+        ],
+        "description": {"field": "words", "type": "nominal"},
+    }
+    return [
+        {
+            "data": {"values": [{"zero": 0}]},
+            "transform": [{"filter": "quantity == 'delta'"}],
+            "mark": {
+                "type": "rule",
+                "color": "var(--soft)",
+                "strokeWidth": 0.7,
+                "aria": False,
+                "clip": True,
+            },
+            "encoding": {"y": {**y, "field": "zero"}},
+        },
+        {
+            "data": {"name": "curves"},
+            "transform": [{"filter": "bands && datum.lo != null"}, *spread],
+            "mark": {
+                "type": "area",
+                "clip": True,
+                "aria": False,
+                "color": "var(--soft)",
+                "opacity": 0.3,
+            },
+            "encoding": {
+                "x": x,
+                "y": {**y, "field": "y_lo"},
+                "y2": {"field": "y_hi"},
+                "detail": [{"field": "model"}, {"field": "throttle"}],
+            },
+        },
+        {
+            "data": {"name": "curves"},
+            "transform": spread,
+            "mark": {"type": "line", "clip": True, "aria": False, "strokeWidth": 1.6},
+            "encoding": {
+                "x": x,
+                "y": y,
+                "detail": [{"field": "model"}, {"field": "throttle"}],
+                "stroke": {**raw, "field": "colour"},
+                "strokeDash": {**raw, "field": "dash"},
+            },
+        },
+        {
+            "data": {"name": "cells"},
+            "transform": [*mine, *bar],
+            "mark": {"type": "rule", "aria": False, "clip": True},
+            "encoding": {
+                "x": x,
+                "y": {**y, "field": "y_lo"},
+                "y2": {"field": "y_hi"},
+                "stroke": {**raw, "field": "colour"},
+            },
+        },
+        {
+            "data": {"name": "overlays"},
+            "transform": [
+                {"filter": "quantity == 'delta'"},
+                {"calculate": "datum.delta", "as": "y"},
+            ],
+            "mark": {"type": "point", "shape": "cross", "color": "var(--soft)", "clip": True},
+            "encoding": {
+                "x": x,
+                "y": y,
+                "tooltip": [{"field": "label", "type": "nominal", "title": "beside"}],
+            },
+        },
+        {
+            "data": {"name": "cells"},
+            "transform": mine,
+            "mark": {
+                "type": "point",
+                "filled": True,
+                "fill": "var(--paper)",
+                "fillOpacity": 1,
+                "strokeWidth": 1.7,
+                "opacity": 1,
+                "ariaRoleDescription": "cell",
+            },
+            "encoding": {
+                "x": x,
+                "y": y,
+                "stroke": {**raw, "field": "colour"},
+                "shape": {**raw, "field": "shape"},
+                "size": {**raw, "field": "area", "type": "quantitative"},
+                **points_of,
+            },
+        },
+    ]

@@ -1,0 +1,182 @@
+"""Figure 2: three panels of Delta L against distance, on a logarithmic axis.
+
+Distances go from a tenth of a radius to ten and more: only a logarithmic axis shows the structure
+near the boundary and the farthest station at once, without a break.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib import rcParams
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from nearlift import nomenclature
+from nearlift.report.figures.style import (
+    BAND,
+    FITTED,
+    NESTED,
+    OVERLAYS,
+    REFERENCES,
+    SEQUENTIAL,
+    SERIES,
+    Style,
+    log_distance,
+    plain_text,
+)
+
+Rows = Mapping[str, Any]
+Corner = Literal["upper right", "lower right"]
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """Panels for the boundaries present, the throttles' legend (or colour bar) once, a legend of
+    curves in each panel.
+    """
+    panels = list(dict.fromkeys(table["panel"].tolist()))
+    width = look.single_in if len(panels) == 1 else look.double_in
+    height = {1: 0.86, 2: 0.46, 3: 0.40}[len(panels)] * width
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(1, len(panels), squeeze=False)[0]
+    throttles = np.unique(table["throttle_fraction"][table["kind"] == "data"])
+    many = len(throttles) > len(SERIES)
+    shade = (
+        ScalarMappable(Normalize(100 * throttles.min(), 100 * throttles.max()), SEQUENTIAL)
+        if many
+        else None
+    )
+    for letter, boundary, ax in zip("abc", panels, axes, strict=False):
+        _panel(
+            ax,
+            _select(table, table["panel"] == boundary),
+            throttles,
+            shade,
+            "lower right" if boundary == "sidewall" else "upper right",
+        )
+        ax.set_title(
+            f"{letter}) {boundary}" if len(panels) > 1 else boundary,
+            loc="left",
+            fontsize=look.text_pt,
+        )
+        ax.set_xlabel(nomenclature.label("z_hat"))
+    axes[0].set_ylabel(nomenclature.label("delta_L", "%"))
+    if shade is not None:
+        figure.colorbar(shade, ax=axes.tolist(), label="throttle (%)", pad=0.02, aspect=30)
+    else:
+        handles = [Line2D([], [], linestyle="none")]
+        handles += [
+            Line2D([], [], color=c, marker=m, linestyle="none", markerfacecolor="white")
+            for (c, m), _ in zip(SERIES, throttles, strict=False)
+        ]
+        names = ["throttle:", *(f"{100 * t:.3g} %" for t in throttles)]
+        figure.legend(
+            handles,
+            names,
+            loc="outside upper center",
+            ncols=len(names),
+            columnspacing=0.8,
+            handletextpad=0.1,
+            handlelength=1.4,
+        )
+    return figure
+
+
+def _select(table: Rows, rows: Any) -> dict[str, Any]:
+    return {name: column[rows] for name, column in table.items()}
+
+
+def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, loc: Corner) -> None:
+    ax.set_xscale("log")
+    ax.axhline(0, color="0.6", linewidth=0.5, zorder=0)
+    handles: list[Any] = []
+    names: list[str] = []
+    curve = _select(rows, rows["kind"] == "band")
+    banded = bool(np.isfinite(curve["lo90_percent"]).any())
+    for label in dict.fromkeys(curve["label"].tolist()):
+        handles += ax.plot(curve["z_hat"], curve["delta_L_percent"], color=FITTED, zorder=3)
+        names.append(f"{plain_text(label)}, 90 %" if banded else plain_text(label))
+    data = _select(rows, rows["kind"] == "data")
+    for i, throttle in enumerate(throttles):
+        mine = _select(data, data["throttle_fraction"] == throttle)
+        if shade is None:
+            colour, marker = SERIES[i]
+            # throttles often fall on one another: each next symbol is smaller, so that all can be
+            # seen
+            _points(ax, mine, colour, marker, size=NESTED[i])
+        else:
+            _points(ax, mine, shade.to_rgba(100 * throttle), "o", thin=True)
+    for mark, label in zip(
+        OVERLAYS, dict.fromkeys(rows["label"][rows["kind"] == "overlay"].tolist()), strict=False
+    ):
+        mine = _select(rows, (rows["kind"] == "overlay") & (rows["label"] == label))
+        handles.append(
+            ax.errorbar(
+                mine["z_hat"],
+                mine["delta_L_percent"],
+                mine["u_delta_L_percent"],
+                fmt=mark,
+                color="0.25",
+                elinewidth=0.5,
+                zorder=2,
+            )
+        )
+        names.append(plain_text(label))
+    # theory, and the band of a fit that says little, may leave the panel; data and fit decide its
+    # limits
+    ax.set_ylim(ax.get_ylim())
+    ax.set_xlim(ax.get_xlim())
+    band = ax.fill_between(
+        curve["z_hat"],
+        curve["lo90_percent"],
+        curve["hi90_percent"],
+        color=BAND,
+        linewidth=0,
+        zorder=1,
+    )
+    if banded:
+        handles[:1] = [(band, handles[0])]
+    fitted = _select(rows, rows["kind"] == "least squares")
+    for label in dict.fromkeys(fitted["label"].tolist()):
+        # thin, and in front of the band: the posterior's line is the one to read
+        handles += ax.plot(
+            fitted["z_hat"],
+            fitted["delta_L_percent"],
+            color=FITTED,
+            linewidth=0.5 * rcParams["lines.linewidth"],
+            zorder=2.8,
+        )
+        names.append(plain_text(label))
+    for (colour, dashes), label in zip(
+        REFERENCES, dict.fromkeys(rows["label"][rows["kind"] == "model"].tolist()), strict=False
+    ):
+        theory = _select(rows, (rows["kind"] == "model") & (rows["label"] == label))
+        handles += ax.plot(
+            theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5
+        )
+        names.append(plain_text(label))
+    log_distance(ax)
+    ax.legend(handles, names, loc=loc)
+
+
+def _points(
+    ax: Axes, mine: Rows, colour: Any, marker: str, size: float = 1.0, thin: bool = False
+) -> None:
+    ax.errorbar(
+        mine["z_hat"],
+        mine["delta_L_percent"],
+        mine["u_delta_L_percent"],
+        fmt=marker,
+        color=colour,
+        markerfacecolor=colour if thin else "white",
+        markeredgewidth=0.3 if thin else 0.8,
+        markersize=2.2 if thin else size * rcParams["lines.markersize"],
+        elinewidth=0.3 if thin else 0.6,
+        alpha=0.7 if thin else 1.0,
+        zorder=2 if thin else 4,
+    )

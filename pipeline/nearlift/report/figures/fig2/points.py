@@ -1,0 +1,123 @@
+"""What stands behind each point of Figure 2: its trials, how many, their uncertainty and their
+quality.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary
+from nearlift.products import LIFT, TRIALS
+from nearlift.reduction.quality import rejected
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.relative_lift import relative_lift
+from nearlift.rounding import plain, plus_minus
+
+#: So many trials are named; the rest are counted.
+NAMED = 6
+#: A lift above this is told in newtons, below it in millinewtons.
+MILLI_BELOW_N = 2.0
+
+
+def force_unit(evidence: Evidence) -> tuple[float, str]:
+    """Factor from newtons, and the unit, that suit this vehicle."""
+    return (
+        (1.0, "N") if float(np.max(evidence.table(LIFT)["lift_N"])) > MILLI_BELOW_N else (1e3, "mN")
+    )
+
+
+def throttle_key(throttle: float) -> str:
+    """A throttle as fit.json names it."""
+    return f"{throttle:g}"
+
+
+def points(evidence: Evidence, boundary: Boundary) -> Columns:
+    """The cells of one boundary, a row each, at finite and positive distance.
+
+    Returns
+    -------
+    dict of arrays
+        `throttle` (key), `z_hat`, `delta` and `u_delta` (percent), `force` and `u_force` (in
+        `force_unit`), and as text `label` (throttle), `at`, `delta_text`, `force_text`, `trials`,
+        `names`, `quality`, `words` (all of it in a sentence).
+    """
+    cells, trials = evidence.table(LIFT), evidence.table(TRIALS)
+    scale, unit = force_unit(evidence)
+    by_fit = evidence.campaign.report.reference == "fit"
+    over = relative_lift(evidence, boundary) if by_fit else None
+    at = (
+        {}
+        if over is None
+        else {
+            key: i
+            for i, key in enumerate(zip(over.throttle.tolist(), over.z_hat.tolist(), strict=True))
+        }
+    )
+    own = (
+        (cells["boundary"] == boundary)
+        & (by_fit | np.isfinite(cells["delta_L"]))
+        & (cells["z_hat"] > 0)
+    )
+    of_boundary = trials["boundary"] == boundary
+    out = rejected(trials["quality"])
+    rows: list[dict[str, Any]] = []
+    for i in np.flatnonzero(own).tolist():
+        z, throttle = float(cells["z_hat"][i]), float(cells["throttle"][i])
+        mine = of_boundary & (trials["z_hat"] == z) & (trials["throttle"] == throttle)
+        delta, u_delta = 100 * float(cells["delta_L"][i]), 100 * float(cells["u_delta_L"][i])
+        if over is not None:
+            if (throttle, z) not in at:
+                continue
+            delta, u_delta = (
+                100 * float(over.delta_L[at[throttle, z]]),
+                100 * float(over.u[at[throttle, z]]),
+            )
+        force, u_force = scale * float(cells["lift_N"][i]), scale * float(cells["u_lift_N"][i])
+        lost = int((mine & out).sum())
+        row = {
+            "throttle": throttle_key(throttle),
+            "z_hat": z,
+            "delta": delta,
+            "u_delta": u_delta,
+            "force": force,
+            "u_force": u_force,
+            "label": f"{100 * throttle:.3g} %",
+            "at": f"{plain(z)} ({plain(1e3 * z * evidence.campaign.vehicle.rotor_radius, 3)} mm)",
+            "delta_text": (
+                f"{plus_minus(delta, u_delta)} %"
+                if u_delta > 0
+                else "0, by construction: L∞ is taken here"
+            ),
+            "force_text": f"{plus_minus(force, u_force)} {unit}",
+            "trials": (
+                f"{int(cells['n_trials'][i])} averaged" + (f", {lost} rejected" if lost else "")
+            ),
+            "names": _named(trials["trial"][mine & ~out]),
+            "quality": _quality(trials["quality"][mine]),
+        }
+        row["words"] = (
+            f"{boundary}, throttle {row['label']}, ẑ = {row['at']}: ΔL {row['delta_text']}; lift"
+            f" {row['force_text']}; trials: {row['trials']}; quality: {row['quality']}"
+        )
+        rows.append(row)
+    names = list(rows[0]) if rows else []
+    return {
+        name: np.array(
+            [row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else float
+        )
+        for name in names
+    }
+
+
+def _named(trials: NDArray[Any]) -> str:
+    more = len(trials) - NAMED
+    return ", ".join(str(t) for t in trials[:NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _quality(quality: NDArray[Any]) -> str:
+    count = Counter(name for text in quality.tolist() for name in text.split())
+    return ", ".join(f"{name} {n}" for name, n in sorted(count.items())) or "good"

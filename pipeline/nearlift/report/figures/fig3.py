@@ -1,0 +1,167 @@
+"""Figure 3: mean airspeed and streamlines for the control, a ground and a ceiling; beneath each,
+the downwash along the cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from nearlift.manifest.piv import Piv, PivCase
+from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.figures import flow_panels as flow_panel
+from nearlift.report.figures.flow_panels import (
+    cut,
+    field_rows,
+    manifest,
+    origin,
+    profile_rows,
+    reduction_text,
+    rows,
+    select,
+    title,
+)
+from nearlift.report.figures.style import SERIES, Style
+from nearlift.rounding import fixed, plain
+
+#: Distances of the paper's Figure 3, taken where the manifest names no cases.
+PAPER_Z_HAT = {"ground": 3.4, "ceiling": 2.0}
+
+
+Rows = Mapping[str, Any]
+X, Y = r"$x / r$", r"$y / r$"
+
+
+def columns(piv: Piv) -> list[PivCase]:
+    """The cases of the figure: the manifest's, else the control and the untilted cases nearest to
+    the paper's distances.
+    """
+    if piv.figure3:
+        return [piv.named(n) for n in piv.figure3]
+    found = [piv.named(piv.control)]
+    for boundary, wanted in PAPER_Z_HAT.items():
+        near = [c for c in piv.case if c.boundary == boundary and c.z_hat is not None]
+        if near:
+            found.append(min(near, key=lambda c: (abs(c.tilt), abs((c.z_hat or 0.0) - wanted))))
+    return found
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Rows by `kind`: node, rotor, boundary (upper panels); profile, control, span, cut (lower
+    panels). Lengths over rotor radius.
+    """
+    piv = manifest(evidence)
+    parts = []
+    for case in columns(piv):
+        row = cut(evidence, case.name)
+        r = evidence.campaign.vehicle.rotor_radius
+        parts.append(field_rows(evidence, case, title(case)))
+        parts.append(profile_rows(evidence, case.name, case.name, "profile"))
+        if case.name != piv.control:
+            parts.append(profile_rows(evidence, piv.control, case.name, "control"))
+        for centre in piv.of(case, "rotors"):
+            ends = (np.array([-1.0, 1.0]) * row["half_span_m"] + centre) / r
+            parts.append(
+                rows(case.name, "span", "", x_hat=ends, y_hat=np.full(2, -row["below_m"] / r))
+            )
+    return stack(parts)
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know, numbers included."""
+    piv = manifest(evidence)
+    shown = [c for c in columns(piv) if c.name != piv.control]
+    r = evidence.campaign.vehicle.rotor_radius
+    first = cut(evidence, piv.control)
+    cross = (
+        f"Below: downwash along the dashed cut, {plain(first['below_m'] / r, 3)} rotor radii"
+        " beneath the rotor plane, with its 90 % band; dotted: the control; shade: the span that"
+        f" is averaged. Control: {fixed(first['downwash_m_s'], 2)} m/s."
+    )
+    first_words = (
+        "Time-averaged airspeed (colour) and streamlines; thrust points up, also where the vehicle"
+        " hung inverted; grey: no vectors."
+    )
+    parts = [first_words, origin(evidence), cross]
+    parts += [
+        f"{c.boundary.capitalize()} at ẑ = {plain(c.z_hat or 0.0, 3)}: reduced by"
+        f" {reduction_text(cut(evidence, c.name))}."
+        for c in shown
+    ]
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    piv = manifest(evidence)
+    named = [
+        f"{c.name}, downwash {plain(float(cut(evidence, c.name)['downwash_m_s']), 3)} m/s"
+        for c in columns(piv)
+    ]
+    return (
+        f"{len(named)} panels of airspeed with streamlines, and beneath each the downwash along a"
+        f" cut: {'; '.join(named)}."
+    )
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """One colour scale for all fields, one velocity axis for all cross-sections."""
+    names = flow_panel.panels(table)
+    (x0, x1), (y0, y1) = flow_panel.limits(table)
+    n = len(names)
+    width = look.double_in if n > 1 else look.single_in
+    tall = (width - 0.9) / n * (y1 - y0) / (x1 - x0)
+    figure = Figure(figsize=(width, tall + 0.45 * tall + 0.9), layout="constrained")
+    axes = figure.subplots(2, n, squeeze=False, sharex=True, sharey="row", height_ratios=(1.0, 0.5))
+    norm = Normalize(0, flow_panel.highest(table))
+    shade: Any = None
+    for letter, name, upper, lower in zip("abcdef", names, axes[0], axes[1], strict=False):
+        mine = select(table, table["panel"] == name)
+        shade = flow_panel.field(upper, mine, flow_panel.speeds(), norm)
+        for x, y in flow_panel.pairs(select(mine, mine["kind"] == "span")):
+            upper.plot(x, y, color="black", linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=5)
+        upper.set_xlim(x0, x1)
+        upper.set_ylim(y0, y1)
+        upper.set_title(f"{letter}) {mine['label'][0]}", loc="left", fontsize=look.text_pt)
+        _section(lower, mine)
+        lower.set_xlabel(X)
+    axes[0, 0].set_ylabel(Y)
+    axes[1, 0].set_ylabel("downwash (m/s)")
+    figure.colorbar(shade, ax=axes[0].tolist(), label="airspeed (m/s)", pad=0.01, aspect=18)
+    return figure
+
+
+def _section(ax: Axes, mine: Rows) -> None:
+    for x, _ in flow_panel.pairs(select(mine, mine["kind"] == "span")):
+        ax.axvspan(x[0], x[1], color="0.92", linewidth=0, zorder=0)
+    ax.axhline(0, color="0.6", linewidth=0.5, zorder=1)
+    control = select(mine, mine["kind"] == "control")
+    ax.plot(
+        control["x_hat"],
+        control["value_m_s"],
+        color="0.35",
+        linestyle=(0, (1, 1.2)),
+        linewidth=0.9,
+        zorder=2,
+    )
+    own = select(mine, mine["kind"] == "profile")
+    colour = SERIES[0][0]
+    reach = 1.645 * own["u_value_m_s"]
+    ax.fill_between(
+        own["x_hat"],
+        own["value_m_s"] - reach,
+        own["value_m_s"] + reach,
+        color=colour,
+        alpha=0.3,
+        linewidth=0,
+    )
+    measured = np.where(own["flag"] > 0, np.nan, own["value_m_s"])
+    ax.plot(own["x_hat"], own["value_m_s"], color=colour, linewidth=0.6, zorder=3)
+    ax.plot(own["x_hat"], measured, color=colour, linewidth=1.3, zorder=3)
+    ax.xaxis.set_major_locator(MultipleLocator(2))

@@ -1,0 +1,143 @@
+"""Figure 4: airspeed less the control's, nearer and nearer to the boundary; a row and a diverging
+colour scale per boundary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from nearlift.declare import FloatArray
+from nearlift.flow.contrast import difference
+from nearlift.flow.field import Field
+from nearlift.manifest.piv import PivCase
+from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.figures import flow_panels as flow_panel
+from nearlift.report.figures.fig3 import X, Y
+from nearlift.report.figures.flow_panels import field_rows, manifest, nodes, origin, select, title
+from nearlift.report.figures.style import Style
+from nearlift.rounding import plain
+
+LEVEL = 1e-3
+ROWS = ("ceiling", "ground")
+
+
+Rows = Mapping[str, Any]
+
+
+def cases(evidence: Evidence) -> list[PivCase]:
+    """Untilted cases near a boundary, ceiling first, farthest first."""
+    piv = manifest(evidence)
+    found = [c for c in piv.case if c.boundary in ROWS and abs(c.tilt) < LEVEL]
+    return sorted(found, key=lambda c: (ROWS.index(c.boundary), -(c.z_hat or 0.0)))
+
+
+def as_field(table: Columns) -> Field:
+    """The mean field of one case from its rows."""
+    x, y = np.unique(table["x_m"]), np.unique(table["y_m"])
+    shape = (len(y), len(x))
+    return Field(
+        x_m=x, y_m=y, vx_m_s=table["vx_m_s"].reshape(shape), vy_m_s=table["vy_m_s"].reshape(shape)
+    )
+
+
+def less_control(evidence: Evidence, name: str) -> FloatArray:
+    """Airspeed less the control's at each node of a case; nan where either has no vector."""
+    return difference(
+        as_field(nodes(evidence, name)), as_field(nodes(evidence, manifest(evidence).control))
+    ).ravel()
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Rows as in Figure 3's upper panels; `value_m_s` is airspeed less the control's. Empty where
+    no case lies near a boundary.
+    """
+    found = cases(evidence)
+    if not found:
+        return {}
+    return stack([field_rows(evidence, c, title(c), less_control(evidence, c.name)) for c in found])
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know."""
+    return (
+        "Time-averaged airspeed less that of the control (blue: slower, red: faster) with the"
+        " streamlines of each case, as the ceiling (upper row) and the ground (lower row) come"
+        " nearer; one colour scale for each row; grey: no vectors in the case or in the control."
+        f" {origin(evidence)}"
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = []
+    for case in cases(evidence):
+        value = table["value_m_s"][(table["panel"] == case.name) & (table["kind"] == "node")]
+        known = value[np.isfinite(value)]
+        parts.append(
+            f"{case.boundary} {plain(case.z_hat or 0.0, 3)}: {plain(float(known.min()), 2)} to"
+            f" {plain(float(known.max()), 2)} m/s"
+        )
+    return (
+        "Maps of airspeed less the control's. Range at each distance over rotor radius:"
+        f" {'; '.join(parts)}."
+    )
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """Panels in the order of the table, broken into rows where the boundary changes."""
+    names = flow_panel.panels(table)
+    labels = {n: table["label"][table["panel"] == n][0] for n in names}
+    lines = [
+        [n for n in names if labels[n].startswith(b)]
+        for b in dict.fromkeys(label.split(",")[0] for label in labels.values())
+    ]
+    across = max(len(line) for line in lines)
+    (x0, x1), (y0, y1) = flow_panel.limits(table)
+    tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
+    figure = Figure(
+        figsize=(look.double_in, min(len(lines) * (tall + 0.25) + 0.35, look.height_in)),
+        layout="constrained",
+    )
+    letters = iter("abcdefghijklmnopqrstuvwxyz")
+    axes = figure.subplots(len(lines), across, squeeze=False, sharex=True, sharey=True)
+    for line, places in zip(lines, axes, strict=True):
+        shade: Any = None
+        top = float(
+            np.nanquantile(
+                np.abs(
+                    table["value_m_s"][(table["kind"] == "node") & np.isin(table["panel"], line)]
+                ),
+                0.995,
+            )
+        )
+        norm = Normalize(-top, top)
+        for ax in places[len(line) :]:
+            ax.set_axis_off()
+        for name, ax in zip(line, places, strict=False):
+            mine = select(table, table["panel"] == name)
+            shade = flow_panel.field(
+                ax, mine, matplotlib.colormaps["RdBu_r"], norm, line_pt=0.35, density=0.5
+            )
+            ax.set_xlim(x0, x1)
+            ax.set_ylim(y0, y1)
+            ax.set_title(
+                f"{next(letters)}) {labels[name]}", loc="left", fontsize=look.text_pt - 0.5
+            )
+        places[0].set_ylabel(Y)
+        figure.colorbar(
+            shade,
+            ax=places.tolist(),
+            label="airspeed less\nthe control's (m/s)",
+            pad=0.01,
+            aspect=14,
+            extend="both",
+        )
+    for ax in axes[-1]:
+        ax.set_xlabel(X)
+    return figure

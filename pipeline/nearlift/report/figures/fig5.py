@@ -1,0 +1,140 @@
+"""Figure 5: the wake over a tilted ground: airspeed, streamlines, vortex cores and the outline of
+the stagnation zone, three panels to a row.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from nearlift.manifest.piv import PivCase
+from nearlift.products import FLOW, FLOW_TOPOLOGY
+from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.figures import flow_panels as flow_panel
+from nearlift.report.figures.fig3 import X, Y
+from nearlift.report.figures.fig4 import LEVEL
+from nearlift.report.figures.flow_panels import field_rows, manifest, origin, rows, select, title
+from nearlift.report.figures.style import SERIES, Style
+from nearlift.rounding import fixed, plain
+
+Rows = Mapping[str, Any]
+ACROSS = 3
+ZONE = SERIES[1][0]
+
+
+def cases(evidence: Evidence) -> list[PivCase]:
+    """Tilted ground cases from the most positive to the most negative tilt."""
+    found = [c for c in manifest(evidence).case if c.boundary == "ground" and abs(c.tilt) >= LEVEL]
+    return sorted(found, key=lambda c: -c.tilt)
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Rows as in Figure 3's upper panels; `vortex` rows carry the sign of rotation in `flag`. Empty
+    without tilted cases.
+    """
+    found = cases(evidence)
+    if not found:
+        return {}
+    r = evidence.campaign.vehicle.rotor_radius
+    parts = []
+    for case in found:
+        parts.append(field_rows(evidence, case, title(case, tilted=True)))
+        cores = evidence.document(FLOW)["cases"][case.name]["vortices"]
+        if cores:
+            parts.append(
+                rows(
+                    case.name,
+                    "vortex",
+                    "",
+                    x_hat=np.array([v["x_m"] for v in cores]) / r,
+                    y_hat=np.array([v["y_m"] for v in cores]) / r,
+                    flag=np.sign([v["circulation_m2_s"] for v in cores]),
+                )
+            )
+    return stack(parts)
+
+
+def number(evidence: Evidence, case: str, quantity: str) -> dict[str, Any]:
+    """One row of flow_topology.parquet."""
+    table = evidence.table(FLOW_TOPOLOGY)
+    (i,) = np.flatnonzero((table["case"] == case) & (table["quantity"] == quantity))
+    return {k: v[i] for k, v in table.items()}
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know, numbers included."""
+    areas = [
+        f"{fixed(number(evidence, c.name, 'stagnation_area_hat2')['value'], 2)}"
+        for c in cases(evidence)
+    ]
+    tilts = [f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases(evidence)]
+    return (
+        "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls"
+        " away to the right). Circles: standing vortices (cores of Γ₂ > 2/π in which Γ₁ exceeds"
+        " 0.5), filled where they turn counter-clockwise. Outline: the stagnation zone, air slower"
+        " than 0.3 of the control's downwash that rests on the ground beneath the rotors; its area"
+        f" for {', '.join(tilts)} is {', '.join(areas)} r². {origin(evidence)}"
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = []
+    for case in cases(evidence):
+        ccw, cw = (
+            plain(number(evidence, case.name, f"vortices_{s}")["value"]) for s in ("ccw", "cw")
+        )
+        angle = f"{math.degrees(case.tilt):+.1f}".replace("-", "−")
+        parts.append(f"{angle} degrees: {ccw} counter-clockwise and {cw} clockwise vortices")
+    return f"{len(parts)} panels of airspeed with streamlines. {'; '.join(parts)}."
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """One colour scale for all panels."""
+    names = flow_panel.panels(table)
+    across = min(ACROSS, len(names))
+    down = -(-len(names) // across)
+    (x0, x1), (y0, y1) = flow_panel.limits(table)
+    tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
+    figure = Figure(
+        figsize=(look.double_in, min(down * (tall + 0.25) + 0.35, look.height_in)),
+        layout="constrained",
+    )
+    axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+    norm = Normalize(0, flow_panel.highest(table))
+    shade: Any = None
+    for ax in axes.ravel()[len(names) :]:
+        ax.set_axis_off()
+    for letter, name, ax in zip("abcdefghijkl", names, axes.ravel(), strict=False):
+        mine = select(table, table["panel"] == name)
+        shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm, density=0.85)
+        x, y, zone = flow_panel.grid(select(mine, mine["kind"] == "node"), "flag")
+        if zone.max() > 0:
+            ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
+        core = select(mine, mine["kind"] == "vortex")
+        for turns, fill in ((1, ZONE), (-1, "white")):
+            of = core["flag"] == turns
+            ax.plot(
+                core["x_hat"][of],
+                core["y_hat"][of],
+                "o",
+                color="black",
+                markerfacecolor=fill,
+                markersize=4.2,
+                markeredgewidth=0.8,
+                zorder=6,
+            )
+        ax.set_xlim(x0, x1)
+        ax.set_ylim(y0, y1)
+        ax.set_title(f"{letter}) {mine['label'][0]}", loc="left", fontsize=look.text_pt)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(Y)
+    for ax in axes[-1]:
+        ax.set_xlabel(X)
+    figure.colorbar(shade, ax=axes.ravel().tolist(), label="airspeed (m/s)", pad=0.01, aspect=30)
+    return figure

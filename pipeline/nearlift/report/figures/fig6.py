@@ -1,0 +1,291 @@
+"""Figure 6: sample flights above, crash rates and energy beneath, ground on the left, ceiling on
+the right, as the paper has them and with a converged time step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from nearlift import catalogue, nomenclature
+from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
+from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.style import SEQUENTIAL, SERIES, Style, plain_text
+
+SIDES = ("ground", "ceiling")
+ROWS = ("histories", "paper", "converged")
+#: Of a sample flight so much is shown before and after the crash that it is about, s.
+BEFORE_S, AFTER_S = 20.0, 10.0
+REAL = ("exponent", "flight", "x", "y", "lo90", "hi90")
+
+
+Rows = Mapping[str, Any]
+LETTERS = "abcdefgh"
+NONE = "#000000"
+COST = {"cost_paper": (0, (4, 1.5)), "cost": (0, (1, 1.2))}
+COST_COLOUR = SERIES[1][0]
+TITLES = {"histories": "sample flights", "paper": "as printed", "converged": "converged step"}
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `row` (histories, paper, converged), `panel` (boundary), `kind` (flight, crash, cost_paper,
+        cost), `label` (model), `exponent` of the ratio, `flight`, `x` (time in s or set-point), `y`
+        (z_hat, crash rate or relative cost), `lo90` and `hi90` of a crash rate. A flight that
+        crashed ends at z_hat = 0, on the line through its last two heights.
+    """
+    rates, flights = evidence.table(CRASH_RATES), evidence.table(FLIGHTS)
+    parts = []
+    for side in SIDES:
+        mine = flights["boundary"] == side
+        for flight in flights["flight"][mine][:1].tolist():
+            models = flights["model"][mine & (flights["flight"] == flight)]
+            end = min(
+                flights["t_s"][mine & (flights["flight"] == flight) & (flights["model"] == m)].max()
+                for m in set(models.tolist())
+            )
+            near = (flights["t_s"] >= end - BEFORE_S) & (flights["t_s"] <= end + AFTER_S)
+            for model in (
+                "none",
+                *dict.fromkeys(m for m in flights["model"][mine].tolist() if m != "none"),
+            ):
+                own = mine & near & (flights["flight"] == flight) & (flights["model"] == model)
+                t_s, z_hat = touching(flights["t_s"][own], flights["z_hat"][own])
+                label = "none" if model == "none" else catalogue.model(model).title
+                parts.append(
+                    curve_rows("histories", side, "flight", label, t_s, z_hat, flight=flight)
+                )
+        for preset in ROWS[1:]:
+            for exponent in dict.fromkeys(
+                rates["exponent"][
+                    (rates["preset"] == preset) & (rates["boundary"] == side)
+                ].tolist()
+            ):
+                own = (
+                    (rates["preset"] == preset)
+                    & (rates["boundary"] == side)
+                    & (rates["exponent"] == exponent)
+                )
+                x, label = rates["target_z_hat"][own], str(rates["model"][own][0])
+                ends = {"lo90": rates["lo90"][own], "hi90": rates["hi90"][own]}
+                parts.append(
+                    curve_rows(
+                        preset,
+                        side,
+                        "crash",
+                        label,
+                        x,
+                        rates["rate"][own],
+                        exponent=exponent,
+                        **ends,
+                    )
+                )
+                if exponent == 1.0:
+                    parts += [
+                        curve_rows(
+                            preset, side, kind, label, x, rates[kind][own], exponent=exponent
+                        )
+                        for kind in ("cost_paper", "cost")
+                    ]
+    return stack(parts) if parts else {}
+
+
+def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
+    """A flight up to where it touched: a last height below zero, a step after the touch, becomes
+    the touch.
+    """
+    if len(z_hat) < 2 or z_hat[-1] > 0:
+        return t_s, z_hat
+    share = z_hat[-2] / (z_hat[-2] - z_hat[-1])
+    return np.append(t_s[:-1], t_s[-2] + share * (t_s[-1] - t_s[-2])), np.append(z_hat[:-1], 0.0)
+
+
+def curve_rows(
+    row: str, panel: str, kind: str, label: str, x: Any, y: Any, **further: Any
+) -> Columns:
+    """Rows of one curve; a single value stands in all of them, what is not given is nan."""
+    n = len(x)
+    table: Columns = {
+        "row": text_column(row, n),
+        "panel": text_column(panel, n),
+        "kind": text_column(kind, n),
+        "label": text_column(label, n),
+    }
+    real = {"x": x, "y": y, **further}
+    return table | {
+        name: np.broadcast_to(np.asarray(real.get(name, np.nan), dtype=float), (n,))
+        for name in REAL
+    }
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What is drawn, and which of it may be believed."""
+    content = evidence.document(SAFETY)["presets"]
+    flights = {own["flights"] for p in content.values() for own in p["boundaries"].values()}
+    parts = [
+        "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and controller.",
+        (
+            "First row: the seconds around a crash in the first flight that the model decides"
+            " (above the ground it saves the vehicle, below the ceiling it is what loses it); both"
+            " curves meet the same gusts; a cross is the crash."
+        ),
+        (
+            "Below: share of flights that touch the boundary against set-point, for no model and"
+            " for the model's ratio raised to powers,"
+            f" {' or '.join(str(f) for f in sorted(flights))} flights a point with the same gusts"
+            " throughout; shade: 90 % binomial interval."
+        ),
+        (
+            "Right axis: relative power to hover, (L/L∞)^(−3/2) as the paper has it (dashed) and"
+            " L∞/L, as its theories mean it (dotted)."
+        ),
+    ]
+    for name, own in content.items():
+        worst = max(b["convergence"]["worst"] for b in own["boundaries"].values())
+        good = all(b["convergence"]["converged"] for b in own["boundaries"].values())
+        verdict = (
+            "no rate leaves its interval"
+            if good
+            else "its rates are the time step's as much as the vehicle's"
+        )
+        parts.append(
+            f"{name.capitalize()}: {own['meaning']}; halving the step changes a crash rate by up to"
+            f" {worst:.2g}: {verdict}."
+        )
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = []
+    for name, own in evidence.document(SAFETY)["presets"].items():
+        for side, found in own["boundaries"].items():
+            half = {e["exponent"]: e["value"] for e in found["levels"] if e["risk"] == 0.5}
+            if half:
+                parts.append(
+                    f"{name}, {side}: half of the flights crash at z_hat {half[0.0]:.2f} without"
+                    f" and {half[1.0]:.2f} with the model"
+                )
+    return "Crash rates against set-point. " + "; ".join(parts) + "."
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """A row of panels for the flights and one for each preset that was flown."""
+    rows = list(
+        dict.fromkeys(r for r in ("histories", "paper", "converged") if (table["row"] == r).any())
+    )
+    sides = list(dict.fromkeys(table["panel"].tolist()))
+    height = min(look.double_in * 0.33 * len(rows) + 0.25, look.height_in)
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    axes = figure.subplots(len(rows), len(sides), squeeze=False)
+    letters = iter(LETTERS)
+    for i, row in enumerate(rows):
+        for j, side in enumerate(sides):
+            ax = axes[i, j]
+            own = {
+                name: column[(table["row"] == row) & (table["panel"] == side)]
+                for name, column in table.items()
+            }
+            if row == "histories":
+                _histories(ax, own, side)
+            else:
+                _rates(ax, own, last=j == len(sides) - 1)
+            ax.set_title(
+                f"{next(letters)}) {side}, {TITLES[row]}", loc="left", fontsize=look.text_pt
+            )
+    exponents = sorted(set(table["exponent"][table["kind"] == "crash"].tolist()))
+    handles = [Line2D([], [], color=colour(e, exponents), linewidth=1.3) for e in exponents]
+    names = [
+        "no model" if e == 0 else f"model$^{{\\,{e:g}}}$" if e != 1 else "model" for e in exponents
+    ]
+    handles += [Line2D([], [], color=COST_COLOUR, linestyle=s) for s in COST.values()]
+    names += ["$(L/L_\\infty)^{-3/2}$", "$(L/L_\\infty)^{-1}$"]
+    figure.legend(
+        handles,
+        names,
+        loc="outside lower center",
+        ncols=len(names),
+        columnspacing=1.0,
+        handlelength=1.8,
+    )
+    return figure
+
+
+def colour(exponent: float, exponents: list[float]) -> Any:
+    """Black without a model, else even steps from dark to light."""
+    powers = [e for e in exponents if e != 0]
+    if exponent == 0:
+        return NONE
+    return matplotlib.colormaps[SEQUENTIAL](
+        0.12 + 0.76 * powers.index(exponent) / max(len(powers) - 1, 1)
+    )
+
+
+def _histories(ax: Axes, own: Rows, side: str) -> None:
+    for label in dict.fromkeys(own["label"].tolist()):
+        mine = own["label"] == label
+        x, y = own["x"][mine], own["y"][mine]
+        shade = NONE if label == "none" else SERIES[0][0]
+        ax.plot(x, y, color=shade, linewidth=0.8)
+        if len(y) and y[-1] <= 0:
+            ax.plot(
+                x[-1:], y[-1:], marker="x", color=shade, markersize=5, markeredgewidth=1.2, zorder=5
+            )
+    ax.set_xlim(own["x"].min(), own["x"].max())
+    ax.axhline(0, color="0.45", linewidth=1.6, zorder=0)
+    # room for the legend beyond the flights, and for the boundary with its crosses on this side of
+    # the frame
+    top = 1.22 * float(own["y"].max())
+    ax.set_ylim(-0.09 * top, top)
+    ax.set_xlabel("time (s)")
+    ax.set_ylabel(nomenclature.label("z_hat"))
+    if side == "ceiling":
+        # as one sees it: the ceiling above
+        ax.invert_yaxis()
+    handles = [Line2D([], [], color=NONE), Line2D([], [], color=SERIES[0][0])]
+    names = [
+        "no model",
+        "with " + plain_text(next((m for m in own["label"].tolist() if m != "none"), "model")),
+    ]
+    ax.legend(handles, names, loc="lower right" if side == "ceiling" else "upper right", ncols=2)
+
+
+def _rates(ax: Axes, own: Rows, last: bool) -> None:
+    crash = own["kind"] == "crash"
+    exponents = sorted(set(own["exponent"][crash].tolist()))
+    for e in exponents:
+        mine = crash & (own["exponent"] == e)
+        shade = colour(e, exponents)
+        ax.fill_between(
+            own["x"][mine],
+            100 * own["lo90"][mine],
+            100 * own["hi90"][mine],
+            color=shade,
+            alpha=0.25,
+            linewidth=0,
+        )
+        ax.plot(
+            own["x"][mine], 100 * own["y"][mine], color=shade, linewidth=1.3 if e in (0, 1) else 0.8
+        )
+    ax.set_ylim(-2, 102)
+    ax.set_xlabel(nomenclature.label("target_z_hat"))
+    ax.set_ylabel("crash rate (%)")
+    right: Any = ax.twinx()
+    for kind, dashes in COST.items():
+        mine = own["kind"] == kind
+        right.plot(own["x"][mine], own["y"][mine], color=COST_COLOUR, linestyle=dashes)
+    right.set_ylim(0.5, 1.02)
+    right.tick_params(axis="y", colors=COST_COLOUR)
+    ax.tick_params(axis="y", right=False)
+    if last:
+        right.set_ylabel("relative power to hover", color=COST_COLOUR)

@@ -1,0 +1,313 @@
+"""Mean flow fields over rotor radius: nodes, rotors, boundary, vortices and the cut as rows, and as
+colour and streamlines on an axis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.ticker import MultipleLocator
+
+from nearlift.declare import FloatArray
+from nearlift.flow.downwash import NOT_AT_THE_DISK
+from nearlift.flow.scene import Scene
+from nearlift.manifest.piv import Piv, PivCase
+from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
+from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.rounding import fixed
+
+#: Everything a node has; other rows leave most of it empty.
+NUMBERS = ("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag")
+
+
+Rows = Mapping[str, Any]
+UNOBSERVED = "0.80"
+LINES = "0.10"
+
+
+def manifest(evidence: Evidence) -> Piv:
+    """[piv]; the figures that ask for it are made only where its products exist."""
+    assert evidence.campaign.piv is not None
+    return evidence.campaign.piv
+
+
+def scene(evidence: Evidence, case: PivCase) -> Scene:
+    """Where rotors and boundary stand."""
+    r = evidence.campaign.vehicle.rotor_radius
+    return Scene(
+        boundary=case.boundary,
+        distance_m=math.inf if case.z_hat is None else case.z_hat * r,
+        tilt_rad=case.tilt,
+        rotors_m=tuple(manifest(evidence).of(case, "rotors")),
+        radius_m=r,
+    )
+
+
+def title(case: PivCase, tilted: bool = False) -> str:
+    """What stands above a panel."""
+    if tilted:
+        return f"$\\theta = {math.degrees(case.tilt):+.1f}^\\circ$"
+    return "control" if case.z_hat is None else f"{case.boundary}, $\\hat{{z}} = {case.z_hat:g}$"
+
+
+def rows(panel: str, kind: str, label: str, **columns: Any) -> Columns:
+    """Rows of one kind in one panel."""
+    n = max(len(np.atleast_1d(c)) for c in columns.values())
+    empty = np.full(n, np.nan)
+    numbers = {
+        name: np.broadcast_to(np.asarray(columns.get(name, empty), dtype=float), (n,))
+        for name in NUMBERS
+    }
+    return {
+        "panel": text_column(panel, n),
+        "kind": text_column(kind, n),
+        "label": text_column(label, n),
+        **numbers,
+    }
+
+
+def nodes(evidence: Evidence, name: str) -> Columns:
+    """The rows of flow_fields.parquet of one case, with x and y over rotor radius and the speed."""
+    table = evidence.table(FLOW_FIELDS)
+    mine = table["case"] == name
+    r = evidence.campaign.vehicle.rotor_radius
+    found = {k: v[mine] for k, v in table.items()}
+    return found | {
+        "x_hat": found["x_m"] / r,
+        "y_hat": found["y_m"] / r,
+        "speed_m_s": np.hypot(found["vx_m_s"], found["vy_m_s"]),
+    }
+
+
+def field_rows(
+    evidence: Evidence, case: PivCase, label: str, value: FloatArray | None = None
+) -> Columns:
+    """One panel: its nodes coloured by speed (or by `value`), its rotors and its boundary."""
+    r = evidence.campaign.vehicle.rotor_radius
+    found = nodes(evidence, case.name)
+    place = scene(evidence, case)
+    shown = found["speed_m_s"] if value is None else value
+    parts = [
+        rows(
+            case.name,
+            "node",
+            label,
+            x_hat=found["x_hat"],
+            y_hat=found["y_hat"],
+            vx_m_s=found["vx_m_s"],
+            vy_m_s=found["vy_m_s"],
+            value_m_s=shown,
+            flag=found["stagnant"],
+        )
+    ]
+    parts += [
+        rows(case.name, "rotor", label, x_hat=[c / r - 1, c / r + 1], y_hat=[0.0, 0.0])
+        for c in place.rotors_m
+    ]
+    if case.boundary != "none":
+        ends = np.array([found["x_m"].min() - 2 * r, found["x_m"].max() + 2 * r])
+        parts.append(
+            rows(
+                case.name,
+                "boundary",
+                label,
+                x_hat=ends / r,
+                y_hat=place.boundary_y_m(ends) / r,
+                flag=1.0 if case.boundary == "ground" else -1.0,
+            )
+        )
+    return stack(parts)
+
+
+def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> Columns:
+    """The cut of one case; `flag` is 1 where it was mirrored."""
+    table = evidence.table(DOWNWASH_PROFILE)
+    mine = table["case"] == name
+    r = evidence.campaign.vehicle.rotor_radius
+    return rows(
+        panel,
+        kind,
+        name,
+        x_hat=table["x_m"][mine] / r,
+        value_m_s=table["downwash_m_s"][mine],
+        u_value_m_s=table["u_downwash_m_s"][mine],
+        flag=table["mirrored"][mine],
+    )
+
+
+def cut(evidence: Evidence, name: str, rotor: str = "all") -> dict[str, Any]:
+    """The row of downwash.parquet of one case."""
+    table = evidence.table(DOWNWASH)
+    (i,) = np.flatnonzero((table["case"] == name) & (table["rotor"] == rotor))
+    return {k: v[i] for k, v in table.items()}
+
+
+def reduction_text(row: dict[str, Any]) -> str:
+    """``8.7 % (90 %: 3.4 to 13.9)``, and where that does not speak of the disk, so; a dash where
+    the cut has no vectors.
+    """
+    if not math.isfinite(row["reduction"]):
+        return "–"
+    elsewhere = (
+        ", not the inflow at the disk"
+        if set(str(row["warnings"]).split()) & set(NOT_AT_THE_DISK)
+        else ""
+    )
+    if not math.isfinite(row["reduction_lo90"]):
+        return f"{fixed(100 * row['reduction'], 1)} %{elsewhere}"
+    span = f"{fixed(100 * row['reduction_lo90'], 1)} to {fixed(100 * row['reduction_hi90'], 1)}"
+    return f"{fixed(100 * row['reduction'], 1)} % (90 %: {span}){elsewhere}"
+
+
+def origin(evidence: Evidence) -> str:
+    """What the fields are, for captions: simulated or measured, how many, which mirrored."""
+    facts = evidence.document(FLOW)["cases"]
+    counts = sorted({int(f["fields"]) for f in facts.values()})
+    number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    said = (
+        f"{'SIMULATED fields, no measurement. ' if evidence.campaign.simulated else ''}Each panel"
+        f" is the mean of {number} velocity fields"
+    )
+    reflected = [n for n, f in facts.items() if f["mirrored"]]
+    if reflected:
+        share = "all" if len(reflected) == len(facts) else f"{len(reflected)} of {len(facts)}"
+        said += f"; in {share} cases one half was measured and the other is its reflection"
+    return said + "."
+
+
+def speeds() -> Colormap:
+    """Light to blue, without the darkest end, so that black streamlines show everywhere."""
+    import matplotlib
+
+    base = matplotlib.colormaps["YlGnBu"]
+    return LinearSegmentedColormap.from_list("speeds", base(np.linspace(0.0, 0.78, 128)))
+
+
+def select(table: Rows, rows: Any) -> dict[str, Any]:
+    """The rows of a mask."""
+    return {name: column[rows] for name, column in table.items()}
+
+
+def panels(table: Rows) -> list[str]:
+    """Names of the panels in order."""
+    return list(dict.fromkeys(table["panel"].tolist()))
+
+
+def grid(node: Rows, name: str) -> tuple[Any, Any, Any]:
+    """Axes and a masked map of one column of nodes; the axes are exactly even, as streamlines want
+    them.
+    """
+    x, y = np.unique(node["x_hat"]), np.unique(node["y_hat"])
+    values = np.ma.masked_invalid(np.asarray(node[name], dtype=float).reshape(len(y), len(x)))
+    return np.linspace(x[0], x[-1], len(x)), np.linspace(y[0], y[-1], len(y)), values
+
+
+def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Common limits of all panels: the nodes, half a radius beyond them downwards for the
+    boundary.
+    """
+    node = table["kind"] == "node"
+    x, y = table["x_hat"][node], table["y_hat"][node]
+    return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
+
+
+def field(
+    ax: Axes,
+    rows: Rows,
+    cmap: Colormap,
+    norm: Normalize,
+    line_pt: float = 0.45,
+    density: float = 0.75,
+) -> Any:
+    """Draw one panel and hand back what a colour bar needs."""
+    node = select(rows, rows["kind"] == "node")
+    x, y, value = grid(node, "value_m_s")
+    ax.set_facecolor(UNOBSERVED)
+    shade = ax.pcolormesh(x, y, value, cmap=cmap, norm=norm, shading="nearest", rasterized=True)
+    _, _, vx = grid(node, "vx_m_s")
+    _, _, vy = grid(node, "vy_m_s")
+    ax.streamplot(
+        x,
+        y,
+        vx,
+        vy,
+        color=LINES,
+        linewidth=line_pt,
+        arrowsize=0.45,
+        density=density,
+        broken_streamlines=True,
+        zorder=2,
+    )
+    _as_one(ax)
+    for end in pairs(select(rows, rows["kind"] == "rotor")):
+        ax.plot(*end, color="black", linewidth=2.0, solid_capstyle="butt", zorder=4)
+    wall = select(rows, rows["kind"] == "boundary")
+    if len(wall["x_hat"]):
+        outside = -50.0 if wall["flag"][0] > 0 else 50.0
+        ax.fill_between(
+            wall["x_hat"],
+            wall["y_hat"],
+            outside,
+            facecolor="white",
+            edgecolor="0.55",
+            hatch="/////",
+            linewidth=0,
+            zorder=3,
+        )
+        ax.plot(wall["x_hat"], wall["y_hat"], color="black", linewidth=1.0, zorder=3.5)
+    ax.set_aspect("equal")
+    ax.xaxis.set_major_locator(MultipleLocator(2))
+    ax.yaxis.set_major_locator(MultipleLocator(1))
+    return shade
+
+
+def _as_one(ax: Axes) -> None:
+    """The hundreds of arrow heads of the streamlines as one artist, which is laid out and drawn in
+    a fraction of the time.
+    """
+    arrows: list[Any] = list(ax.patches)
+    ends = np.array([arrow._posA_posB for arrow in arrows]).reshape(-1, 2, 2)
+    for arrow in arrows:
+        arrow.remove()
+    along = ends[:, 1] - ends[:, 0]
+    length = np.hypot(along[:, 0], along[:, 1])
+    seen = length > 0
+    along = along[seen] / length[seen, None]
+    style: dict[str, Any] = {
+        "units": "inches",
+        "width": 0.009,
+        "headwidth": 4.5,
+        "headlength": 5,
+        "headaxislength": 5,
+        "minlength": 0,
+    }
+    ax.quiver(
+        *ends[seen, 0].T,
+        *along.T,
+        angles="xy",
+        scale_units="inches",
+        scale=18,
+        pivot="mid",
+        color=LINES,
+        zorder=2.1,
+        **style,
+    )
+
+
+def pairs(rows: Rows) -> list[tuple[Any, Any]]:
+    """Line segments from rows that come two by two."""
+    return [
+        (rows["x_hat"][i : i + 2], rows["y_hat"][i : i + 2])
+        for i in range(0, len(rows["x_hat"]), 2)
+    ]
+
+
+def highest(table: Rows) -> float:
+    """Upper end of a colour scale of speeds: the fastest but a thousandth of all nodes."""
+    value = table["value_m_s"][table["kind"] == "node"]
+    return float(np.nanquantile(value, 0.999))

@@ -1,0 +1,115 @@
+"""The wake's topology against tilt: vortices, stagnation zone and split angle, left and right, each
+with its bootstrap interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from nearlift.products import FLOW_TOPOLOGY
+from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures import fig5
+from nearlift.report.figures.flow_panels import origin, panels, select
+from nearlift.report.figures.style import SERIES, Style
+
+#: Panel, its axis label, and the quantities in it with what the legend calls them.
+PANELS = (
+    ("vortices", "vortices", (("vortices_ccw", "counter-clockwise"), ("vortices_cw", "clockwise"))),
+    ("area", "stagnation area / $r^2$", (("stagnation_area_hat2", ""),)),
+    ("height", "stagnation height / $r$", (("stagnation_height_hat", ""),)),
+    ("split", "split angle (deg)", (("split_angle_deg", ""),)),
+    ("asymmetry", "asymmetry", (("asymmetry", ""),)),
+)
+
+
+Rows = Mapping[str, Any]
+ACROSS = 3
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """A row for each number of each tilted case: `panel`, `axis`, `label`, `tilt_deg`, `value`,
+    `lo90`, `hi90`.
+    """
+    names = [c.name for c in fig5.cases(evidence)]
+    if not names:
+        return {}
+    table = evidence.table(FLOW_TOPOLOGY)
+    parts = []
+    for panel, axis, quantities in PANELS:
+        for quantity, label in quantities:
+            mine = np.isin(table["case"], names) & (table["quantity"] == quantity)
+            mine &= np.isfinite(table["value"])
+            order = np.argsort(table["tilt_rad"][mine])
+            n = int(mine.sum())
+            parts.append(
+                {
+                    "panel": text_column(panel, n),
+                    "axis": text_column(axis, n),
+                    "label": text_column(label, n),
+                    "tilt_deg": np.degrees(table["tilt_rad"][mine][order]),
+                    "value": table["value"][mine][order],
+                    "lo90": table["lo90"][mine][order],
+                    "hi90": table["hi90"][mine][order],
+                }
+            )
+    return stack(parts)
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know."""
+    return (
+        "Topology of the wake against tilt of the ground. Bars: 90 % intervals over resampled sets"
+        " of fields. Asymmetry: right-going less left-going momentum beneath the rotor plane over"
+        f" their sum. {origin(evidence)}"
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = []
+    for panel in dict.fromkeys(table["panel"].tolist()):
+        values = table["value"][table["panel"] == panel]
+        parts.append(f"{panel} from {values.min():.3g} to {values.max():.3g}".replace("-", "−"))
+    return f"Numbers of the wake against tilt: {'; '.join(parts)}."
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """A panel for each number."""
+    names = panels(table)
+    down = -(-len(names) // ACROSS)
+    figure = Figure(figsize=(look.double_in, 1.55 * down + 0.2), layout="constrained")
+    axes = figure.subplots(down, ACROSS, squeeze=False, sharex=True)
+    for ax in axes.ravel()[len(names) :]:
+        ax.set_axis_off()
+    for i, (name, ax) in enumerate(zip(names, axes.ravel(), strict=False)):
+        mine = select(table, table["panel"] == name)
+        labels = list(dict.fromkeys(mine["label"].tolist()))
+        for shift, (colour, marker), label in zip((-0.12, 0.12), SERIES, labels, strict=False):
+            own = select(mine, mine["label"] == label)
+            bars = np.abs(np.stack([own["value"] - own["lo90"], own["hi90"] - own["value"]]))
+            x = own["tilt_deg"] + (shift if len(labels) > 1 else 0.0)
+            ax.errorbar(
+                x,
+                own["value"],
+                bars,
+                fmt=marker,
+                color=colour,
+                markerfacecolor="white",
+                elinewidth=0.8,
+                label=label or None,
+            )
+        if len(labels) > 1:
+            ax.legend(loc="best")
+            ax.margins(y=0.3)
+            ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+        ax.axvline(0, color="0.8", linewidth=0.5, zorder=0)
+        ax.set_ylabel(mine["axis"][0])
+        if i + ACROSS >= len(names):
+            ax.set_xlabel(r"tilt $\theta$ (deg)")
+            ax.tick_params(labelbottom=True)
+    return figure

@@ -1,0 +1,181 @@
+"""Each model parameter before the data, in grey, and after, in black: 90 % intervals in units of
+the prior's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from nearlift import nomenclature
+from nearlift.declare import BOUNDARIES
+from nearlift.errors import UsageError
+from nearlift.products import FIT
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.style import BAND, FITTED, Style, plain_text
+from nearlift.rounding import plain
+
+#: Above this ratio of widths the prior still has a say; as `fit.learnt` has it.
+SHAPED = 0.3
+
+
+Rows = Mapping[str, Any]
+#: The axis runs this far beyond the prior's interval at most; what lies farther is marked at the
+#: edge.
+BEYOND = 0.6
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """A row for each parameter of each fitted model, base models first.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `model` (its title), `base` (1 or 0), `parameter`, `prior_lo90`,
+        `prior_hi90`, `lo90`, `median`, `hi90` in the parameter's unit, the last three again as
+        `low`, `middle`, `high` with the prior's interval going from 0 to 1, and `ratio`, the
+        posterior's width over the prior's.
+    """
+    content = evidence.document(FIT)
+    rows: list[dict[str, Any]] = []
+    for boundary in (b for b in BOUNDARIES if b in content["boundaries"]):
+        base = content["base"][boundary]
+        fits = content["boundaries"][boundary]
+        for model in (base, *(m for m in fits if m != base)):
+            for name, entry in fits[model].get("posterior", {}).get("parameters", {}).items():
+                prior = entry["prior"]
+                width = prior["hi90"] - prior["lo90"]
+                row: dict[str, Any] = {
+                    "panel": boundary,
+                    "model": fits[model]["title"],
+                    "base": int(model == base),
+                    "parameter": name,
+                }
+                row |= {
+                    "prior_lo90": prior["lo90"],
+                    "prior_hi90": prior["hi90"],
+                    **{k: entry[k] for k in ("lo90", "median", "hi90")},
+                }
+                place = {"low": "lo90", "middle": "median", "high": "hi90"}
+                row |= {k: (entry[v] - prior["lo90"]) / width for k, v in place.items()}
+                rows.append(row | {"ratio": entry["width_ratio"]})
+    text = ("panel", "model", "parameter")
+    return (
+        {k: np.array([r[k] for r in rows], dtype=object if k in text else None) for k in rows[0]}
+        if rows
+        else {}
+    )
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know to read the figure, numbers included."""
+    shaped = table["ratio"] > SHAPED
+    kept = zip(
+        table["parameter"][shaped], table["model"][shaped], table["ratio"][shaped], strict=True
+    )
+    told = (
+        f"{int(shaped.sum())} of {len(shaped)} parameters keep more than {100 * SHAPED:.0f} % of"
+        " their prior's width: " + ", ".join(f"{p} of {m} ({100 * r:.0f} %)" for p, m, r in kept)
+        if shaped.any()
+        else (
+            f"All {len(shaped)} parameters are known to better than {100 * SHAPED:.0f} % of their"
+            " prior's width"
+        )
+    )
+    return (
+        "Grey: each parameter's central 90 % before the data, from its declared prior, drawn from"
+        " 0 to 1. Black: the same after the data, with the median; the number is the ratio of the"
+        f" widths. {told}. An interval beside the grey says that prior and data disagree."
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    least, most = float(table["ratio"].min()), float(table["ratio"].max())
+    times = f"{plain(least, 2)} to {plain(most, 2)} times as wide as the prior"
+    return (
+        f"Prior and posterior intervals of {len(table['ratio'])} parameters; the posterior is"
+        f" {times}."
+    )
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """One panel per boundary, beneath one another, sharing the axis."""
+    panels = list(dict.fromkeys(table["panel"].tolist()))
+    counts = [int((table["panel"] == p).sum()) for p in panels]
+    height = min(0.2 * look.text_pt / 8 * sum(counts) + 0.45 * len(panels) + 0.4, look.height_in)
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    axes = figure.subplots(len(panels), 1, squeeze=False, sharex=True, height_ratios=counts)[:, 0]
+    low = max(min(-0.05, float(table["low"].min()) - 0.05), -BEYOND)
+    high = min(max(1.05, float(table["high"].max()) + 0.05), 1 + BEYOND)
+    for letter, panel, ax in zip("abc", panels, axes, strict=False):
+        _panel(ax, {k: v[table["panel"] == panel] for k, v in table.items()}, low, high)
+        ax.set_title(
+            f"{letter}) {panel}" if len(panels) > 1 else panel, loc="left", fontsize=look.text_pt
+        )
+    axes[0].annotate(
+        "width ratio",
+        (1, 1),
+        xycoords="axes fraction",
+        xytext=(4, 5),
+        textcoords="offset points",
+        fontsize=look.text_pt - 1,
+    )
+    axes[-1].set_xlabel("in units of the prior's central 90 %")
+    return figure
+
+
+def _panel(ax: Axes, rows: Rows, low: float, high: float) -> None:
+    n = len(rows["low"])
+    places = range(n)
+    ax.barh(places, [1.0] * n, height=0.62, color=BAND, linewidth=0)
+    ax.hlines(places, rows["low"], rows["high"], color=FITTED, linewidth=2.2)
+    ax.plot(
+        rows["middle"],
+        places,
+        "o",
+        color=FITTED,
+        markerfacecolor="white",
+        markersize=3.4,
+        markeredgewidth=0.8,
+    )
+    for i in places:
+        for end, edge, mark in (
+            (rows["middle"][i] < low, low, "<"),
+            (rows["middle"][i] > high, high, ">"),
+        ):
+            if end:
+                ax.plot(edge, i, mark, color=FITTED, clip_on=False)
+        ax.annotate(
+            _ratio(rows["ratio"][i]),
+            (1, i),
+            xycoords=("axes fraction", "data"),
+            xytext=(4, 0),
+            textcoords="offset points",
+            va="center",
+        )
+    labels = [
+        f"{plain_text(m)}: {_name(p)}"
+        for m, p in zip(rows["model"], rows["parameter"], strict=True)
+    ]
+    ax.set_yticks(list(places), labels)
+    for label, base in zip(ax.get_yticklabels(), rows["base"], strict=True):
+        label.set_fontweight("bold" if base else "normal")
+    ax.tick_params(axis="y", length=0)
+    ax.set_ylim(n - 0.5, -0.5)
+    ax.set_xlim(low, high)
+
+
+def _ratio(value: float) -> str:
+    return f"{value:.2f}" if value >= 0.095 else f"{value:.2g}"
+
+
+def _name(parameter: str) -> str:
+    try:
+        return f"${nomenclature.symbol(parameter).latex}$"
+    except UsageError:
+        return plain_text(parameter)

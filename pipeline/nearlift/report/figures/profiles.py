@@ -1,0 +1,199 @@
+"""Profile likelihoods of the base models' coefficients, a panel each, their intervals marked, with
+the parabola that a standard uncertainty stands for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from nearlift.products import PROFILES
+from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.style import REFERENCES, SERIES, Style, coefficient
+from nearlift.rounding import letter
+
+#: Profiles are drawn up to this rise of chi2.
+TOP = 6.5
+LEVELS = (68, 90, 95)
+#: Halves of a 90 % interval that differ by more than this are called lopsided.
+LOPSIDED = 0.1
+
+
+Rows = Mapping[str, Any]
+COLUMNS = 4
+TOP = 6.5
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """A row for each point of a curve and each interval.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `parameter`, `unit`, `kind` (``profile``, or ``68``, ``90``, ``95`` for
+        the ends of an interval), `x`, `rise` of chi2, of an interval the profile's at that end,
+        `quadratic` the parabola's. An open end has no row.
+    """
+    table = evidence.table(PROFILES)
+    rows = []
+    for boundary in evidence.boundaries:
+        model, entry = evidence.base(boundary)
+        for name, interval in entry.get("profiles", {}).items():
+            mine = (
+                (table["boundary"] == boundary)
+                & (table["model"] == model.name)
+                & (table["parameter"] == name)
+            )
+            mine &= np.minimum(table["rise"], table["quadratic"]) < TOP + 3
+            if not mine.any():
+                continue
+            unit = str(entry["parameters"][name]["unit"])
+            x, rise, quadratic = (table[c][mine] for c in ("value", "rise", "quadratic"))
+            rows.append(_rows(boundary, name, unit, "profile", x, rise, quadratic))
+            for level in LEVELS:
+                ends = np.array(
+                    [
+                        float(interval[f"{end}{level}"])
+                        for end in ("lo", "hi")
+                        if interval.get(f"{end}{level}") is not None
+                    ]
+                )
+                rows.append(
+                    _rows(
+                        boundary,
+                        name,
+                        unit,
+                        str(level),
+                        ends,
+                        np.interp(ends, x, rise),
+                        np.interp(ends, x, quadratic),
+                    )
+                )
+    return stack(rows) if rows else {}
+
+
+def _rows(
+    boundary: str, name: str, unit: str, kind: str, x: Any, rise: Any, quadratic: Any
+) -> Columns:
+    texts = {"panel": boundary, "parameter": name, "unit": unit, "kind": kind}
+    return {k: text_column(v, len(x)) for k, v in texts.items()} | {
+        "x": x,
+        "rise": rise,
+        "quadratic": quadratic,
+    }
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What is drawn, and where the parabola misleads."""
+    lopsided, straight, open_ends = [], [], []
+    for boundary in evidence.boundaries:
+        for name, own in evidence.base(boundary)[1].get("profiles", {}).items():
+            what = f"{letter(name)} ({boundary})"
+            if own["open"]:
+                open_ends.append(
+                    f"{what}: no"
+                    f" {' or '.join(sorted({e for ends in own['open'].values() for e in ends}))}"
+                    " end within the bounds"
+                )
+            elif own["skew"] is not None and abs(np.log(own["skew"])) > LOPSIDED:
+                lopsided.append(f"{what}: {own['skew']:.2f}")
+            else:
+                straight.append(what)
+    words = [f"the parabola serves for {', '.join(straight)}"] if straight else []
+    words += (
+        [f"upper over lower half of the 90 % interval, {'; '.join(lopsided)}"] if lopsided else []
+    )
+    words += [f"the profile stays open, {'; '.join(open_ends)}"] if open_ends else []
+    text = "; ".join(words)
+    return (
+        "Rise of chi² above its least with one coefficient held, L_inf and everything else"
+        " optimised again (line), and the parabola of its standard uncertainty (dashes), of the"
+        " base fits, without effects. Marks: ends of the 68, 90 and 95 % intervals."
+        f" {text[:1].upper()}{text[1:]}."
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """The same for who cannot see it."""
+    n = len(set(zip(table["panel"], table["parameter"], strict=True)))
+    return (
+        f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each beside a"
+        " parabola. " + caption(evidence, table).rsplit("intervals. ", 1)[1]
+    )
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """Panels in rows of four, one axis of chi2."""
+    panels = list(
+        dict.fromkeys(zip(table["panel"].tolist(), table["parameter"].tolist(), strict=True))
+    )
+    columns = min(len(panels), COLUMNS)
+    rows = -(-len(panels) // columns)
+    width = look.single_in if columns == 1 else look.double_in
+    figure = Figure(
+        figsize=(
+            width,
+            min(
+                1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4), look.height_in
+            ),
+        ),
+        layout="constrained",
+    )
+    axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    for i, ax in enumerate(axes.flat):
+        if i >= len(panels):
+            ax.set_axis_off()
+            continue
+        boundary, parameter = panels[i]
+        mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
+        _panel(ax, {k: v[mine] for k, v in table.items()}, look)
+        unit = str(table["unit"][mine][0])
+        ax.set_xlabel(coefficient(parameter) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
+        ax.set_title(boundary, fontsize=look.text_pt)
+    for line in axes:
+        line[0].set_ylabel(r"rise of $\chi^2$")
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=len(labels) if columns > 1 else 3
+    )
+    return figure
+
+
+def _panel(ax: Axes, rows: Rows, look: Style) -> None:
+    curve = rows["kind"] == "profile"
+    ax.plot(
+        rows["x"][curve],
+        rows["quadratic"][curve],
+        color=REFERENCES[0][0],
+        linestyle=REFERENCES[0][1],
+        label="parabola",
+        zorder=1,
+    )
+    ax.plot(rows["x"][curve], rows["rise"][curve], color=SERIES[0][0], label="profile", zorder=2)
+    for level, (colour, marker) in zip(
+        ("68", "90", "95"), (SERIES[2], SERIES[4], SERIES[1]), strict=True
+    ):
+        mine = rows["kind"] == level
+        ax.plot(
+            rows["x"][mine],
+            rows["rise"][mine],
+            marker,
+            color=colour,
+            markersize=look.marker_pt + 0.6,
+            markeredgecolor="white",
+            markeredgewidth=0.4,
+            label=f"{level} %",
+            zorder=3,
+        )
+        ax.vlines(rows["x"][mine], 0, rows["rise"][mine], color=colour, linewidth=0.6, zorder=1)
+    ax.set_ylim(0, TOP)
+    shown = curve & (rows["rise"] < TOP)
+    low, high = rows["x"][shown].min(), rows["x"][shown].max()
+    margin = 0.06 * (high - low)
+    ax.set_xlim(low - margin, high + margin)
+    ax.xaxis.set_major_locator(MaxNLocator(4))

@@ -1,0 +1,364 @@
+"""Residuals to be pointed at: against whatever was recorded, trial by trial, with means over bins
+of the throttles that are chosen.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Boundary
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.residuals.points import dots, every_covariate, sums, word
+from nearlift.report.figures.residuals.table import summarise
+from nearlift.report.page.chart import (
+    SERIES,
+    Chart,
+    Choice,
+    Control,
+    Spec,
+    View,
+    column,
+    frame,
+    params,
+    shade,
+)
+from nearlift.rounding import plain, plus_minus
+
+HEIGHT = 300
+#: With more throttles than this, and with as many as a held voltage or power gives, they are
+#: neither told apart nor chosen.
+APART = 12
+#: Up to so many distinct values each has its tick.
+DISCRETE = 6
+#: The table beneath the chart holds so many means.
+TABLE = 400
+HEADS = ("boundary", "against", "at", "mean residual", "trials")
+TOOLTIP = (
+    ("trial", "trial"),
+    ("at", "ẑ"),
+    ("label", "throttle"),
+    ("residual_text", "residual"),
+    ("lift", "lift"),
+    ("samples", "samples"),
+    ("session", "session"),
+    ("quality", "quality"),
+)
+
+
+def chart(evidence: Evidence) -> Chart:
+    """A view for each boundary; covariate, throttles and what is shown hold for all."""
+    names = every_covariate(evidence)
+    keys = {name: f"c{i}" for i, name in enumerate(names)}
+    found = {b: dots(evidence, b) for b in evidence.boundaries}
+    found = {b: own for b, own in found.items() if own[2]}
+    every = {
+        (str(k), str(t))
+        for own, _, _ in found.values()
+        for k, t in zip(own["throttle"], own["label"], strict=True)
+    }
+    labels = dict(sorted(every, key=lambda x: float(x[0])))
+    apart = 1 < len(labels) <= APART
+    colours = {
+        k: (
+            (shade(i, len(labels)) if len(labels) > len(SERIES) else SERIES[i])
+            if apart
+            else SERIES[0]
+        )
+        for i, k in enumerate(labels)
+    }
+    views = tuple(
+        _view(evidence, b, own, keys, colours if apart else {}) for b, own in found.items()
+    )
+    chosen = (
+        tuple(
+            Choice(value=k, label=t, colour=colours[k], shape="circle") for k, t in labels.items()
+        )
+        if apart
+        else ()
+    )
+    controls = (
+        Control(
+            signal="covariate",
+            legend="Against",
+            kind="one",
+            choices=tuple(
+                Choice(value=key, label=word(name), on=i == 0)
+                for i, (name, key) in enumerate(keys.items())
+            ),
+        ),
+        Control(signal="throttles", legend="Throttle", choices=chosen),
+        Control(
+            signal="shown",
+            legend="Show",
+            choices=tuple(
+                Choice(value=v, label=t)
+                for v, t in (("trials", "trials"), ("means", "means"), ("noise", "noise expected"))
+            ),
+        ),
+    )
+    rows = _rows(summarise(evidence)) if views else []
+    return Chart(
+        name="residuals",
+        label="Residuals of the base model, to be pointed at",
+        views=views,
+        controls=controls,
+        across="mean",
+        among="trial",
+        heads=HEADS,
+        rows=tuple(rows[:TABLE]),
+        further=max(len(rows) - TABLE, 0),
+    )
+
+
+def _rows(table: Columns) -> list[tuple[str, ...]]:
+    means = np.flatnonzero(table["kind"] == "bin").tolist()
+    names = ("panel", "covariate", "x", "residual_percent", "u_residual_percent", "n_trials")
+    return [
+        (
+            str(panel),
+            word(name),
+            plain(float(x)),
+            f"{plus_minus(float(mean), float(error))} %",
+            f"{n:.0f}",
+        )
+        for panel, name, x, mean, error, n in ([table[k][i] for k in names] for i in means)
+    ]
+
+
+def _view(
+    evidence: Evidence,
+    boundary: Boundary,
+    found: tuple[Columns, Columns, int],
+    keys: dict[str, str],
+    colours: dict[str, str],
+) -> View:
+    own, here, total = found
+    binned = sums(evidence, boundary, by_throttle=bool(colours))
+    binned["covariate"] = column([keys[name] for name in binned["covariate"]])
+    trials = own | {keys[name]: x for name, x in here.items()}
+    trials["colour"] = column([colours.get(k, SERIES[0]) for k in own["throttle"]])
+    if not colours:
+        trials["throttle"] = column(["all"] * len(own["throttle"]))
+    low, high = float(own["residual"].min()), float(own["residual"].max())
+    room = 0.05 * (high - low or 1)
+    model, _ = evidence.base(boundary)
+    spec = frame(
+        f"Residuals of {model.title} near the {boundary}",
+        height=HEIGHT,
+        parameters=params(
+            covariate=next(iter(keys.values())),
+            throttles=list(colours) or ["all"],
+            shown=["trials", "means", "noise"],
+            varying=[keys[n] for n in here],
+        ),
+        layers=_layers(boundary, [low - room, high + room]),
+    )
+    part = (
+        f" ({len(own['trial'])} of {total} trials drawn, evenly in run order; means are of all)"
+        if len(own["trial"]) < total
+        else ""
+    )
+    return View(
+        name=boundary,
+        title=f"{boundary.capitalize()}{part}",
+        spec=spec,
+        data={"trials": trials, "sums": binned},
+        follows={"covariate": {key: _axis(name, here.get(name)) for name, key in keys.items()}},
+    )
+
+
+def _axis(name: str, x: Any) -> dict[str, Any]:
+    """What the abscissa looks like; one that does not vary here has a place for the words that say
+    so.
+    """
+    if x is None:
+        return {"x_scale": "linear", "x_zero": False, "x_title": word(name), "x_domain": [0, 1]}
+    values = np.unique(x[np.isfinite(x)])
+    ticks = {"x_ticks": values.tolist()} if len(values) <= DISCRETE else {}
+    scale = {"x_scale": "log"} if name == "z_hat" else {"x_scale": "linear", "x_zero": False}
+    return {
+        **scale,
+        "x_title": word(name),
+        "x_domain": [float(values[0]), float(values[-1])],
+        **ticks,
+    }
+
+
+def _layers(boundary: str, domain: list[float]) -> list[Spec]:
+    """From back to front: expected noise, zero, trials, bars, means."""
+    x: Spec = {
+        "field": "x",
+        "type": "quantitative",
+        "scale": {
+            "type": "$x_scale",
+            "domain": "$x_domain",
+            "zero": "$x_zero",
+            "nice": False,
+            "padding": 10,
+        },
+        "axis": {"title": "$x_title", "values": "$x_ticks", "format": "~g", "labelOverlap": True},
+    }
+    y: Spec = {
+        "field": "mean",
+        "type": "quantitative",
+        "scale": {"domain": domain, "nice": False, "zero": False},
+        "axis": {"title": "residual (%)"},
+    }
+    binned: list[Spec] = [
+        {"filter": "datum.covariate == covariate && indexof(throttles, datum.throttle) >= 0"},
+        {
+            "aggregate": [{"op": "sum", "field": n, "as": n} for n in ("n", "x", "r", "rr", "vv")],
+            "groupby": ["bin"],
+        },
+        {"calculate": "datum.x / datum.n", "as": "x"},
+        {"calculate": "datum.r / datum.n", "as": "mean"},
+        {
+            "calculate": (
+                "datum.n > 1 ? sqrt(max(datum.rr - datum.n * datum.mean * datum.mean, 0) / (datum.n"
+                " - 1) / datum.n) : 0"
+            ),
+            "as": "error",
+        },
+        {"calculate": "datum.mean - datum.error", "as": "lo"},
+        {"calculate": "datum.mean + datum.error", "as": "hi"},
+        {"calculate": "sqrt(datum.vv / datum.n)", "as": "noise"},
+        {"calculate": "-datum.noise", "as": "below"},
+    ]
+    told: list[Spec] = [
+        {
+            "calculate": (
+                "'.' + (datum.error > 0 ? clamp(ceil(1 - log(datum.error) / LN10), 0, 6) : 2) + 'f'"
+            ),
+            "as": "places",
+        },
+        {
+            "calculate": "datum.error > 0 ? ' ± ' + format(datum.error, datum.places) : ''",
+            "as": "error_text",
+        },
+        {
+            "calculate": "format(datum.mean, datum.places) + datum.error_text + ' %'",
+            "as": "mean_text",
+        },
+        {"calculate": "'± ' + format(datum.noise, '.2f') + ' % a trial'", "as": "noise_text"},
+        {"calculate": "format(datum.x, '.4~g')", "as": "x_text"},
+        {
+            "calculate": (
+                f"'{boundary}, mean of ' + datum.n + ' trials at ' + datum.x_text + ': residual ' +"
+                " datum.mean_text"
+            ),
+            "as": "words",
+        },
+    ]
+    raw: Spec = {"type": "nominal", "scale": None}
+    words = (
+        "', residual ' + datum.residual_text + '; lift ' + datum.lift + '; samples ' +"
+        " datum.samples + '; quality ' + datum.quality"
+    )
+    shown = "indexof(shown, '{0}') >= 0".format
+    return [
+        {
+            "data": {"name": "sums"},
+            "transform": [{"filter": shown("noise")}, *binned],
+            "mark": {
+                "type": "area",
+                "interpolate": "step",
+                "clip": True,
+                "aria": False,
+                "color": "var(--soft)",
+                "opacity": 0.25,
+            },
+            "encoding": {"x": x, "y": {**y, "field": "below"}, "y2": {"field": "noise"}},
+        },
+        {
+            "data": {"values": [{"zero": 0}]},
+            "mark": {"type": "rule", "color": "var(--soft)", "strokeWidth": 0.7, "aria": False},
+            "encoding": {"y": {**y, "field": "zero"}},
+        },
+        {
+            "data": {"values": [{"told": "does not vary here"}]},
+            "transform": [{"filter": "indexof(varying, covariate) < 0"}],
+            "mark": {
+                "type": "text",
+                "fontSize": 14,
+                "color": "var(--text)",
+                "x": {"expr": "width / 2"},
+                "y": {"expr": "height / 3"},
+            },
+            "encoding": {"text": {"field": "told", "type": "nominal"}},
+        },
+        {
+            "data": {"name": "trials"},
+            "transform": [
+                {"filter": f"{shown('trials')} && indexof(throttles, datum.throttle) >= 0"},
+                {"calculate": "datum[covariate]", "as": "x"},
+                {"filter": "isValid(datum.x)"},
+                {
+                    "calculate": f"'{boundary}, trial ' + datum.trial + ', ẑ = ' + datum.at"
+                    f" + ', throttle ' + datum.label + {words}",
+                    "as": "words",
+                },
+                {"calculate": "format(datum.x, '.4~g')", "as": "x_text"},
+            ],
+            "mark": {
+                "type": "circle",
+                "size": 26,
+                "opacity": 0.55,
+                "clip": True,
+                "ariaRoleDescription": "trial",
+            },
+            "encoding": {
+                "x": x,
+                "y": {**y, "field": "residual"},
+                "fill": {**raw, "field": "colour"},
+                "tooltip": [
+                    {"field": f, "type": "nominal", "title": t}
+                    for f, t in (*TOOLTIP, ("x_text", "$x_title"))
+                ],
+                "description": {"field": "words", "type": "nominal"},
+            },
+        },
+        {
+            "data": {"name": "sums"},
+            "transform": [{"filter": shown("means")}, *binned],
+            "mark": {
+                "type": "rule",
+                "clip": True,
+                "aria": False,
+                "color": "var(--text)",
+                "strokeWidth": 1.6,
+            },
+            "encoding": {"x": x, "y": {**y, "field": "lo"}, "y2": {"field": "hi"}},
+        },
+        {
+            "data": {"name": "sums"},
+            "transform": [{"filter": shown("means")}, *binned, *told],
+            "mark": {
+                "type": "point",
+                "filled": True,
+                "fill": "var(--paper)",
+                "stroke": "var(--text)",
+                "fillOpacity": 1,
+                "opacity": 1,
+                "strokeWidth": 1.7,
+                "size": 60,
+                "clip": True,
+                "ariaRoleDescription": "mean",
+            },
+            "encoding": {
+                "x": x,
+                "y": y,
+                "tooltip": [
+                    {"field": f, "type": "nominal", "title": t}
+                    for f, t in (
+                        ("x_text", "$x_title"),
+                        ("mean_text", "mean residual"),
+                        ("n", "trials"),
+                        ("noise_text", "noise expected"),
+                    )
+                ],
+                "description": {"field": "words", "type": "nominal"},
+            },
+        },
+    ]

@@ -1,0 +1,125 @@
+"""Residuals as small multiples: one covariate each; one boundary fills a grid, several stand side
+by side in columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from nearlift.report.figures.style import SERIES, Style, log_distance, quantity
+
+Rows = Mapping[str, Any]
+COLUMNS = 3
+DISCRETE = 6
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """A panel for every boundary and covariate, all with one residual axis per boundary."""
+    boundaries = list(dict.fromkeys(table["panel"].tolist()))
+    covariates = list(dict.fromkeys(table["covariate"].tolist()))
+    grid = _grid(boundaries, covariates)
+    rows, columns = len(grid), len(grid[0])
+    height = min(1.25 * look.double_in / 6.75 * rows + 0.3, look.height_in)
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    axes = figure.subplots(
+        rows, columns, squeeze=False, sharey="col" if len(boundaries) > 1 else True
+    )
+    shades = []
+    for line, places in zip(axes, grid, strict=True):
+        for ax, place in zip(line, places, strict=True):
+            chosen = (
+                None
+                if place is None
+                else _select(table, (table["panel"] == place[0]) & (table["covariate"] == place[1]))
+            )
+            if place is None or chosen is None or not len(chosen["x"]):
+                ax.set_axis_off()
+                continue
+            shades.append((ax, _panel(ax, chosen, place[1])))
+    for ax, noise in shades:
+        # the trials decide the limits; a noise model gone astray is cut off rather than hiding them
+        ax.set_ylim(ax.get_ylim())
+        ax.fill_between(
+            noise["x"],
+            -noise["u_residual_percent"],
+            noise["u_residual_percent"],
+            color="0.88",
+            linewidth=0,
+            step="mid",
+            zorder=0,
+        )
+    for j, boundary in enumerate(boundaries):
+        if len(boundaries) > 1:
+            axes[0][j].set_title(boundary, fontsize=look.text_pt)
+    figure.supylabel("relative residual (%)", fontsize=look.text_pt)
+    return figure
+
+
+def _grid(boundaries: list[str], covariates: list[str]) -> list[list[tuple[str, str] | None]]:
+    """Which boundary and covariate stand where."""
+    if len(boundaries) > 1:
+        return [[(b, c) for b in boundaries] for c in covariates]
+    cells: list[tuple[str, str] | None] = [(boundaries[0], c) for c in covariates]
+    cells += [None] * (-len(cells) % COLUMNS)
+    return [cells[i : i + COLUMNS] for i in range(0, len(cells), COLUMNS)]
+
+
+def _select(table: Rows, rows: Any) -> dict[str, Any]:
+    return {name: column[rows] for name, column in table.items()}
+
+
+def _panel(ax: Axes, rows: Rows, covariate: str) -> Rows:
+    """Dots and means; the rows of the noise band are handed back, to be drawn when all limits are
+    known.
+    """
+    trials, means, noise = (
+        _select(rows, rows["kind"] == kind) for kind in ("trial", "bin", "noise")
+    )
+    ax.plot(
+        trials["x"],
+        trials["residual_percent"],
+        ".",
+        color=SERIES[0][0],
+        markersize=2.0,
+        markeredgewidth=0,
+        alpha=0.45,
+        zorder=1,
+        rasterized=True,
+    )
+    ax.axhline(0, color="0.3", linewidth=0.6, zorder=2)
+    ax.errorbar(
+        means["x"],
+        means["residual_percent"],
+        means["u_residual_percent"],
+        fmt="o",
+        color=SERIES[1][0],
+        markersize=2.8,
+        elinewidth=0.9,
+        markeredgecolor="white",
+        markeredgewidth=0.3,
+        zorder=3,
+    )
+    if covariate == "z_hat":
+        ax.set_xscale("log")
+        log_distance(ax)
+    elif len(means["x"]) <= DISCRETE:
+        ax.set_xticks(means["x"], [f"{x:.3g}".replace("-", "−") for x in means["x"]])
+        ax.margins(x=0.12)
+    else:
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.set_xlabel(label(covariate), labelpad=1)
+    return noise
+
+
+def label(covariate: str) -> str:
+    """Axis label of a covariate of the table."""
+    if covariate == "throttle_percent":
+        return quantity("throttle", "%")
+    if covariate == "run_order":
+        return "run order (trial)"
+    return quantity(covariate)

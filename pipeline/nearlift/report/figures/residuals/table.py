@@ -1,0 +1,219 @@
+"""Residuals of the base model against everything that was recorded: where a model that lacks
+something shows it.
+
+A residual is log lift - log model - log L_inf of one accepted trial, in percent. Means over bins
+carry their standard error, the trials taken as independent; the band is one standard deviation of a
+trial as the fit's noise model has it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary, FloatArray
+from nearlift.likelihood import noise
+from nearlift.likelihood.problem import height_slope, need, usable
+from nearlift.products import FIT, TRIALS
+from nearlift.reduction.quality import rejected
+from nearlift.report import curves
+from nearlift.report.evidence import Columns, Evidence, stack, text_column, values
+from nearlift.results import Noise, Observations
+from nearlift.rounding import plain
+
+#: Up to this many distinct values a covariate is binned by value, beyond it by quantiles.
+DISTINCT = 24
+BINS = 16
+#: A gap of this part of the whole range parts two clusters of at least so many trials.
+GAP = 0.05
+FEWEST = 8
+#: These come first, in this order; other covariates follow as the schedule has them.
+ORDER = (
+    "z_hat",
+    "throttle_percent",
+    "run_order",
+    "start_s",
+    "session",
+    "supply_V",
+    "temperature_K",
+    "tilt_rad",
+    "approach",
+)
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `panel` (boundary), `covariate`, `kind` (trial, bin or noise), `trial` (its id), `x`,
+        `residual_percent`, `u_residual_percent`: of a bin the standard error of its mean, of noise
+        the standard deviation of a trial there, `n_trials` of a bin.
+    """
+    rows = []
+    for boundary in evidence.boundaries:
+        data, residual, sigma = residuals(evidence, boundary)
+        for name, x in covariates(data).items():
+            rows.append(_panel(boundary, name, data.trial, x, 100 * residual, 100 * sigma))
+    return stack(rows)
+
+
+def residuals(
+    evidence: Evidence, boundary: Boundary
+) -> tuple[Observations, FloatArray, FloatArray]:
+    """The trials that the base model speaks about, their relative residuals, and the standard
+    deviation expected of each.
+    """
+    model, entry = evidence.base(boundary)
+    data = evidence.observations[boundary]
+    parameters = values(entry)
+    data = data.take(usable(model, data))
+    known = {n: need(data, n, model.name) for n in model.needs}
+    # where the trials told a shared height error, that is where they stand
+    z_hat = data.z_hat + curves.height_found_m(entry) / data.radius_m
+    log_ratio = np.log(
+        np.broadcast_to(
+            np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape
+        )
+    )
+    log_level = np.log([entry["L_inf_N"][f"{t:g}"]["value"] for t in data.levels])[data.level]
+    kept = Noise.recorded(evidence.document(FIT)["noise"][boundary])
+    sigma = noise.trial_covariance(data, kept, height_slope(model, data, parameters)).sigma
+    return data, np.log(data.lift_N) - log_ratio - log_level, sigma
+
+
+def covariates(data: Observations) -> dict[str, FloatArray]:
+    """What residuals are drawn against, in drawing units; what does not vary is left out."""
+    found: dict[str, Any] = {
+        "z_hat": np.where(np.isfinite(data.z_hat), data.z_hat, np.nan),
+        "throttle_percent": 100 * data.throttle,
+        "run_order": np.arange(1, data.n + 1, dtype=float),
+        **dict(data.covariates),
+        "session": data.session + 1.0,
+    }
+    varying = {name: x for name, x in found.items() if len(np.unique(x[np.isfinite(x)])) > 1}
+    return {
+        name: varying[name]
+        for name in (*(n for n in ORDER if n in varying), *(n for n in varying if n not in ORDER))
+    }
+
+
+def _panel(
+    boundary: str,
+    name: str,
+    trial: NDArray[np.object_],
+    x: FloatArray,
+    residual: FloatArray,
+    sigma: FloatArray,
+) -> Columns:
+    keep = np.isfinite(x) & np.isfinite(residual)
+    trial, x, residual, sigma = trial[keep], x[keep], residual[keep], sigma[keep]
+    label = bins(x)
+    count = np.bincount(label)
+    centre, mean = np.bincount(label, x) / count, np.bincount(label, residual) / count
+    spread = np.sqrt(np.bincount(label, (residual - mean[label]) ** 2) / np.maximum(count - 1, 1))
+    error = np.where(count > 1, spread / np.sqrt(count), np.nan)
+    expected = np.sqrt(np.bincount(label, sigma**2) / count)
+    n, k = len(x), len(count)
+    return {
+        "panel": text_column(boundary, n + 2 * k),
+        "covariate": text_column(name, n + 2 * k),
+        "kind": np.concatenate(
+            [text_column("trial", n), text_column("bin", k), text_column("noise", k)]
+        ),
+        "trial": np.concatenate([trial, text_column("", 2 * k)]),
+        "x": np.concatenate([x, centre, centre]),
+        "residual_percent": np.concatenate([residual, mean, np.zeros(k)]),
+        "u_residual_percent": np.concatenate([np.full(n, np.nan), error, expected]),
+        "n_trials": np.concatenate([np.full(n, np.nan), count, np.full(k, np.nan)]),
+    }
+
+
+def bins(x: FloatArray) -> NDArray[np.int64]:
+    """Bin of each value, 0, 1, ... without gaps: by value where there are few, else by
+    quantiles.
+    """
+    distinct, index = np.unique(x, return_inverse=True)
+    if len(distinct) <= DISTINCT:
+        return index.astype(np.int64)
+    label = np.zeros(len(x), dtype=np.int64)
+    first = 0
+    for members in _clusters(x):
+        own = x[members]
+        edges = np.unique(
+            np.quantile(own, np.linspace(0, 1, max(round(BINS * len(own) / len(x)), 1) + 1))
+        )
+        _, inside = np.unique(
+            np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0)),
+            return_inverse=True,
+        )
+        label[members] = first + inside
+        first = int(label[members].max()) + 1
+    return label
+
+
+def _clusters(x: FloatArray) -> list[NDArray[np.int64]]:
+    """Indices of the values, parted where nothing was measured for a while: a mean must not stand
+    in such a gap.
+    """
+    order = np.argsort(x, kind="stable")
+    gaps = np.flatnonzero(np.diff(x[order]) > GAP * (x.max() - x.min())) + 1
+    kept: list[int] = []
+    for at in gaps.tolist():
+        if at - (kept[-1] if kept else 0) >= FEWEST and len(x) - at >= FEWEST:
+            kept.append(at)
+    return np.split(order, kept)
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What is drawn, and what is not, with counts."""
+    trials = evidence.table(TRIALS)
+    out = rejected(trials["quality"])
+    parts = ["Relative residuals of the base model, log lift − log model − log L∞, in percent."]
+    parts.append(
+        "Dots: accepted trials; circles: means over bins with their standard error (trials taken as"
+        " independent); shade: ± 1 standard deviation of a trial in the fit's noise model."
+    )
+    for boundary in evidence.boundaries:
+        model, _ = evidence.base(boundary)
+        shown = np.count_nonzero(
+            (table["panel"] == boundary)
+            & (table["kind"] == "trial")
+            & (table["covariate"] == "run_order")
+        )
+        lost = np.count_nonzero(out & (trials["boundary"] == boundary))
+        beyond = evidence.observations[boundary].n - shown
+        notes = [f"{shown} trials", f"{lost} rejected (not shown)"]
+        if beyond:
+            notes.append(f"{beyond} outside the model's range (not shown)")
+        parts.append(f"{boundary.capitalize()}, {model.title}: {', '.join(notes)}.")
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it: where bin means stray farthest from
+    zero.
+    """
+    parts = []
+    for boundary in evidence.boundaries:
+        mine = (
+            (table["panel"] == boundary)
+            & (table["kind"] == "bin")
+            & (table["u_residual_percent"] > 0)
+            & (table["n_trials"] >= FEWEST)
+        )
+        if not mine.any():
+            continue
+        pull = np.abs(table["residual_percent"][mine]) / table["u_residual_percent"][mine]
+        i = int(np.argmax(pull))
+        name, x, mean = (table[k][mine][i] for k in ("covariate", "x", "residual_percent"))
+        parts.append(
+            f"{boundary.capitalize()}: against"
+            f" {', '.join(dict.fromkeys(table['covariate'][mine].tolist()))}; the bin mean farthest"
+            f" from zero is {plain(float(mean), 2)} % ({plain(float(pull[i]), 2)} standard errors)"
+            f" at {name} = {plain(float(x), 3)}."
+        )
+    return "Residuals in percent against each covariate. " + " ".join(parts)

@@ -1,0 +1,272 @@
+"""The fitted models in flight: crash rate and power against set-point with the model's uncertainty,
+and power against risk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from nearlift import nomenclature
+from nearlift.products import CRASH_RATES, SAFETY
+from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.figures.fig6 import SIDES, curve_rows
+from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, plain_text
+from nearlift.rounding import plain
+
+#: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
+FLOOR = 0.5
+
+
+Rows = Mapping[str, Any]
+COST = SERIES[1][0]
+PAPER = (0, (4, 1.5))
+PAPER_COLOUR = "#5C2400"
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """Everything that is drawn, a row each.
+
+    Returns
+    -------
+    dict of arrays
+        `row` (crash, front), `panel` (boundary), `kind` (none, model, cost, best), `label`, `x`,
+        `y`, `lo90`, `hi90`. In the row `crash`, x is the set-point and y a crash rate (90 % over
+        model and flights) or a relative cost (over what is not known of the held quantity); in
+        `front`, x is the relative cost, y the crash rate, and `best` the set-points of least
+        expected cost.
+    """
+    rates, content = evidence.table(CRASH_RATES), evidence.document(SAFETY)["fitted"]
+    parts = []
+    for side in SIDES:
+        own = (rates["preset"] == "fitted") & (rates["boundary"] == side)
+        if side not in content or not own.any():
+            continue
+        none, best = (
+            own & (rates["exponent"] == 0),
+            own & (rates["exponent"] != 0) & (rates["member"] == -1),
+        )
+        x = rates["target_z_hat"][best]
+        draws = own & (rates["member"] >= 0)
+        low, high = _band(rates, draws, len(x))
+        label = content[side]["title"]
+        ends = {"lo90": rates["lo90"][none], "hi90": rates["hi90"][none]}
+        parts.append(
+            curve_rows(
+                "crash",
+                side,
+                "none",
+                "no boundary effect",
+                rates["target_z_hat"][none],
+                rates["rate"][none],
+                **ends,
+            )
+        )
+        lo90, hi90 = np.minimum(low, rates["lo90"][best]), np.maximum(high, rates["hi90"][best])
+        parts.append(
+            curve_rows("crash", side, "model", label, x, rates["rate"][best], lo90=lo90, hi90=hi90)
+        )
+        costs = {"lo90": rates["cost_lo"][best], "hi90": rates["cost_hi"][best]}
+        parts.append(
+            curve_rows(
+                "crash", side, "cost", content[side]["held"], x, rates["cost"][best], **costs
+            )
+        )
+        parts.append(curve_rows("crash", side, "cost_paper", "paper", x, rates["cost_paper"][best]))
+        floor = FLOOR / content[side]["flights"]
+        shown = {
+            k: np.maximum(v, floor)
+            for k, v in (("y", rates["rate"][best]), ("lo90", lo90), ("hi90", hi90))
+        }
+        parts.append(
+            curve_rows(
+                "front",
+                side,
+                "model",
+                label,
+                rates["cost"][best],
+                shown["y"],
+                lo90=shown["lo90"],
+                hi90=shown["hi90"],
+            )
+        )
+        for found in content[side]["best_set_points"]:
+            if found["resolved"]:
+                name = f"{found['price']:g}: z_hat {found['target_z_hat']:g}"
+                at = max(found["crashes"] / content[side]["flights"], floor)
+                parts.append(
+                    curve_rows("front", side, "best", name, [found["relative_cost"]], [at])
+                )
+    return stack(parts) if parts else {}
+
+
+def _band(rates: Columns, draws: Any, n: int) -> tuple[Any, Any]:
+    """5 and 95 % of the draws' rates, each widened by its own binomial interval's ends."""
+    low = rates["lo90"][draws].reshape(-1, n)
+    high = rates["hi90"][draws].reshape(-1, n)
+    return np.percentile(low, 5, axis=0), np.percentile(high, 95, axis=0)
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What is drawn, by boundary."""
+    parts = [
+        (
+            "The fitted models in flight, with the paper's controller and gusts carried over to"
+            " this vehicle (same dimensionless groups) unless the manifest gives its own."
+        ),
+        (
+            "Above: crash rate against set-point, with the 90 % band of model and flights together,"
+            " and the relative power to hover (right axis), by what the trials held (band: what is"
+            " not known of it) and as the paper has it (dashed)."
+        ),
+        (
+            "Below: power against risk, a rate without a crash standing at half a crash. Symbols"
+            " are the set-points of least expected cost where a crash costs so many times the"
+            " flight's energy, by rates of (crashes + 1/2) / (flights + 1) that fall with distance."
+            " No set-point is named for a price at which even the upper bound of its risk (95 %)"
+            " would cost more than it saves over the farthest set-point."
+        ),
+    ]
+    for side, own in evidence.document(SAFETY)["fitted"].items():
+        c = own["convergence"]
+        refused = [
+            (
+                f"{e['price']:g} (about {plain(e['flights_needed'], 2)} flights would do)"
+                if e["flights_needed"]
+                else f"{e['price']:g}"
+            )
+            for e in own["best_set_points"]
+            if not e["resolved"]
+        ]
+        left = (
+            f" Not resolved by {own['flights']} flights: prices of {', '.join(refused)}."
+            if refused
+            else ""
+        )
+        parts.append(
+            f"{side.capitalize()}: {own['title']}, {own['draws']} draws from {own['draws_from']},"
+            f" {own['flights']} flights a point; L/L∞ is held below ẑ = {own['bound_z_hat']:.2g},"
+            " where nothing was measured; halving the step changes a rate by up to"
+            f" {c['worst']:.2g}.{left}"
+        )
+    return " ".join(parts)
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = [
+        f"{side}: a risk of {e['risk']:g} at z_hat {e['value']:.2f}"
+        for side, own in evidence.document(SAFETY)["fitted"].items()
+        for e in own["levels"]
+        if e["value"] is not None
+    ]
+    return "Crash rate and power against set-point. " + "; ".join(parts) + "."
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """Two panels for each boundary."""
+    sides = list(dict.fromkeys(table["panel"].tolist()))
+    width = look.double_in if len(sides) > 1 else look.single_in * 1.3
+    figure = Figure(figsize=(width, 0.72 * look.double_in), layout="constrained")
+    axes = figure.subplots(2, len(sides), squeeze=False)
+    letters = iter("abcd")
+    for i, row in enumerate(("crash", "front")):
+        for j, side in enumerate(sides):
+            ax = axes[i, j]
+            own = {
+                name: column[(table["row"] == row) & (table["panel"] == side)]
+                for name, column in table.items()
+            }
+            (_crash if row == "crash" else _front)(ax, own)
+            label = plain_text(str(own["label"][own["kind"] == "model"][0]))
+            ax.set_title(f"{next(letters)}) {side}, {label}", loc="left", fontsize=look.text_pt)
+    legend: Any = [
+        Line2D([], [], color=REFERENCES[0][0], linestyle=REFERENCES[0][1]),
+        (Patch(color=BAND), Line2D([], [], color=FITTED)),
+    ]
+    legend += [
+        (Patch(color=COST, alpha=0.2, linewidth=0), Line2D([], [], color=COST)),
+        Line2D([], [], color=PAPER_COLOUR, linestyle=PAPER),
+    ]
+    held = plain_text(str(table["label"][table["kind"] == "cost"][0]))
+    names = [
+        "no boundary effect",
+        "fitted model",
+        f"power, {held} held",
+        "power, $(L/L_\\infty)^{-3/2}$",
+    ]
+    figure.legend(legend, names, loc="outside lower center", ncols=4 if len(sides) > 1 else 2)
+    return figure
+
+
+def _crash(ax: Axes, own: Rows) -> None:
+    grey, dashes = REFERENCES[0]
+    for kind, shade, style in (("none", grey, dashes), ("model", FITTED, "-")):
+        mine = own["kind"] == kind
+        ax.fill_between(
+            own["x"][mine],
+            100 * own["lo90"][mine],
+            100 * own["hi90"][mine],
+            color=BAND,
+            linewidth=0,
+            zorder=1,
+        )
+        ax.plot(own["x"][mine], 100 * own["y"][mine], color=shade, linestyle=style, zorder=3)
+    ax.set_ylim(-2, 102)
+    ax.set_xlabel(nomenclature.label("target_z_hat"))
+    ax.set_ylabel("crash rate (%)")
+    right: Any = ax.twinx()
+    cost, paper = own["kind"] == "cost", own["kind"] == "cost_paper"
+    right.fill_between(
+        own["x"][cost], own["lo90"][cost], own["hi90"][cost], color=COST, alpha=0.2, linewidth=0
+    )
+    right.plot(own["x"][cost], own["y"][cost], color=COST)
+    right.plot(own["x"][paper], own["y"][paper], color=PAPER_COLOUR, linestyle=PAPER)
+    right.set_ylim(right.get_ylim()[0], 1.02)
+    right.tick_params(axis="y", colors=COST)
+    ax.tick_params(axis="y", right=False)
+    right.set_ylabel("relative power", color=COST)
+
+
+def _front(ax: Axes, own: Rows) -> None:
+    mine = own["kind"] == "model"
+    ax.set_yscale("log")
+    ax.fill_between(
+        own["x"][mine],
+        100 * own["lo90"][mine],
+        100 * own["hi90"][mine],
+        color=BAND,
+        linewidth=0,
+        zorder=1,
+    )
+    ax.plot(
+        own["x"][mine], 100 * own["y"][mine], color=FITTED, zorder=2, marker=".", markersize=2.5
+    )
+    best = own["kind"] == "best"
+    for (shade, marker), x, y, label in zip(
+        SERIES, own["x"][best], own["y"][best], own["label"][best].tolist(), strict=False
+    ):
+        price, _, where = label.partition(": z_hat ")
+        name = f"crash costs {price}: $\\hat{{z}}_0$ = {where}"
+        ax.plot(
+            [x],
+            [100 * y],
+            color=shade,
+            marker=marker,
+            markersize=5,
+            markerfacecolor="white",
+            linestyle="none",
+            zorder=4,
+            label=name,
+        )
+    ax.set_xlabel("relative power to hover")
+    ax.set_ylabel("crash rate (%)")
+    if best.any():
+        middle = (own["x"][mine].min() + own["x"][mine].max()) / 2
+        ax.legend(loc="upper right" if own["x"][best].mean() < middle else "lower left")

@@ -1,0 +1,231 @@
+"""How figures look, as data: column widths, type and resolution of each journal; colours and
+markers for all of them.
+
+Fonts are those that matplotlib brings, so that a figure has the same bytes wherever it is made.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from nearlift import nomenclature
+from nearlift.errors import ManifestError, UsageError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Style:
+    """One look. Widths in inches, type in points, lines in points."""
+
+    name: str
+    meaning: str
+    single_in: float
+    double_in: float
+    height_in: float
+    text_pt: float
+    font: str
+    mathtext: str
+    dpi: int
+    line_pt: float = 1.0
+    marker_pt: float = 3.2
+
+
+STYLES = (
+    Style(
+        name="aiaa",
+        meaning="AIAA journals: 3.25 in column, serif, 8 pt",
+        single_in=3.25,
+        double_in=6.75,
+        height_in=9.0,
+        text_pt=8,
+        font="STIXGeneral",
+        mathtext="stix",
+        dpi=600,
+    ),
+    Style(
+        name="elsevier",
+        meaning="Elsevier: 90 and 190 mm, sans serif, 8 pt",
+        single_in=3.54,
+        double_in=7.48,
+        height_in=9.4,
+        text_pt=8,
+        font="DejaVu Sans",
+        mathtext="dejavusans",
+        dpi=600,
+    ),
+    Style(
+        name="nature",
+        meaning="Nature: 89 and 183 mm, sans serif, 7 pt",
+        single_in=3.50,
+        double_in=7.20,
+        height_in=9.7,
+        text_pt=7,
+        font="DejaVu Sans",
+        mathtext="dejavusans",
+        dpi=600,
+        line_pt=0.8,
+        marker_pt=2.8,
+    ),
+    Style(
+        name="ieee",
+        meaning="IEEE: 3.5 and 7.16 in, serif, 8 pt",
+        single_in=3.5,
+        double_in=7.16,
+        height_in=9.0,
+        text_pt=8,
+        font="STIXGeneral",
+        mathtext="stix",
+        dpi=600,
+    ),
+    Style(
+        name="screen",
+        meaning="slides and screens: 10 in wide, sans serif, 11 pt",
+        single_in=5.5,
+        double_in=10.0,
+        height_in=11.0,
+        text_pt=11,
+        font="DejaVu Sans",
+        mathtext="dejavusans",
+        dpi=150,
+        line_pt=1.5,
+        marker_pt=4.5,
+    ),
+)
+
+#: Okabe and Ito's colours that stand out on white, each with its own marker, so that greyscale
+#: keeps them apart.
+SERIES = (
+    ("#0072B2", "o"),
+    ("#D55E00", "s"),
+    ("#009E73", "^"),
+    ("#CC79A7", "D"),
+    ("#E69F00", "v"),
+    ("#56B4E9", "P"),
+)
+#: Size of each series' symbols over the style's.
+NESTED = (1.3, 1.15, 1.0, 0.85, 0.7, 0.6)
+#: Theory in grey and black, told apart by dashes.
+REFERENCES = (
+    ("#555555", (0, (5, 2))),
+    ("#111111", (0, (1, 1.2))),
+    ("#777777", (0, (6, 1.5, 1, 1.5))),
+)
+FITTED = "#000000"
+BAND = "#C2C2C2"
+OVERLAYS = ("x", "+", "1", "2", "*")
+#: Many levels of one quantity: even in lightness, also to colour-blind eyes.
+SEQUENTIAL = "cividis"
+
+
+def style(name: str) -> Style:
+    """The preset of that name; `ManifestError` with the nearest ones if there is none."""
+    known = {s.name: s for s in STYLES}
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        raise ManifestError(
+            "report.style",
+            f"there is no style {name!r}",
+            f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}",
+        )
+    return known[name]
+
+
+@contextmanager
+def context(look: Style) -> Iterator[None]:
+    """The settings of matplotlib for one look, put back afterwards; the user's own settings have no
+    part in it.
+    """
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        current: Any = matplotlib.rcParams
+        current.update(settings(look))
+        yield
+
+
+def settings(look: Style) -> dict[str, Any]:
+    """The look as matplotlib's settings."""
+    small = look.text_pt - 1
+    return {
+        # the second serves letters that the first lacks
+        "font.family": [look.font, "DejaVu Sans"],
+        "mathtext.fontset": look.mathtext,
+        "font.size": look.text_pt,
+        "axes.labelsize": look.text_pt,
+        "axes.titlesize": look.text_pt,
+        "xtick.labelsize": small,
+        "ytick.labelsize": small,
+        "legend.fontsize": small,
+        "legend.frameon": False,
+        "legend.handlelength": 2.2,
+        "legend.handletextpad": 0.5,
+        "legend.borderaxespad": 0.4,
+        "legend.labelspacing": 0.3,
+        "axes.linewidth": 0.6,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "xtick.minor.width": 0.4,
+        "ytick.minor.width": 0.4,
+        "xtick.direction": "in",
+        "ytick.direction": "in",
+        "xtick.top": True,
+        "ytick.right": True,
+        "lines.linewidth": look.line_pt,
+        "lines.markersize": look.marker_pt,
+        "axes.unicode_minus": True,
+        "savefig.dpi": look.dpi,
+        "figure.dpi": 100,
+        "pdf.fonttype": 42,
+        "svg.hashsalt": "nearlift",
+        "path.simplify": True,
+        "hatch.linewidth": 0.35,
+    }
+
+
+def log_distance(ax: Axes) -> None:
+    """Plain numbers along a logarithmic axis of distance: 0.1, 0.2, 0.5, 1, ..."""
+    low, high = ax.get_xlim()
+    ax.xaxis.set_major_locator(
+        LogLocator(subs=(1.0, 2.0, 5.0) if high > 20 * low else (1.0, 2.0, 3.0, 5.0))
+    )
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+
+
+def plain_text(text: str) -> str:
+    """Text from a user, with nothing in it that matplotlib would set as mathematics; control
+    characters left out.
+    """
+    return "".join(c for c in text if c.isprintable()).replace("$", r"\$")
+
+
+def coefficient(name: str) -> str:
+    """A fitted coefficient as mathematics: K_b, alpha, lambda_, and what else is a letter with an
+    index.
+    """
+    known = {"alpha": r"$\alpha$", "lambda_": r"$\lambda$", "inverse_K_b": "$1/K_b$"}
+    head, _, index = name.partition("_")
+    if name in known:
+        return known[name]
+    return f"${head}_{{{index}}}$" if index else f"${head}$" if len(head) == 1 else plain_text(name)
+
+
+def quantity(name: str, unit: str | None = None) -> str:
+    """An axis label: the word and the symbol of a column such as `supply_V`; what has no symbol is
+    set as it is named.
+    """
+    try:
+        symbol = nomenclature.symbol(name)
+    except UsageError:
+        return plain_text(name.replace("_", " "))
+    word = name.split("_")[0]
+    shown = nomenclature.label(name, unit)
+    if symbol.latex.startswith(r"\mathrm{"):
+        return word
+    return shown if name in ("z_hat", "delta_L") else f"{word} {shown}"

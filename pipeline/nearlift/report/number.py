@@ -1,0 +1,167 @@
+"""Numbers that know where they came from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from nearlift.products import RESULTS, Product
+from nearlift.report.evidence import Evidence
+from nearlift.rounding import fixed, like, plain
+
+LEAST_CHANCE = 1e-12
+#: Fewer degrees of freedom than this are printed with a decimal.
+FEW = 9.95
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SYMBOLS = {"alpha": "α", "lambda_": "λ", "inverse_K_b": "1/K_b"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Number:
+    """One number of the page.
+
+    Attributes
+    ----------
+    text : str
+        As printed.
+    value : float
+        In full.
+    source : str
+        Product and key: ``fit.json#/boundaries/ground/...`` is a JSON pointer, ``trials.parquet`` a
+        table.
+    how : str
+        What was done to what stands there; empty if nothing but rounding.
+    """
+
+    text: str
+    value: float
+    source: str
+    how: str = ""
+
+    @property
+    def exact(self) -> str:
+        """The value in full, as HTML's `data` element wants it."""
+        return repr(self.value) if math.isfinite(self.value) else ""
+
+
+def pointer(product: Product, *path: str) -> str:
+    """Product and JSON pointer (RFC 6901)."""
+    return f"{product.file}#" + "".join(
+        "/" + str(p).replace("~", "~0").replace("/", "~1") for p in path
+    )
+
+
+def follow(content: Any, path: tuple[str, ...]) -> Any:
+    """What stands at a path of keys; list positions are written as digits. None where there is
+    nothing.
+    """
+    for key in path:
+        if isinstance(content, Mapping):
+            content = content.get(key)
+        elif isinstance(content, list) and key.isdigit() and int(key) < len(content):
+            content = content[int(key)]
+        else:
+            return None
+    return content
+
+
+def cite(
+    evidence: Evidence,
+    product: Product,
+    *path: str,
+    digits: int = 4,
+    scale: float = 1.0,
+    how: str = "",
+    like_u: float | None = None,
+    places: int | None = None,
+) -> Number:
+    """The number at `path` of a JSON product: to so many digits, or so many decimal places, or
+    those of an uncertainty `like_u`.
+    """
+    found = follow(evidence.document(product), path)
+    value = math.nan if found is None else float(found)
+    if not math.isfinite(value):
+        text = "–"
+    elif places is not None:
+        text = fixed(scale * value, places)
+    else:
+        text = (
+            plain(scale * value, digits) if like_u is None else like(scale * value, scale * like_u)
+        )
+    return Number(text=text, value=value, source=pointer(product, *path), how=how)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quoted:
+    """An estimate as printed: value, standard uncertainty and 90 % interval, all with the same
+    decimals.
+    """
+
+    name: str
+    head: str
+    sub: str
+    unit: str
+    value: Number
+    u: Number | None
+    lo90: Number
+    hi90: Number
+    at_bound: bool
+
+
+def quote(evidence: Evidence, product: Product, *path: str, name: str = "") -> Quoted:
+    """The estimate at `path`: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`,
+    `at_bound`; of the path's last key, or of `name`.
+    """
+    entry = follow(evidence.document(product), path)
+    known = {k: v for k, v in entry.items() if isinstance(v, int | float)}
+    # an interval without `u` still says to how many digits its centre is known
+    width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
+    u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
+    name = name or path[-1]
+    head, _, sub = SYMBOLS.get(name, name).partition("_")
+    return Quoted(
+        name=name,
+        head=head,
+        sub=sub,
+        unit="" if entry.get("unit", "1") == "1" else entry["unit"],
+        value=cite(evidence, product, *path, "value", like_u=u),
+        u=cite(evidence, product, *path, "u", like_u=u) if "u" in known else None,
+        lo90=cite(evidence, product, *path, "lo90", like_u=u),
+        hi90=cite(evidence, product, *path, "hi90", like_u=u),
+        at_bound=bool(entry.get("at_bound")),
+    )
+
+
+def chance(evidence: Evidence, product: Product, *path: str) -> Number:
+    """A p-value; below what any test here can mean, only its bound."""
+    found = cite(evidence, product, *path, digits=2)
+    if found.value < LEAST_CHANCE:
+        return replace(found, text="< 10⁻¹²")
+    digits, _, exponent = found.text.partition("e")
+    return (
+        replace(found, text=f"{digits} × 10{str(int(exponent)).translate(RAISED)}")
+        if exponent
+        else found
+    )
+
+
+def degrees(evidence: Evidence, product: Product, *path: str) -> Number | None:
+    """Degrees of freedom: one decimal below ten, where it matters; None where there is no end to
+    them.
+    """
+    found = cite(evidence, product, *path, places=0)
+    if not math.isfinite(found.value):
+        return None
+    return found if found.value >= FEW else replace(found, text=fixed(found.value, 1))
+
+
+def count(product: Product, value: int, how: str) -> Number:
+    """A number of rows of a table product."""
+    return Number(text=str(value), value=float(value), source=product.file, how=how)
+
+
+def headline(evidence: Evidence, boundary: str, name: str) -> Quoted:
+    """A coefficient as it is to be quoted."""
+    return quote(evidence, RESULTS, "boundaries", boundary, "coefficients", name)

@@ -1,0 +1,1 @@
+"""index.html: one file with its pictures, interactive charts and their library, self-contained."""

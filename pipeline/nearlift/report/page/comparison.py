@@ -1,0 +1,77 @@
+"""The page of several campaigns: one coefficient beside another, in one file that fetches
+nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+from markupsafe import Markup
+
+from nearlift.nomenclature import VERDICTS
+from nearlift.report.evidence import Columns
+from nearlift.report.figures import forest
+from nearlift.report.figures import forest_chart as chart
+from nearlift.report.page.chart import embedded
+from nearlift.report.page.render import Picture, policy, scripts, templates
+from nearlift.rounding import letter
+
+TITLE = "Campaigns compared"
+
+
+def page(
+    table: Columns, png: bytes, reports: Collection[str] = (), remarks: Collection[str] = ()
+) -> bytes:
+    """index.html of a comparison.
+
+    Parameters
+    ----------
+    table : Columns
+        Of `summaries.forest`.
+    png : bytes
+        The printed figure.
+    reports : collection of str
+        Campaigns whose own report stands beside this one, to be linked.
+    remarks : collection of str
+        What to hold against the groups.
+    """
+    drawn = chart.chart(table)
+    picture = Picture(
+        name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table), png=png
+    )
+    run = scripts()
+    text = (
+        templates()
+        .get_template("comparison.html.j2")
+        .render(
+            title=TITLE,
+            chapter={"charts": (drawn,), "pictures": [picture]},
+            groups=_groups(table, reports),
+            remarks=list(remarks),
+            policy=Markup(policy(run)),
+            scripts=[Markup(s) for s in run],
+            charts=Markup(embedded([drawn])),
+        )
+    )
+    return text.encode()
+
+
+def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:
+    groups = []
+    for boundary, coefficient in dict.fromkeys(
+        zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)
+    ):
+        rows = forest.select(table, boundary, coefficient)
+        lines = [
+            {
+                "label": str(rows["label"][i]),
+                "linked": rows["kind"][i] == "campaign" and rows["label"][i] in reports,
+                "vehicle": str(rows["vehicle"][i]),
+                "value": forest.interval(rows, i),
+                "verdict": VERDICTS[rows["verdict"][i]] if rows["kind"][i] == "campaign" else "",
+            }
+            for i in range(len(rows["value"]))
+        ]
+        groups.append({"title": f"{boundary.capitalize()}: {letter(coefficient)}", "lines": lines})
+    return groups

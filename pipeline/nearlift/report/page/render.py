@@ -1,0 +1,129 @@
+"""The page itself: one file, which fetches nothing."""
+
+from __future__ import annotations
+
+import base64
+import functools
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from nearlift.report.chapters.contents import CHAPTERS, Chapter, nothing
+from nearlift.report.evidence import Evidence
+from nearlift.report.page.chart import Chart, embedded
+
+NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A figure on the page."""
+
+    name: str
+    title: str
+    caption: str
+    alt: str
+    png: bytes
+
+    @property
+    def data(self) -> str:
+        """The picture as a data address."""
+        return "data:image/png;base64," + base64.b64encode(self.png).decode()
+
+
+@functools.cache
+def scripts() -> tuple[str, str]:
+    """The drawing library with its licence, and the page's own script."""
+    here = resources.files("nearlift.report.page")
+    licence = here.joinpath("vendor", "vega.LICENSE.txt").read_text(encoding="utf-8")
+    library = here.joinpath("vendor", "vega.js").read_text(encoding="utf-8")
+    return f"/*! {licence}*/\n{library}", here.joinpath("templates", "report.js").read_text(
+        encoding="utf-8"
+    )
+
+
+def templates() -> jinja2.Environment:
+    """The templates of all pages: text from files stays text, and a name that is not given is an
+    error.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("nearlift.report.page", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
+    return environment
+
+
+def policy(allowed: Sequence[str]) -> str:
+    """What a browser may do with the page: these very scripts, pictures and styles within it, and
+    nothing from anywhere else.
+    """
+    digests = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
+        for s in allowed
+    )
+    return (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
+        f" {digests or chr(39) + 'none' + chr(39)}"
+    )
+
+
+def page(
+    evidence: Evidence,
+    pictures: Sequence[Picture],
+    chapters: Sequence[Chapter] = CHAPTERS,
+    charts: Sequence[Chart] = (),
+) -> bytes:
+    """index.html. Chapters whose products are missing are left out; figures that no chapter names
+    come at the end.
+    """
+    made = {p.name: p for p in pictures}
+    drawn = {c.name: c for c in charts}
+    named = {n for c in chapters for n in c.figures}
+    further = tuple(n for n in made if n not in named)
+    if further:
+        chapters = [
+            *chapters,
+            Chapter(
+                name="further",
+                title="Further figures",
+                facts=nothing,
+                figures=further,
+                template=False,
+            ),
+        ]
+    shown: list[Mapping[str, Any]] = []
+    for chapter in chapters:
+        own = [made[n] for n in chapter.figures if n in made]
+        interactive = [drawn[n] for n in chapter.charts if n in drawn]
+        if not evidence.has(*chapter.needs) or not (chapter.template or own or interactive):
+            continue
+        template = f"{chapter.name}.html.j2" if chapter.template else ""
+        facts = chapter.facts(evidence)
+        shown.append(
+            {"name": chapter.name, "title": chapter.title, "template": template, "facts": facts}
+            | {"pictures": own, "charts": interactive, "lead": chapter.pictures_lead}
+        )
+    # without charts there is nothing to run
+    run = scripts() if any(c["charts"] for c in shown) else ()
+    text = (
+        templates()
+        .get_template("index.html.j2")
+        .render(
+            campaign=evidence.campaign,
+            chapters=shown,
+            names=NAMES,
+            policy=Markup(policy(run)),
+            scripts=[Markup(s) for s in run],
+            charts=Markup(embedded([c for s in shown for c in s["charts"]])),
+        )
+    )
+    return text.encode()

@@ -1,0 +1,155 @@
+"""Lift over the fitted L_inf, cell by cell, beside the line of the model that is quoted.
+
+Where the loop named an effect, a trial stands off the line by the residual that the whole model
+leaves, which is its lift with the effect at that trial's covariates taken out: the points that
+belong to a line of distance alone. Without one it is the lift itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import Boundary, FloatArray
+from nearlift.products import FIT, LOOP_RESIDUALS
+from nearlift.report import curves
+from nearlift.report.evidence import Evidence
+
+#: Relative step of a distance by which a curve's slope is taken.
+STEP = 1e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelativeLift:
+    """Cells of one boundary, arrays of shape (n,), in the order of throttle and distance.
+
+    Attributes
+    ----------
+    throttle, z_hat, delta_L, n_trials : array
+    u : array
+        Standard uncertainty of `delta_L` from the scatter of trials, visits and heights; that of
+        L_inf, which a throttle's cells share, is not in it.
+    u_L_inf : float
+        The largest standard uncertainty of a throttle's L_inf, as a fraction of it, from the same
+        scatter.
+    """
+
+    throttle: FloatArray
+    z_hat: FloatArray
+    delta_L: FloatArray
+    u: FloatArray
+    n_trials: FloatArray
+    u_L_inf: float
+
+
+def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
+    """The effects of the quoted model, where their residuals exist."""
+    return evidence.quoted(boundary).effects if evidence.has(LOOP_RESIDUALS) else ()
+
+
+def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
+    """The quoted model's L / L_inf - 1 over distance, its effects aside, and its 90 % band."""
+    model, entry = evidence.base(boundary)
+    if not named(evidence, boundary):
+        return curves.band(evidence, boundary, model, z_hat)
+    quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
+    among = quoted.correlation
+    free = [n for n in among.parameters if n in quoted.coefficients]
+    rows = [among.parameters.index(n) for n in free]
+    u = np.array([quoted.coefficients[n].u for n in free])
+    covariance = np.outer(u, u) * np.array(among.values)[np.ix_(rows, rows)]
+    parameters = entry["parameters"] | {
+        n: {"value": c.value} for n, c in quoted.coefficients.items()
+    }
+    middle = (
+        curves.ratio(
+            model, z_hat, {**known, **{n: float(e["value"]) for n, e in parameters.items()}}
+        )
+        - 1
+    )
+    if not np.isfinite(covariance).all() or not free:
+        none = np.full_like(middle, np.nan)
+        return curves.Curve(middle=middle, low=none, high=none, least_squares=middle, sampled=False)
+    fitted = {"parameters": parameters, "covariance": {"names": free, "values": covariance}}
+    reach = curves.NORMAL_90 * curves.uncertainty(model, z_hat, known, fitted)
+    return curves.Curve(
+        middle=middle, low=middle - reach, high=middle + reach, least_squares=middle, sampled=False
+    )
+
+
+def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
+    """Every cell's lift over the fitted L_inf."""
+    entry = evidence.base(boundary)[1]
+    data = evidence.observations[boundary]
+    data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
+    if named(evidence, boundary):
+        table = evidence.table(LOOP_RESIDUALS)
+        mine = table["boundary"] == boundary
+        left = dict(zip(table["trial"][mine].tolist(), table["after"][mine].tolist(), strict=True))
+        residual = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
+        log_ratio = np.log1p(line(evidence, boundary, data.z_hat).middle) + residual
+        noise = evidence.diagnosed(boundary)["noise_floor"]
+    else:
+        levels = (entry.get("posterior") or {}).get("L_inf_N") or entry["L_inf_N"]
+        # a throttle of which the fit took no trial has none
+        known = [levels.get(f"{t:g}", {"value": np.nan}) for t in data.levels]
+        log_ratio = np.log(
+            data.lift_N
+            / np.array([e.get("median", e["value"]) for e in known], dtype=float)[data.level]
+        )
+        noise = evidence.document(FIT)["noise"][boundary]
+    keep = np.isfinite(log_ratio)
+    data, log_ratio = data.take(keep), log_ratio[keep]
+    cell, index = np.unique(np.stack([data.throttle, data.z_hat]), axis=1, return_inverse=True)
+    index = index.ravel()
+    n = np.bincount(index).astype(float)
+    own = (
+        (data.u_lift_N / data.lift_N) ** 2
+        + noise["relative"] ** 2
+        + (noise["force_N"] / data.lift_N) ** 2
+    )
+    curve = line(evidence, boundary, cell[1])
+    beyond = line(evidence, boundary, cell[1] * (1 + STEP))
+    slope = np.nan_to_num((np.log1p(beyond.middle) - np.log1p(curve.middle)) / (STEP * cell[1]))
+    visits = np.bincount(np.unique(np.stack([index, data.visit]), axis=1)[0], minlength=len(n))
+    shared = ((slope * noise["height_m"] / data.radius_m) ** 2 + noise["common"] ** 2) / visits
+    variance = np.bincount(index, own) / n**2 + shared
+    ratio = np.exp(np.bincount(index, log_ratio) / n)
+    return RelativeLift(
+        throttle=cell[0],
+        z_hat=cell[1],
+        delta_L=ratio - 1,
+        u=ratio * np.sqrt(variance),
+        n_trials=n,
+        u_L_inf=_u_of_levels(evidence, boundary, cell[0], cell[1], variance),
+    )
+
+
+def _u_of_levels(
+    evidence: Evidence,
+    boundary: Boundary,
+    throttle: FloatArray,
+    z_hat: FloatArray,
+    variance: FloatArray,
+) -> float:
+    """Least squares over the cells for every throttle's log L_inf beside the coefficients."""
+    model, entry = evidence.base(boundary)
+    levels, level = np.unique(throttle, return_inverse=True)
+    known = {
+        **evidence.known(boundary, model),
+        **{n: float(e["value"]) for n, e in entry["parameters"].items()},
+    }
+    columns = [level == i for i in range(len(levels))]
+    for name in (p.name for p in model.parameters):
+        step = STEP * max(abs(known[name]), STEP)
+        up, down = (
+            np.log(curves.ratio(model, z_hat, {**known, name: known[name] + s}))
+            for s in (step, -step)
+        )
+        columns.append(np.nan_to_num(up - down) / (2 * step))
+    weighted = np.stack(columns, axis=1) / np.sqrt(variance)[:, None]
+    scale = np.sqrt((weighted**2).sum(axis=0))
+    scale[scale == 0] = 1.0
+    covariance = np.linalg.pinv((weighted / scale).T @ (weighted / scale))
+    return float((np.sqrt(np.diagonal(covariance)) / scale)[: len(levels)].max(initial=0.0))
