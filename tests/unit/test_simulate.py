@@ -17,8 +17,10 @@ from nearlift.flight.simulation.flight import Plan, Setting, fly
 from nearlift.flight.simulation.route import BASES
 from nearlift.manifest import campaign as manifest
 from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
+from nearlift.report.chapters import safety as chapter
 from nearlift.report.figures.crash_map import draw as draw_map
 from nearlift.report.figures.encoding import render
+from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.style import style
 from nearlift.run.executors import open_executor
 from nearlift.run.graph import stage

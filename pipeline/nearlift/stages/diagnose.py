@@ -16,6 +16,7 @@ from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search import Options
 from nearlift.products import DIAGNOSIS, FIT, LOOP_RESIDUALS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import BoundaryResult, Results
+from nearlift.report.findings import could_have_seen
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import quoting

@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, RESULTS, TRIALS
+from nearlift.report.evidence import Evidence
 from nearlift.run import store
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import overlays
