@@ -487,7 +487,7 @@ def test_a_file_that_claims_too_much_memory_is_stopped(tmp_path: Path) -> None:
 def test_a_reader_that_takes_too_long_is_stopped(tmp_path: Path) -> None:
     path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
     with (
-        child.source(readers.reader("hdf5").format, time_s=0.01) as read,
+        child.source(readers.reader("hdf5").format, child.Child(time_s=0.01)) as read,
         pytest.raises(Malformed, match=r"its reader was stopped after 0\.01 s"),
     ):
         read(path, {}, None)

@@ -456,7 +456,7 @@ def test_a_table_of_few_bytes_does_not_fill_the_memory(
             file.write_table(million)
     assert (tmp_path / "records.parquet").stat().st_size < 400_000
     with (
-        child.source(parquet.FORMAT, memory=600 << 20) as read,
+        child.source(parquet.FORMAT, child.Child(memory=600 << 20)) as read,
         pytest.raises(Malformed, match="memory"),
     ):
         read(tmp_path / "records.parquet", {}, None)

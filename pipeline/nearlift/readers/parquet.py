@@ -18,6 +18,7 @@ from nearlift.readers.channel import Malformed
 from nearlift.readers.files import inside, source_of
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import ChannelSpec, Piece, Plan, Reader, Record, files_pattern
+from nearlift.readers.serve import Answer
 
 #: Rows of one answer, and of one task at least.
 BATCH, ROWS = 1 << 16, 1 << 21
@@ -39,7 +40,7 @@ def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
     return [path] if path.is_file() else []
 
 
-def _asked(path: Path, request: dict[str, Any]) -> Iterator[child.Answer]:
+def _asked(path: Path, request: dict[str, Any]) -> Iterator[Answer]:
     """The child's answers; what it cannot read is refused, since all trials stand in one file."""
     try:
         with child.borrowed() as reader:

@@ -120,7 +120,7 @@ def reader_of(form: Format) -> Reader:
         from nearlift.readers import child
 
         spec = ChannelSpec.of(campaign)
-        with child.lasting(form) as contents:
+        with child.source(form, child.borrowed()) as contents:
             for trial, path in zip(piece.trials, piece.paths, strict=True):
                 yield record(contents, spec, trial, path, source_of(root, path))
 
