@@ -555,8 +555,8 @@ def detect(
             )
         execute(campaign, ("detect",), force=True, **options)
         return
-    from nearlift.manifest.campaign import validated
     from nearlift.manifest.flight import Reading
+    from nearlift.manifest.validation import validated
     from nearlift.run.store import plain
     from nearlift.stages.reading import read, text
 

@@ -7,371 +7,24 @@ default.
 
 from __future__ import annotations
 
-import difflib
-import itertools
-import math
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Any, Literal, Self
 
-import numpy as np
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from nearlift import units
-from nearlift.declare import BOUNDARIES, Boundary, FloatArray
+from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.errors import ManifestError, brief
 from nearlift.manifest import toml
+from nearlift.manifest.component import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.manifest.design import Planned
 from nearlift.manifest.flight import Detect, Simulate
 from nearlift.manifest.piv import Piv
-from nearlift.manifest.quantities import (
-    Acceleration,
-    Density,
-    Duration,
-    Force,
-    Fraction,
-    Length,
-    Mass,
-    Position,
-    PositiveLength,
-    Rate,
-    Rotation,
-    Section,
-)
-
-SCHEMA = "nearlift.campaign/1"
-
-
-class ThrottleMap(Section):
-    """Rotor speed at some throttles far from every boundary: pairs of throttle and speed, Hz, and
-    the standard uncertainty of each speed.
-    """
-
-    points: list[Annotated[tuple[Fraction, Rotation], Field(strict=False)]] = Field(min_length=1)
-    uncertainty: Fraction = 0.0
-
-    @model_validator(mode="after")
-    def _ascending(self) -> Self:
-        throttle = [t for t, _ in self.points]
-        if any(b <= a for a, b in itertools.pairwise(throttle)):
-            raise ValueError(
-                "the throttles of points must ascend (found"
-                f" {', '.join(f'{100 * t:g} %' for t in throttle)})"
-            )
-        return self
-
-    def speed_Hz(self, throttle: FloatArray) -> FloatArray:
-        """Speed at each throttle, linear between points; nan outside of them, since a map says
-        nothing there.
-        """
-        known = np.array(self.points)
-        return np.asarray(
-            np.interp(throttle, known[:, 0], known[:, 1], left=np.nan, right=np.nan),
-            dtype=np.float64,
-        )
-
-
-#: Spacing over radius beyond which one of the two is wrong; acceleration of free fall in m/s^2,
-#: with room for rounding.
-WIDEST, GRAVITY = 20.0, (9.7, 9.9)
-
-
-class Vehicle(Section):
-    """What hangs from the load cell. Lengths in m, mass in kg."""
-
-    name: str
-    rotors: int = Field(ge=1, le=100)
-    rotor_radius: PositiveLength
-    rotor_spacing: PositiveLength | None = None
-    rotor_diagonal: PositiveLength | None = None
-    rotor_positions: list[Position] | None = None
-    mass: Mass
-    throttle_map: ThrottleMap | None = None
-
-    @model_validator(mode="after")
-    def _rotors_do_not_overlap(self) -> Self:
-        if self.rotor_spacing is not None and self.rotor_spacing < 2 * self.rotor_radius:
-            raise ValueError(
-                f"rotor_spacing {self.rotor_spacing:g} m is less than two radii: neighbouring"
-                " rotors would overlap"
-            )
-        if self.rotor_spacing is not None and self.rotor_spacing > WIDEST * self.rotor_radius:
-            raise ValueError(
-                f"rotor_spacing {self.rotor_spacing:g} m is"
-                f" {self.rotor_spacing / self.rotor_radius:.3g} radii of {self.rotor_radius:g} m;"
-                " no vehicle is so wide: mend one of them, or its unit"
-            )
-        if (
-            self.rotor_diagonal is not None
-            and self.rotor_spacing is not None
-            and self.rotor_diagonal < self.rotor_spacing
-        ):
-            raise ValueError(
-                f"rotor_diagonal {self.rotor_diagonal:g} m is less than rotor_spacing"
-                f" {self.rotor_spacing:g} m; the spacing is that of ADJACENT rotors"
-            )
-        if self.rotor_positions is not None and len(self.rotor_positions) != self.rotors:
-            raise ValueError(
-                f"rotor_positions lists {len(self.rotor_positions)} rotors, not {self.rotors}"
-            )
-        return self
-
-    @property
-    def diagonal(self) -> float | None:
-        """Distance between opposite rotor axes, m: as given, else that of a regular polygon,
-        sqrt(2) times the spacing for four rotors.
-        """
-        if self.rotor_diagonal is not None or self.rotor_spacing is None or self.rotors == 1:
-            return self.rotor_diagonal
-        return self.rotor_spacing / math.sin(math.pi / self.rotors)
-
-    def geometry(self) -> dict[str, Any]:
-        """What lift models may need, scaled by rotor radius: `spacing_hat`, `diagonal_hat`,
-        `layout_hat` (rotors, 2).
-        """
-        known: dict[str, Any] = {}
-        r = self.rotor_radius
-        if self.rotor_spacing is not None and self.rotors > 1:
-            known["spacing_hat"] = self.rotor_spacing / r
-        if self.diagonal is not None and self.rotors > 1:
-            known["diagonal_hat"] = self.diagonal / r
-        if self.rotor_positions is not None:
-            known["layout_hat"] = np.asarray(self.rotor_positions) / r
-        elif self.rotors == 1:
-            known["layout_hat"] = np.zeros((1, 2))
-        elif self.rotor_spacing is not None:
-            # a regular polygon whose side is the adjacent spacing
-            angles = 2 * math.pi * (np.arange(self.rotors) + 0.5) / self.rotors
-            circumradius = known["spacing_hat"] / (2 * math.sin(math.pi / self.rotors))
-            known["layout_hat"] = circumradius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-        return known
-
-
-class Rig(Section):
-    """How distance is measured and what a trial holds constant."""
-
-    held: Literal["throttle", "voltage", "rpm", "power"]
-    distance_datum: str | dict[Boundary, str]
-    distance_offset: Length | dict[Boundary, Length]
-    arena: PositiveLength | None = None
-    air_density: Density | None = None
-    gravity: Acceleration
-
-    @model_validator(mode="after")
-    def _known_datums(self) -> Self:
-        allowed = ("rotor plane", "airframe", "blade tip", "rotor axis")
-        for datum in (
-            self.distance_datum.values()
-            if isinstance(self.distance_datum, dict)
-            else (self.distance_datum,)
-        ):
-            if datum not in allowed:
-                raise ValueError(f"distance_datum {datum!r} is none of {', '.join(allowed)}")
-        if not GRAVITY[0] <= self.gravity <= GRAVITY[1]:
-            raise ValueError(
-                f"gravity {self.gravity:g} m/s^2 is nowhere on Earth: it is 9.76 to 9.84 there;"
-                ' write "9.80665 m/s^2", or your own value'
-            )
-        return self
-
-    def offset(self, boundary: Boundary) -> float:
-        """Datum to rotor plane, m, added to every recorded distance."""
-        return float(_by_boundary(self.distance_offset, boundary, "rig.distance_offset"))
-
-    def datum(self, boundary: Boundary) -> str:
-        """What the distance to that boundary is measured from."""
-        return str(_by_boundary(self.distance_datum, boundary, "rig.distance_datum"))
-
-
-def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
-    if not isinstance(value, dict):
-        return value
-    if boundary not in value:
-        raise ManifestError(
-            key, f"says nothing about the {boundary}", f"add {boundary} = ... to the table"
-        )
-    return value[boundary]
-
-
-class LoadCell(Section):
-    """The force channel. `tare` is the rotors-stopped head of each record in s, or "none"; `record`
-    its planned length in s, tare included.
-    """
-
-    sample_rate: Rate | None = None
-    tare: Duration | Literal["none"] | None = None
-    settle: Duration = 0.0
-    record: Duration | None = None
-    range: Force | None = None
-    accuracy: Force | None = None
-
-
-class Calibration(Section):
-    """Counts to force: force = gain (count - offset). `gain` is a text such as "0.0098
-    mN/count".
-    """
-
-    gain: str
-    offset: str
-
-    def linear(self) -> tuple[float, float]:
-        """N per count, and the count at zero force."""
-        force, _, per = self.gain.rpartition("/")
-        gain, unit = units.measure(force)
-        zero, counted = units.measure(self.offset)
-        if not gain or len(unit.split()) != 1 or per.strip() != "count":
-            raise ManifestError(
-                "records.force.calibration.gain",
-                f"{self.gain!r} is not a force per count",
-                'write it as "0.0098 mN/count"',
-            )
-        if zero is None or counted != "count":
-            raise ManifestError(
-                "records.force.calibration.offset",
-                f"{self.offset!r} is not a number of counts",
-                'write it as "120 count"',
-            )
-        factor, _ = units.to_si(unit, "force", "records.force.calibration.gain")
-        return gain * factor, zero
-
-
-class ForceChannel(Section):
-    """Where the force stands in a record, and how it becomes newtons of lift."""
-
-    column: str
-    unit: str
-    sign: Literal[1, -1]
-    calibration: Calibration | None = None
-
-    @model_validator(mode="after")
-    def _convertible(self) -> Self:
-        try:
-            self.linear()
-        except ManifestError as refusal:
-            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
-        return self
-
-    def linear(self) -> tuple[float, float]:
-        """Lift in N is factor * (number - zero): returns (factor, zero), the sign included."""
-        if self.unit == "count":
-            if self.calibration is None:
-                raise ManifestError(
-                    "records.force",
-                    'unit = "count" without a calibration',
-                    'add calibration = { gain = "... mN/count", offset = "... count" }',
-                )
-            gain, zero = self.calibration.linear()
-            return self.sign * gain, zero
-        if self.calibration is not None:
-            raise ManifestError(
-                "records.force",
-                f"a calibration beside unit = {self.unit!r}",
-                'a calibration goes with unit = "count"',
-            )
-        factor, _ = units.to_si(self.unit, "force", "records.force.unit")
-        return self.sign * factor, 0.0
-
-
-class TimeChannel(Section):
-    """An optional clock column, checked against the sample rate."""
-
-    column: str
-    unit: str
-
-
-class Records(Section):
-    """Which reader reads which files."""
-
-    reader: str
-    files: str | None = None
-    force: ForceChannel | None = None
-    time: TimeChannel | None = None
-    dialect: dict[str, Any] = {}
-
-
-class Trials(Section):
-    """The schedule: its file, the units of its columns, columns that are the same for every trial,
-    and whether its rows are in run order.
-
-    ``order = "unknown"``, as in a published table: nothing is then read into which trial came
-    before which.
-    """
-
-    file: str = "trials.csv"
-    order: Literal["run", "unknown"] = "run"
-    units: dict[str, str] = {}
-    constants: dict[str, Any] = {}
-
-
-#: Inputs of a lift model that have a unit, and what each kind of component is a size of.
-INPUTS_WITH_UNIT = {
-    "rotor_radius": "length",
-    "rotor_spacing": "length",
-    "mass": "mass",
-    "air_density": "density",
-}
-DIMENSIONS = {
-    "height": "length",
-    "force": "force",
-    "gain": "fraction",
-    "exponent": "fraction",
-    **INPUTS_WITH_UNIT,
-}
-
-
-class Uncertainty(Section):
-    """One component of the budget: a shared unknown per element of its scope."""
-
-    name: str
-    on: Literal[
-        "height",
-        "force",
-        "gain",
-        "rotor_radius",
-        "rotor_spacing",
-        "exponent",
-        "mass",
-        "air_density",
-    ]
-    value: str
-    distribution: Literal["normal", "uniform"] = "normal"
-    scope: Literal["sample", "trial", "distance", "throttle", "session", "boundary", "campaign"]
-
-    @model_validator(mode="after")
-    def _value_has_the_dimension(self) -> Self:
-        try:
-            self.standard()
-        except ManifestError as refusal:
-            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
-        return self
-
-    @property
-    def relative(self) -> bool:
-        """Whether the value is a part of the input, such as ``"1 percent"`` of the rotor radius."""
-        return self.on in INPUTS_WITH_UNIT and self.value.strip().endswith(
-            ("percent", "%", "fraction")
-        )
-
-    def standard(self) -> float:
-        """Standard uncertainty in SI: m on height and lengths, N on force, a fraction on gain and
-        exponent; a fraction if `relative`.
-        """
-        dimension = "fraction" if self.relative else DIMENSIONS[self.on]
-        value = units.quantity(self.value, dimension, f"uncertainty {self.name!r}: value")
-        if value < 0:
-            raise ManifestError(
-                f"uncertainty {self.name!r}: value",
-                f"{self.value!r} is negative",
-                "an uncertainty is a size, not a correction",
-            )
-        if value >= 1 and (self.relative or self.on in ("gain", "exponent")):
-            raise ManifestError(
-                f"uncertainty {self.name!r}: value",
-                f"{self.value!r} is as large as what it is of",
-                'percent? one per cent is "1 percent"',
-            )
-        return value / math.sqrt(3) if self.distribution == "uniform" else value
+from nearlift.manifest.quantities import Section
+from nearlift.manifest.rig import LoadCell, Records, Rig, Trials
+from nearlift.manifest.validation import first_of, validated
+from nearlift.manifest.vehicle import Vehicle
 
 
 class FitChoice(Section):
@@ -563,11 +216,8 @@ def load(folder: Path) -> Campaign:
         return parse(toml.loads(file.read(toml.MOST_BYTES + 1), str(path)), str(path))
 
 
-Kind = TypeVar("Kind", bound=BaseModel)
 #: What `nearlift new` writes where somebody must know.
 BLANK = "FILL IN"
-#: As many faults of one manifest are told.
-MOST_FAULTS = 50
 
 
 def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
@@ -581,7 +231,7 @@ def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
         if isinstance(value, str) and BLANK in value
     ]
     if blank:
-        raise ManifestError(where, "\n  ".join(_first(blank, len(blank))))
+        raise ManifestError(where, "\n  ".join(first_of(blank, len(blank))))
     huge = [key for key, value in values if isinstance(value, int) and abs(value) >= 1 << 63]
     if huge:
         raise ManifestError(
@@ -590,28 +240,6 @@ def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
             "write a number that can be meant",
         )
     return validated(Campaign, raw, where)
-
-
-def validated(kind: type[Kind], raw: dict[str, Any], where: str) -> Kind:
-    """A table of the manifest from plain values; raises `ManifestError` that lists every fault with
-    its key.
-    """
-    try:
-        return kind.model_validate(raw)
-    except ValidationError as fault:
-        errors = fault.errors(include_url=False)
-        lines = _first(
-            dict.fromkeys(_explain(error, raw) for error in errors[:MOST_FAULTS]), len(errors)
-        )
-        if any(error["type"] == "missing" for error in errors):
-            lines.append("`nearlift new DIR` writes a manifest that says what each key is")
-        raise ManifestError(where, "\n  ".join(lines)) from None
-
-
-def _first(faults: Iterable[str], count: int) -> list[str]:
-    """The first of so many faults, each cut to a line that can be read."""
-    shown = [brief(fault) for fault in itertools.islice(faults, MOST_FAULTS)]
-    return [*shown, f"and {count - MOST_FAULTS} more"] if count > MOST_FAULTS else shown
 
 
 def _values(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
@@ -624,68 +252,6 @@ def _values(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
             yield from _values(inner, f"{key}.{i}")
     else:
         yield key, value
-
-
-def _explain(error: Any, raw: dict[str, Any]) -> str:
-    """One fault in the user's terms: key, value, and the nearest thing that would have
-    been right.
-    """
-    location = [
-        part
-        for part in error["loc"]
-        if not (
-            isinstance(part, str)
-            and ("function" in part or "[" in part or part in ("float", "str"))
-        )
-    ]
-    key = ".".join(str(part) for part in location) or "manifest"
-    if error["type"] == "extra_forbidden":
-        known = _keys_beside(location)
-        near = difflib.get_close_matches(str(location[-1]), known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(known)}"
-        return f"{key}: unknown key; {hint}"
-    if error["type"] == "missing":
-        return f"{key}: is missing"
-    if error["type"] == "literal_error" and key == "schema":
-        return (
-            f"schema: is {error['input']!r}, and this nearlift reads {error['ctx']['expected']}:"
-            " mend it, or take the version that wrote it"
-        )
-    message = error["msg"].removeprefix("Value error, ").replace("\n", "; ")
-    shown = (
-        ""
-        if isinstance(error["input"], dict | list) or str(error["input"]) in message
-        else f" (found {error['input']!r})"
-    )
-    return f"{key}: {message}{shown}"
-
-
-def _keys_beside(location: list[Any]) -> list[str]:
-    """Keys allowed in the table that holds the last part of `location`."""
-    model: Any = Campaign
-    for part in location[:-1]:
-        if isinstance(part, int):
-            continue
-        fields = (
-            {f.alias or n: f for n, f in model.model_fields.items()}
-            if isinstance(model, type) and issubclass(model, BaseModel)
-            else {}
-        )
-        if part not in fields:
-            continue
-        model = _section_in(fields[part].annotation) or model
-    return [f.alias or n for n, f in model.model_fields.items()]
-
-
-def _section_in(annotation: Any) -> Any:
-    """The Section class inside an annotation such as `list[Overlay] | None`."""
-    if isinstance(annotation, type) and issubclass(annotation, Section):
-        return annotation
-    for inner in getattr(annotation, "__args__", ()):
-        found = _section_in(inner)
-        if found is not None:
-            return found
-    return None
 
 
 def boundaries_of(values: Collection[str]) -> list[Boundary]:

@@ -26,6 +26,7 @@ from nearlift.manifest.quantities import (
     Share,
     Velocity,
     Voltage,
+    positive,
 )
 
 
@@ -61,7 +62,7 @@ def _no_wall(boundary: Boundary) -> Boundary:
     return boundary
 
 
-PositiveDuration = Annotated[Duration, AfterValidator(_positive)]
+PositiveDuration = Annotated[Duration, AfterValidator(positive)]
 Flown = Annotated[Boundary, AfterValidator(_no_wall)]
 Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(gt=0, lt=1)]

@@ -25,6 +25,7 @@ from nearlift.manifest.quantities import (
     PositiveLength,
     Rate,
     Section,
+    positive,
 )
 
 
@@ -44,8 +45,8 @@ def _positive(value: float) -> float:
     return value
 
 
-PixelSize = Annotated[float, BeforeValidator(_pixel_size), AfterValidator(_positive)]
-FrameTime = Annotated[Duration, AfterValidator(_positive)]
+PixelSize = Annotated[float, BeforeValidator(_pixel_size), AfterValidator(positive)]
+FrameTime = Annotated[Duration, AfterValidator(positive)]
 Rectangle = Annotated[tuple[Length, Length, Length, Length], Field(strict=False)]
 Direction = Literal["+x", "-x", "+y", "-y"]
 PivBoundary = Literal["ground", "ceiling", "none"]

@@ -22,7 +22,8 @@ def _quantity(dimension: str) -> BeforeValidator:
     return BeforeValidator(parse)
 
 
-def _positive(value: float) -> float:
+def positive(value: float) -> float:
+    """The value; refuses one that is not above zero."""
     if not value > 0:
         raise ValueError("must be positive")
     return value
@@ -35,22 +36,22 @@ def _not_negative(value: float) -> float:
 
 
 Length = Annotated[float, _quantity("length")]
-PositiveLength = Annotated[Length, AfterValidator(_positive)]
+PositiveLength = Annotated[Length, AfterValidator(positive)]
 Angle = Annotated[float, _quantity("angle")]
 Fraction = Annotated[float, _quantity("fraction"), AfterValidator(_not_negative)]
-Share = Annotated[float, _quantity("fraction"), AfterValidator(_positive)]
-Mass = Annotated[float, _quantity("mass"), AfterValidator(_positive)]
+Share = Annotated[float, _quantity("fraction"), AfterValidator(positive)]
+Mass = Annotated[float, _quantity("mass"), AfterValidator(positive)]
 Duration = Annotated[float, _quantity("time"), AfterValidator(_not_negative)]
-Rotation = Annotated[float, _quantity("rotation"), AfterValidator(_positive)]
-Rate = Annotated[float, _quantity("frequency"), AfterValidator(_positive)]
-Force = Annotated[float, _quantity("force"), AfterValidator(_positive)]
+Rotation = Annotated[float, _quantity("rotation"), AfterValidator(positive)]
+Rate = Annotated[float, _quantity("frequency"), AfterValidator(positive)]
+Force = Annotated[float, _quantity("force"), AfterValidator(positive)]
 Scatter = Annotated[float, _quantity("force"), AfterValidator(_not_negative)]
-Voltage = Annotated[float, _quantity("voltage"), AfterValidator(_positive)]
-Temperature = Annotated[float, _quantity("temperature"), AfterValidator(_positive)]
-Density = Annotated[float, _quantity("density"), AfterValidator(_positive)]
-Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(_positive)]
-Velocity = Annotated[float, _quantity("velocity"), AfterValidator(_positive)]
-Inertia = Annotated[float, _quantity("inertia"), AfterValidator(_positive)]
+Voltage = Annotated[float, _quantity("voltage"), AfterValidator(positive)]
+Temperature = Annotated[float, _quantity("temperature"), AfterValidator(positive)]
+Density = Annotated[float, _quantity("density"), AfterValidator(positive)]
+Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(positive)]
+Velocity = Annotated[float, _quantity("velocity"), AfterValidator(positive)]
+Inertia = Annotated[float, _quantity("inertia"), AfterValidator(positive)]
 ProportionalGain = Annotated[float, _quantity("proportional gain")]
 DerivativeGain = Annotated[float, _quantity("derivative gain")]
 IntegralGain = Annotated[float, _quantity("integral gain")]

@@ -18,7 +18,8 @@ from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
 
 if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign, ForceChannel
+    from nearlift.manifest.campaign import Campaign
+    from nearlift.manifest.rig import ForceChannel
     from nearlift.readers.per_file import Format
     from nearlift.readers.row import Conditions, Row
 

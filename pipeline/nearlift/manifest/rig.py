@@ -1,0 +1,182 @@
+"""[rig], [load_cell], [records] and [trials] of the manifest: how distance and force were measured,
+and where they were written down.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Self
+
+from pydantic import model_validator
+
+from nearlift import units
+from nearlift.declare import Boundary
+from nearlift.errors import ManifestError
+from nearlift.manifest.quantities import (
+    Acceleration,
+    Density,
+    Duration,
+    Force,
+    Length,
+    PositiveLength,
+    Rate,
+    Section,
+)
+
+#: Acceleration of free fall, m/s^2, with room for rounding.
+GRAVITY = (9.7, 9.9)
+
+
+class Rig(Section):
+    """How distance is measured and what a trial holds constant."""
+
+    held: Literal["throttle", "voltage", "rpm", "power"]
+    distance_datum: str | dict[Boundary, str]
+    distance_offset: Length | dict[Boundary, Length]
+    arena: PositiveLength | None = None
+    air_density: Density | None = None
+    gravity: Acceleration
+
+    @model_validator(mode="after")
+    def _known_datums(self) -> Self:
+        allowed = ("rotor plane", "airframe", "blade tip", "rotor axis")
+        for datum in (
+            self.distance_datum.values()
+            if isinstance(self.distance_datum, dict)
+            else (self.distance_datum,)
+        ):
+            if datum not in allowed:
+                raise ValueError(f"distance_datum {datum!r} is none of {', '.join(allowed)}")
+        if not GRAVITY[0] <= self.gravity <= GRAVITY[1]:
+            raise ValueError(
+                f"gravity {self.gravity:g} m/s^2 is nowhere on Earth: it is 9.76 to 9.84 there;"
+                ' write "9.80665 m/s^2", or your own value'
+            )
+        return self
+
+    def offset(self, boundary: Boundary) -> float:
+        """Datum to rotor plane, m, added to every recorded distance."""
+        return float(_by_boundary(self.distance_offset, boundary, "rig.distance_offset"))
+
+    def datum(self, boundary: Boundary) -> str:
+        """What the distance to that boundary is measured from."""
+        return str(_by_boundary(self.distance_datum, boundary, "rig.distance_datum"))
+
+
+def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if boundary not in value:
+        raise ManifestError(
+            key, f"says nothing about the {boundary}", f"add {boundary} = ... to the table"
+        )
+    return value[boundary]
+
+
+class LoadCell(Section):
+    """The force channel. `tare` is the rotors-stopped head of each record in s, or "none"; `record`
+    its planned length in s, tare included.
+    """
+
+    sample_rate: Rate | None = None
+    tare: Duration | Literal["none"] | None = None
+    settle: Duration = 0.0
+    record: Duration | None = None
+    range: Force | None = None
+    accuracy: Force | None = None
+
+
+class Calibration(Section):
+    """Counts to force: force = gain (count - offset). `gain` is a text such as "0.0098
+    mN/count".
+    """
+
+    gain: str
+    offset: str
+
+    def linear(self) -> tuple[float, float]:
+        """N per count, and the count at zero force."""
+        force, _, per = self.gain.rpartition("/")
+        gain, unit = units.measure(force)
+        zero, counted = units.measure(self.offset)
+        if not gain or len(unit.split()) != 1 or per.strip() != "count":
+            raise ManifestError(
+                "records.force.calibration.gain",
+                f"{self.gain!r} is not a force per count",
+                'write it as "0.0098 mN/count"',
+            )
+        if zero is None or counted != "count":
+            raise ManifestError(
+                "records.force.calibration.offset",
+                f"{self.offset!r} is not a number of counts",
+                'write it as "120 count"',
+            )
+        factor, _ = units.to_si(unit, "force", "records.force.calibration.gain")
+        return gain * factor, zero
+
+
+class ForceChannel(Section):
+    """Where the force stands in a record, and how it becomes newtons of lift."""
+
+    column: str
+    unit: str
+    sign: Literal[1, -1]
+    calibration: Calibration | None = None
+
+    @model_validator(mode="after")
+    def _convertible(self) -> Self:
+        try:
+            self.linear()
+        except ManifestError as refusal:
+            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
+        return self
+
+    def linear(self) -> tuple[float, float]:
+        """Lift in N is factor * (number - zero): returns (factor, zero), the sign included."""
+        if self.unit == "count":
+            if self.calibration is None:
+                raise ManifestError(
+                    "records.force",
+                    'unit = "count" without a calibration',
+                    'add calibration = { gain = "... mN/count", offset = "... count" }',
+                )
+            gain, zero = self.calibration.linear()
+            return self.sign * gain, zero
+        if self.calibration is not None:
+            raise ManifestError(
+                "records.force",
+                f"a calibration beside unit = {self.unit!r}",
+                'a calibration goes with unit = "count"',
+            )
+        factor, _ = units.to_si(self.unit, "force", "records.force.unit")
+        return self.sign * factor, 0.0
+
+
+class TimeChannel(Section):
+    """An optional clock column, checked against the sample rate."""
+
+    column: str
+    unit: str
+
+
+class Records(Section):
+    """Which reader reads which files."""
+
+    reader: str
+    files: str | None = None
+    force: ForceChannel | None = None
+    time: TimeChannel | None = None
+    dialect: dict[str, Any] = {}
+
+
+class Trials(Section):
+    """The schedule: its file, the units of its columns, columns that are the same for every trial,
+    and whether its rows are in run order.
+
+    ``order = "unknown"``, as in a published table: nothing is then read into which trial came
+    before which.
+    """
+
+    file: str = "trials.csv"
+    order: Literal["run", "unknown"] = "run"
+    units: dict[str, str] = {}
+    constants: dict[str, Any] = {}

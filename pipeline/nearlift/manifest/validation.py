@@ -1,0 +1,103 @@
+"""Faults of a manifest in the user's terms: each with its key, its value, and the nearest thing
+that would have been right.
+"""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from nearlift.errors import ManifestError, brief
+from nearlift.manifest.quantities import Section
+
+Kind = TypeVar("Kind", bound=BaseModel)
+#: As many faults of one manifest are told.
+MOST_FAULTS = 50
+
+
+def validated(kind: type[Kind], raw: dict[str, Any], where: str) -> Kind:
+    """A table of the manifest from plain values; raises `ManifestError` that lists every fault with
+    its key.
+    """
+    try:
+        return kind.model_validate(raw)
+    except ValidationError as fault:
+        errors = fault.errors(include_url=False)
+        lines = first_of(
+            dict.fromkeys(_explain(error, kind) for error in errors[:MOST_FAULTS]), len(errors)
+        )
+        if any(error["type"] == "missing" for error in errors):
+            lines.append("`nearlift new DIR` writes a manifest that says what each key is")
+        raise ManifestError(where, "\n  ".join(lines)) from None
+
+
+def first_of(faults: Iterable[str], count: int) -> list[str]:
+    """The first of so many faults, each cut to a line that can be read."""
+    shown = [brief(fault) for fault in itertools.islice(faults, MOST_FAULTS)]
+    return [*shown, f"and {count - MOST_FAULTS} more"] if count > MOST_FAULTS else shown
+
+
+def _explain(error: Any, kind: type[BaseModel]) -> str:
+    """One fault in the user's terms: key, value, and the nearest thing that would have
+    been right.
+    """
+    location = [
+        part
+        for part in error["loc"]
+        if not (
+            isinstance(part, str)
+            and ("function" in part or "[" in part or part in ("float", "str"))
+        )
+    ]
+    key = ".".join(str(part) for part in location) or "manifest"
+    if error["type"] == "extra_forbidden":
+        known = _keys_beside(kind, location)
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(known)}"
+        return f"{key}: unknown key; {hint}"
+    if error["type"] == "missing":
+        return f"{key}: is missing"
+    if error["type"] == "literal_error" and key == "schema":
+        return (
+            f"schema: is {error['input']!r}, and this nearlift reads {error['ctx']['expected']}:"
+            " mend it, or take the version that wrote it"
+        )
+    message = error["msg"].removeprefix("Value error, ").replace("\n", "; ")
+    shown = (
+        ""
+        if isinstance(error["input"], dict | list) or str(error["input"]) in message
+        else f" (found {error['input']!r})"
+    )
+    return f"{key}: {message}{shown}"
+
+
+def _keys_beside(kind: type[BaseModel], location: list[Any]) -> list[str]:
+    """Keys allowed in the table that holds the last part of `location`."""
+    model: Any = kind
+    for part in location[:-1]:
+        if isinstance(part, int):
+            continue
+        fields = (
+            {f.alias or n: f for n, f in model.model_fields.items()}
+            if isinstance(model, type) and issubclass(model, BaseModel)
+            else {}
+        )
+        if part not in fields:
+            continue
+        model = _section_in(fields[part].annotation) or model
+    return [f.alias or n for n, f in model.model_fields.items()]
+
+
+def _section_in(annotation: Any) -> Any:
+    """The Section class inside an annotation such as `list[Overlay] | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        return annotation
+    for inner in getattr(annotation, "__args__", ()):
+        found = _section_in(inner)
+        if found is not None:
+            return found
+    return None
