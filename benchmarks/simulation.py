@@ -93,28 +93,21 @@ FLIGHTS = "simulation-flights"
 
 def plans() -> list[Any]:
     """The paper's settings, a plan for each boundary."""
-    from nearlift import catalogue
-    from nearlift.flight.simulation import groups, presets
-    from nearlift.flight.simulation.curve import tabulate
-    from nearlift.flight.simulation.flight import Plan, Setting
+    from nearlift.flight.simulation import presets
+    from nearlift.flight.simulation.flight import FlightPlan, FlightSetting
 
     preset = presets.preset("paper")
     found = []
-    for boundary, name in presets.MODELS.items():
-        model = catalogue.model(name)
-        known = {n: presets.GEOMETRY[n] for n in model.needs}
-        curves = tabulate(
-            [lambda z, k=k, m=model, known=known: m(z, **known) ** k for k in presets.EXPONENTS],
-            presets.BOUND_Z_HAT,
-        )
-        own = groups.of(preset.craft, preset.gains(boundary), preset.disturbance, preset.duration_s)
+    for boundary in presets.MODELS:
+        curves = presets.scaled_curves(boundary)
+        own = preset.groups(boundary)
         settings = [
-            Setting(target_z_hat=float(z), groups=own, curve=c)
+            FlightSetting(target_z_hat=float(z), groups=own, curve=c)
             for c in range(len(presets.EXPONENTS))
             for z in presets.TARGETS[boundary]
         ]
         found.append(
-            Plan(
+            FlightPlan(
                 boundary=boundary,
                 settings=settings,
                 curves=curves,

@@ -555,19 +555,20 @@ def detect(
             )
         execute(campaign, ("detect",), force=True, **options)
         return
+    from nearlift.flight.record import encode
     from nearlift.manifest.flight import Reading
     from nearlift.manifest.validation import validated
     from nearlift.run.store import plain
-    from nearlift.stages.reading import read, text
+    from nearlift.stages.detect import read
 
     reading = validated(Reading, {"boundary": boundary, **told}, "nearlift detect")
     voice = Voice(options["quiet"], options["verbose"], options["as_json"])
     with open_job(campaign, options["out"], "serial", options["seed"], voice, keep=False) as job:
         found = read(job, reading)
     if options["as_json"]:
-        click.echo(json.dumps(plain(found)))
+        click.echo(json.dumps(plain(encode(found))))
     elif not options["quiet"]:
-        click.echo(text(found))
+        click.echo(found.text)
 
 
 @main.command()

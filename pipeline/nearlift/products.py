@@ -4,8 +4,12 @@ and tests read it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.errors import ProductError
 
@@ -45,6 +49,14 @@ class Product:
     def schema(self) -> str:
         """Identifier written into the file."""
         return f"nearlift.{self.file.split('.')[0]}/1"
+
+    def columns_of(self, rows: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
+        """Rows as this table's columns."""
+        kinds: dict[Kind, Any] = {"text": object, "integer": np.int64, "real": float}
+        return {
+            c.name: np.array([row[c.name] for row in rows], dtype=kinds[c.kind])
+            for c in self.columns
+        }
 
 
 TRIALS = Product(

@@ -16,45 +16,36 @@ from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.flight.simulation import (
     claims,
+    crash_rate,
     energy,
-    groups,
     presets,
+    published,
     roll,
-    safety,
     stream,
-    variants,
 )
 from nearlift.flight.simulation.control import PAPER_CEILING, PAPER_GAINS, Gains, poles, stable
 from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
 from nearlift.flight.simulation.curve import tabulate
 from nearlift.flight.simulation.disturbance import PAPER_DISTURBANCE, Disturbance
-from nearlift.flight.simulation.flight import Plan, Setting, fly, steps_per_hold, trace
-from nearlift.flight.simulation.sweep import sweep
+from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly, steps_per_hold, trace
+from nearlift.flight.simulation.groups import dimensionless, disturbance_for, gains_for
+from nearlift.flight.simulation.monte_carlo import combined, sweep
 
 KEY = 20210401
 
 
 def flown(preset, boundary, exponent, targets, flights, key=KEY):
     """Crash of each flight at each set-point, with the paper's model to a power."""
-    model = catalogue.model(presets.MODELS[boundary])
-    known = {n: presets.GEOMETRY[n] for n in model.needs}
-    curves = tabulate([lambda z: model(z, **known) ** exponent], presets.BOUND_Z_HAT)
-    own = groups.of(preset.craft, preset.gains(boundary), preset.disturbance, preset.duration_s)
-    per_hold = steps_per_hold(preset.disturbance.hold_s, preset.step_s)
-    plan = Plan(
-        boundary=boundary,
-        settings=[Setting(target_z_hat=float(t), groups=own) for t in targets],
-        curves=curves,
-        scheme=preset.scheme,
-        steps_per_hold=per_hold,
-    )
-    return fly(plan, flights, key) >= 0
+    own = preset.groups(boundary)
+    settings = [FlightSetting(target_z_hat=float(t), groups=own) for t in targets]
+    curves = presets.scaled_curves(boundary, (exponent,))
+    return preset.monte_carlo(flights, key).crashed(boundary, settings, curves)
 
 
 def level(preset, boundary, exponent, risk, around, flights):
     targets = np.round(np.arange(around - 0.3, around + 0.31, 0.1), 10)
     rate = flown(preset, boundary, exponent, targets, flights).mean(axis=1)
-    return safety.level(targets, rate, risk, 0.5 / flights)
+    return crash_rate.level(targets, rate, risk, 0.5 / flights)
 
 
 PAPER, CONVERGED = presets.preset("paper"), presets.preset("converged")
@@ -118,21 +109,13 @@ def test_semi_implicit_euler_at_the_paper_s_step_turns_its_conclusion_round():
 
 
 def one_sweep(preset, boundary="ground", flights=120, **changes):
-    own = groups.of(preset.craft, preset.gains(boundary), preset.disturbance, preset.duration_s)
-    given = {
-        "scheme": preset.scheme,
-        "steps_per_hold": steps_per_hold(0.1, preset.step_s),
-        "step_s": preset.step_s,
-        "flights": flights,
-        "key": KEY,
-    }
-    return sweep(
-        boundary, tabulate([np.ones_like], 0.5), np.array([0.8, 1.0, 1.2]), own, **(given | changes)
-    )
+    how = preset.monte_carlo(flights, KEY, **changes)
+    targets = np.array([0.8, 1.0, 1.2])
+    return sweep(boundary, tabulate([np.ones_like], 0.5), targets, preset.groups(boundary), how)
 
 
 def test_every_run_tests_its_own_step():
-    good, bad = one_sweep(CONVERGED).convergence, one_sweep(PAPER).convergence
+    good, bad = one_sweep(CONVERGED).step_test, one_sweep(PAPER).step_test
     assert good.converged
     assert not bad.converged
     assert bad.worst > 0.2
@@ -141,12 +124,12 @@ def test_every_run_tests_its_own_step():
 
 def test_several_tests_of_the_step_are_as_good_as_the_worst():
     good, bad = (
-        one_sweep(CONVERGED, flights=50).convergence,
-        one_sweep(PAPER, flights=50).convergence,
+        one_sweep(CONVERGED, flights=50).step_test,
+        one_sweep(PAPER, flights=50).step_test,
     )
-    both = safety.together([good, bad])
+    both = combined([good, bad])
     assert (both.converged, both.worst, both.step_s, both.settings) == (False, bad.worst, 0.1, 6)
-    assert safety.together([good, good]).converged
+    assert combined([good, good]).converged
 
 
 def test_threads_blocks_and_order_change_nothing():
@@ -169,14 +152,14 @@ def test_gusts_of_their_own_make_settings_independent_and_depend_on_no_block():
     """Ten times one setting: with common gusts one and the same flights crash; with their own,
     crashes correlate by chance alone.
     """
-    own = groups.of(
+    own = dimensionless(
         CRAZYFLIE_AS_PRINTED,
         PAPER_GAINS["ground"],
         replace(PAPER_DISTURBANCE, correlation_s=0.1),
         120.0,
     )
-    settings = [Setting(target_z_hat=1.6, groups=own)] * 10
-    plan = Plan(
+    settings = [FlightSetting(target_z_hat=1.6, groups=own)] * 10
+    plan = FlightPlan(
         boundary="ground",
         settings=settings,
         curves=tabulate([np.ones_like], 0.5),
@@ -200,20 +183,20 @@ def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
     """A vehicle of three times the size and ten times the mass, its gains and weather carried over:
     the same flights crash.
     """
-    own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
+    own = dimensionless(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
     big = Craft(radius_m=0.07, mass_kg=0.4, gravity_m_s2=9.81, density_kg_m3=1.1, C_L=2.5, rotors=4)
-    gains, gusts = groups.gains_for(own, big), groups.disturbance_for(own, big)
-    there = groups.of(big, gains, gusts, own.duration * big.time_s)
+    gains, gusts = gains_for(own, big), disturbance_for(own, big)
+    there = dimensionless(big, gains, gusts, own.duration * big.time_s)
     assert there.alpha == pytest.approx(own.alpha)
     assert there.beta == pytest.approx(own.beta)
     assert there.gamma == pytest.approx(own.gamma)
     targets = np.array([0.9, 1.0, 1.1, 1.2])
 
     def crashed(g):
-        settings = [Setting(target_z_hat=float(t), groups=g) for t in targets]
+        settings = [FlightSetting(target_z_hat=float(t), groups=g) for t in targets]
         return (
             fly(
-                Plan(
+                FlightPlan(
                     boundary="ground",
                     settings=settings,
                     curves=tabulate([np.ones_like], 0.5),
@@ -228,18 +211,18 @@ def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
 
     one, two = crashed(own), crashed(there)
     assert (one != two).mean() < 0.01  # rounding may part a flight that grazes the ground
-    unscaled = crashed(groups.of(big, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0))
+    unscaled = crashed(dimensionless(big, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0))
     assert (one.mean(axis=1) != unscaled.mean(axis=1)).all()
 
 
 def test_groups_are_the_paper_s():
-    own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_CEILING, PAPER_DISTURBANCE, 120.0)
+    own = dimensionless(CRAZYFLIE_AS_PRINTED, PAPER_CEILING, PAPER_DISTURBANCE, 120.0)
     scale = 4 * 1.6 * 1.2 / 0.027
     assert own.alpha == pytest.approx(316 * math.sqrt(scale * 0.023**6 / 9.8))
     assert own.beta == pytest.approx(316 * math.sqrt(scale * 0.023**5))
     assert own.gamma == pytest.approx(31.6 * math.sqrt(scale * 0.023**7 / 9.8**2))
     assert (own.delta, round(own.hold, 2)) == (1.0, 2.06)
-    back = groups.gains_for(own, CRAZYFLIE_AS_PRINTED)
+    back = gains_for(own, CRAZYFLIE_AS_PRINTED)
     assert (back.kP, back.kD, back.kI) == pytest.approx((316, 316, 31.6))
 
 
@@ -289,12 +272,12 @@ def test_the_table_is_the_model():
 
 
 def test_a_sagging_supply_crashes_more():
-    own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
-    settings = [Setting(target_z_hat=1.0, groups=own, droop=d) for d in (0.0, -0.2)]
+    own = dimensionless(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
+    settings = [FlightSetting(target_z_hat=1.0, groups=own, droop=d) for d in (0.0, -0.2)]
     curves = tabulate([np.ones_like], 0.5)
     crashed = (
         fly(
-            Plan(
+            FlightPlan(
                 boundary="ground", settings=settings, curves=curves, scheme="rk4", steps_per_hold=2
             ),
             300,
@@ -306,10 +289,10 @@ def test_a_sagging_supply_crashes_more():
 
 
 def test_a_trace_is_the_flight_that_was_counted():
-    own = groups.of(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
-    plan = Plan(
+    own = dimensionless(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
+    plan = FlightPlan(
         boundary="ground",
-        settings=[Setting(target_z_hat=1.0, groups=own)],
+        settings=[FlightSetting(target_z_hat=1.0, groups=own)],
         curves=tabulate([np.ones_like], 0.5),
         scheme="euler",
         steps_per_hold=1,
@@ -378,24 +361,24 @@ def test_intervals_of_rates_cover():
     """90 % intervals over every true rate drawn: between 86 and 94 % of 2000 (a sd of 0.7 %)."""
     rng = np.random.default_rng(1)
     p = rng.uniform(0.02, 0.98, 2000)
-    low, high = safety.binomial90(rng.binomial(200, p), 200)
+    low, high = crash_rate.binomial90(rng.binomial(200, p), 200)
     assert 0.86 < ((low <= p) & (p <= high)).mean() < 0.94
-    low, high = safety.binomial90(np.array([0, 200]), 200)
+    low, high = crash_rate.binomial90(np.array([0, 200]), 200)
     assert (low[0], high[1]) == (0.0, 1.0)
     assert high[0] < 0.02
 
 
 def test_levels():
     z_hat, rate = np.array([1.0, 1.1, 1.2, 1.3]), np.array([0.9, 0.5, 0.05, 0.0])
-    assert safety.level(z_hat, rate, 0.5, 1e-3) == pytest.approx(1.0 + 0.1 * 1.0)
-    assert 1.1 < safety.level(z_hat, rate, 0.1, 1e-3) < 1.2
+    assert crash_rate.level(z_hat, rate, 0.5, 1e-3) == pytest.approx(1.0 + 0.1 * 1.0)
+    assert 1.1 < crash_rate.level(z_hat, rate, 0.1, 1e-3) < 1.2
     # between a set-point where all crash and one where none does, half do in the middle
-    assert safety.level(z_hat, np.array([1.0, 1.0, 0.0, 0.0]), 0.5, 1e-3) == pytest.approx(1.15)
-    assert math.isnan(safety.level(z_hat, rate + 0.3, 0.1, 1e-3))
-    assert safety.level(z_hat, np.zeros(4), 0.1, 1e-3) == 1.0
+    assert crash_rate.level(z_hat, np.array([1.0, 1.0, 0.0, 0.0]), 0.5, 1e-3) == pytest.approx(1.15)
+    assert math.isnan(crash_rate.level(z_hat, rate + 0.3, 0.1, 1e-3))
+    assert crash_rate.level(z_hat, np.zeros(4), 0.1, 1e-3) == 1.0
     with pytest.raises(UsageError, match=r"0.01 cannot be seen in 100 flights\n.*300"):
-        safety.refuse_few(0.01, 100)
-    low, high = safety.spread90(np.array([1.0] * 19 + [math.nan]))
+        crash_rate.refuse_few(0.01, 100)
+    low, high = crash_rate.spread90(np.array([1.0] * 19 + [math.nan]))
     assert low == 1.0
     assert math.isnan(high)
 
@@ -418,14 +401,13 @@ def test_energy_by_what_is_held():
 
 
 def test_the_best_set_point_weighs_energy_against_crashes():
-    z_hat, cost, rate = (
-        np.array([1.0, 1.5, 2.0]),
+    cost, rate = (
         np.array([0.7, 0.8, 0.9]),
         np.array([0.5, 0.05, 0.0]),
     )
-    assert energy.best_set_point(z_hat, cost, rate, 0.0) == (0, 0.7)
-    assert energy.best_set_point(z_hat, cost, rate, 1.0)[0] == 1
-    assert energy.best_set_point(z_hat, cost, rate, 100.0) == (2, 0.9)
+    assert energy.best_set_point(cost, rate, 0.0) == (0, 0.7)
+    assert energy.best_set_point(cost, rate, 1.0)[0] == 1
+    assert energy.best_set_point(cost, rate, 100.0) == (2, 0.9)
     assert energy.front(np.array([0.7, 0.8, 0.75]), np.array([0.5, 0.1, 0.0])).tolist() == [2, 0]
 
 
@@ -433,8 +415,8 @@ def test_a_rate_that_was_never_seen_is_not_zero():
     """None of 60: estimated at half a crash, bounded by the rule of three; draws have Clopper and
     Pearson's ends as percentiles.
     """
-    assert safety.upper95(np.array([0, 60]), 60) == pytest.approx([3 / 60, 1.0], rel=0.03)
-    rate = safety.estimate(np.array([60, 20, 25, 0, 0]), 60)
+    assert crash_rate.upper95(np.array([0, 60]), 60) == pytest.approx([3 / 60, 1.0], rel=0.03)
+    rate = crash_rate.estimate(np.array([60, 20, 25, 0, 0]), 60)
     assert (np.diff(rate) <= 0).all()
     assert rate[-1] == pytest.approx(0.5 / 61)
     assert rate[1] == rate[2] == pytest.approx(23 / 61)
@@ -446,9 +428,9 @@ def test_a_rate_that_was_never_seen_is_not_zero():
         (0, 1, 5, stats.beta.ppf(0.05, 7, 54)),
         (0.5, 0.5, 50, 7.5 / 61),
     ):
-        drawn = safety.rate_draws(crashed, 8000, rng, crash, safe)
+        drawn = crash_rate.rate_draws(crashed, 8000, rng, crash, safe)
         assert np.percentile(drawn, q) == pytest.approx(expected, rel=0.05)
-    none = safety.rate_draws(np.zeros((3, 60), dtype=bool), 2000, rng, crash=1.0, safe=0.0)
+    none = crash_rate.rate_draws(np.zeros((3, 60), dtype=bool), 2000, rng, crash=1.0, safe=0.0)
     assert (np.diff(none, axis=1) <= 1e-15).all()
     assert np.percentile(none, 95) == pytest.approx(3 / 60, rel=0.5)
 
@@ -460,7 +442,7 @@ def test_a_price_that_the_flights_cannot_weigh_is_refused_with_the_number_that_w
         np.array([30, 0, 0]),
     )
     cheap = energy.choose(z_hat, cost, crashes, 60, 1.0)
-    assert (cheap.index, cheap.resolved, cheap.crashes) == (1, True, 0)
+    assert (cheap.target_z_hat, cheap.resolved, cheap.crashes) == (z_hat[1], True, 0)
     assert cheap.rate == pytest.approx(0.5 / 61)
     dear = energy.choose(z_hat, cost, crashes, 60, 10.0)
     assert not dear.resolved
@@ -469,7 +451,7 @@ def test_a_price_that_the_flights_cannot_weigh_is_refused_with_the_number_that_w
     assert energy.choose(z_hat, cost, crashes, dear.flights_needed, 10.0).resolved
     # far away is where it says that the best is there or beyond
     assert energy.choose(z_hat, cost, np.array([50, 40, 1]), 60, 10.0).resolved
-    assert energy.choose(z_hat, np.full(3, 0.9), np.array([9, 3, 3]), 60, 1.0).index == 2
+    assert energy.choose(z_hat, np.full(3, 0.9), np.array([9, 3, 3]), 60, 1.0).farthest
 
 
 def levels_of(rng, **centres):
@@ -489,7 +471,7 @@ def levels_of(rng, **centres):
     }
     flown |= {("ceiling", 1.4, 0.5): 2.17} | centres.get("flown", {})
     common = 0.02 * rng.standard_normal(400)
-    return claims.Levels(
+    return claims.CrashLevels(
         flown={k: v + common + 0.002 * rng.standard_normal(400) for k, v in flown.items()},
         varied={
             k: v + 0.02 * rng.standard_normal(400) for k, v in centres.get("varied", {}).items()
@@ -499,8 +481,8 @@ def levels_of(rng, **centres):
 
 def test_claims_hold_fail_or_are_undecided_by_their_intervals():
     rng = np.random.default_rng(3)
-    told = {c["name"]: c["presets"]["p"] for c in claims.table({"p": levels_of(rng)})}
-    assert {n: t["verdict"] for n, t in told.items()} == {
+    told = {c.name: c.presets["p"] for c in claims.judge({"p": levels_of(rng)})}
+    assert {n: t.verdict for n, t in told.items()} == {
         "crashes_without_model": "holds",
         "closer_with_model": "holds",
         "closer_with_model_rare": "holds",
@@ -510,16 +492,15 @@ def test_claims_hold_fail_or_are_undecided_by_their_intervals():
         "scaling_ceiling": "holds",
     }
     # paired: the common gusts' scatter of 0.02 leaves the difference
-    assert told["closer_with_model"]["hi90"] - told["closer_with_model"]["lo90"] < 0.02
-    assert told["crashes_without_model"]["hi90"] - told["crashes_without_model"]["lo90"] > 0.05
+    assert told["closer_with_model"].hi90 - told["closer_with_model"].lo90 < 0.02
+    assert told["crashes_without_model"].hi90 - told["crashes_without_model"].lo90 > 0.05
     for height, said in ((1.65, "undecided"), (1.8, "fails")):
-        found = claims.table({"p": levels_of(rng, flown={("ground", 0.0, 0.01): height})})[0]
-        assert found["presets"]["p"]["verdict"] == said
-        assert found["tolerance"] == "1.35 to 1.65"
-    nowhere = claims.table({"p": levels_of(rng, flown={("ground", 0.0, 0.01): math.nan})})[0][
-        "presets"
-    ]["p"]
-    assert nowhere["verdict"] == "undecided"
+        found = claims.judge({"p": levels_of(rng, flown={("ground", 0.0, 0.01): height})})[0]
+        assert found.presets["p"].verdict == said
+        assert found.tolerance == "1.35 to 1.65"
+    unseen = levels_of(rng, flown={("ground", 0.0, 0.01): math.nan})
+    nowhere = claims.judge({"p": unseen})[0].presets["p"]
+    assert nowhere.verdict == "undecided"
 
 
 def test_what_is_said_of_any_gains_and_noise_is_judged_by_the_worst_of_them():
@@ -542,30 +523,29 @@ def test_what_is_said_of_any_gains_and_noise_is_judged_by_the_worst_of_them():
             varied=varied | good | {("ground", 0.6, "two"): second},
         )
         own.varied.pop(("ground", 0.6, 0.5), None), own.varied.pop(("ground", 1.4, 0.5), None)
-        told = {c["name"]: c["presets"]["p"]["verdict"] for c in claims.table({"p": own})}
+        told = {c.name: c.presets["p"].verdict for c in claims.judge({"p": own})}
         assert told["order_kept"] == said
         assert told["ground_helps_anywhere"] == told["ceiling_hurts_anywhere"] == "holds"
 
 
 def test_variants_change_gains_and_noise_and_nothing_else():
     preset = PAPER
-    own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
-    curves = tabulate([np.ones_like] * len(variants.EXPONENTS), 0.5)
-    how = {
-        "scheme": "euler",
-        "steps_per_hold": 1,
-        "step_s": 0.1,
-        "flights": 60,
-        "key": KEY,
-        "rng": np.random.default_rng(0),
-    }
-    found, tested = variants.levels("ground", curves, variants.EXPONENTS, own, **how)
-    one = {name: found["ground", 0.0, name][0] for name, _, _ in variants.VARIANTS}
+    own = preset.groups("ground")
+    curves = tabulate([np.ones_like] * len(published.VARIED_EXPONENTS), 0.5)
+    found, tested = published.varied_levels(
+        "ground",
+        curves,
+        published.VARIED_EXPONENTS,
+        own,
+        preset.monte_carlo(60, KEY),
+        np.random.default_rng(0),
+    )
+    one = {name: found["ground", 0.0, name][0] for name, _, _ in published.VARIANTS}
     assert one["noise x 0.7"] < level(PAPER, "ground", 0.0, 0.5, 1.15, 60) < one["noise x 1.4"]
     # their step is tested too, and the printed one is too long for them as well
     assert (tested.converged, tested.settings) == (
         False,
-        2 * len(variants.VARIANTS) * ((len(variants.TARGETS["ground"]) + 1) // 2),
+        2 * len(published.VARIANTS) * ((len(published.VARIED_TARGETS["ground"]) + 1) // 2),
     )
     # no curve differs from another here, so no level does
     assert all(np.array_equal(found["ground", 0.0, n], found["ground", 1.4, n]) for n in one)
@@ -587,34 +567,33 @@ def test_roll_from_a_fit():
     ratios = [
         lambda z, a=a: 1 - a * np.exp(-z / 0.5) for a in (0.03, *rng.normal(0.03, 0.003, 200))
     ]
-    found = roll.of_belief(
+    found = roll.fitted_roll(
         ratios,
         0.1,
-        mass_kg=0.027,
-        gravity_m_s2=9.8,
+        weight_N=0.027 * 9.8,
         arm_m=0.0325,
         spacing_hat=65 / 23,
         inertia_kg_m2=1.6e-5,
+        u_inertia=None,
         rng=rng,
     )
-    near = found["near_pair_only"]
-    assert near["torque_N_m"][0] == pytest.approx(0.03 * math.exp(-0.2) * 0.027 * 9.8 * 0.0325)
-    assert near["lo90_N_m"][0] < near["torque_N_m"][0] < near["hi90_N_m"][0]
-    assert found["same_law"]["torque_N_m"][0] < near["torque_N_m"][0]
-    assert near["lo90_deg_s2"] < near["acceleration_deg_s2"] < near["hi90_deg_s2"]
+    near = found.near_pair_only
+    assert near.torque_N_m[0] == pytest.approx(0.03 * math.exp(-0.2) * 0.027 * 9.8 * 0.0325)
+    assert near.lo90_N_m[0] < near.torque_N_m[0] < near.hi90_N_m[0]
+    assert found.same_law.torque_N_m[0] < near.torque_N_m[0]
+    assert near.lo90_deg_s2 < near.acceleration_deg_s2 < near.hi90_deg_s2
     # the inertia is not known exactly: with a torque known perfectly, its uncertainty is all there
     # is
     sure = [ratios[0]] * 400
     known = {
-        "mass_kg": 0.027,
-        "gravity_m_s2": 9.8,
+        "weight_N": 0.027 * 9.8,
         "arm_m": 0.0325,
         "spacing_hat": 65 / 23,
         "inertia_kg_m2": 1.6e-5,
     }
     for u in (0.0, 0.1):
-        own = roll.of_belief(sure, 0.1, **known, u_inertia=u, rng=rng)["near_pair_only"]
-        half = 0.5 * math.log(own["hi90_deg_s2"] / own["lo90_deg_s2"])
+        own = roll.fitted_roll(sure, 0.1, **known, u_inertia=u, rng=rng).near_pair_only
+        half = 0.5 * math.log(own.hi90_deg_s2 / own.lo90_deg_s2)
         assert half == pytest.approx(1.645 * u, rel=0.2)
-        assert own["lo90_N_m"][0] == pytest.approx(own["hi90_N_m"][0])
+        assert own.lo90_N_m[0] == pytest.approx(own.hi90_N_m[0])
     assert pytest.approx(0.056, abs=1e-3) == roll.INERTIA_SPREAD

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.flight.simulation import route, safety
+from nearlift.flight.simulation import corridor, crash_rate, route
 
 RADIUS = 0.023
-PILOT = route.Pilot(radius_m=RADIUS, half_width_m=0.055, speed_m_s=0.5, induced_m_s=4.0)
-CORRIDOR = route.Corridor(length_m=1.0, height_m=0.4)
-LONG = route.Corridor(length_m=4.0, height_m=0.4)
+PILOT = corridor.Pilot(radius_m=RADIUS, half_width_m=0.055, speed_m_s=0.5, induced_m_s=4.0)
+CORRIDOR = corridor.Corridor(length_m=1.0, height_m=0.4)
+LONG = corridor.Corridor(length_m=4.0, height_m=0.4)
 FAR = {"start": (0.0, 0.2), "goal": (4.0, 0.2)}
 
 
@@ -22,7 +22,7 @@ def nearness(power, hazard, spread=0.2, seen=2.0):
     """Known to a factor of exp(+-spread) by 21 draws; flown up to 4 radii."""
     factor = np.exp(spread * np.linspace(-1, 1, 21))[:, None]
     drawn = lambda z: factor * hazard(z)  # noqa: E731
-    return route.Nearness(
+    return corridor.Nearness(
         power=power,
         hazard=hazard,
         low=drawn,
@@ -40,7 +40,7 @@ ENDS = {"start": (0.0, 0.2), "goal": (1.0, 0.2)}
 
 def test_without_boundaries_the_way_is_straight_and_costs_one():
     free = nearness(np.ones_like, np.zeros_like)
-    grid = route.field(CORRIDOR, PILOT, {"ground": free, "ceiling": free})
+    grid = corridor.corridor_grid(CORRIDOR, PILOT, {"ground": free, "ceiling": free})
     (way,) = route.ways(grid, PILOT, **ENDS)
     assert way.energy == pytest.approx(1.0, abs=1e-9)
     assert way.risk == 0.0
@@ -48,7 +48,7 @@ def test_without_boundaries_the_way_is_straight_and_costs_one():
 
 
 def test_energy_and_risk_are_traded_along_the_front():
-    grid = route.field(LONG, PILOT, {"ground": GROUND, "ceiling": CEILING})
+    grid = corridor.corridor_grid(LONG, PILOT, {"ground": GROUND, "ceiling": CEILING})
     found = route.ways(grid, PILOT, **FAR)
     assert len(found) >= 3
     assert all(b.risk < a.risk and b.energy > a.energy for a, b in itertools.pairwise(found))
@@ -73,7 +73,7 @@ def test_a_way_is_chosen_by_what_is_shown_and_not_by_the_estimate():
     """
     ways = {
         spread: route.ways(
-            route.field(
+            corridor.corridor_grid(
                 LONG,
                 PILOT,
                 {"ground": nearness(GROUND.power, GROUND.hazard, spread)} | {"ceiling": CEILING},
@@ -91,12 +91,14 @@ def test_a_way_is_chosen_by_what_is_shown_and_not_by_the_estimate():
 
 
 def test_every_point_says_what_its_risk_rests_on():
-    grid = route.field(CORRIDOR, PILOT, {"ground": GROUND, "ceiling": CEILING})
+    grid = corridor.corridor_grid(CORRIDOR, PILOT, {"ground": GROUND, "ceiling": CEILING})
     far = nearness(np.ones_like, np.zeros_like)
     for z_hat, basis in ((1.5, 0), (3.0, 1), (5.0, 2)):
         k = int(np.abs(grid.z_m - z_hat * RADIUS).argmin())
         assert (
-            route.field(CORRIDOR, PILOT, {"ground": GROUND, "ceiling": far}).basis(np.array([k]))[0]
+            corridor.corridor_grid(CORRIDOR, PILOT, {"ground": GROUND, "ceiling": far}).basis(
+                np.array([k])
+            )[0]
             == basis
         )
     # near the ceiling the ceiling's risk is the larger, and decides
@@ -107,7 +109,7 @@ def test_every_point_says_what_its_risk_rests_on():
 
 
 def test_energy_and_risk_of_a_way_are_those_of_its_points():
-    grid = route.field(LONG, PILOT, {"ground": GROUND, "ceiling": CEILING})
+    grid = corridor.corridor_grid(LONG, PILOT, {"ground": GROUND, "ceiling": CEILING})
     way = route.ways(grid, PILOT, **FAR)[-1]
     at = [np.searchsorted(grid.x_m, way.x_m - 1e-9), np.searchsorted(grid.z_m, way.z_m - 1e-9)]
     time = np.hypot(np.diff(way.x_m), np.diff(way.z_m)) / PILOT.speed_m_s
@@ -120,8 +122,8 @@ def test_energy_and_risk_of_a_way_are_those_of_its_points():
 
 
 def test_boxes_are_flown_around_and_raise_the_floor():
-    corridor = route.Corridor(length_m=1.0, height_m=0.5, boxes=[(0.4, 0.6, 0.0, 0.25)])
-    grid = route.field(corridor, PILOT, {"ground": GROUND, "ceiling": CEILING})
+    boxed = corridor.Corridor(length_m=1.0, height_m=0.5, boxes=[(0.4, 0.6, 0.0, 0.25)])
+    grid = corridor.corridor_grid(boxed, PILOT, {"ground": GROUND, "ceiling": CEILING})
     for way in route.ways(grid, PILOT, start=(0.0, 0.1), goal=(1.0, 0.1)):
         over = (way.x_m > 0.4 - PILOT.half_width_m) & (way.x_m < 0.6 + PILOT.half_width_m)
         assert (way.z_m[over] >= 0.25 + RADIUS * GROUND.lowest_z_hat - 1e-9).all()
@@ -135,8 +137,8 @@ def test_boxes_are_flown_around_and_raise_the_floor():
 
 
 def test_refusals():
-    blocked = route.Corridor(length_m=1.0, height_m=0.4, boxes=[(0.4, 0.6, 0.0, 0.39)])
-    grid = route.field(blocked, PILOT, {"ground": GROUND, "ceiling": CEILING})
+    blocked = corridor.Corridor(length_m=1.0, height_m=0.4, boxes=[(0.4, 0.6, 0.0, 0.39)])
+    grid = corridor.corridor_grid(blocked, PILOT, {"ground": GROUND, "ceiling": CEILING})
     with pytest.raises(InputRefused, match=r"no way joins start and goal"):
         route.ways(grid, PILOT, **ENDS)
     with pytest.raises(
@@ -145,8 +147,10 @@ def test_refusals():
         route.ways(grid, PILOT, start=(0.0, 0.2), goal=(0.5, 0.2))
     with pytest.raises(InputRefused, match=r"simulate.route.start: .*\n.*between 0.03"):
         route.ways(grid, PILOT, start=(0.0, 0.0), goal=(1.0, 0.2))
-    low = route.field(
-        route.Corridor(length_m=1.0, height_m=0.04), PILOT, {"ground": GROUND, "ceiling": CEILING}
+    low = corridor.corridor_grid(
+        corridor.Corridor(length_m=1.0, height_m=0.04),
+        PILOT,
+        {"ground": GROUND, "ceiling": CEILING},
     )
     with pytest.raises(InputRefused, match="boxes, floor and ceiling leave no room there"):
         route.ways(low, PILOT, start=(0.0, 0.02), goal=(1.0, 0.02))
@@ -157,25 +161,27 @@ def test_refusals():
             r" at a time"
         ),
     ):
-        route.field(route.Corridor(length_m=1000.0, height_m=100.0), PILOT, {"ground": GROUND})
+        corridor.corridor_grid(
+            corridor.Corridor(length_m=1000.0, height_m=100.0), PILOT, {"ground": GROUND}
+        )
 
 
 def test_a_boundary_without_a_model_is_given_a_berth():
-    grid = route.field(CORRIDOR, PILOT, {"ground": GROUND})
-    assert not grid.free[:, grid.z_m > 0.4 - (route.BERTH - 0.1) * RADIUS].any()
+    grid = corridor.corridor_grid(CORRIDOR, PILOT, {"ground": GROUND})
+    assert not grid.free[:, grid.z_m > 0.4 - (corridor.BERTH - 0.1) * RADIUS].any()
 
 
 def test_hazard_from_crash_rates():
     z_hat, flights, time = np.array([0.8, 1.0, 1.2, 1.4, 1.6]), 1000, 120.0
     crashes = np.array([1000, 500, 50, 0, 0])
-    hazard = route.hazard_of(z_hat, safety.estimate(crashes, flights), time)
+    hazard = corridor.hazard_between(z_hat, crash_rate.estimate(crashes, flights), time)
     assert hazard(np.array([1.0]))[0] == pytest.approx(-math.log(0.5) / time, rel=1e-3)
     fine = hazard(np.linspace(0.8, 4, 200))
     assert (np.diff(fine) <= 1e-15).all()
     # where none crashed it stays at half a crash, however far away: nothing falls on because a
     # curve would
     assert hazard(np.array([1.4, 1.6, 5.0])) == pytest.approx(0.5 / (flights + 1) / time, rel=1e-3)
-    drawn = route.hazard_of(
+    drawn = corridor.hazard_between(
         z_hat, np.array([[0.5, 0.4, 0.3, 0.2, 0.1], [0.1, 0.1, 0.1, 0.1, 0.0]]), time
     )(np.array([0.8, 1.1]))
     assert drawn.shape == (2, 2)

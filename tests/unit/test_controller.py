@@ -21,11 +21,12 @@ import pytest
 from nearlift import catalogue
 from nearlift.declare import compose
 from nearlift.errors import InputRefused
-from nearlift.flight.export import closed, document
-from nearlift.flight.export.table import tabulate
+from nearlift.flight.export import closed_form as closed
+from nearlift.flight.export import json_document
+from nearlift.flight.export.hermite import hermite_table
 from nearlift.products import DIAGNOSIS, TRIALS
-from nearlift.stages import controller
-from nearlift.stages.belief import believe
+from nearlift.stages import export as controller
+from nearlift.stages.quoted_lift import fitted_lift
 
 from . import quoted
 
@@ -63,7 +64,7 @@ def job(remake):
 
 @pytest.fixture(scope="module")
 def beliefs(job):
-    return {side: believe(job, side, 2) for side in SIDES}
+    return {side: fitted_lift(job, side, 2) for side in SIDES}
 
 
 def heights(belief):
@@ -289,7 +290,7 @@ def test_json_follows_its_schema_and_its_table_is_the_model(job, beliefs):
     path = controller.write_json(job)
     content = json.loads(Path(path).read_text())
     schema = json.loads(Path(path.replace(".json", ".schema.json")).read_text())
-    assert schema == document.SCHEMA
+    assert schema == json_document.SCHEMA
     follows(content, schema)
     with pytest.raises(AssertionError, match=r"\$.boundaries"):
         follows({k: v for k, v in content.items() if k != "boundaries"}, schema)
@@ -334,6 +335,6 @@ def test_every_flying_effect_has_a_closed_form_or_is_exported_as_a_table():
 def test_a_range_in_which_the_model_has_no_value_is_refused():
     model = catalogue.model("cheeseman_bennett_fixed")
     with pytest.raises(InputRefused, match=r"export: the model has no value at z_hat = 0.2"):
-        tabulate(lambda z: model(z), 0.1, 10.0)
+        hermite_table(lambda z: model(z), 0.1, 10.0)
     with pytest.raises(InputRefused, match=r"too steep near z_hat = 0.25"):
-        tabulate(lambda z: model(z), 0.2501, 10.0)
+        hermite_table(lambda z: model(z), 0.2501, 10.0)

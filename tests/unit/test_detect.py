@@ -17,9 +17,9 @@ from nearlift.report.chapters import proximity as chapter
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import style
 from nearlift.stages import detect
-from nearlift.stages.belief import believe
+from nearlift.stages.detect import read
 from nearlift.stages.gallery import FIGURES
-from nearlift.stages.reading import read, text
+from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.report import gather
 
 from . import small_run
@@ -99,33 +99,33 @@ def test_a_reading_becomes_a_distance(done):
     hover there, say 1.5 radii.
     """
     job, _ = done
-    belief = believe(job, "ground", 50)
+    belief = fitted_lift(job, "ground", 50)
     ratio = float(belief.ratio()(np.array([1.5]))[0])
     found = read(
         job, Reading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"})
     )
-    assert found["z_hat"]["lo90"] < 1.5 < found["z_hat"]["hi90"]
-    assert found["z_hat"]["median"] == pytest.approx(1.5, rel=0.05)
-    assert found["z_m"]["median"] == pytest.approx(0.023 * found["z_hat"]["median"])
-    assert found["beyond"] < 1e-3
-    assert "11.5: below 0.01 % (50 % before" in text(found)
-    assert "z_hat = 1.5 (90 %: 1." in text(found).replace("1.49 ", "1.5 ").replace(
+    assert found.z_hat.lo90 < 1.5 < found.z_hat.hi90
+    assert found.z_hat.median == pytest.approx(1.5, rel=0.05)
+    assert found.z_m.median == pytest.approx(0.023 * found.z_hat.median)
+    assert found.beyond < 1e-3
+    assert "11.5: below 0.01 % (50 % before" in found.text
+    assert "z_hat = 1.5 (90 %: 1." in found.text.replace("1.49 ", "1.5 ").replace(
         "1.51 ", "1.5 "
     ).replace("1.52 ", "1.5 ")
     # lift goes as throttle^1.4 here: the throttle that lifts weight / ratio far away
     hover = (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)
     given = {"boundary": "ground", "throttle": f"{100 * hover} percent", "u": "0 percent"}
     told = read(job, Reading.model_validate(given))
-    assert told["ratio"] == pytest.approx(ratio, rel=0.02)
-    assert told["z_hat"]["lo90"] < 1.5 < told["z_hat"]["hi90"]
+    assert told.ratio == pytest.approx(ratio, rel=0.02)
+    assert told.z_hat.lo90 < 1.5 < told.z_hat.hi90
     wider = read(
         job, Reading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"})
     )
-    assert wider["u"] == pytest.approx(
-        math.hypot(told["u"], 0.01 * told["ratio"], 0.02 * told["ratio"]), rel=1e-3
+    assert wider.u == pytest.approx(
+        math.hypot(told.u, 0.01 * told.ratio, 0.02 * told.ratio), rel=1e-3
     )
     heavier = read(job, Reading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}))
-    assert heavier["ratio"] == pytest.approx(told["ratio"] * 28 / 27)
+    assert heavier.ratio == pytest.approx(told.ratio * 28 / 27)
 
 
 def test_readings_in_the_manifest(remake):

@@ -11,10 +11,10 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
-from nearlift.flight.simulation import groups, maps, presets
+from nearlift.flight.simulation import maps, presets
+from nearlift.flight.simulation.corridor import BASES
 from nearlift.flight.simulation.curve import tabulate
-from nearlift.flight.simulation.flight import Plan, Setting, fly
-from nearlift.flight.simulation.route import BASES
+from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly
 from nearlift.manifest import campaign as manifest
 from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
 from nearlift.report.chapters import safety as chapter
@@ -26,9 +26,9 @@ from nearlift.run.executors import open_executor
 from nearlift.run.graph import stage
 from nearlift.run.job import Job
 from nearlift.stages import detect, simulate
-from nearlift.stages.belief import believe
 from nearlift.stages.export import export
 from nearlift.stages.gallery import FIGURES
+from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.report import gather
 
 from . import quoted
@@ -196,22 +196,15 @@ def test_maps_over_pairs_of_groups(monkeypatch):
     """
     monkeypatch.setattr(maps, "SIDE", 3)
     preset = presets.preset("converged")
-    own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
-    how = {
-        "groups": own,
-        "scheme": "rk4",
-        "steps_per_hold": 2,
-        "step_s": 0.05,
-        "flights": 30,
-        "key": 5,
-    }
+    own = preset.groups("ground")
+    how = preset.monte_carlo(30, 5)
     asked = []
 
     def ratio(factor):
         asked.append(factor)
         return lambda z: 1 + 0.01 / (factor * z) ** 2
 
-    rows, tested = maps.scan("ground", ratio, "some", 0.5, 2.8, **how)
+    rows, tested = maps.scan("ground", ratio, "some", 0.5, 2.8, own, how)
     assert [r["map"] for r in rows[::9]] == [p.name for p in maps.PAIRS]
     assert sorted(set(asked)) == pytest.approx([0.75, 1.0, np.sqrt(0.75 * 2), 2.0], abs=1e-5)
     rate = {(r["map"], r["x"], r["y"]): r["rate"] for r in rows}
@@ -239,7 +232,7 @@ def test_maps_over_pairs_of_groups(monkeypatch):
     # their step is tested in the corners of all four, and where crashing is undecided
     assert tested.converged
     assert 16 < tested.settings < 36
-    others, _ = maps.scan("ceiling", ratio, "some", 0.5, None, **(how | {"flights": 2}))
+    others, _ = maps.scan("ceiling", ratio, "some", 0.5, None, own, how.at_most(2))
     assert "noise and spacing" not in {r["map"] for r in others}
 
 
@@ -284,9 +277,9 @@ def test_the_maps_figure():
 def test_no_executor_changes_what_is_flown(text):
     """Blocks of flights go to the executor's workers as plain values and come back in order."""
     preset = presets.preset("paper")
-    own = groups.of(preset.craft, preset.gains("ground"), preset.disturbance, preset.duration_s)
-    settings = [Setting(target_z_hat=z, groups=own) for z in (1.0, 1.2)]
-    plan = Plan(
+    own = preset.groups("ground")
+    settings = [FlightSetting(target_z_hat=z, groups=own) for z in (1.0, 1.2)]
+    plan = FlightPlan(
         boundary="ground",
         settings=settings,
         curves=tabulate([np.ones_like], 0.5),
@@ -300,11 +293,10 @@ def test_no_executor_changes_what_is_flown(text):
 
         def spread(task, firsts):
             workers.append(pool)
-            return simulate.spread(job)(task, firsts)
+            return job.executor.map(task, firsts)
 
         assert np.array_equal(fly(plan, 120, 9, spread), alone)
     assert workers
-    assert simulate.spread(job).__self__ is job.executor
 
 
 @pytest.mark.parametrize(
@@ -450,7 +442,7 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
         coefficients={"after": {"K_b": span(1.8, 0.2)}},
         joint=joint,
     )
-    belief = believe(job, "ground", 500)
+    belief = fitted_lift(job, "ground", 500)
     assert (belief.effects, belief.left, belief.source) == (("supply_sag",), (), "results.json")
     assert belief.best == {"K_b": 1.8, "sag_exponent": 2.0}
     assert belief.draws["K_b"].std() == pytest.approx(0.2 / 1.645, rel=0.15)
@@ -473,7 +465,7 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
         effects=[datum],
         coefficients={"after": {"alpha": span(0.1, 0.01)}},
     )
-    belief = believe(job, "ceiling", 10)
+    belief = fitted_lift(job, "ceiling", 10)
     assert (belief.effects, belief.left, belief.model.name) == (
         (),
         ("height_offset",),
@@ -491,7 +483,7 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
         effects=[saturated],
         coefficients={"after": {"alpha": span(0.1, 0.01)}},
     )
-    belief = believe(job, "ceiling", 10)
+    belief = fitted_lift(job, "ceiling", 10)
     assert belief.effects == ("near_wall_saturation",)
     near, plain = belief.ratio()(np.array([0.1])), 0.5 + 0.5 * np.sqrt(1 + 0.1 / 0.01)
     assert 1 < near[0] < plain
@@ -514,7 +506,7 @@ def test_draws_have_the_ends_of_their_intervals_and_what_no_interval_bounds_is_n
         effects=[saturated],
         coefficients={"after": {"alpha": alpha}},
     )
-    draws = believe(job, "ceiling", 4000).draws
+    draws = fitted_lift(job, "ceiling", 4000).draws
     assert np.percentile(draws["alpha"], [5, 50, 95]) == pytest.approx([0.09, 0.1, 0.16], abs=0.004)
     # an estimate at its bound keeps the width on the side that is free
     assert np.percentile(draws["gap_hat2"], [5, 95]) == pytest.approx([0.0, 0.2], abs=0.01)
@@ -528,9 +520,9 @@ def test_draws_have_the_ends_of_their_intervals_and_what_no_interval_bounds_is_n
     )
     # its prior, mean 0.125 and sd 0.25, without what lies below 0
     prior = stats.truncnorm(-0.5, np.inf, loc=0.125, scale=0.25)
-    assert np.percentile(believe(job, "ceiling", 4000).draws["alpha"], [25, 75]) == pytest.approx(
-        prior.ppf([0.25, 0.75]), rel=0.07
-    )
+    assert np.percentile(
+        fitted_lift(job, "ceiling", 4000).draws["alpha"], [25, 75]
+    ) == pytest.approx(prior.ppf([0.25, 0.75]), rel=0.07)
 
 
 def test_a_model_that_leaves_nothing_free_flies_is_found_and_is_exported(make_job):
@@ -555,7 +547,7 @@ def test_draws_are_those_of_what_is_quoted(remake):
         job,
         {"ground": {"coefficients": {"after": {"K_b": {"value": 5.5, "lo90": 5.0, "hi90": 6.0}}}}},
     )
-    belief = believe(job, "ground", 2000)
+    belief = fitted_lift(job, "ground", 2000)
     assert belief.source == "results.json"
     assert belief.number == 2000
     assert np.percentile(belief.draws["K_b"], [5, 95]) == pytest.approx([5.0, 6.0], abs=0.05)

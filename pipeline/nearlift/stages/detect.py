@@ -4,27 +4,31 @@ proximity.json.
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.errors import InputRefused
-from nearlift.flight.proximity import inverse
-from nearlift.flight.proximity.reach import Sensor, needed, reaches
+from nearlift.errors import InputRefused, UsageError
+from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.proximity.detection import (
+    INVERTED_S,
+    BoundaryProximity,
+    ProximityResult,
+    boundary_proximity,
+    range_rows,
+)
+from nearlift.flight.proximity.reach import Sensor
+from nearlift.flight.proximity.reading import HeightReading, RefusedReading, read_height
+from nearlift.flight.record import encode
 from nearlift.manifest.campaign import boundaries_of
-from nearlift.manifest.flight import Detect
+from nearlift.manifest.flight import Detect, Reading
 from nearlift.products import DETECTION, FIT, PROXIMITY, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.run.job import Job, Outcome
-from nearlift.stages.belief import Belief, believe
-from nearlift.stages.reading import DRAWS, all_of, refuse_folds, sensitivity
-from nearlift.stages.simulate import columns
+from nearlift.stages.quoted_lift import fitted_lift
 
-#: Distances at which the inversion is tried, and the time averaged then, s.
-TRIED = 25
-INVERTED_S = 1.0
+DRAWS = 100
 
 
 def run(job: Job) -> Outcome:
@@ -34,38 +38,69 @@ def run(job: Job) -> Outcome:
     chosen = job.campaign.detect or Detect()
     fitted = job.read_json(FIT)
     rows: list[dict[str, Any]] = []
-    content: dict[str, Any] = {
-        "schema": PROXIMITY.schema,
-        "false_alarm_rate": chosen.false_alarm_rate,
-        "miss_rate": chosen.miss_rate,
-        "averaging_s": INVERTED_S,
-        "boundaries": {},
-    }
     notes = []
-    beliefs: dict[str, Belief] = {}
+    boundaries: dict[Boundary, BoundaryProximity] = {}
+    lifts: dict[Boundary, FittedLift] = {}
     for boundary in boundaries_of(fitted["boundaries"]):
         job.say(f"detect {boundary}")
-        belief = beliefs[boundary] = believe(job, boundary, DRAWS)
+        lift = lifts[boundary] = fitted_lift(job, boundary, DRAWS)
         device = sensor(job, boundary, chosen, float(fitted["noise"][boundary]["relative"]))
-        rows += _ranges(job, belief, device, chosen)
-        entry = _entry(belief, device)
+        rows += range_rows(lift, device, chosen, job.campaign.vehicle.rotor_radius)
+        entry = boundaries[boundary] = boundary_proximity(lift, device, chosen)
+        if entry.refused:
+            notes.append(f"{boundary}: distance is not told from lift: {entry.refused}")
+    readings: list[HeightReading | RefusedReading] = []
+    for i, reading in enumerate(chosen.reading):
         try:
-            refuse_folds(belief)
-            entry["located"] = _located(
-                belief,
-                device.sigma(INVERTED_S, chosen.payload[0], sensitivity(belief) * chosen.supply[0]),
-            )
-        except InputRefused as refusal:
-            entry["refused"] = f"{refusal.what}; {refusal.remedy}"
-            notes.append(
-                f"{boundary}: distance is not told from lift: {refusal.what}; {refusal.remedy}"
-            )
-        content["boundaries"][boundary] = entry
-    content["readings"], refused = all_of(job, beliefs)
-    notes += refused
-    job.write(DETECTION, columns(DETECTION, rows))
-    job.write_json(PROXIMITY, content)
+            readings.append(read(job, reading, lifts.get(reading.boundary)))
+        except (InputRefused, UsageError) as refusal:
+            why = f"{refusal.what}; {refusal.remedy}"
+            readings.append(RefusedReading(boundary=reading.boundary, refused=why))
+            notes.append(f"detect.reading[{i}]: {why}")
+    result = ProximityResult(
+        schema=PROXIMITY.schema,
+        false_alarm_rate=chosen.false_alarm_rate,
+        miss_rate=chosen.miss_rate,
+        averaging_s=INVERTED_S,
+        boundaries=boundaries,
+        readings=tuple(readings),
+    )
+    job.write(DETECTION, DETECTION.columns_of(rows))
+    job.write_json(PROXIMITY, encode(result))
     return Outcome(notes=tuple(notes))
+
+
+def read(job: Job, reading: Reading, lift: FittedLift | None = None) -> HeightReading:
+    """The posterior of z_hat from one reading.
+
+    Raises
+    ------
+    UsageError
+        Nothing was fitted at that boundary.
+    InputRefused
+        As `read_height` says.
+    """
+    fitted = job.read_json(FIT)
+    if reading.boundary not in fitted["boundaries"]:
+        raise UsageError(
+            "boundary",
+            f"nothing was fitted at the {reading.boundary}",
+            f"fitted: {', '.join(fitted['boundaries'])}",
+        )
+    base = fitted["boundaries"][reading.boundary][fitted["base"][reading.boundary]]
+    vehicle = job.campaign.vehicle
+    return read_height(
+        reading,
+        fitted_lift(job, reading.boundary, DRAWS) if lift is None else lift,
+        # null stands for what is not finite
+        {
+            float(t): (float(e["value"]), np.inf if e["u"] is None else float(e["u"]))
+            for t, e in base["L_inf_N"].items()
+        },
+        job.campaign.detect or Detect(),
+        vehicle.rotor_radius,
+        (vehicle.mass if reading.mass is None else reading.mass) * job.campaign.rig.gravity,
+    )
 
 
 def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
@@ -75,12 +110,8 @@ def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor
     weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
     if chosen.force_noise is not None and chosen.force_bandwidth is not None:
         # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
-        return Sensor(
-            short_per_sqrt_Hz=chosen.force_noise
-            / weight
-            / float(np.sqrt(2 * chosen.force_bandwidth)),
-            floor=0.0,
-        )
+        white = chosen.force_noise / weight / float(np.sqrt(2 * chosen.force_bandwidth))
+        return Sensor(short_per_sqrt_Hz=white, floor=0.0)
     trials = job.read(TRIALS)
     mine = (
         (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
@@ -89,71 +120,5 @@ def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor
     if not mine.any() or rate is None:
         return Sensor(short_per_sqrt_Hz=0.0, floor=floor)
     length_s = trials["n"][mine] / rate
-    return Sensor(
-        short_per_sqrt_Hz=float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight)),
-        floor=floor,
-    )
-
-
-def _ranges(job: Job, belief: Belief, device: Sensor, chosen: Detect) -> list[dict[str, Any]]:
-    ratios = [belief.ratio(m) for m in range(-1, belief.number)]
-    rows = []
-    for voltage, payload in itertools.product(chosen.supply, chosen.payload):
-        supply = sensitivity(belief) * voltage
-        for averaging_s in chosen.averaging:
-            sigma = device.sigma(averaging_s, payload, supply)
-            change = needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
-            best, lo90, hi90 = reaches(ratios, change, *belief.measured_z_hat)
-            rows.append(
-                {
-                    "boundary": belief.boundary,
-                    "model": belief.model.name,
-                    "averaging_s": averaging_s,
-                    "payload": payload,
-                    "voltage": voltage,
-                    "supply": supply,
-                    "sigma": sigma,
-                    "needed": change,
-                    "range_z_hat": best,
-                    "lo90": lo90,
-                    "hi90": hi90,
-                    "range_m": best * job.campaign.vehicle.rotor_radius,
-                }
-            )
-    return rows
-
-
-def _entry(belief: Belief, device: Sensor) -> dict[str, Any]:
-    near = np.array([belief.measured_z_hat[0]])
-    return {
-        "model": belief.model.name,
-        "title": belief.title,
-        "draws_from": belief.source,
-        "effects": list(belief.effects),
-        "measured_z_hat": list(belief.measured_z_hat),
-        "largest_change": float(belief.ratio()(near)[0] - 1.0),
-        "short_per_sqrt_Hz": device.short_per_sqrt_Hz,
-        "floor": device.floor,
-        "lift_per_voltage": sensitivity(belief),
-    }
-
-
-def _located(belief: Belief, sigma: float) -> list[dict[str, float]]:
-    """What a reading without error at each distance would say of the distance."""
-    low, high = belief.measured_z_hat
-    ratios = [belief.ratio(m) for m in range(belief.number)]
-    rows = []
-    for z_hat in np.geomspace(low, high, TRIED):
-        measured = float(belief.ratio()(np.array([z_hat]))[0])
-        found = inverse.locate(measured, sigma, ratios, low, high)
-        rows.append(
-            {
-                "z_hat": float(z_hat),
-                "ratio": measured,
-                "median": found.median,
-                "lo90": found.lo90,
-                "hi90": found.hi90,
-                "beyond": found.beyond,
-            }
-        )
-    return rows
+    noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
+    return Sensor(short_per_sqrt_Hz=noise, floor=floor)

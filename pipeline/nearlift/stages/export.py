@@ -1,16 +1,30 @@
-"""export: what was fitted, in forms that other programs read. A new format is one more entry."""
+"""export: what was fitted, in forms that other programs read: draws as netCDF; the lift models for
+a controller as C header, JSON with its schema, Python and CasADi, in export/ beside the products. A
+new format is one more entry.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
+import nearlift
+from nearlift.flight.export import c_header, json_document, python_module
+from nearlift.flight.export.model_export import ModelExport, exported
+from nearlift.manifest.campaign import boundaries_of
+from nearlift.products import RESULTS, TRIALS
+from nearlift.run import store
 from nearlift.run.job import Job
-from nearlift.stages import controller, netcdf
+from nearlift.stages import netcdf
+from nearlift.stages.quoted_lift import fitted_lift
+
+DRAWS = 400
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Format:
+class ExportFormat:
     """One form of export: its name on the command line, what it is, and what writes it and returns
     the path.
     """
@@ -20,31 +34,79 @@ class Format:
     write: Callable[[Job], str]
 
 
+def model_export(job: Job) -> ModelExport:
+    """Everything that is exported. The date is that of the newest raw file, so that the same data
+    give the same bytes.
+    """
+    boundaries = boundaries_of(job.read_json(RESULTS)["boundaries"])
+    lifts = [fitted_lift(job, b, DRAWS) for b in boundaries]
+    raw = [p for name in job.inputs if (p := job.root / name).is_file()]
+    newest = max((p.stat().st_mtime for p in raw), default=None)
+    return ModelExport(
+        campaign=job.campaign.name,
+        nearlift=nearlift.__version__,
+        digest=store.sha256(job.processed / TRIALS.file),
+        date=(
+            "unknown" if newest is None else datetime.fromtimestamp(newest, UTC).date().isoformat()
+        ),
+        source=", ".join(dict.fromkeys(lift.source for lift in lifts)),
+        radius_m=job.campaign.vehicle.rotor_radius,
+        held=job.campaign.rig.held,
+        lifts=tuple(map(exported, lifts)),
+    )
+
+
+def _save(job: Job, name: str, text: str) -> str:
+    return str(job.put(f"processed/export/{name}", text.encode()))
+
+
+def write_c(job: Job) -> str:
+    """lift_model.h."""
+    return _save(job, "lift_model.h", c_header.header(model_export(job)))
+
+
+def write_json(job: Job) -> str:
+    """lift_model.json, and its schema beside it."""
+    _save(job, "lift_model.schema.json", json.dumps(json_document.SCHEMA, indent=1) + "\n")
+    content = store.plain(json_document.document(model_export(job)))
+    return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+
+
+def write_python(job: Job) -> str:
+    """lift_model.py."""
+    return _save(job, "lift_model.py", python_module.module(model_export(job)))
+
+
+def write_casadi(job: Job) -> str:
+    """lift_model_casadi.py."""
+    return _save(job, "lift_model_casadi.py", python_module.casadi(model_export(job)))
+
+
 FORMATS = (
-    Format(
+    ExportFormat(
         name="netcdf",
         meaning="posterior.nc: draws of every model, for ArviZ and xarray",
         write=netcdf.write,
     ),
-    Format(
+    ExportFormat(
         name="c",
         meaning="export/lift_model.h: a C99 header for firmware, floats only",
-        write=controller.write_c,
+        write=write_c,
     ),
-    Format(
+    ExportFormat(
         name="document",
         meaning="export/lift_model.json, and its JSON Schema",
-        write=controller.write_json,
+        write=write_json,
     ),
-    Format(
+    ExportFormat(
         name="python",
         meaning="export/lift_model.py: a module that needs nothing but Python",
-        write=controller.write_python,
+        write=write_python,
     ),
-    Format(
+    ExportFormat(
         name="casadi",
         meaning="export/lift_model_casadi.py: a module of CasADi expressions",
-        write=controller.write_casadi,
+        write=write_casadi,
     ),
 )
 

@@ -11,18 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.flight.simulation import safety
+from nearlift.flight.simulation.crash_rate import spread90
 
 INF = math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Levels:
+class CrashLevels:
     """Levels of one preset under resampling, the first as flown: arrays (m,); nan where the
     set-points flown do not hold it.
 
@@ -44,7 +43,7 @@ class Levels:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Claim:
+class PaperClaim:
     """A statement: the paper's words, the number in them, how it is computed from levels, and
     between which values it holds.
     """
@@ -52,7 +51,7 @@ class Claim:
     name: str
     says: str
     paper: str
-    value: Callable[[Levels], FloatArray]
+    value: Callable[[CrashLevels], FloatArray]
     holds: tuple[float, float]
 
     @property
@@ -64,66 +63,63 @@ class Claim:
         return f"below {high:g}" if math.isinf(low) else f"{low:g} to {high:g}"
 
 
-def _shift(levels: Levels, boundary: str, risk: float) -> FloatArray:
+def _shift(levels: CrashLevels, boundary: str, risk: float) -> FloatArray:
     """How much lower one may fly with the model than without."""
     return levels.flown[boundary, 0.0, risk] - levels.flown[boundary, 1.0, risk]
 
 
-def _scaling(levels: Levels, boundary: str, risk: float) -> FloatArray:
+def _scaling(levels: CrashLevels, boundary: str, risk: float) -> FloatArray:
     """How far the level moves from the power 0.6 to 1.4, with its sign."""
     return levels.flown[boundary, 1.4, risk] - levels.flown[boundary, 0.6, risk]
 
 
-def _worst(levels: Levels, boundary: str, one: float, other: float, sign: float) -> FloatArray:
+def _worst(levels: CrashLevels, boundary: str, one: float, other: float, sign: float) -> FloatArray:
     """The least of sign * (level of one power - level of the other) over all gains and noises
     flown, the preset's own included.
     """
-    own = [levels.flown[boundary, one, 0.5] - levels.flown[boundary, other, 0.5]]
     if not levels.varied:
         raise KeyError("variants")
-    # variants are flown fewer times: their resamples pair among themselves
-    n = min(len(own[0]), *(len(v) for v in levels.varied.values()))
-    all_of_them = [
-        own[0][:n],
-        *(
-            (levels.varied[boundary, one, v] - levels.varied[boundary, other, v])[:n]
-            for v in levels.variants
-        ),
+    pairs = [(levels.flown[boundary, one, 0.5], levels.flown[boundary, other, 0.5])]
+    pairs += [
+        (levels.varied[boundary, one, v], levels.varied[boundary, other, v])
+        for v in levels.variants
     ]
-    worst: FloatArray = np.min(sign * np.stack(all_of_them), axis=0)
+    # variants are flown fewer times: their resamples pair among themselves
+    n = min(len(pairs[0][0]), *(len(v) for v in levels.varied.values()))
+    worst: FloatArray = np.min([sign * (a[:n] - b[:n]) for a, b in pairs], axis=0)
     return worst
 
 
 CLAIMS = (
-    Claim(
+    PaperClaim(
         name="crashes_without_model",
         says="With no boundary model, crashes occur as high as this above ground (z_hat at 1 %)",
         paper="≈ 1.5",
         value=lambda v: v.flown["ground", 0.0, 0.01],
         holds=(1.35, 1.65),
     ),
-    Claim(
+    PaperClaim(
         name="closer_with_model",
         says="With a ground model the vehicle can be so much closer (rotor radii, at 50 %)",
         paper="≈ 0.5",
         value=lambda v: _shift(v, "ground", 0.5),
         holds=(0.25, 0.75),
     ),
-    Claim(
+    PaperClaim(
         name="closer_with_model_rare",
         says="The same at 1 %",
         paper="≈ 0.5",
         value=lambda v: _shift(v, "ground", 0.01),
         holds=(0.25, 0.75),
     ),
-    Claim(
+    PaperClaim(
         name="ceiling_crash",
         says="Likely to crash into the ceiling below this set-point (z_hat at 50 %)",
         paper="≈ 2",
         value=lambda v: v.flown["ceiling", 1.0, 0.5],
         holds=(1.85, 2.15),
     ),
-    Claim(
+    PaperClaim(
         name="ceiling_destabilises",
         says=(
             "The ceiling model makes crashes more likely: the 50 % level rises by so much (rotor"
@@ -133,7 +129,7 @@ CLAIMS = (
         value=lambda v: -_shift(v, "ceiling", 0.5),
         holds=(0.0, INF),
     ),
-    Claim(
+    PaperClaim(
         name="scaling_ground",
         says=(
             "Scaling the ground model by the powers 0.6 to 1.4 moves the 50 % level only slightly"
@@ -143,7 +139,7 @@ CLAIMS = (
         value=lambda v: _scaling(v, "ground", 0.5),
         holds=(-0.1, 0.1),
     ),
-    Claim(
+    PaperClaim(
         name="scaling_ceiling",
         says=(
             "Scaling the ceiling model moves its 50 % level further than the ground's (by so many"
@@ -153,7 +149,7 @@ CLAIMS = (
         value=lambda v: np.abs(_scaling(v, "ceiling", 0.5)) - np.abs(_scaling(v, "ground", 0.5)),
         holds=(0.0, INF),
     ),
-    Claim(
+    PaperClaim(
         name="order_kept",
         says=(
             "More ground effect is safer: the 50 % level falls from the power 0.6 to 1.4, whatever"
@@ -163,7 +159,7 @@ CLAIMS = (
         value=lambda v: _worst(v, "ground", 0.6, 1.4, 1.0),
         holds=(0.0, INF),
     ),
-    Claim(
+    PaperClaim(
         name="ground_helps_anywhere",
         says=(
             "The ground model lets the vehicle closer whatever gains and noise (least gain of all"
@@ -173,7 +169,7 @@ CLAIMS = (
         value=lambda v: _worst(v, "ground", 0.0, 1.0, 1.0),
         holds=(0.0, INF),
     ),
-    Claim(
+    PaperClaim(
         name="ceiling_hurts_anywhere",
         says=(
             "The ceiling model makes crashes more likely whatever gains and noise (least rise of"
@@ -197,34 +193,50 @@ def verdict(low: float, high: float, holds: tuple[float, float]) -> str:
     return "fails" if high < holds[0] or low > holds[1] else "undecided"
 
 
-def table(presets: Mapping[str, Levels]) -> list[dict[str, Any]]:
-    """A row for each claim that the risks flown allow to be computed, with value, 90 % interval and
-    verdict per preset.
-    """
-    rows = []
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedNumber:
+    """A claim's number under one preset, and whether it holds."""
+
+    value: float
+    lo90: float
+    hi90: float
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedClaim:
+    """A claim beside what each preset gives."""
+
+    name: str
+    says: str
+    paper: str
+    tolerance: str
+    presets: Mapping[str, JudgedNumber]
+
+
+def judge(presets: Mapping[str, CrashLevels]) -> tuple[JudgedClaim, ...]:
+    """Each claim that the risks flown allow to be computed."""
+    judged = []
     for claim in CLAIMS:
         try:
-            values = {name: claim.value(own) for name, own in presets.items()}
+            values = {name: claim.value(levels) for name, levels in presets.items()}
         except KeyError:
             continue
-        rows.append(
-            {
-                "name": claim.name,
-                "says": claim.says,
-                "paper": claim.paper,
-                "tolerance": claim.tolerance,
-                "presets": {name: _told(v, claim.holds) for name, v in values.items()},
-            }
+        judged.append(
+            JudgedClaim(
+                name=claim.name,
+                says=claim.says,
+                paper=claim.paper,
+                tolerance=claim.tolerance,
+                presets={name: _judged(v, claim.holds) for name, v in values.items()},
+            )
         )
-    return rows
+    return tuple(judged)
 
 
-def _told(values: FloatArray, holds: tuple[float, float]) -> dict[str, Any]:
+def _judged(values: FloatArray, holds: tuple[float, float]) -> JudgedNumber:
     # a level that the set-points do not hold leaves its end of the interval open
-    low, high = -safety.spread90(-values)[1], safety.spread90(values)[1]
-    return {
-        "value": float(values[0]),
-        "lo90": low,
-        "hi90": high,
-        "verdict": verdict(low, high, holds),
-    }
+    low, high = -spread90(-values)[1], spread90(values)[1]
+    return JudgedNumber(
+        value=float(values[0]), lo90=low, hi90=high, verdict=verdict(low, high, holds)
+    )

@@ -4,13 +4,15 @@ Relative cost is power to hover near the boundary over power far away, always at
 (the weight). What L / L_inf says of it depends on what was held while L / L_inf was measured or
 derived:
 
-power   thrusts at the same power: T goes as P^(2/3) at a fixed inflow factor, so cost =
-ratio^(-3/2), as the paper takes it for all. thrust  the ratio is P_inf / P at the same thrust, as
-the theories' factor is (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s)
-        read through momentum theory): cost = 1 / ratio.
-rpm     thrusts at the same frequency: ratio = (P_inf/P)^n with n between 0.60 and 0.82 for a small
-rotor, so cost = ratio^(-1/n). throttle, voltage  between constant rpm and constant power; the
-exponent is known only between 1 and 1/0.60.
+power              thrusts at the same power: T goes as P^(2/3) at a fixed inflow factor, so
+                   cost = ratio^(-3/2), as the paper takes it for all.
+thrust             the ratio is P_inf / P at the same thrust, as the theories' factor is
+                   (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s) read through momentum
+                   theory): cost = 1 / ratio.
+rpm                thrusts at the same frequency: ratio = (P_inf/P)^n with n between 0.60 and 0.82
+                   for a small rotor, so cost = ratio^(-1/n).
+throttle, voltage  between constant rpm and constant power; the exponent is known only between 1
+                   and 1/0.60.
 
 Mechanical power; motors and electronics are not in it.
 """
@@ -23,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.flight.simulation import safety
+from nearlift.flight.simulation.crash_rate import estimate, upper95
 from nearlift.results import IntArray
 
 Held = Literal["power", "thrust", "rpm", "throttle", "voltage"]
@@ -53,31 +55,27 @@ def cost(ratio: Any, held: Held) -> tuple[Any, Any, Any]:
     return values.min(axis=0), values[1], values.max(axis=0)
 
 
-def expected_cost(relative_cost: FloatArray, rate: FloatArray, price: float) -> FloatArray:
-    """Cost of a flight in energies of a hover far away of the same duration: relative cost, and
-    `price` for each crash.
+def best_set_point(relative_cost: FloatArray, rate: FloatArray, price: float) -> tuple[int, float]:
+    """Index of the set-point of least expected cost (the highest of equals), and that cost: in
+    energies of a hover far away of the same duration, with `price` for each crash.
     """
-    result: FloatArray = relative_cost + price * rate
-    return result
-
-
-def best_set_point(
-    target_z_hat: FloatArray, relative_cost: FloatArray, rate: FloatArray, price: float
-) -> tuple[int, float]:
-    """Index of the set-point of least expected cost (the highest of equals), and that cost."""
-    total = expected_cost(relative_cost, rate, price)
+    total = relative_cost + price * rate
     best = int(len(total) - 1 - np.argmin(total[::-1]))
     return best, float(total[best])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
-    """The set-point of least expected cost, and whether the flights can tell.
+class BestSetPoint:
+    """The set-point of least expected cost at a price of a crash, and whether the flights can tell.
 
     Attributes
     ----------
-    index : int
-        Which of the set-points flown.
+    price : float
+        Of a crash, in energies of a hover far away of the same duration.
+    target_z_hat, lo90, hi90 : float or None
+        None where not resolved; the interval is over draws of the model and the flights.
+    farthest : bool
+        It is the farthest set-point flown.
     expected_cost, relative_cost : float
     crashes : int
     rate, rate_hi95 : float
@@ -91,7 +89,11 @@ class Choice:
         number would do.
     """
 
-    index: int
+    price: float
+    target_z_hat: float | None
+    lo90: float | None = None
+    hi90: float | None = None
+    farthest: bool
     expected_cost: float
     relative_cost: float
     crashes: int
@@ -107,27 +109,29 @@ def choose(
     crashes: IntArray,
     flights: int,
     price: float,
-) -> Choice:
+) -> BestSetPoint:
     """The set-point of least expected cost by the estimated rates of n set-points, with the test of
     whether so many flights can tell.
     """
-    rate = safety.estimate(crashes, flights)
-    best, total = best_set_point(target_z_hat, relative_cost, rate, price)
+    rate = estimate(crashes, flights)
+    best, total = best_set_point(relative_cost, rate, price)
+    farthest = best == len(rate) - 1
     k = int(crashes[best])
-    upper = float(safety.upper95(np.array([k]), flights)[0])
+    upper = float(upper95(np.array([k]), flights)[0])
     saving = float(relative_cost[-1] - relative_cost[best])
-    resolved = best == len(rate) - 1 or price * upper <= saving
+    resolved = farthest or price * upper <= saving
     needed = None
     if not resolved and saving > price * k / flights:
         needed = flights
         while (
-            price * float(safety.upper95(np.array([round(k * needed / flights)]), needed)[0])
-            > saving
+            price * float(upper95(np.array([round(k * needed / flights)]), needed)[0]) > saving
             and needed < MOST_FLIGHTS
         ):
             needed = int(np.ceil(1.05 * needed))
-    return Choice(
-        index=best,
+    return BestSetPoint(
+        price=price,
+        target_z_hat=float(target_z_hat[best]) if resolved else None,
+        farthest=farthest,
         expected_cost=total,
         relative_cost=float(relative_cost[best]),
         crashes=k,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -21,14 +21,15 @@ from nearlift.flight.simulation.groups import Groups
 from nearlift.results import IntArray
 
 Scheme = Literal["euler", "semi-implicit", "rk4"]
-Map = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
+#: An executor's map.
+Spread = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
 #: Flights in one block: enough that compiled work outweighs the call, few enough to share among
 #: threads.
 BLOCK = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
+class FlightSetting:
     """One set-point with one lift curve and one controller. `curve` is a row of the tables, `droop`
     the change of lift at the same frequency that a sagging supply has brought by the end of the
     flight, as a fraction (linear in time), `adjusted` whether f0 allows for the boundary at the
@@ -43,7 +44,7 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class FlightPlan:
     """What is flown: `settings` at one boundary through the lift `curves`, with one time step. All
     settings share the weather's times.
 
@@ -53,7 +54,7 @@ class Plan:
     """
 
     boundary: Boundary
-    settings: Sequence[Setting]
+    settings: Sequence[FlightSetting]
     curves: Curves
     scheme: Scheme
     steps_per_hold: int
@@ -73,10 +74,6 @@ class Plan:
     def step(self) -> float:
         """Time step in sqrt(r/g)."""
         return self.weather.hold / self.steps_per_hold
-
-    def halved(self) -> Plan:
-        """The same flights with half the step; the gusts stay what they are."""
-        return replace(self, steps_per_hold=2 * self.steps_per_hold)
 
     @property
     def salts(self) -> NDArray[np.uint64]:
@@ -123,9 +120,15 @@ def steps_per_hold(hold_s: float, step_s: float, where: str = "simulate.step") -
     return n
 
 
-def _block(first: int, plan: Plan, flights: int, key: int) -> NDArray[np.int32]:
+def _block(first: int, plan: FlightPlan, flights: int, key: int) -> NDArray[np.int32]:
+    return _integrated(plan, first, min(BLOCK, flights - first), key, np.empty((0, 0)))
+
+
+def _integrated(
+    plan: FlightPlan, first: int, flights: int, key: int, track: FloatArray
+) -> NDArray[np.int32]:
     columns, which = plan.columns()
-    ended = np.empty((len(plan.settings), min(BLOCK, flights - first)), dtype=np.int32)
+    ended = np.empty((len(plan.settings), flights), dtype=np.int32)
     weather = plan.weather
     memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
     kernel.fly(
@@ -143,49 +146,25 @@ def _block(first: int, plan: Plan, flights: int, key: int) -> NDArray[np.int32]:
         plan.curves.low,
         plan.curves.per_radius,
         ended,
-        np.empty((0, 0)),
+        track,
     )
     return ended
 
 
-def fly(plan: Plan, flights: int, key: int, spread: Map = map) -> NDArray[np.int32]:
+def fly(plan: FlightPlan, flights: int, key: int, spread: Spread = map) -> NDArray[np.int32]:
     """In which hold each flight crashed, or -1: shape (settings, flights).
 
     With common gusts, flight f meets the same ones in every setting and every plan with this key.
     `spread` is an executor's map; what comes out does not depend on it.
     """
-    blocks = list(
-        spread(
-            functools.partial(_block, plan=plan, flights=flights, key=key), range(0, flights, BLOCK)
-        )
-    )
-    return np.concatenate(blocks, axis=1)
+    block = functools.partial(_block, plan=plan, flights=flights, key=key)
+    return np.concatenate(list(spread(block, range(0, flights, BLOCK))), axis=1)
 
 
-def trace(plan: Plan, flight: int, key: int) -> FloatArray:
+def trace(plan: FlightPlan, flight: int, key: int) -> FloatArray:
     """Heights of one flight at every hold, in each setting: (settings, holds + 1); nan after a
     crash.
     """
-    columns, which = plan.columns()
-    n = len(plan.settings)
-    track = np.full((n, plan.holds + 1), np.nan)
-    weather = plan.weather
-    memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
-    kernel.fly(
-        np.uint64(key),
-        flight,
-        plan.holds,
-        plan.steps_per_hold,
-        plan.step,
-        kernel.SCHEMES[plan.scheme],
-        memory,
-        columns,
-        which,
-        plan.salts,
-        plan.curves.packed(),
-        plan.curves.low,
-        plan.curves.per_radius,
-        np.empty((n, 1), dtype=np.int32),
-        track,
-    )
+    track = np.full((len(plan.settings), plan.holds + 1), np.nan)
+    _integrated(plan, flight, 1, key, track)
     return track

@@ -11,7 +11,7 @@ spacing over radius and the bound on the ratio.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from nearlift.flight.simulation.control import Gains
 from nearlift.flight.simulation.craft import Craft
@@ -34,12 +34,8 @@ class Groups:
     duration: float
     contact: float = 0.0
 
-    def with_groups(self, **changes: float) -> Groups:
-        """The same flight with some groups changed."""
-        return replace(self, **changes)
 
-
-def of(
+def dimensionless(
     craft: Craft,
     gains: Gains,
     disturbance: Disturbance,

@@ -31,26 +31,14 @@ WIDTH = 9
 SCHEMES = {"euler": 0, "semi-implicit": 1, "rk4": 2}
 
 
-def _push(
-    x: Any,
-    v: Any,
-    lag: Any,
-    total: Any,
-    alpha: Any,
-    beta: Any,
-    gamma: Any,
-    delta: Any,
-    lift: Any,
-    load: Any,
-    base: Any,
-    curve: Any,
-) -> Any:
+def _push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
     """Acceleration away from the boundary, in g.
 
-    `x` is height in steps of the table from its lower end, `lag` is z - z0; `lift` and `load` carry
-    the boundary's sign. The table holds value and slope of each step; beyond either end L / L_inf
-    is constant.
+    `x` is height in steps of the table from its lower end, `lag` is z - z0. `law` holds alpha,
+    beta, gamma and delta, lift and load with the boundary's sign, and where the table begins. The
+    table holds value and slope of each step; beyond either end L / L_inf is constant.
     """
+    alpha, beta, gamma, delta, lift, load, base = law
     u = max(alpha * lag + beta * v + gamma * total + delta, 0.0)
     x = min(max(x, 0.0), float(NODES - 1))
     i = int(x)
@@ -76,14 +64,9 @@ def _fly(
     flight flown, at the end of every hold.
     """
     n = settings.shape[1]
-    z0, alpha, beta, gamma = settings[0], settings[1], settings[2], settings[3]
-    delta, noise, sign, droop, contact = (
-        settings[4],
-        settings[5],
-        settings[6],
-        settings[7],
-        settings[8],
-    )
+    z0, alpha, beta, gamma = settings[Z0], settings[ALPHA], settings[BETA], settings[GAMMA]
+    delta, noise, sign = settings[DELTA], settings[NOISE], settings[SIGN]
+    droop, contact = settings[DROOP], settings[CONTACT]
     keep_track = track.shape[0] > 0
     own = salts.size > 0
     gusts = np.zeros(holds)
@@ -117,70 +100,30 @@ def _fly(
                     if memory > 0.0:
                         last[s] = gust = memory * last[s] + fresh * gust if k > 0 else gust
                 x, w, i = z[s], v[s], total[s]
-                a, b, c, d = alpha[s], beta[s], gamma[s], delta[s]
                 here, floor, side = z0[s], contact[s], sign[s]
                 lift = side * (1.0 + droop[s] * passed)
                 load = side * (noise[s] * gust - 1.0)
-                base = which[s]
+                law = (alpha[s], beta[s], gamma[s], delta[s], lift, load, which[s])
                 crashed = False
                 for _ in range(per_hold):
                     q = (x - low) * per
                     g = x - here
                     if scheme == 2:
-                        a1 = push(q, w, g, i, a, b, c, d, lift, load, base, curves)
+                        a1 = push(q, w, g, i, law, curves)
                         v2 = w + half * a1
                         g2 = g + half * w
-                        a2 = push(
-                            q + half * w * per,
-                            v2,
-                            g2,
-                            i + half * g,
-                            a,
-                            b,
-                            c,
-                            d,
-                            lift,
-                            load,
-                            base,
-                            curves,
-                        )
+                        a2 = push(q + half * w * per, v2, g2, i + half * g, law, curves)
                         v3 = w + half * a2
                         g3 = g + half * v2
-                        a3 = push(
-                            q + half * v2 * per,
-                            v3,
-                            g3,
-                            i + half * g2,
-                            a,
-                            b,
-                            c,
-                            d,
-                            lift,
-                            load,
-                            base,
-                            curves,
-                        )
+                        a3 = push(q + half * v2 * per, v3, g3, i + half * g2, law, curves)
                         v4 = w + dt * a3
                         g4 = g + dt * v3
-                        a4 = push(
-                            q + dt * v3 * per,
-                            v4,
-                            g4,
-                            i + dt * g3,
-                            a,
-                            b,
-                            c,
-                            d,
-                            lift,
-                            load,
-                            base,
-                            curves,
-                        )
+                        a4 = push(q + dt * v3 * per, v4, g4, i + dt * g3, law, curves)
                         x += sixth * (w + 2.0 * (v2 + v3) + v4)
                         i += sixth * (g + 2.0 * (g2 + g3) + g4)
                         w += sixth * (a1 + 2.0 * (a2 + a3) + a4)
                     else:
-                        a1 = push(q, w, g, i, a, b, c, d, lift, load, base, curves)
+                        a1 = push(q, w, g, i, law, curves)
                         i += dt * g
                         if scheme == 1:
                             w += dt * a1

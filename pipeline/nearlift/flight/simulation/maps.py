@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray
-from nearlift.flight.simulation import safety
+from nearlift.flight.simulation.crash_rate import binomial90
 from nearlift.flight.simulation.curve import tabulate
-from nearlift.flight.simulation.flight import Map, Plan, Scheme, Setting, fly
+from nearlift.flight.simulation.flight import FlightSetting
 from nearlift.flight.simulation.groups import Groups
-from nearlift.flight.simulation.sweep import halved
+from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, combined
 
 #: Cells along either axis; the flown value is the middle one.
 SIDE = 9
@@ -26,7 +26,7 @@ TARGETS: dict[Boundary, float] = {"ground": 1.0, "ceiling": 2.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Axis:
+class GroupAxis:
     """One group of a map: its name among the groups, and the range of its values over the flown one
     (correlation: over the hold).
     """
@@ -42,27 +42,50 @@ class Axis:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class GroupPair:
     """One map: two groups, what changes in proportion to the first, and into how many the step is
     divided (a larger gain is a faster loop).
     """
 
     name: str
-    x: Axis
-    y: Axis
+    x: GroupAxis
+    y: GroupAxis
     along: tuple[str, ...] = ()
     finer: int = 1
 
 
-BETA, NOISE = Axis(name="beta", low=1 / 3, high=3.0), Axis(name="noise", low=1 / 3, high=3.0)
+BETA, NOISE = (
+    GroupAxis(name="beta", low=1 / 3, high=3.0),
+    GroupAxis(name="noise", low=1 / 3, high=3.0),
+)
 SPACING = "spacing_hat"
 PAIRS = (
-    Pair(name="gains", x=BETA, y=Axis(name="alpha", low=0.1, high=10.0), finer=2),
-    Pair(name="noise and gains", x=BETA, y=NOISE, along=("alpha", "gamma"), finer=2),
+    GroupPair(name="gains", x=BETA, y=GroupAxis(name="alpha", low=0.1, high=10.0), finer=2),
+    GroupPair(name="noise and gains", x=BETA, y=NOISE, along=("alpha", "gamma"), finer=2),
     # gusts that forget at once, as flown elsewhere, are to the left of it
-    Pair(name="noise and its memory", x=Axis(name="correlation", low=0.3, high=30.0), y=NOISE),
-    Pair(name="noise and spacing", x=Axis(name=SPACING, low=0.75, high=2.0), y=NOISE),
+    GroupPair(
+        name="noise and its memory", x=GroupAxis(name="correlation", low=0.3, high=30.0), y=NOISE
+    ),
+    GroupPair(name="noise and spacing", x=GroupAxis(name=SPACING, low=0.75, high=2.0), y=NOISE),
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapCell:
+    """One cell of a map: values on both axes (sizes, without the gains' sign), the groups there,
+    and its place on either axis.
+    """
+
+    x: float
+    y: float
+    groups: Groups
+    i: int
+    j: int
+
+    @property
+    def corner(self) -> bool:
+        """Whether it is one of the map's four corners."""
+        return self.i % (SIDE - 1) == 0 and self.j % (SIDE - 1) == 0
 
 
 def scan(
@@ -71,15 +94,9 @@ def scan(
     model: str,
     bound: float,
     spacing_hat: float | None,
-    *,
     groups: Groups,
-    scheme: Scheme,
-    steps_per_hold: int,
-    step_s: float,
-    flights: int,
-    key: int,
-    spread: Map = map,
-) -> tuple[list[dict[str, Any]], safety.Convergence]:
+    how: MonteCarlo,
+) -> tuple[list[dict[str, Any]], StepTest]:
     """Rows of crash_map.parquet, every pair of groups whose groups this boundary's model has; and
     what half the step changes.
 
@@ -91,45 +108,32 @@ def scan(
         The vehicle's; None where the model does not depend on it.
     """
     target = max(groups.contact + TARGETS[boundary], bound)
-    few = min(flights, FLIGHTS)
     rows, tested = [], []
     for pair in PAIRS:
-        if pair.x.name == SPACING and spacing_hat is None:
+        spaced = pair.x.name == SPACING
+        if spaced and spacing_hat is None:
             continue
-        ratios = (
-            [ratio(float(f)) for f in pair.x.factors] if pair.x.name == SPACING else [ratio(1.0)]
+        curves = tabulate(
+            [ratio(float(f)) for f in pair.x.factors] if spaced else [ratio(1.0)], bound
         )
-        curves = tabulate(ratios, bound)
+        few = how.at_most(FLIGHTS).finer(pair.finer)
         cells = list(_cells(pair, groups, spacing_hat))
         # gusts of one plan share their memory
-        for memory in dict.fromkeys(g.correlation for _, _, g, _, _ in cells):
-            mine = [c for c in cells if c[2].correlation == memory]
+        for memory in dict.fromkeys(c.groups.correlation for c in cells):
+            mine = [c for c in cells if c.groups.correlation == memory]
             settings = [
-                Setting(target_z_hat=target, groups=g, curve=i if len(ratios) > 1 else 0)
-                for _, _, g, i, _ in mine
+                FlightSetting(target_z_hat=target, groups=c.groups, curve=c.i if spaced else 0)
+                for c in mine
             ]
-            plan = Plan(
-                boundary=boundary,
-                settings=settings,
-                curves=curves,
-                scheme=scheme,
-                steps_per_hold=pair.finer * steps_per_hold,
-            )
-            crashed = fly(plan, few, key, spread) >= 0
+            crashed = few.crashed(boundary, settings, curves)
             # the step is tested in the corners, where the loop is fastest and slowest, and where
             # crashing is undecided: elsewhere no step shows
-            corners = [
-                n
-                for n, (_, _, _, i, j) in enumerate(mine)
-                if i % (SIDE - 1) == 0 and j % (SIDE - 1) == 0
-            ]
             undecided = np.flatnonzero(np.abs(crashed.mean(axis=1) - 0.5) < UNDECIDED)[::2]
-            again = sorted({*corners, *undecided.tolist()})
-            tested += (
-                [halved(plan, crashed, again, key, step_s / pair.finer, spread)] if again else []
-            )
+            again = sorted({*(n for n, c in enumerate(mine) if c.corner), *undecided.tolist()})
+            if again:
+                tested.append(few.step_test(boundary, settings, curves, crashed, again))
             crashes = crashed.sum(axis=1)
-            low, high = safety.binomial90(crashes, few)
+            low, high = binomial90(crashes, few.flights)
             rows += [
                 {
                     "boundary": boundary,
@@ -137,26 +141,21 @@ def scan(
                     "map": pair.name,
                     "x_group": pair.x.name,
                     "y_group": pair.y.name,
-                    "x": x,
-                    "y": y,
+                    "x": c.x,
+                    "y": c.y,
                     "target_z_hat": target,
-                    "flights": few,
+                    "flights": few.flights,
                     "crashes": int(crashes[i]),
-                    "rate": float(crashes[i] / few),
+                    "rate": float(crashes[i] / few.flights),
                     "lo90": float(low[i]),
                     "hi90": float(high[i]),
                 }
-                for i, (x, y, _, _, _) in enumerate(mine)
+                for i, c in enumerate(mine)
             ]
-    return rows, safety.together(tested)
+    return rows, combined(tested)
 
 
-def _cells(
-    pair: Pair, groups: Groups, spacing_hat: float | None
-) -> Iterator[tuple[float, float, Groups, int, int]]:
-    """Values on both axes (sizes, without the gains' sign), the groups there, and which place on
-    either axis it is.
-    """
+def _cells(pair: GroupPair, groups: Groups, spacing_hat: float | None) -> Iterator[MapCell]:
     for i, fx in enumerate(pair.x.factors.tolist()):
         for j, fy in enumerate(pair.y.factors.tolist()):
             changes = {name: fx * getattr(groups, name) for name in pair.along} | {
@@ -169,4 +168,5 @@ def _cells(
             else:
                 changes[pair.x.name] = fx * getattr(groups, pair.x.name)
                 x = abs(changes[pair.x.name])
-            yield x, abs(changes[pair.y.name]), groups.with_groups(**changes), i, j
+            y = abs(changes[pair.y.name])
+            yield MapCell(x=x, y=y, groups=replace(groups, **changes), i=i, j=j)

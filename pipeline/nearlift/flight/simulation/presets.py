@@ -5,16 +5,21 @@ its time step.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
-from nearlift.flight.simulation.control import PAPER_GAINS, Gains
+from nearlift.flight.simulation.control import PAPER_GAINS, stable
 from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
+from nearlift.flight.simulation.curve import Curves, tabulate
 from nearlift.flight.simulation.disturbance import PAPER_DISTURBANCE, Disturbance
-from nearlift.flight.simulation.flight import Scheme
+from nearlift.flight.simulation.flight import Scheme, Spread, steps_per_hold
+from nearlift.flight.simulation.groups import Groups, dimensionless
+from nearlift.flight.simulation.monte_carlo import MonteCarlo
 
 #: The paper's models, scaled by powers; 0 is no model.
 EXPONENTS = (0.0, 0.6, 0.8, 1.0, 1.2, 1.4)
@@ -31,7 +36,7 @@ BOUND_Z_HAT = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Preset:
+class FlightPreset:
     """Vehicle, controller, disturbance and integration."""
 
     name: str
@@ -42,19 +47,36 @@ class Preset:
     craft: Craft = CRAZYFLIE_AS_PRINTED
     disturbance: Disturbance = PAPER_DISTURBANCE
 
-    def gains(self, boundary: Boundary) -> Gains:
-        """The paper's gains, with the sign that the boundary needs."""
-        return PAPER_GAINS[boundary]
+    def groups(self, boundary: Boundary) -> Groups:
+        """The dimensionless flight, with the paper's gains in the sign that the boundary needs."""
+        gains = stable(PAPER_GAINS[boundary], self.craft, boundary)
+        return dimensionless(self.craft, gains, self.disturbance, self.duration_s)
+
+    @property
+    def steps_per_hold(self) -> int:
+        """How many steps make the hold of a gust."""
+        return steps_per_hold(self.disturbance.hold_s, self.step_s)
+
+    def monte_carlo(self, flights: int, key: int, spread: Spread = map) -> MonteCarlo:
+        """So many flights with this preset's scheme and step."""
+        return MonteCarlo(
+            scheme=self.scheme,
+            step_s=self.step_s,
+            steps_per_hold=self.steps_per_hold,
+            flights=flights,
+            key=key,
+            spread=spread,
+        )
 
 
 PRESETS = (
-    Preset(
+    FlightPreset(
         name="paper",
         meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step",
         scheme="euler",
         step_s=0.1,
     ),
-    Preset(
+    FlightPreset(
         name="converged",
         meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s",
         scheme="rk4",
@@ -63,7 +85,7 @@ PRESETS = (
 )
 
 
-def preset(name: str) -> Preset:
+def preset(name: str) -> FlightPreset:
     """The preset of that name."""
     for item in PRESETS:
         if item.name == name:
@@ -72,4 +94,14 @@ def preset(name: str) -> Preset:
         "simulate.presets",
         f"{name!r} is not a preset",
         f"presets are {', '.join(p.name for p in PRESETS)}",
+    )
+
+
+def scaled_curves(boundary: Boundary, exponents: Sequence[float] = EXPONENTS) -> Curves:
+    """L / L_inf of the paper's model to each power, for the paper's vehicle."""
+    model = catalogue.model(MODELS[boundary])
+    geometry = {n: GEOMETRY[n] for n in model.needs}
+    return tabulate(
+        [lambda z, k=k: model(z, **geometry) ** k for k in exponents],  # type: ignore[misc]
+        BOUND_Z_HAT,
     )

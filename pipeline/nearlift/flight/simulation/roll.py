@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.flight.record import OPTIONAL
 
 #: Rolling inertia of a Crazyflie, kg m^2, as system identifications of it give it: lowest and
 #: highest.
@@ -46,7 +46,7 @@ def acceleration_deg_s2(torque: float, inertia_kg_m2: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class RollReading:
     """One reading of the paper's statement: its assumptions and what follows."""
 
     assumption: str
@@ -60,10 +60,10 @@ class Reading:
 
 def reading(
     assumption: str, difference: float, arm_m: float, inertia: tuple[float, float]
-) -> Reading:
+) -> RollReading:
     """Torque and range of acceleration for the paper's vehicle (27 g, 9.8 m/s^2)."""
     torque = torque_N_m(difference, 0.027, 9.8, arm_m)
-    return Reading(
+    return RollReading(
         assumption=assumption,
         arm_m=arm_m,
         inertia_lo_kg_m2=inertia[0],
@@ -89,18 +89,61 @@ PAPER_READINGS = (
 )
 
 
-def of_belief(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RollTorque:
+    """Torque over the gap with its 90 % interval, arrays (n,), and the angular acceleration at the
+    least gap where the inertia is known.
+    """
+
+    torque_N_m: FloatArray
+    lo90_N_m: FloatArray
+    hi90_N_m: FloatArray
+    acceleration_deg_s2: float | None = field(default=None, metadata=OPTIONAL)
+    lo90_deg_s2: float | None = field(default=None, metadata=OPTIONAL)
+    hi90_deg_s2: float | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedRoll:
+    """Rolling by the campaign's own sidewall, in both readings of its lift.
+
+    Attributes
+    ----------
+    arm_m : float
+    z_hat : array (n,)
+        Gap of the nearest tip over rotor radius.
+    inertia_kg_m2, u_inertia : float
+        The manifest's, and its relative standard uncertainty.
+    near_pair_only, same_law : RollTorque
+    """
+
+    arm_m: float
+    z_hat: FloatArray
+    inertia_kg_m2: float | None
+    u_inertia: float
+    near_pair_only: RollTorque
+    same_law: RollTorque
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RollResult:
+    """What a sidewall's differential lift does, by the paper's numbers and by the fit, if any."""
+
+    paper: tuple[RollReading, ...] = PAPER_READINGS
+    fitted: FittedRoll | None = field(default=None, metadata=OPTIONAL)
+
+
+def fitted_roll(
     ratios: Sequence[Callable[[FloatArray], FloatArray]],
     nearest_z_hat: float,
     *,
-    mass_kg: float,
-    gravity_m_s2: float,
+    weight_N: float,
     arm_m: float,
     spacing_hat: float,
     inertia_kg_m2: float | None,
-    u_inertia: float = INERTIA_SPREAD,
+    u_inertia: float | None,
     rng: np.random.Generator,
-) -> dict[str, Any]:
+) -> FittedRoll:
     """Torque over the gap from the fitted sidewall models, the best estimate first and draws after
     it, with 90 % intervals.
 
@@ -112,44 +155,43 @@ def of_belief(
 
     Without an inertia in the manifest, the torque alone is given: it depends on the batteries and
     cannot be had from the mass. With one, `u_inertia` is its relative standard uncertainty
-    (log-normal); the acceleration's interval has it and the torque's.
+    (log-normal; `INERTIA_SPREAD` if None); the acceleration's interval has it and the torque's.
     """
+    u_inertia = INERTIA_SPREAD if u_inertia is None else u_inertia
     z_hat = np.geomspace(max(nearest_z_hat, 0.01), 2.0, 40)
-    loss = np.stack(
-        [1.0 - np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
+    loss, far = (
+        np.stack([1.0 - np.broadcast_to(np.asarray(f(z), dtype=float), z.shape) for f in ratios])
+        for z in (z_hat, z_hat + spacing_hat)
     )
-    far = np.stack(
-        [
-            1.0 - np.broadcast_to(np.asarray(f(z_hat + spacing_hat), dtype=float), z_hat.shape)
-            for f in ratios
-        ]
-    )
-    near_only = torque_N_m(1.0, mass_kg, gravity_m_s2, arm_m) * 2.0 * loss
     # each pair's share by the same law, scaled so that both together lose what the vehicle does
     both = loss + far
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)
-    shared = torque_N_m(1.0, mass_kg, gravity_m_s2, arm_m) * share
-    content: dict[str, Any] = {
-        "arm_m": arm_m,
-        "z_hat": z_hat.tolist(),
-        "inertia_kg_m2": inertia_kg_m2,
-        "u_inertia": u_inertia,
-    }
+    whole = weight_N / 2 * arm_m
     factor = np.exp(u_inertia * rng.standard_normal(len(loss) - 1))
-    for name, torque in (("near_pair_only", near_only), ("same_law", shared)):
-        low, high = np.percentile(torque[1:], [5, 95], axis=0)
-        content[name] = {
-            "torque_N_m": torque[0].tolist(),
-            "lo90_N_m": low.tolist(),
-            "hi90_N_m": high.tolist(),
-        }
-        if inertia_kg_m2 is not None:
-            scale = acceleration_deg_s2(1.0, inertia_kg_m2)
-            slow, fast = np.percentile(scale * torque[1:, 0] / factor, [5, 95])
-            content[name] |= {
-                "acceleration_deg_s2": scale * torque[0, 0],
-                "lo90_deg_s2": float(slow),
-                "hi90_deg_s2": float(fast),
-            }
-    return content
+    near_pair_only, same_law = (
+        _torque(torque, inertia_kg_m2, factor) for torque in (whole * 2.0 * loss, whole * share)
+    )
+    return FittedRoll(
+        arm_m=arm_m,
+        z_hat=z_hat,
+        inertia_kg_m2=inertia_kg_m2,
+        u_inertia=u_inertia,
+        near_pair_only=near_pair_only,
+        same_law=same_law,
+    )
+
+
+def _torque(torque: FloatArray, inertia_kg_m2: float | None, factor: FloatArray) -> RollTorque:
+    low, high = np.percentile(torque[1:], [5, 95], axis=0)
+    interval = RollTorque(torque_N_m=torque[0], lo90_N_m=low, hi90_N_m=high)
+    if inertia_kg_m2 is None:
+        return interval
+    scale = acceleration_deg_s2(1.0, inertia_kg_m2)
+    slow, fast = np.percentile(scale * torque[1:, 0] / factor, [5, 95])
+    return replace(
+        interval,
+        acceleration_deg_s2=scale * torque[0, 0],
+        lo90_deg_s2=float(slow),
+        hi90_deg_s2=float(fast),
+    )

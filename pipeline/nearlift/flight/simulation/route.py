@@ -1,114 +1,46 @@
 """The cheapest way through a corridor that keeps the risk of a crash below a bound.
 
-The corridor is seen from the side: a floor, a ceiling, boxes; the vehicle flies at a constant speed
-along it on a grid, up and down at 45 degrees and steeper. Each leg costs energy (power to hover
-there over power far away, times time; and climbing) and hazard (crashes per second of a hover at
-that height, from the crash rates). Dijkstra's algorithm minimises energy + price x hazard; the
-price is raised until the way is safe enough.
-
-Risk is counted where it was flown and nowhere else. Above the highest set-point whose flights
-crashed it is a bound that the number of flights sets (half a crash among them), above the highest
-set-point flown that bound is kept, since farther away is no riskier: nothing falls on towards zero
-because a curve would. Each part of a way says which it is. A way is chosen by the upper end of its
-risk's 90 % interval, over the model's draws and the flights, so that few flights make a cautious
-way.
+The vehicle flies at a constant speed along the corridor's grid, up and down at 45 degrees and
+steeper. Each leg costs energy (power to hover there over power far away, times time; and climbing)
+and hazard. Dijkstra's algorithm minimises energy + price x hazard; the price is raised until the
+way is safe enough. Each part of a way says what its risk rests on. A way is chosen by the upper end
+of its risk's 90 % interval, over the model's draws and the flights, so that few flights make a
+cautious way.
 
 What this is not: no trajectory (no acceleration, no tracking error beyond that in the crash rates),
 no forward-flight aerodynamics (a ground's effect fades with speed), no third dimension, no moving
-obstacle, and no way that only a non-convex part of the front offers. A box's sides are kept clear
-of by half the vehicle; what they do to lift is left out.
+obstacle, and no way that only a non-convex part of the front offers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused
+from nearlift.flight.simulation.corridor import (
+    BASES,
+    Corridor,
+    CorridorGrid,
+    Nearness,
+    Pilot,
+    corridor_grid,
+)
+from nearlift.flight.simulation.craft import Craft
+from nearlift.manifest.flight import Route
 from nearlift.results import IntArray
 
-#: Nodes per rotor radius.
-FINENESS = 2
-#: Most nodes: every price of a crash is a search over all of them.
-MOST_NODES = 500_000
-#: A boundary of which no model was fitted is left alone by so many radii.
-BERTH = 4.0
 #: A risk below this is none: no flight shows it.
 NONE = 1e-12
 #: Prices tried for the front, in energies of the whole way flown far from boundaries.
 PRICES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 36)])
 #: Moves: along, up and down; (columns, rows).
 MOVES = ((1, 0), (1, 1), (1, -1), (1, 2), (1, -2), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Corridor:
-    """Length and height in m; boxes as (x_low, x_high, z_low, z_high)."""
-
-    length_m: float
-    height_m: float
-    boxes: Sequence[tuple[float, float, float, float]] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pilot:
-    """The vehicle on its way.
-
-    Attributes
-    ----------
-    radius_m, half_width_m : float
-        Rotor radius, and half the vehicle's width, by which the sides of boxes are kept clear of.
-    speed_m_s : float
-    induced_m_s : float
-        Induced velocity in hover far away; climbing by h costs as much as hovering for h / (2 v_i),
-        descending gives nothing back.
-    """
-
-    radius_m: float
-    half_width_m: float
-    speed_m_s: float
-    induced_m_s: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Nearness:
-    """What being near one boundary means, as functions of z_hat.
-
-    Attributes
-    ----------
-    power : callable
-        Relative power.
-    hazard : callable
-        Crashes per second.
-    low, high : callable
-        Draws of the hazard, (m, n) for n heights: the 5 % point of the one and the 95 % point of
-        the other bound it.
-    lowest_z_hat : float
-        The lowest height flown: no set-point below was flown, nothing below was measured, and the
-        vehicle does not touch.
-    seen_z_hat, flown_z_hat : float
-        Highest set-point at which a flight crashed, and highest flown.
-    """
-
-    power: Callable[[FloatArray], FloatArray]
-    hazard: Callable[[FloatArray], FloatArray]
-    low: Callable[[FloatArray], FloatArray]
-    high: Callable[[FloatArray], FloatArray]
-    lowest_z_hat: float
-    seen_z_hat: float
-    flown_z_hat: float
-
-
-#: What the risk at a point rests on, by how far it reaches beyond what was flown.
-BASES = (
-    "flights that crashed",
-    "flights of which none crashed",
-    "the bound of the farthest set-point flown, kept beyond it",
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,116 +67,8 @@ class Way:
     hi90: float
 
 
-def hazard_of(
-    target_z_hat: FloatArray, rate: FloatArray, duration_s: float
-) -> Callable[[FloatArray], FloatArray]:
-    """Crashes per second as a function of z_hat, from crash rates (t,) or draws of them (m, t) at
-    set-points.
-
-    Log-linear between set-points, constant below the lowest and above the highest.
-
-    Returns
-    -------
-    callable
-        Heights (n,) to hazards (n,), or (m, n) for draws.
-    """
-    safe = np.clip(np.asarray(rate, dtype=float), 1e-300, 1 - 1e-12)
-    log_hazard = np.log(-np.log1p(-safe) / duration_s)
-
-    def hazard(z_hat: FloatArray) -> FloatArray:
-        z = np.asarray(z_hat, dtype=float)
-        i = np.clip(np.searchsorted(target_z_hat, z) - 1, 0, len(target_z_hat) - 2)
-        t = np.clip((z - target_z_hat[i]) / (target_z_hat[i + 1] - target_z_hat[i]), 0.0, 1.0)
-        result: FloatArray = np.exp((1 - t) * log_hazard[..., i] + t * log_hazard[..., i + 1])
-        return result
-
-    return hazard
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Field:
-    """Grid of the corridor: coordinates, relative power, hazard, where one may fly, and the gap to
-    each boundary; arrays (columns, rows).
-    """
-
-    x_m: FloatArray
-    z_m: FloatArray
-    power: FloatArray
-    hazard: FloatArray
-    free: np.ndarray
-    gaps: Mapping[Boundary, FloatArray]
-    near: Mapping[Boundary, Nearness]
-
-    def draws(self, nodes: IntArray, which: str) -> FloatArray:
-        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`: those of the boundaries are
-        independent, and add.
-        """
-        total: FloatArray = np.zeros((1, len(nodes)))
-        for boundary, near in self.near.items():
-            at = np.maximum(self.gaps[boundary].ravel()[nodes], near.lowest_z_hat)
-            own = near.low(at) if which == "low" else near.high(at)
-            m = max(len(total), len(own))
-            total = np.resize(total, (m, len(nodes))) + np.resize(own, (m, len(nodes)))
-        return total
-
-    def basis(self, nodes: IntArray) -> IntArray:
-        """What the risk at nodes rests on: the boundary that carries more of it decides."""
-        basis, most = np.full(len(nodes), 2), np.full(len(nodes), -1.0)
-        for boundary, near in self.near.items():
-            gap = self.gaps[boundary].ravel()[nodes]
-            own = np.where(gap <= near.seen_z_hat, 0, np.where(gap <= near.flown_z_hat, 1, 2))
-            hazard = near.hazard(np.maximum(gap, near.lowest_z_hat))
-            basis, most = np.where(hazard > most, own, basis), np.maximum(hazard, most)
-        return basis
-
-
-def field(corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]) -> Field:
-    """Power and hazard everywhere. The effects of floor and ceiling multiply, and their hazards
-    add.
-
-    Raises
-    ------
-    InputRefused
-        The corridor has more nodes than can be searched; says how long it may be.
-    """
-    step = pilot.radius_m / FINENESS
-    columns, rows = (
-        max(round(size / step), 2) + 1 for size in (corridor.length_m, corridor.height_m)
-    )
-    if columns * rows > MOST_NODES:
-        raise InputRefused(
-            "simulate.route",
-            f"a corridor of {corridor.length_m:g} by {corridor.height_m:g} m has"
-            f" {columns * rows:.2g} nodes of half a rotor radius",
-            f"at this height plan {MOST_NODES / rows * step:.2g} m at a time",
-        )
-    x, z = np.linspace(0, corridor.length_m, columns), np.linspace(0, corridor.height_m, rows)
-    below, above = np.zeros((len(x), len(z))), np.full((len(x), len(z)), corridor.height_m)
-    free = np.ones((len(x), len(z)), dtype=bool)
-    for x_low, x_high, z_low, z_high in corridor.boxes:
-        beside = (x >= x_low - pilot.half_width_m) & (x <= x_high + pilot.half_width_m)
-        over, under = z >= z_high, z <= z_low
-        below[np.ix_(beside, over)] = np.maximum(below[np.ix_(beside, over)], z_high)
-        above[np.ix_(beside, under)] = np.minimum(above[np.ix_(beside, under)], z_low)
-        free[np.ix_(beside, ~over & ~under)] = False
-    gaps: dict[Boundary, FloatArray] = {
-        "ground": (z - below) / pilot.radius_m,
-        "ceiling": (above - z) / pilot.radius_m,
-    }
-    power, hazard = np.ones_like(below), np.zeros_like(below)
-    for boundary, gap in gaps.items():
-        if boundary in near:
-            free &= gap >= near[boundary].lowest_z_hat
-            at = np.maximum(gap, near[boundary].lowest_z_hat)
-            power *= near[boundary].power(at)
-            hazard += near[boundary].hazard(at)
-        else:
-            free &= gap >= BERTH
-    return Field(x_m=x, z_m=z, power=power, hazard=hazard, free=free, gaps=gaps, near=near)
-
-
 def ways(
-    grid: Field,
+    grid: CorridorGrid,
     pilot: Pilot,
     start: tuple[float, float],
     goal: tuple[float, float],
@@ -297,7 +121,7 @@ def ways(
             way.append(int(before[way[-1]]))
         nodes = np.array(way[::-1])
         along, up = np.divmod(nodes, len(grid.z_m))
-        own_energy, own_hazard = (
+        spent, danger = (
             _sum(nodes, rows, columns, energy, n),
             _sum(nodes, rows, columns, hazard, n),
         )
@@ -311,8 +135,8 @@ def ways(
             x_m=grid.x_m[along],
             z_m=grid.z_m[up],
             basis=grid.basis(nodes),
-            energy=own_energy / straight,
-            risk=float(-np.expm1(-own_hazard)),
+            energy=spent / straight,
+            risk=float(-np.expm1(-danger)),
             lo90=lo90 if lo90 > NONE else 0.0,
             hi90=hi90,
         )
@@ -323,7 +147,9 @@ def ways(
     return found
 
 
-def _legs(grid: Field, pilot: Pilot) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _legs(
+    grid: CorridorGrid, pilot: Pilot
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Every move between free nodes: from, to, energy in seconds of hover far away, hazard."""
     nx, nz = grid.free.shape
     index = np.arange(nx * nz).reshape(nx, nz)
@@ -375,3 +201,107 @@ def cheapest(found: Sequence[Way], risk: float, flights: int) -> Way:
     raise InputRefused(
         "simulate.route.risk", f"no way is shown to keep the risk below {risk:g}", told + more
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WayResult:
+    """One way in numbers."""
+
+    price: float
+    energy: float
+    risk: float
+    lo90: float
+    hi90: float
+    chosen: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RouteResult:
+    """The manifest's corridor, the ways through it, and the one chosen.
+
+    `share_by_basis` is how much of the chosen way's risk rests on what (`corridor.BASES`).
+    """
+
+    length_m: float
+    height_m: float
+    boxes_m: tuple[tuple[float, ...], ...]
+    start_m: tuple[float, float]
+    goal_m: tuple[float, float]
+    speed_m_s: float
+    risk_bound: float
+    flights: int
+    boundaries: tuple[Boundary, ...]
+    lowest_z_hat: Mapping[Boundary, float]
+    ways: tuple[WayResult, ...]
+    energy: float
+    risk: float
+    lo90: float
+    hi90: float
+    share_by_basis: Mapping[str, float]
+
+
+def planned_route(
+    asked: Route,
+    craft: Craft,
+    rotor_spacing_m: float,
+    near: Mapping[Boundary, Nearness],
+    flights: int,
+) -> tuple[RouteResult, list[dict[str, Any]]]:
+    """The route's entry in safety.json, and the rows of routes.parquet.
+
+    Raises
+    ------
+    InputRefused
+        Start or goal is in an obstacle, nothing joins them, or no way is shown to be safe enough.
+    """
+    boxes = tuple((*box.x, *box.z) for box in asked.obstacles)
+    disks = craft.rotors * math.pi * craft.radius_m**2
+    pilot = Pilot(
+        radius_m=craft.radius_m,
+        half_width_m=craft.radius_m + rotor_spacing_m / 2,
+        speed_m_s=asked.speed,
+        induced_m_s=math.sqrt(craft.weight_N / (2 * craft.density_kg_m3 * disks)),
+    )
+    corridor = Corridor(length_m=asked.length, height_m=asked.height, boxes=boxes)
+    front = ways(corridor_grid(corridor, pilot, near), pilot, asked.start, asked.goal)
+    best = cheapest(front, asked.risk, flights)
+    numbers = tuple(
+        WayResult(
+            price=w.price,
+            energy=w.energy,
+            risk=w.risk,
+            lo90=w.lo90,
+            hi90=w.hi90,
+            chosen=w is best,
+        )
+        for w in front
+    )
+    rows = [
+        {
+            "way": i,
+            **asdict(number),
+            "risk_from": BASES[basis],
+            "x_m": float(x),
+            "z_m": float(z),
+        }
+        for i, (w, number) in enumerate(zip(front, numbers, strict=True))
+        for x, z, basis in zip(w.x_m, w.z_m, w.basis, strict=True)
+    ]
+    return RouteResult(
+        length_m=asked.length,
+        height_m=asked.height,
+        boxes_m=boxes,
+        start_m=asked.start,
+        goal_m=asked.goal,
+        speed_m_s=asked.speed,
+        risk_bound=asked.risk,
+        flights=flights,
+        boundaries=tuple(near),
+        lowest_z_hat={b: n.lowest_z_hat for b, n in near.items()},
+        ways=numbers,
+        energy=best.energy,
+        risk=best.risk,
+        lo90=best.lo90,
+        hi90=best.hi90,
+        share_by_basis={basis: float(np.mean(best.basis == i)) for i, basis in enumerate(BASES)},
+    ), rows

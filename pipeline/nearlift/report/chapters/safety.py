@@ -8,7 +8,7 @@ from typing import Any
 
 from nearlift.declare import BOUNDARIES
 from nearlift.flight.simulation import presets
-from nearlift.flight.simulation.route import BERTH
+from nearlift.flight.simulation.corridor import BERTH
 from nearlift.products import SAFETY
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, cite

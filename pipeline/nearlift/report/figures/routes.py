@@ -13,8 +13,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from nearlift.flight.simulation.corridor import BASES, BERTH
 from nearlift.flight.simulation.presets import TARGETS
-from nearlift.flight.simulation.route import BASES, BERTH
 from nearlift.products import ROUTES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
 from nearlift.report.figures.style import FITTED, SEQUENTIAL, SERIES, Style

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from nearlift.flight.export.card import Deck
-from nearlift.flight.export.closed import write
+from nearlift.flight.export.closed_form import write
+from nearlift.flight.export.model_export import ModelExport
 
 SCHEMA_NAME = "nearlift.lift_model/1"
 _INTERVAL = {
@@ -95,36 +95,36 @@ SCHEMA: dict[str, Any] = {
 }
 
 
-def document(deck: Deck) -> dict[str, Any]:
+def document(export: ModelExport) -> dict[str, Any]:
     """The JSON's content."""
     return {
         "schema": SCHEMA_NAME,
-        "campaign": deck.campaign,
-        "nearlift": deck.nearlift,
-        "trials_sha256": deck.digest,
-        "date": deck.date,
-        "rotor_radius_m": deck.radius_m,
-        "held": deck.held,
+        "campaign": export.campaign,
+        "nearlift": export.nearlift,
+        "trials_sha256": export.digest,
+        "date": export.date,
+        "rotor_radius_m": export.radius_m,
+        "held": export.held,
         "boundaries": {
-            c.boundary: {
-                "model": c.model,
-                "formula": c.formula,
-                "effects": list(c.effects),
-                "parameters": {n: asdict(p) for n, p in c.parameters.items()},
-                "known": dict(c.known),
-                "valid_z_hat": [c.table.low, c.table.high],
-                "ratio": [{"z_hat": z, **asdict(r)} for z, r in c.at.items()],
+            lift.boundary: {
+                "model": lift.model,
+                "formula": lift.formula,
+                "effects": list(lift.effects),
+                "parameters": {n: asdict(p) for n, p in lift.parameters.items()},
+                "known": dict(lift.known),
+                "valid_z_hat": [lift.table.low, lift.table.high],
+                "ratio": [{"z_hat": z, **asdict(r)} for z, r in lift.at.items()],
                 "table": {
-                    "w_low": c.table.w_low,
-                    "per_w": c.table.per_w,
-                    "value": c.table.value.tolist(),
-                    "slope": c.table.slope.tolist(),
-                    "relative_error": c.table.error,
+                    "w_low": lift.table.w_low,
+                    "per_w": lift.table.per_w,
+                    "value": lift.table.value.tolist(),
+                    "slope": lift.table.slope.tolist(),
+                    "relative_error": lift.table.error,
                 },
                 "closed_form": (
-                    None if c.closed is None else write(c.closed, number="{}", call="{}")
+                    None if lift.closed is None else write(lift.closed, number="{}", call="{}")
                 ),
             }
-            for c in deck.cards
+            for lift in export.lifts
         },
     }

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from nearlift.flight.export.card import Deck
-from nearlift.flight.export.closed import write
+from nearlift.flight.export.closed_form import write
+from nearlift.flight.export.model_export import ModelExport
 
 MODULE = '''"""{about}
 
@@ -75,37 +75,37 @@ def ratio(boundary, z_hat):
 '''
 
 
-def _formulas(deck: Deck) -> str:
+def _formulas(export: ModelExport) -> str:
     return "\n".join(
-        f"    {c.boundary!r}: lambda z: {write(c.closed, number='{}', call='{}')},"
-        for c in deck.cards
-        if c.closed is not None
+        f"    {lift.boundary!r}: lambda z: {write(lift.closed, number='{}', call='{}')},"
+        for lift in export.lifts
+        if lift.closed is not None
     )
 
 
-def _about(deck: Deck) -> str:
+def _about(export: ModelExport) -> str:
     # a docstring: nothing in it may end it
-    return "\n".join(deck.about()).replace("\\", "/").replace('"', "'")
+    return "\n".join(export.about()).replace("\\", "/").replace('"', "'")
 
 
-def module(deck: Deck) -> str:
+def module(export: ModelExport) -> str:
     """Source of the module without dependencies."""
     tables = "\n".join(
-        f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r}, {c.table.w_low!r},"
-        f" {c.table.per_w!r},\n        {tuple(c.table.value.tolist())!r},\n       "
-        f" {tuple(c.table.slope.tolist())!r}),"
-        for c in deck.cards
+        f"    {lift.boundary!r}: ({lift.table.low!r}, {lift.table.high!r}, {lift.table.w_low!r},"
+        f" {lift.table.per_w!r},\n        {tuple(lift.table.value.tolist())!r},\n       "
+        f" {tuple(lift.table.slope.tolist())!r}),"
+        for lift in export.lifts
     )
-    return MODULE.format(about=_about(deck), tables=tables, formulas=_formulas(deck))
+    return MODULE.format(about=_about(export), tables=tables, formulas=_formulas(export))
 
 
-def casadi(deck: Deck) -> str:
+def casadi(export: ModelExport) -> str:
     """Source of the module of expressions; boundaries whose model has no closed form are
     left out.
     """
     ranges = "\n".join(
-        f"    {c.boundary!r}: ({c.table.low!r}, {c.table.high!r}),"
-        for c in deck.cards
-        if c.closed is not None
+        f"    {lift.boundary!r}: ({lift.table.low!r}, {lift.table.high!r}),"
+        for lift in export.lifts
+        if lift.closed is not None
     )
-    return CASADI.format(about=_about(deck), ranges=ranges, formulas=_formulas(deck))
+    return CASADI.format(about=_about(export), ranges=ranges, formulas=_formulas(export))

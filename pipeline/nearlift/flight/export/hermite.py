@@ -8,7 +8,7 @@ smooth; it is made fine enough for float precision.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ STEP = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class HermiteTable:
     """Values and slopes (per piece) at `pieces + 1` nodes from w_low to w_high, valid for low <=
     z_hat <= high.
     """
@@ -53,7 +53,9 @@ class Table:
         return result
 
 
-def tabulate(ratio: Callable[[FloatArray], FloatArray], low: float, high: float) -> Table:
+def hermite_table(
+    ratio: Callable[[FloatArray], FloatArray], low: float, high: float
+) -> HermiteTable:
     """The coarsest table that is as good as a float.
 
     Raises
@@ -82,19 +84,11 @@ def tabulate(ratio: Callable[[FloatArray], FloatArray], low: float, high: float)
         # one-sided at the ends, where the model may have no value beyond
         up, down = np.minimum(w + STEP, w_high), np.maximum(w - STEP, w_low)
         slope = (at(up) - at(down)) / (up - down) * (w_high - w_low) / pieces
-        slope[0] = (
-            (-3 * at(w[:1]) + 4 * at(w[:1] + STEP) - at(w[:1] + 2 * STEP))[0]
-            / (2 * STEP)
-            * (w_high - w_low)
-            / pieces
-        )
-        slope[-1] = (
-            (3 * at(w[-1:]) - 4 * at(w[-1:] - STEP) + at(w[-1:] - 2 * STEP))[0]
-            / (2 * STEP)
-            * (w_high - w_low)
-            / pieces
-        )
-        table = Table(
+        for end, step in ((0, STEP), (-1, -STEP)):
+            first, second, third = at(w[end] + step * np.arange(3.0))
+            rise = (-3 * first + 4 * second - third) / (2 * step)
+            slope[end] = rise * (w_high - w_low) / pieces
+        table = HermiteTable(
             low=low,
             high=high,
             w_low=w_low,
@@ -105,15 +99,7 @@ def tabulate(ratio: Callable[[FloatArray], FloatArray], low: float, high: float)
         )
         error = float(np.max(np.abs(table(1 / probe - 1) / truth - 1)))
         if error <= ERROR:
-            return Table(
-                low=low,
-                high=high,
-                w_low=w_low,
-                per_w=table.per_w,
-                value=table.value,
-                slope=table.slope,
-                error=error,
-            )
+            return replace(table, error=error)
         pieces *= 2
     raise InputRefused(
         "export",

@@ -1,11 +1,8 @@
-"""Crash rates with intervals, the set-point for a given risk, and whether the time step was small
-enough.
-"""
+"""Crash rates with intervals, and the lowest set-point (level) for a given risk."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,7 +159,7 @@ def levels(
     return np.array([level(target_z_hat, r, risk, least) for r in weights @ crashed.T])
 
 
-def held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
+def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
     """Levels that the set-points hold; those at the lowest set-point, which are only upper bounds,
     become nan.
     """
@@ -182,63 +179,25 @@ def spread90(values: FloatArray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Convergence:
-    """What halving the time step changes.
-
-    Attributes
-    ----------
-    converged : bool
-        No crash rate leaves its own binomial interval.
-    worst : float
-        Largest change of a crash rate.
-    worst_target_z_hat : float
-        Set-point where that is.
-    beyond : int
-        Settings whose rate leaves its interval.
-    settings, flights : int
-        How many were compared.
-    step_s, halved_s : float
+class CrashLevel:
+    """The lowest set-point for a risk, with the flights' own 90 % interval; at `lowest_flown` it is
+    only an upper bound.
     """
 
-    converged: bool
-    worst: float
-    worst_target_z_hat: float
-    beyond: int
-    settings: int
-    flights: int
-    step_s: float
-    halved_s: float
+    risk: float
+    value: float
+    lo90: float
+    hi90: float
+    lowest_flown: float
 
-
-def together(parts: Sequence[Convergence]) -> Convergence:
-    """Several comparisons as one: with the step of that which changed most."""
-    worst = max(parts, key=lambda c: c.worst)
-    return replace(
-        worst,
-        converged=all(c.converged for c in parts),
-        beyond=sum(c.beyond for c in parts),
-        settings=sum(c.settings for c in parts),
-    )
-
-
-def convergence(
-    target_z_hat: FloatArray, coarse: NDArray[np.bool_], fine: NDArray[np.bool_], step_s: float
-) -> Convergence:
-    """Compare the same flights (settings, flights) at a step and at half of it."""
-    flights = coarse.shape[1]
-    before, after = coarse.sum(axis=1), fine.sum(axis=1)
-    low, high = binomial90(before, flights)
-    rate = after / flights
-    outside = (rate < low) | (rate > high)
-    change = np.abs(after - before) / flights
-    worst = int(change.argmax())
-    return Convergence(
-        converged=not bool(outside.any()),
-        worst=float(change[worst]),
-        worst_target_z_hat=float(target_z_hat[worst]),
-        beyond=int(outside.sum()),
-        settings=len(before),
-        flights=flights,
-        step_s=step_s,
-        halved_s=step_s / 2,
-    )
+    @classmethod
+    def resampled(cls, target_z_hat: FloatArray, values: FloatArray, risk: float) -> CrashLevel:
+        """From the levels under resampling, the first as flown."""
+        lo90, hi90 = spread90(values)
+        return cls(
+            risk=risk,
+            value=float(values[0]),
+            lo90=lo90,
+            hi90=hi90,
+            lowest_flown=float(target_z_hat[0]),
+        )

@@ -4,8 +4,8 @@ closed form wants math.h.
 
 from __future__ import annotations
 
-from nearlift.flight.export.card import Card, Deck
-from nearlift.flight.export.closed import write
+from nearlift.flight.export.closed_form import write
+from nearlift.flight.export.model_export import ExportedLift, ModelExport
 
 HEAD = """#ifndef {guard}
 #define {guard}
@@ -82,20 +82,20 @@ def number(value: float) -> str:
     return (text if "." in text or "e" in text or "n" in text else text + ".0") + "f"
 
 
-def header(deck: Deck) -> str:
+def header(export: ModelExport) -> str:
     """The whole header."""
-    guard = "NEARLIFT_" + "".join(c.upper() if c.isalnum() else "_" for c in deck.campaign) + "_H"
+    guard = "NEARLIFT_" + "".join(c.upper() if c.isalnum() else "_" for c in export.campaign) + "_H"
     comment = (
         "/*\n"
-        + "".join(f" * {line}".rstrip() + "\n" for line in (*deck.about(), *USE)).replace(
+        + "".join(f" * {line}".rstrip() + "\n" for line in (*export.about(), *USE)).replace(
             "*/", "* /"
         )
         + " */\n"
     )
     parts = [comment, HEAD.format(guard=guard)]
-    if any(card.closed is not None for card in deck.cards):
+    if any(lift.closed is not None for lift in export.lifts):
         parts.append("\n#ifdef NEARLIFT_CLOSED_FORM\n#include <math.h>\n#endif\n")
-    return "".join([*parts, *(_card(card) for card in deck.cards), "\n#endif\n"])
+    return "".join([*parts, *(_functions(lift) for lift in export.lifts), "\n#endif\n"])
 
 
 USE = (
@@ -108,13 +108,13 @@ USE = (
 )
 
 
-def _card(card: Card) -> str:
-    t = card.table
+def _functions(lift: ExportedLift) -> str:
+    t = lift.table
     rows = ",\n".join(
         f"        {{{number(v)}, {number(s)}}}"
         for v, s in zip(t.value.tolist(), t.slope.tolist(), strict=True)
     )
-    names = {"name": card.boundary, "upper": card.boundary.upper()}
+    names = {"name": lift.boundary, "upper": lift.boundary.upper()}
     text = TABLE.format(
         **names,
         low=number(t.low),
@@ -125,6 +125,6 @@ def _card(card: Card) -> str:
         w_low=number(t.w_low),
         per_w=number(t.per_w),
     )
-    if card.closed is None:
+    if lift.closed is None:
         return text
-    return text + CLOSED.format(**names, expression=write(card.closed, number="{}f", call="{}f"))
+    return text + CLOSED.format(**names, expression=write(lift.closed, number="{}f", call="{}f"))

@@ -1,0 +1,175 @@
+"""What an exported model says of itself, whatever the language."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.flight.export.closed_form import closed_form, evaluate, fold
+from nearlift.flight.export.hermite import HermiteTable, hermite_table
+from nearlift.flight.fitted_lift import FittedLift
+
+#: Number of heights at which the ratio's interval is told.
+TOLD = 5
+#: A closed form that strays further than this from the declaration, relatively, is a defect and is
+#: not exported.
+AGREE = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportedNumber:
+    """A number and its 90 % interval."""
+
+    value: float
+    lo90: float
+    hi90: float
+    unit: str = "1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportedLift:
+    """One boundary's model.
+
+    Attributes
+    ----------
+    boundary, model, title : str
+    formula : str
+        LaTeX of the base model.
+    effects : tuple of str
+        Effects that are in it.
+    parameters : mapping of str to ExportedNumber
+    known : mapping of str to float
+        Geometry that the model needs.
+    at : mapping of float to ExportedNumber
+        L / L_inf with its interval at some heights.
+    table : HermiteTable
+    closed : ast.expr or None
+        Expression in `z` with numbers put in; None where the model has no closed form.
+    closed_error : float
+        Its largest relative error against the model, in double precision.
+    """
+
+    boundary: str
+    model: str
+    title: str
+    formula: str
+    effects: tuple[str, ...]
+    parameters: Mapping[str, ExportedNumber]
+    known: Mapping[str, float]
+    at: Mapping[float, ExportedNumber]
+    table: HermiteTable
+    closed: ast.expr | None
+    closed_error: float
+
+
+def exported(lift: FittedLift) -> ExportedLift:
+    """What is exported of one boundary, between its stations and within the model's validity.
+
+    Raises
+    ------
+    InputRefused
+        The closed form strays from the declaration, or no table is fine enough.
+    """
+    low = max(lift.measured_z_hat[0], lift.model.valid_z_hat[0])
+    high = min(lift.measured_z_hat[1], lift.model.valid_z_hat[1])
+    known = {n: float(v) for n, v in lift.arguments.items() if np.ndim(v) == 0}
+    closed = closed_form(lift.model, lift.effects)
+    error = 0.0
+    if closed is not None:
+        closed = fold(closed, {**known, **lift.best})
+        z_hat = np.linspace(low, high, 2001)
+        error = float(np.max(np.abs(evaluate(closed, z_hat) / lift.ratio()(z_hat) - 1)))
+        if error > AGREE:
+            raise InputRefused(
+                f"export {lift.boundary}",
+                f"the closed form strays {error:.1g} from the model",
+                "this is a defect of nearlift",
+            )
+    return ExportedLift(
+        boundary=lift.boundary,
+        model=lift.model.name,
+        title=lift.model.title,
+        formula=lift.model.formula,
+        effects=lift.effects,
+        parameters={
+            n: ExportedNumber(
+                value=x.value, lo90=x.lo90, hi90=x.hi90, unit=lift.model.parameter(n).unit
+            )
+            for n, x in lift.intervals.items()
+        },
+        known={n: v for n, v in known.items() if not n.startswith("supply")},
+        at={z: _ratio(lift, z) for z in np.geomspace(low, high, TOLD).tolist()} if low > 0 else {},
+        table=hermite_table(lift.ratio(), low, high),
+        closed=closed,
+        closed_error=error,
+    )
+
+
+def _ratio(lift: FittedLift, z_hat: float) -> ExportedNumber:
+    best, *draws = (float(ratio(np.array([z_hat]))[0]) for ratio in lift.ratios)
+    lo90, hi90 = np.percentile(draws, [5, 95])
+    return ExportedNumber(value=best, lo90=float(lo90), hi90=float(hi90))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelExport:
+    """All boundaries of one campaign, and where they come from."""
+
+    campaign: str
+    nearlift: str
+    digest: str
+    date: str
+    source: str
+    radius_m: float
+    held: str
+    lifts: tuple[ExportedLift, ...]
+
+    def about(self) -> list[str]:
+        """The comment at the head of a file, line by line."""
+        lines = [
+            (
+                f"Lift near boundaries, campaign {self.campaign}: L / L_inf as a function of z_hat"
+                f" = z / r, r = {1e3 * self.radius_m:g} mm,"
+            ),
+            (
+                "z from the rotor plane to ground or ceiling, from the nearest blade tip to a"
+                f" sidewall. Written by nearlift {self.nearlift}; do not edit."
+            ),
+            f"Data: SHA-256 of trials.parquet {self.digest}",
+            (
+                f"Date of the newest raw file: {self.date}. Held in each trial: {self.held}."
+                f" Uncertainty from {self.source}."
+            ),
+            (
+                "Outside its validity a ratio is that of the nearest end, and flagged: -1 nearer"
+                " than measured (or not a number), +1 farther."
+            ),
+        ]
+        for lift in self.lifts:
+            effects = f" with {', '.join(lift.effects)}" if lift.effects else ""
+            lines += [
+                "",
+                (
+                    f"{lift.boundary}: {lift.title}{effects}; valid for {lift.table.low:.6g} <="
+                    f" z_hat <= {lift.table.high:.6g}"
+                ),
+            ]
+            lines += [
+                f"  {name} = {p.value:.6g} {p.unit if p.unit != '1' else ''} (90 %: {p.lo90:.6g} to"
+                f" {p.hi90:.6g})"
+                for name, p in lift.parameters.items()
+            ]
+            lines += [
+                f"  at z_hat = {z:.4g}: {r.value:.5f} (90 %: {r.lo90:.5f} to {r.hi90:.5f})"
+                for z, r in lift.at.items()
+            ]
+            if lift.closed is None:
+                lines.append("  table only: this model has no closed form on record")
+        return [
+            " ".join(line.split()) if not line.startswith("  ") else "  " + " ".join(line.split())
+            for line in lines
+        ]

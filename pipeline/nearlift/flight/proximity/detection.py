@@ -1,0 +1,147 @@
+"""How far away each boundary shows in lift, and where it is: the content of proximity.json and
+detection.parquet.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import Boundary
+from nearlift.errors import InputRefused
+from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.proximity import inverse
+from nearlift.flight.proximity.reach import Sensor, needed, reaches
+from nearlift.flight.proximity.reading import (
+    HeightReading,
+    RefusedReading,
+    refuse_folds,
+    supply_sensitivity,
+)
+from nearlift.flight.record import OPTIONAL
+from nearlift.manifest.flight import Detect
+
+#: Distances at which the inversion is tried, and the time averaged then, s.
+TRIED = 25
+INVERTED_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightTrial:
+    """What a reading without error at `z_hat` would say of the height."""
+
+    z_hat: float
+    ratio: float
+    median: float
+    lo90: float
+    hi90: float
+    beyond: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundaryProximity:
+    """One boundary: its model and sensor, and heights told from lift, or why none are."""
+
+    model: str
+    title: str
+    draws_from: str
+    effects: tuple[str, ...]
+    measured_z_hat: tuple[float, float]
+    largest_change: float
+    short_per_sqrt_Hz: float
+    floor: float
+    lift_per_voltage: float
+    located: tuple[HeightTrial, ...] | None = field(default=None, metadata=OPTIONAL)
+    refused: str | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProximityResult:
+    """What proximity.json holds; `averaging_s` is the time averaged where heights are told."""
+
+    schema: str
+    false_alarm_rate: float
+    miss_rate: float
+    averaging_s: float
+    boundaries: Mapping[Boundary, BoundaryProximity]
+    readings: tuple[HeightReading | RefusedReading, ...]
+
+
+def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> BoundaryProximity:
+    """Heights told from lift at several distances, unless the model folds."""
+    sensitivity = supply_sensitivity(lift)
+    sigma = device.sigma(INVERTED_S, chosen.payload[0], sensitivity * chosen.supply[0])
+    located, refused = None, None
+    try:
+        refuse_folds(lift)
+        located = _located(lift, sigma)
+    except InputRefused as refusal:
+        refused = f"{refusal.what}; {refusal.remedy}"
+    return BoundaryProximity(
+        model=lift.model.name,
+        title=lift.title,
+        draws_from=lift.source,
+        effects=lift.effects,
+        measured_z_hat=lift.measured_z_hat,
+        largest_change=float(lift.ratio()(np.array(lift.measured_z_hat[:1]))[0] - 1.0),
+        short_per_sqrt_Hz=device.short_per_sqrt_Hz,
+        floor=device.floor,
+        lift_per_voltage=sensitivity,
+        located=located,
+        refused=refused,
+    )
+
+
+def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:
+    low, high = lift.measured_z_hat
+    best, *draws = lift.ratios
+    trials = []
+    for z_hat in np.geomspace(low, high, TRIED):
+        ratio = float(best(np.array([z_hat]))[0])
+        height = inverse.locate(ratio, sigma, draws, low, high)
+        trials.append(
+            HeightTrial(
+                z_hat=float(z_hat),
+                ratio=ratio,
+                median=height.median,
+                lo90=height.lo90,
+                hi90=height.hi90,
+                beyond=height.beyond,
+            )
+        )
+    return tuple(trials)
+
+
+def range_rows(
+    lift: FittedLift, device: Sensor, chosen: Detect, radius_m: float
+) -> list[dict[str, Any]]:
+    """Rows of detection.parquet: ranges over averaging times, payloads and supplies."""
+    rows = []
+    for voltage, payload, averaging_s in itertools.product(
+        chosen.supply, chosen.payload, chosen.averaging
+    ):
+        supply = supply_sensitivity(lift) * voltage
+        sigma = device.sigma(averaging_s, payload, supply)
+        change = needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
+        best, lo90, hi90 = reaches(lift.ratios, change, *lift.measured_z_hat)
+        rows.append(
+            {
+                "boundary": lift.boundary,
+                "model": lift.model.name,
+                "averaging_s": averaging_s,
+                "payload": payload,
+                "voltage": voltage,
+                "supply": supply,
+                "sigma": sigma,
+                "needed": change,
+                "range_z_hat": best,
+                "lo90": lo90,
+                "hi90": hi90,
+                "range_m": best * radius_m,
+            }
+        )
+    return rows

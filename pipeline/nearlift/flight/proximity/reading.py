@@ -1,0 +1,139 @@
+"""One measurement read as a distance: a lift ratio, or the throttle at which the vehicle hovers,
+against the fitted lift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import Boundary
+from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.proximity import inverse
+from nearlift.manifest.flight import Detect, Reading
+
+#: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.
+SAG_EXPONENT = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightInterval:
+    """Median and 90 % interval of a height."""
+
+    median: float
+    lo90: float
+    hi90: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightReading:
+    """A reading and what it says; `beyond` is the probability of no boundary within
+    `within_z_hat`.
+    """
+
+    boundary: Boundary
+    model: str
+    throttle: float | None
+    ratio: float
+    u: float
+    z_hat: HeightInterval
+    z_m: HeightInterval
+    beyond: float
+    within_z_hat: tuple[float, float]
+
+    @property
+    def text(self) -> str:
+        """The answer for the terminal."""
+        low, high = self.within_z_hat
+        z, m = self.z_hat, self.z_m
+        share = "below 0.01" if self.beyond < inverse.NONE else f"{100 * self.beyond:.2g}"
+        hover = "" if self.throttle is None else f" (hover at {100 * self.throttle:.4g} % throttle)"
+        return (
+            f"{self.boundary}, {self.model}: L/L_inf = {self.ratio:.4g} +- {self.u:.2g}{hover}\n"
+            f"z_hat = {z.median:.3g} (90 %: {z.lo90:.3g} to {z.hi90:.3g}), {1e3 * m.median:.3g} mm"
+            f" ({1e3 * m.lo90:.3g} to {1e3 * m.hi90:.3g}), if there is a boundary\n"
+            f"none between z_hat {low:.3g} and {high:.3g}: {share} % (50 % before the reading)"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RefusedReading:
+    """A reading that says nothing, and why."""
+
+    boundary: Boundary
+    refused: str
+
+
+def supply_sensitivity(lift: FittedLift) -> float:
+    """Relative change of lift per relative change of supply voltage."""
+    return abs(lift.best.get("sag_exponent", SAG_EXPONENT))
+
+
+def refuse_folds(lift: FittedLift) -> None:
+    """Refuse a model of which the best estimate or any draw has one ratio at two heights."""
+    low, high = lift.measured_z_hat
+    for ratio in lift.ratios:
+        inverse.refuse_folds(ratio, low, high, f"{lift.boundary} {lift.model.name}")
+
+
+def read_height(
+    reading: Reading,
+    lift: FittedLift,
+    lift_inf_N: Mapping[float, tuple[float, float]],
+    chosen: Detect,
+    radius_m: float,
+    weight_N: float,
+) -> HeightReading:
+    """The posterior of z_hat from one reading.
+
+    `lift_inf_N` has lift far away and its standard uncertainty by throttle, `weight_N` is that of
+    the vehicle with the reading's payload.
+
+    Raises
+    ------
+    InputRefused
+        The model folds, the throttle is outside those measured, or the reading is far from
+        everything that the model can give.
+    """
+    refuse_folds(lift)
+    exponent = supply_sensitivity(lift)
+    if reading.ratio is not None:
+        # a ratio's `u` is all of it unless weight or supply are given too; hover always has both
+        further = np.hypot(reading.weight or 0.0, exponent * (reading.supply or 0.0))
+        ratio, u = reading.ratio, float(np.hypot(reading.u, reading.ratio * further))
+    else:
+        assert reading.throttle is not None
+        supply = exponent * (chosen.supply[0] if reading.supply is None else reading.supply)
+        levels = sorted(lift_inf_N)
+        far, u_far = (
+            np.array(column) for column in zip(*(lift_inf_N[t] for t in levels), strict=True)
+        )
+        relative = float(np.interp(reading.throttle, levels, u_far / far))
+        ratio, u = inverse.ratio_of_hover(
+            reading.throttle,
+            weight_N,
+            chosen.payload[0] if reading.weight is None else reading.weight,
+            levels,
+            far.tolist(),
+            float(np.hypot(relative, supply)),
+            reading.u,
+        )
+    height = inverse.locate(ratio, u, lift.ratios[1:], *lift.measured_z_hat)
+    ends = height.median, height.lo90, height.hi90
+    z_hat, z_m = (
+        HeightInterval(median=factor * ends[0], lo90=factor * ends[1], hi90=factor * ends[2])
+        for factor in (1.0, radius_m)
+    )
+    return HeightReading(
+        boundary=reading.boundary,
+        model=lift.model.name,
+        throttle=reading.throttle,
+        ratio=ratio,
+        u=u,
+        z_hat=z_hat,
+        z_m=z_m,
+        beyond=height.beyond,
+        within_z_hat=lift.measured_z_hat,
+    )

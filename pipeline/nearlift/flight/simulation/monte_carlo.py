@@ -1,0 +1,228 @@
+"""Monte Carlo flights: crash rates over set-points for several lift curves at once, with the test
+of the time step that every run makes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary, FloatArray
+from nearlift.flight.simulation import energy
+from nearlift.flight.simulation.crash_rate import binomial90
+from nearlift.flight.simulation.curve import Curves
+from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, Scheme, Spread, fly
+from nearlift.flight.simulation.groups import Groups
+from nearlift.results import IntArray
+
+#: Share of the flights, and least number of them, that are flown again with half the step.
+CHECKED, LEAST_CHECKED = 0.25, 50
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepTest:
+    """What halving the time step changes.
+
+    Attributes
+    ----------
+    converged : bool
+        No crash rate leaves its own binomial interval.
+    worst : float
+        Largest change of a crash rate.
+    worst_target_z_hat : float
+        Set-point where that is.
+    beyond : int
+        Settings whose rate leaves its interval.
+    settings, flights : int
+        How many were compared.
+    step_s, halved_s : float
+    """
+
+    converged: bool
+    worst: float
+    worst_target_z_hat: float
+    beyond: int
+    settings: int
+    flights: int
+    step_s: float
+    halved_s: float
+
+    @property
+    def warning(self) -> str:
+        """What to say of a step that is too long."""
+        return (
+            f"a step of {self.step_s:g} s is too long: halving it changes the crash rate by"
+            f" {self.worst:.2f} at z_hat {self.worst_target_z_hat:g} ({self.beyond} of"
+            f" {self.settings} settings leave their interval)"
+        )
+
+
+def combined(parts: Sequence[StepTest]) -> StepTest:
+    """Several tests as one: with the step of that which changed most."""
+    return replace(
+        max(parts, key=lambda c: c.worst),
+        converged=all(c.converged for c in parts),
+        beyond=sum(c.beyond for c in parts),
+        settings=sum(c.settings for c in parts),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MonteCarlo:
+    """How many flights a setting has, with which gusts, scheme and step.
+
+    `key` addresses the gusts, `spread` is an executor's map, over which blocks of flights go.
+    """
+
+    scheme: Scheme
+    step_s: float
+    steps_per_hold: int
+    flights: int
+    key: int
+    spread: Spread = map
+
+    def finer(self, parts: int) -> MonteCarlo:
+        """The same flights with the step divided into `parts`."""
+        return replace(self, step_s=self.step_s / parts, steps_per_hold=parts * self.steps_per_hold)
+
+    def at_most(self, flights: int) -> MonteCarlo:
+        """The first so many of the same flights."""
+        return replace(self, flights=min(flights, self.flights))
+
+    def crashed(
+        self, boundary: Boundary, settings: Sequence[FlightSetting], curves: Curves
+    ) -> NDArray[np.bool_]:
+        """Which flights crash: (settings, flights)."""
+        plan = FlightPlan(
+            boundary=boundary,
+            settings=settings,
+            curves=curves,
+            scheme=self.scheme,
+            steps_per_hold=self.steps_per_hold,
+        )
+        return fly(plan, self.flights, self.key, self.spread) >= 0
+
+    def step_test(
+        self,
+        boundary: Boundary,
+        settings: Sequence[FlightSetting],
+        curves: Curves,
+        crashed: NDArray[np.bool_],
+        again: Sequence[int],
+    ) -> StepTest:
+        """A share of the flights of the settings `again` with half the step, beside how they
+        `crashed` (settings, flights).
+        """
+        few = self.at_most(max(round(CHECKED * self.flights), LEAST_CHECKED))
+        chosen = [settings[i] for i in again]
+        coarse = crashed[list(again)][:, : few.flights].sum(axis=1)
+        fine = few.finer(2).crashed(boundary, chosen, curves).sum(axis=1)
+        low, high = binomial90(coarse, few.flights)
+        rate = fine / few.flights
+        outside = (rate < low) | (rate > high)
+        change = np.abs(fine - coarse) / few.flights
+        worst = int(change.argmax())
+        return StepTest(
+            converged=not bool(outside.any()),
+            worst=float(change[worst]),
+            worst_target_z_hat=float(chosen[worst].target_z_hat),
+            beyond=int(outside.sum()),
+            settings=len(chosen),
+            flights=few.flights,
+            step_s=self.step_s,
+            halved_s=self.step_s / 2,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """What was flown.
+
+    Attributes
+    ----------
+    target_z_hat : array (t,)
+    crashed : bool array (curves, t, flights)
+    ratio : array (curves, t)
+        L / L_inf at the set-points.
+    step_test : StepTest
+    """
+
+    target_z_hat: FloatArray
+    crashed: NDArray[np.bool_]
+    ratio: FloatArray
+    step_test: StepTest
+
+    @property
+    def flights(self) -> int:
+        """Flights per setting."""
+        return int(self.crashed.shape[2])
+
+    @property
+    def crashes(self) -> IntArray:
+        """Number of crashes (curves, t)."""
+        crashes: IntArray = self.crashed.sum(axis=2)
+        return crashes
+
+    def rows(
+        self, curve: int, held: energy.Held, labels: Mapping[str, Any]
+    ) -> Iterator[dict[str, Any]]:
+        """Rows of crash_rates.parquet of one curve; `labels` are the columns that say which."""
+        low, high = binomial90(self.crashes[curve], self.flights)
+        ratio = self.ratio[curve]
+        cost = energy.cost(ratio, held)
+        for j, z in enumerate(self.target_z_hat):
+            crashes = int(self.crashes[curve, j])
+            yield {
+                **labels,
+                "target_z_hat": float(z),
+                "flights": self.flights,
+                "crashes": crashes,
+                "rate": crashes / self.flights,
+                "lo90": float(low[j]),
+                "hi90": float(high[j]),
+                "ratio": float(ratio[j]),
+                "cost_paper": float(energy.paper_cost(ratio[j])),
+                "cost": float(cost[1][j]),
+                "cost_lo": float(cost[0][j]),
+                "cost_hi": float(cost[2][j]),
+            }
+
+
+def sweep(
+    boundary: Boundary,
+    curves: Curves,
+    target_z_hat: FloatArray,
+    groups: Groups,
+    how: MonteCarlo,
+    *,
+    droops: Sequence[float] = (),
+    checked: Sequence[int] | None = None,
+) -> Sweep:
+    """Fly every curve at every set-point, and some of it again with half the step.
+
+    `droops` gives each curve's loss of lift over the flight (none by default), `checked` the curves
+    whose step is tested (all).
+    """
+    n, t = len(curves.values), len(target_z_hat)
+    settings = [
+        FlightSetting(
+            target_z_hat=float(z),
+            groups=groups,
+            curve=c,
+            droop=float(droops[c]) if len(droops) else 0.0,
+        )
+        for c in range(n)
+        for z in target_z_hat
+    ]
+    crashed = how.crashed(boundary, settings, curves)
+    again = [c * t + i for c in (range(n) if checked is None else checked) for i in range(t)]
+    return Sweep(
+        target_z_hat=np.asarray(target_z_hat, dtype=float),
+        crashed=crashed.reshape(n, t, how.flights),
+        ratio=curves.at(np.asarray(target_z_hat, dtype=float)),
+        step_test=how.step_test(boundary, settings, curves, crashed, again),
+    )

@@ -1,0 +1,40 @@
+"""What safety.json holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from nearlift.declare import Boundary
+from nearlift.flight.record import encode
+from nearlift.flight.simulation.claims import JudgedClaim
+from nearlift.flight.simulation.fitted import FittedFlights
+from nearlift.flight.simulation.published import PublishedFlights
+from nearlift.flight.simulation.roll import RollResult
+from nearlift.flight.simulation.route import RouteResult
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PresetFlights:
+    """The paper's models under one preset."""
+
+    meaning: str
+    boundaries: Mapping[Boundary, PublishedFlights]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafetyResult:
+    """Flights near the boundaries, and what they say."""
+
+    schema: str
+    presets: Mapping[str, PresetFlights]
+    fitted: Mapping[Boundary, FittedFlights]
+    route: RouteResult | None
+    claims: tuple[JudgedClaim, ...]
+    roll: RollResult
+
+    def record(self) -> dict[str, Any]:
+        """As JSON has it."""
+        record: dict[str, Any] = encode(self)
+        return record
