@@ -13,6 +13,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from nearlift.errors import InputRefused
 from nearlift.flight.export import closed_form as closed
 from nearlift.flight.export import json_document
 from nearlift.flight.export.hermite import hermite_table
+from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.stages import export as controller
 from nearlift.stages.quoted_lift import fitted_lift
@@ -99,14 +101,18 @@ STRICT = (
 )
 
 
-@pytest.fixture(scope="module")
-def library(job, tmp_path_factory):
+@pytest.fixture(
+    scope="module", params=[(), ("-ffast-math", "-Wno-div-by-zero")], ids=["strict", "fast-math"]
+)
+def library(request, job, tmp_path_factory):
+    """With -ffast-math too, under which no comparison sees a NaN."""
     folder = tmp_path_factory.mktemp("c")
     shutil.copy(controller.write_c(job), folder)
     (folder / "calls.c").write_text(SOURCE)
     command = [
         GCC,
         *STRICT,
+        *request.param,
         "-DNEARLIFT_CLOSED_FORM",
         "-shared",
         "-fPIC",
@@ -138,21 +144,39 @@ def test_the_compiled_header_is_the_model_to_float_precision(library, beliefs, s
 def test_outside_its_validity_c_clamps_and_flags(library, beliefs, form):
     call = getattr(library, f"call_ceiling{form}")
     call.restype, call.argtypes = Found, (ctypes.c_float,)
+    far = beliefs["ceiling"].measured_z_hat[1]
     low, high = (
-        float(beliefs["ceiling"].ratio()(np.array([z]))[0])
-        for z in beliefs["ceiling"].measured_z_hat
+        float(r) for r in beliefs["ceiling"].ratio()(np.array(beliefs["ceiling"].measured_z_hat))
     )
     for z, flag, ratio in (
         (0.0, -1, low),
         (-3.0, -1, low),
-        (math.nan, -1, low),
+        (math.nan, 2, 1.0),
         (-math.inf, -1, low),
-        (1e6, 1, high),
-        (math.inf, 1, high),
+        (2 * far, 1, 1 + (high - 1) / 4),
+        (math.inf, 1, 1.0),
     ):
         found = call(z)
         assert found.flag == flag
         assert found.ratio == pytest.approx(ratio, rel=FLOAT)
+
+
+@needs_compiler
+def test_headers_of_two_campaigns_stand_in_one_file(job, tmp_path):
+    text = Path(controller.write_c(job)).read_text()
+    name = re.search(r"nearlift_ratio nearlift_(\w+)_ground\(", text)[1]
+    other = text.replace(f"nearlift_{name}", "nearlift_other").replace(
+        f"NEARLIFT_{name.upper()}", "NEARLIFT_OTHER"
+    )
+    (tmp_path / "one.h").write_text(text)
+    (tmp_path / "other.h").write_text(other)
+    calls = f"float f(float z) {{ return nearlift_{name}_ground(z).ratio + nearlift_other_ceiling(z).ratio; }}"
+    (tmp_path / "both.c").write_text(f'#include "one.h"\n#include "other.h"\n{calls}\n')
+    build = [GCC, *STRICT, "-c", "both.c"]
+    subprocess.run([*build, "-DNEARLIFT_LONG_NAMES"], cwd=tmp_path, check=True, capture_output=True)
+    refused = subprocess.run(build, cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert refused.returncode
+    assert "two lift models: define NEARLIFT_LONG_NAMES" in refused.stderr
 
 
 @needs_compiler
@@ -186,6 +210,23 @@ def test_the_header_says_where_it_comes_from(job):
     assert re.search(r"at z_hat = \S+: \S+ \(90 %: \S+ to \S+\)", text)
 
 
+def test_an_effect_in_time_is_not_said_to_be_in_the_function(beliefs):
+    sagging = exported(replace(beliefs["ground"], effects=("supply_sag",)))
+    made = ModelExport(
+        campaign="c",
+        nearlift="0",
+        digest="0",
+        date="unknown",
+        source="results.json",
+        radius_m=0.023,
+        held="throttle",
+        lifts=(sagging,),
+    )
+    about = "\n".join(made.about())
+    assert "with supply_sag" not in about
+    assert "supply_sag acts in time and not on this ratio" in about
+
+
 def test_twice_gives_the_same_bytes(job):
     writers = (
         controller.write_c,
@@ -216,7 +257,9 @@ def test_the_python_module_is_the_model(job, beliefs, side):
     assert [module.closed(side, z)[0] for z in z_hat] == pytest.approx(truth, rel=1e-12)
     assert module.ratio(side, z_hat[9])[1] == 0
     low, high = (float(v) for v in beliefs[side].ratio()(np.array(beliefs[side].measured_z_hat)))
-    for z, flag, ratio in ((-1.0, -1, low), (math.nan, -1, low), (1e9, 1, high)):
+    far = beliefs[side].measured_z_hat[1]
+    beyond = (2 * far, 1, 1 + (high - 1) / 4)
+    for z, flag, ratio in ((-1.0, -1, low), (math.nan, 2, 1.0), beyond, (math.inf, 1, 1.0)):
         for form in (module.ratio, module.closed):
             assert form(side, z) == (pytest.approx(ratio, rel=2e-7), flag)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.flight.export.closed_form import closed_form, evaluate, fold
+from nearlift.flight.export.closed_form import EFFECTS, closed_form, evaluate, fold
 from nearlift.flight.export.hermite import HermiteTable, hermite_table
 from nearlift.flight.fitted_lift import FittedLift
 
@@ -145,12 +145,14 @@ class ModelExport:
                 f" Uncertainty from {self.source}."
             ),
             (
-                "Outside its validity a ratio is that of the nearest end, and flagged: -1 nearer"
-                " than measured (or not a number), +1 farther."
+                "Nearer than measured, a ratio is that of the nearest station (flag -1); farther,"
+                " what the boundary adds falls as the square of distance (+1); of what is no"
+                " number it is 1 (2)."
             ),
         ]
         for lift in self.lifts:
-            effects = f" with {', '.join(lift.effects)}" if lift.effects else ""
+            within = [e for e in lift.effects if EFFECTS.get(e) != "r"]
+            effects = f" with {', '.join(within)}" if within else ""
             lines += [
                 "",
                 (
@@ -166,6 +168,11 @@ class ModelExport:
             lines += [
                 f"  at z_hat = {z:.4g}: {r.value:.5f} (90 %: {r.lo90:.5f} to {r.hi90:.5f})"
                 for z, r in lift.at.items()
+            ]
+            lines += [
+                f"  {effect} acts in time and not on this ratio, which holds at its reference"
+                for effect in lift.effects
+                if effect not in within
             ]
             if lift.closed is None:
                 lines.append("  table only: this model has no closed form on record")

@@ -23,13 +23,18 @@ FORMULAS = {{
 
 
 def _clamp(z_hat, low, high):
-    if not z_hat >= low:
-        return low, -1
-    return (high, 1) if z_hat > high else (z_hat, 0)
+    if z_hat != z_hat:
+        return high, 2
+    return (high, 1) if z_hat > high else (low, -1) if z_hat < low else (z_hat, 0)
+
+
+def _beyond(ratio, z_hat, high, flag):
+    # farther than measured, what the boundary adds falls as the square of distance
+    return 1.0 if flag == 2 else 1 + (ratio - 1) * (high / z_hat) ** 2 if flag == 1 else ratio
 
 
 def ratio(boundary, z_hat):
-    """L / L_inf, and 0 where that is measured, -1 nearer, +1 farther."""
+    """L / L_inf, and 0 where that is measured, -1 nearer, +1 farther, 2 for what is no number."""
     low, high, first, per_w, value, slope = TABLES[boundary]
     z, flag = _clamp(z_hat, low, high)
     x = max((1 / (1 + z) - first) * per_w, 0.0)
@@ -37,19 +42,21 @@ def ratio(boundary, z_hat):
     t = min(x - i, 1.0)
     a, p, q = value[i], slope[i], slope[i + 1]
     d = value[i + 1] - a
-    return a + t * (p + t * ((3 * d - 2 * p - q) + t * (p + q - 2 * d))), flag
+    found = a + t * (p + t * ((3 * d - 2 * p - q) + t * (p + q - 2 * d)))
+    return _beyond(found, z_hat, high, flag), flag
 
 
 def closed(boundary, z_hat):
     """The same by the formula."""
     low, high = TABLES[boundary][:2]
     z, flag = _clamp(z_hat, low, high)
-    return FORMULAS[boundary](z), flag
+    return _beyond(FORMULAS[boundary](z), z_hat, high, flag), flag
 '''
 CASADI = '''"""{about}
 
-ratio(boundary, z_hat) is a CasADi expression of L / L_inf for a symbol or a number z_hat, held at the nearest end outside its validity;
-as its slope is zero there, keep an optimiser inside RANGE by a constraint. Needs CasADi alone.
+ratio(boundary, z_hat) is a CasADi expression of L / L_inf for a symbol or a number z_hat, held at the nearest station below it;
+as its slope is zero there, keep an optimiser above RANGE's lower end by a constraint. Beyond the farthest, what the boundary adds falls as
+the square of distance. Needs CasADi alone.
 """
 
 from casadi import exp, fmax, fmin, log, power, sqrt
@@ -71,7 +78,8 @@ FORMULAS = {{
 def ratio(boundary, z_hat):
     """Expression of L / L_inf."""
     low, high = RANGE[boundary]
-    return FORMULAS[boundary](fmin(fmax(z_hat, low), high))
+    fall = high / fmax(z_hat, high)
+    return 1 + (FORMULAS[boundary](fmin(fmax(z_hat, low), high)) - 1) * fall * fall
 '''
 
 
