@@ -118,10 +118,10 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("K_b", "K_b", "1", "strength of the fountain beneath the body; positive gains lift", "K_b"),
     _s(
         "inverse_K_b",
-        "1 / K_b",
+        "1/K_b",
         "1",
         "strength of the fountain where K_b stands in the denominator, as the paper prints it",
-        "1 / K_b",
+        "1/K_b",
     ),
     _s("k", "k", "1", "strength of a rotor's image in the ground over the theory's"),
     _s(
@@ -239,6 +239,24 @@ SYMBOLS: tuple[Symbol, ...] = (
 )
 
 
+_BY_NAME = {s.name: s for s in SYMBOLS}
+#: Greek letters of coefficients, in LaTeX and plain text.
+GREEK = {r"\alpha": "α", r"\gamma": "γ", r"\lambda": "λ"}
+
+
+def latex(name: str) -> str:
+    """A name as LaTeX sets it, without dollars; one that has no symbol stands as it is."""
+    return _BY_NAME[name].latex if name in _BY_NAME else name
+
+
+def letter(coefficient: str) -> str:
+    """A coefficient's name in plain text, as captions have it: Greek where it is Greek."""
+    text = latex(coefficient)
+    for spelled, greek in GREEK.items():
+        text = text.replace(spelled, greek)
+    return coefficient if "\\" in text else text
+
+
 def symbol(name: str) -> Symbol:
     """The symbol of that name; a name beginning with `u_` is one standard uncertainty of the rest.
 
@@ -247,18 +265,17 @@ def symbol(name: str) -> Symbol:
     UsageError
         There is none; the nearest names are proposed.
     """
-    known = {s.name: s for s in SYMBOLS}
-    if name in known:
-        return known[name]
-    if name.startswith("u_") and name[2:] in known:
-        of = known[name[2:]]
+    if name in _BY_NAME:
+        return _BY_NAME[name]
+    if name.startswith("u_") and name[2:] in _BY_NAME:
+        of = _BY_NAME[name[2:]]
         return Symbol(
             name=name,
             latex=f"u({of.latex})",
             unit=of.unit,
             meaning=f"standard uncertainty of {of.name}: {of.meaning}",
         )
-    near = difflib.get_close_matches(name, known, n=3)
+    near = difflib.get_close_matches(name, _BY_NAME, n=3)
     raise UsageError(
         "symbol",
         f"there is no symbol {name!r}",

@@ -63,8 +63,3 @@ def fixed(value: float, places: int) -> str:
 def signed(value: float, places: int) -> str:
     """A number with its sign, a plus too, as a correlation has it: ``−0.984``."""
     return ("+" if value >= 0 else "") + fixed(value, places)
-
-
-def letter(parameter: str) -> str:
-    """A coefficient's name as a caption has it: Greek where it is Greek."""
-    return {"alpha": "α", "lambda_": "λ"}.get(parameter, parameter)

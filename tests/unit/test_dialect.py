@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from nearlift.errors import InputRefused
 from nearlift.readers import dialect, table, text
-from nearlift.readers.dialect import HEAD, Given, NoRows, sniff
+from nearlift.readers.dialect import HEAD, NoRows, sniff
+from nearlift.readers.layout import Given
 
 
 def layout(content: str | bytes, given: Given | None = None) -> Any:

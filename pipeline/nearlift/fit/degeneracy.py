@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import Problem
-from nearlift.rounding import letter, plain, signed
+from nearlift.nomenclature import letter
+from nearlift.rounding import plain, signed
 
 #: A pair is called degenerate above this correlation.
 DEGENERATE = 0.95

@@ -17,7 +17,8 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import gum
 from nearlift.likelihood import budget
-from nearlift.rounding import letter, plain, signed
+from nearlift.nomenclature import letter
+from nearlift.rounding import plain, signed
 
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import Fit

@@ -13,7 +13,8 @@ from nearlift.likelihood.noise import orthonormal
 from nearlift.loop.candidate import Fitted
 from nearlift.loop.few_visits import applies
 from nearlift.loop.search import SILENT, Answer, Stage
-from nearlift.rounding import letter, signed
+from nearlift.nomenclature import letter
+from nearlift.rounding import signed
 
 #: A coefficient that owes this share of its information to one distance or visit rests on it.
 RESTS = 0.5

@@ -8,6 +8,7 @@ import datetime
 import difflib
 import math
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -16,11 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
+from nearlift.declare import BOUNDARIES, FloatArray
 from nearlift.errors import ManifestError, brief
+from nearlift.manifest.campaign import Campaign
 from nearlift.units import NUMBER
 
 #: What a cell without a value may hold.
 BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
+
+#: Kinds of characters that do not show: control, direction, ends of lines.
+_UNSEEN = ("Cc", "Cf", "Zl", "Zp")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +93,7 @@ def near(name: str, among: Sequence[str]) -> str:
     return f"did you mean {close[0]!r}?" if close else ""
 
 
-def numbers(cells: Cells, *, blank: bool) -> NDArray[np.float64]:
+def numbers(cells: Cells, *, blank: bool) -> FloatArray:
     """The cells as plain numbers, NaN where blank.
 
     Raises
@@ -125,9 +131,7 @@ def without(text: str) -> str:
     return f"{text.strip()!r} is no value" if text.strip() else "is empty"
 
 
-def quantity(
-    cells: Cells, known: Known, unit: str | None, *, blank: bool = True
-) -> NDArray[np.float64]:
+def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True) -> FloatArray:
     """The cells in SI, NaN where blank. `unit` is what the manifest says, None where it says
     nothing.
 
@@ -148,7 +152,7 @@ def quantity(
     return factor * numbers(cells, blank=blank) + offset
 
 
-def seconds(cells: Cells, unit: str | None) -> NDArray[np.float64]:
+def seconds(cells: Cells, unit: str | None) -> FloatArray:
     """Start times: numbers in `unit`, or ISO 8601 texts, which become seconds since the first
     trial.
 
@@ -193,3 +197,75 @@ def further(cells: Cells) -> NDArray[Any]:
     if filled and all(NUMBER.fullmatch(t) for t in filled):
         return numbers(cells, blank=True)
     return np.array([t.strip() for t in cells.texts], dtype=object)
+
+
+def ids(cells: Cells) -> NDArray[Any]:
+    """The trials' ids; refuses one that is blank, does not show, or stands twice."""
+    first: dict[str, int] = {}
+    for i, text in enumerate(cells.texts):
+        name = text.strip()
+        if not name or any(unicodedata.category(c) in _UNSEEN for c in name):
+            raise ManifestError(
+                cells.at(i),
+                (
+                    "holds no trial id"
+                    if not name
+                    else f"{name!a} holds a character that does not show"
+                ),
+                "give every trial an id of its own",
+            )
+        if name in first:
+            raise ManifestError(
+                cells.at(i),
+                f"trial {name!r} stands already in {cells.at(first[name]).split(', column')[0]}",
+                "give every trial an id of its own",
+            )
+        first[name] = i
+    return np.array(list(first), dtype=object)
+
+
+def boundaries(cells: Cells) -> NDArray[Any]:
+    """The boundaries' names; refuses one that there is not."""
+    allowed = (*BOUNDARIES, "none")
+    names = [t.strip() for t in cells.texts]
+    for i, name in enumerate(names):
+        if name not in allowed:
+            raise ManifestError(
+                cells.at(i),
+                f"{name!r} is not a boundary",
+                near(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}",
+            )
+    return np.array(names, dtype=object)
+
+
+def plain(cells: Cells, name: str) -> FloatArray:
+    """A column of plain numbers: approach (+1, -1, or 0 where the traverse did not move) and n
+    (whole, from 1).
+    """
+    values = numbers(cells, blank=True)
+    for i, value in enumerate(values):
+        if name == "approach" and not (np.isnan(value) or value in (-1.0, 0.0, 1.0)):
+            raise ManifestError(
+                cells.at(i),
+                f"{cells.texts[i].strip()!r} is not a side",
+                "approach is +1 when the last move was away from the boundary, -1 towards it",
+            )
+        if name == "n" and not (np.isnan(value) or (value >= 1 and value == int(value))):
+            raise ManifestError(
+                cells.at(i),
+                f"{cells.texts[i].strip()!r} is not a number of samples",
+                "n is a whole number from 1",
+            )
+    return values
+
+
+def counts(campaign: Campaign, cells: Cells) -> FloatArray:
+    """A zero reading in counts, through the force channel's calibration."""
+    if campaign.records.force is None:
+        raise ManifestError(
+            "trials.units.tare_after",
+            "is in counts, but [records] has no force channel",
+            "give it in a unit of force",
+        )
+    factor, zero = campaign.records.force.linear()
+    return factor * (numbers(cells, blank=True) - zero)

@@ -17,7 +17,8 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, rate_of, unit_word, wanted
-from nearlift.readers.dialect import HEAD, encoding_of
+from nearlift.readers.dialect import HEAD
+from nearlift.readers.layout import encoding_of
 from nearlift.readers.per_file import Format, Names, reader_of
 from nearlift.readers.words import number, value_of
 

@@ -8,11 +8,6 @@ line. Any further column is kept under its own name. Whether the distances can b
 
 from __future__ import annotations
 
-import csv
-import io
-import re
-import unicodedata
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,22 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import units
-from nearlift.declare import BOUNDARIES, FloatArray
-from nearlift.errors import InputRefused, ManifestError, brief
+from nearlift.declare import FloatArray
+from nearlift.errors import ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, KNOWN, Cells
 from nearlift.readers.files import inside
 from nearlift.readers.geometry import distances, throttle_is_plausible
+from nearlift.readers.schedule_text import columns_of, text_of, unended
 
 REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
-#: Kinds of characters that do not show: control, direction, ends of lines.
-_UNSEEN = ("Cc", "Cf", "Zl", "Zp")
-
-
 #: The last one read: a command wants it when it opens a campaign, and again when it ingests.
 _last: list[tuple[Campaign, Path, str, Schedule]] = []
 
@@ -101,7 +92,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
         A column is missing, without a unit, or holds what it may not; two trials share an id.
     """
     path = schedule_file(campaign, root)
-    text = _text(path)
+    text = text_of(path)
     for of, at, said, schedule in _last:
         if of is campaign and (at, said) == (path, text):
             return schedule
@@ -111,7 +102,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
 
 
 def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
-    cells = _cells(campaign, path, text)
+    cells = columns_of(campaign, path, text)
     given = campaign.trials.units
     _units_name_columns(given, list(cells))
     for name in REQUIRED:
@@ -124,8 +115,8 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
                 or f"add it, or set it for all under [trials.constants]: {name} = ...",
             )
 
-    trial = _ids(cells["trial"])
-    boundary = _boundaries(cells["boundary"])
+    trial = columns.ids(cells["trial"])
+    boundary = columns.boundaries(cells["boundary"])
     throttle = columns.quantity(
         cells["throttle"], BY_NAME["throttle"], given.get("throttle"), blank=False
     )
@@ -134,7 +125,7 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
 
     covariates: dict[str, NDArray[Any]] = {}
     means: dict[str, NDArray[Any]] = {}
-    notes = _unended(path, text)
+    notes = unended(path, text)
     for name, column in cells.items():
         known = BY_NAME.get(name)
         if name in REQUIRED:
@@ -149,19 +140,19 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
             notes += [f"{path.name}: column {name!r} is kept as it is; {hint}"] if hint else []
         elif name in MEANS:
             means[known.inside] = (
-                _plain(column, name)
+                columns.plain(column, name)
                 if name == "n"
                 else columns.quantity(column, known, given.get(name), blank=name != "lift")
             )
         elif name == "start":
             covariates[known.inside] = columns.seconds(column, given.get("start"))
         elif name == "tare_after" and given.get("tare_after") == "count":
-            covariates[known.inside] = _counts(campaign, column)
+            covariates[known.inside] = columns.counts(campaign, column)
         elif known.kind == "text":
             covariates[known.inside] = np.array([t.strip() for t in column.texts], dtype=object)
         else:
             covariates[known.inside] = (
-                _plain(column, name)
+                columns.plain(column, name)
                 if known.kind == "plain"
                 else columns.quantity(column, known, given.get(name))
             )
@@ -248,151 +239,6 @@ def visits(
     return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
 
 
-def _text(path: Path) -> str:
-    if not path.is_file():
-        raise InputRefused(
-            str(path),
-            "is missing",
-            "the schedule lists every trial; name it under [trials] file = ...",
-        )
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as fault:
-        raise InputRefused(
-            str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8"
-        ) from None
-
-
-def _unended(path: Path, text: str) -> list[str]:
-    """A note where the last line has no end: `300` that was cut to `30` reads as well."""
-    last = text[max(text.rfind("\n"), text.rfind("\r")) + 1 :]
-    if not last.strip():
-        return []
-    return [
-        (
-            f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there,"
-            " that row is wrong and more may be lost; end the line"
-        )
-    ]
-
-
-def _cells(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
-    """Every column's texts, constants included, in the file's order."""
-    header: list[str] = []
-    found: list[list[str]] = []
-    lines: list[int] = []
-    # what stands in many rows is kept once
-    kept: dict[str, str] = {}
-    reader = csv.reader(io.StringIO(_without_remarks(text), newline=""), strict=True)
-    try:
-        for row in reader:
-            if not any(cell.strip() for cell in row):
-                continue
-            if not header:
-                header = _header(path, reader.line_num, row)
-                found = [[] for _ in header]
-                continue
-            if len(row) != len(header):
-                raise InputRefused(
-                    f"{path}, line {reader.line_num}",
-                    f"has {len(row)} cells under {len(header)} column names",
-                    "mend that line (a decimal comma makes two cells of one)",
-                )
-            lines.append(reader.line_num)
-            for column, cell in zip(found, row, strict=True):
-                column.append(kept.setdefault(cell, cell))
-    except csv.Error as fault:
-        raise InputRefused(
-            f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "mend that line"
-        ) from None
-    if not header:
-        raise InputRefused(
-            str(path), "is empty", "the first line names the columns, then one line per trial"
-        )
-    if not lines:
-        raise InputRefused(
-            str(path), "lists no trial", "one line per trial, in the order in which they were run"
-        )
-    cells = {
-        name: Cells(name, column, path.name, lines)
-        for name, column in zip(header, found, strict=True)
-    }
-    for name, value in campaign.trials.constants.items():
-        if name in cells:
-            raise ManifestError(
-                f"trials.constants.{name}",
-                f"stands beside a column {name!r} of {path.name}",
-                "keep one of them",
-            )
-        cells[name] = _constant(campaign, name, value, len(lines))
-    return cells
-
-
-def _without_remarks(text: str) -> str:
-    """The same with lines above the header that begin with ``#`` made blank; a header behind ``#``
-    is left to be refused by its names.
-    """
-    above = re.match(r"(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n|\r|\n))*", text)
-    remarks = above[0] if above else ""
-    if any(
-        {"trial"} < {cell.strip(' \t"#') for cell in line.split(",")} & BY_NAME.keys()
-        for line in remarks.splitlines()
-    ):
-        return text
-    return re.sub(r"#[^\r\n]*", "", remarks) + text[len(remarks) :]
-
-
-def _header(path: Path, line: int, row: list[str]) -> list[str]:
-    """The columns' names."""
-    header = [name.strip() for name in row]
-    if len(header) == 1 and any(d in header[0] for d in ";\t"):
-        raise InputRefused(
-            str(path),
-            "is not separated by commas",
-            "save it with commas between cells and points in decimals",
-        )
-    twice = sorted(n for n, k in Counter(header).items() if k > 1)
-    if twice:
-        raise InputRefused(
-            f"{path}, line {line}",
-            f"the column {twice[0]!r} stands twice",
-            "rename or drop one of them",
-        )
-    if "" in header:
-        raise InputRefused(
-            f"{path}, line {line}",
-            f"column {header.index('') + 1} has no name",
-            "name it, or take the stray comma away",
-        )
-    return header
-
-
-def _constant(campaign: Campaign, name: str, value: object, n: int) -> Cells:
-    """A constant as a column of texts; a text with its own unit is brought to the unit of the
-    column.
-    """
-    known = BY_NAME.get(name)
-    text = str(value)
-    if (
-        known is not None
-        and known.kind == "quantity"
-        and isinstance(value, str)
-        and not units.NUMBER.fullmatch(text.strip())
-        and not (name == "start" and "T" in text)
-    ):
-        si = units.quantity(value, known.dimension, f"trials.constants.{name}")
-        unit = campaign.trials.units.get(name)
-        if unit is None:
-            raise ManifestError(
-                f"trials.constants.{name}",
-                "has a unit of its own, but the column has none",
-                f'add {name} = "{units.SI[known.dimension]}" under [trials.units]',
-            )
-        factor, offset = units.to_si(unit, known.dimension, f"trials.units.{name}")
-        text = repr((si - offset) / factor)
-    return Cells(name, [text] * n, "campaign.toml", [])
-
-
 def _units_name_columns(given: Mapping[str, str], present: Sequence[str]) -> None:
     """A unit for a column that neither exists nor is known is a slip of the pen."""
     for name in given:
@@ -434,73 +280,3 @@ def _backwards(cells: Cells, start_s: FloatArray, session: NDArray[Any] | None) 
 
 def _reserved() -> set[str]:
     return {c.name for c in TRIALS.columns} | {k.inside for k in KNOWN} | {"u_height_m"}
-
-
-def _ids(cells: Cells) -> NDArray[Any]:
-    first: dict[str, int] = {}
-    for i, text in enumerate(cells.texts):
-        name = text.strip()
-        if not name or any(unicodedata.category(c) in _UNSEEN for c in name):
-            raise ManifestError(
-                cells.at(i),
-                (
-                    "holds no trial id"
-                    if not name
-                    else f"{name!a} holds a character that does not show"
-                ),
-                "give every trial an id of its own",
-            )
-        if name in first:
-            raise ManifestError(
-                cells.at(i),
-                f"trial {name!r} stands already in {cells.at(first[name]).split(', column')[0]}",
-                "give every trial an id of its own",
-            )
-        first[name] = i
-    return np.array(list(first), dtype=object)
-
-
-def _boundaries(cells: Cells) -> NDArray[Any]:
-    allowed = (*BOUNDARIES, "none")
-    names = [t.strip() for t in cells.texts]
-    for i, name in enumerate(names):
-        if name not in allowed:
-            raise ManifestError(
-                cells.at(i),
-                f"{name!r} is not a boundary",
-                columns.near(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}",
-            )
-    return np.array(names, dtype=object)
-
-
-def _plain(cells: Cells, name: str) -> FloatArray:
-    """A column of plain numbers: approach (+1, -1, or 0 where the traverse did not move) and n
-    (whole, from 1).
-    """
-    values = columns.numbers(cells, blank=True)
-    for i, value in enumerate(values):
-        if name == "approach" and not (np.isnan(value) or value in (-1.0, 0.0, 1.0)):
-            raise ManifestError(
-                cells.at(i),
-                f"{cells.texts[i].strip()!r} is not a side",
-                "approach is +1 when the last move was away from the boundary, -1 towards it",
-            )
-        if name == "n" and not (np.isnan(value) or (value >= 1 and value == int(value))):
-            raise ManifestError(
-                cells.at(i),
-                f"{cells.texts[i].strip()!r} is not a number of samples",
-                "n is a whole number from 1",
-            )
-    return values
-
-
-def _counts(campaign: Campaign, cells: Cells) -> FloatArray:
-    """A zero reading in counts, through the force channel's calibration."""
-    if campaign.records.force is None:
-        raise ManifestError(
-            "trials.units.tare_after",
-            "is in counts, but [records] has no force channel",
-            "give it in a unit of force",
-        )
-    factor, zero = campaign.records.force.linear()
-    return factor * (columns.numbers(cells, blank=True) - zero)

@@ -14,7 +14,8 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import AS_FORCE, Channel, Contents, fold, split_unit
-from nearlift.readers.dialect import HEAD, Given, Layout
+from nearlift.readers.dialect import HEAD
+from nearlift.readers.layout import UNGIVEN, Layout
 from nearlift.readers.per_file import Dialect, Format, Names, reader_of
 from nearlift.readers.seam import Reader
 from nearlift.readers.table import Cells
@@ -99,7 +100,7 @@ def stand_reader(
             texts=tuple(i for i, name in enumerate(columns) if fold(split_unit(name)[0]) in texts),
         )
         turning = tuple(name for name in columns if speeds(fold(split_unit(name)[0])))
-        found = from_text(path, Given(), names if names is None else (*names, *turning), layout)
+        found = from_text(path, UNGIVEN, names if names is None else (*names, *turning), layout)
         codes = (*found.codes, *_dead(found.channels, turning))
         if not len(found.channels) or not len(found.channels[0].values):
             codes = (*codes, "NO_DATA")

@@ -19,7 +19,8 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import table
 from nearlift.readers.channel import Channel, Contents, pick, rate_of, split_unit, wanted
-from nearlift.readers.dialect import HEAD, Given, Layout, NoRows, sniff
+from nearlift.readers.dialect import HEAD, NoRows, sniff
+from nearlift.readers.layout import Given, Layout
 from nearlift.readers.per_file import Format, Names, reader_of
 
 BLOCK = 8 << 20

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from nearlift.nomenclature import letter
 from nearlift.products import RESULTS, Product
 from nearlift.report.evidence import Evidence
 from nearlift.rounding import fixed, like, plain
@@ -15,7 +16,6 @@ LEAST_CHANCE = 1e-12
 #: Fewer degrees of freedom than this are printed with a decimal.
 FEW = 9.95
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-SYMBOLS = {"alpha": "α", "lambda_": "λ", "inverse_K_b": "1/K_b"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +120,7 @@ def quote(evidence: Evidence, product: Product, *path: str, name: str = "") -> Q
     width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
     u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
     name = name or path[-1]
-    head, _, sub = SYMBOLS.get(name, name).partition("_")
+    head, _, sub = letter(name).partition("_")
     return Quoted(
         name=name,
         head=head,

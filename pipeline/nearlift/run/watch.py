@@ -17,10 +17,11 @@ from typing import Any
 
 from nearlift.errors import NearliftError
 from nearlift.manifest import campaign as manifests
+from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import Results
 from nearlift.reduction.quality import rejected
-from nearlift.rounding import letter, plus_minus
+from nearlift.rounding import plus_minus
 from nearlift.run import graph, store
 from nearlift.run.job import silent
 from nearlift.run.lock import Busy

@@ -9,8 +9,9 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+from nearlift.nomenclature import letter
 from nearlift.report.findings import could_have_seen, stand_ins
-from nearlift.rounding import letter, like, plain, plus_minus
+from nearlift.rounding import like, plain, plus_minus
 
 if TYPE_CHECKING:
     from nearlift.quotation import CoefficientResult

@@ -7,13 +7,12 @@ import math
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.nomenclature import VERDICTS
+from nearlift.nomenclature import VERDICTS, latex
 from nearlift.products import RESULTS
 from nearlift.quotation import CoefficientResult
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.rounding import decimals, siunitx
 
-SYMBOLS = {"alpha": r"\alpha", "lambda_": r"\lambda", "inverse_K_b": "1/K_b"}
 SPECIAL = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
@@ -67,7 +66,7 @@ def table(evidence: Evidence) -> str:
             )
         )
         rows = [
-            rf"${SYMBOLS.get(n, n)} = \num{{{siunitx(c.value, c.u)}}}$ & {_interval(c)}"
+            rf"${latex(n)} = \num{{{siunitx(c.value, c.u)}}}$ & {_interval(c)}"
             for n, c in own.coefficients.items()
         ] or ["none & "]
         lines.append(f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[own.verdict])} " + r"\\")

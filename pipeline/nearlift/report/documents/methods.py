@@ -14,10 +14,11 @@ import numpy as np
 import nearlift
 from nearlift import catalogue
 from nearlift.likelihood import budget
+from nearlift.nomenclature import GREEK, latex
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
 from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import code, rejected
-from nearlift.report.documents.latex import SYMBOLS, escape
+from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import could_have_seen, stand_ins
@@ -308,7 +309,7 @@ def _results(evidence: Evidence) -> str:
         for name, c in evidence.quoted(boundary).coefficients.items():
             ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
             parts.append(
-                f"Near the {boundary}, ${SYMBOLS.get(name, name)}$ = {plus_minus(c.value, c.u)} (k"
+                f"Near the {boundary}, ${latex(name)}$ = {plus_minus(c.value, c.u)} (k"
                 f" = 1; 90 %: {ends}). {_safe(c.holds)}"
             )
     return " ".join(parts)
@@ -343,13 +344,12 @@ def _apart(part: str) -> str:
 def _read(text: str) -> str:
     """For the eye: no cites, and symbols as letters."""
     text = CITED.sub("", text)
-    for latex, letter in (
+    for spelled, shown in (
         (r"\hat z", "ẑ"),
         (r"\Delta", "Δ"),
         (r"_\infty", "∞"),
-        (r"\alpha", "α"),
-        (r"\lambda", "λ"),
+        *GREEK.items(),
         ("$", ""),
     ):
-        text = text.replace(latex, letter)
+        text = text.replace(spelled, shown)
     return re.sub(r"(?<!\s)\s++([,.;:)])", r"\1", re.sub(r" {2,}", " ", text))

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.nomenclature import latex
 from nearlift.products import FIT
 from nearlift.quotation import BudgetLine
 from nearlift.report.chapters.uncertainty import LEAST, untold
-from nearlift.report.documents.latex import SYMBOLS, comment, escape
+from nearlift.report.documents.latex import comment, escape
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import FEW
@@ -106,7 +107,7 @@ def budget_table(evidence: Evidence) -> str:
         for name, own in evidence.quoted(boundary).coefficients.items():
             lines += [] if first else [r"\addlinespace"]
             first = False
-            label = f"${SYMBOLS.get(name, name)}$, {boundary}"
+            label = f"${latex(name)}$, {boundary}"
             few = untold(own)
             marked = marked or bool(few)
             for line in sorted(own.budget, key=lambda one: one.u_without):

@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from nearlift.nomenclature import letter
 from nearlift.quotation import BudgetLine, CoefficientResult
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.style import SERIES, Style, coefficient, plain_text
-from nearlift.rounding import letter
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
 #: not drawn; what was declared always is.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from nearlift import nomenclature
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import UsageError
+from nearlift.nomenclature import letter
 from nearlift.products import POSTERIOR
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
 from nearlift.report.figures.style import FITTED, Style, plain_text
@@ -188,7 +189,7 @@ def _correlation(x: FloatArray, y: FloatArray) -> float:
 def _word(name: str) -> str:
     if name.startswith("L_inf_mN["):
         return f"L∞ at {100 * float(name[9:-1]):.3g} %"
-    return {"alpha": "α", "lambda_": "λ"}.get(name, name)
+    return letter(name)
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
@@ -210,10 +211,10 @@ def draw(table: Rows, look: Style) -> Figure:
     side = min(look.double_in / sum(sizes), 1.7 * look.double_in / 6.75)
     figure = Figure(figsize=(look.double_in, side * max(sizes) + 0.35), layout="constrained")
     blocks = figure.subfigures(1, len(boundaries), squeeze=False, width_ratios=sizes)[0]
-    for letter, boundary, block in zip("abc", boundaries, blocks, strict=False):
+    for panel, boundary, block in zip("abc", boundaries, blocks, strict=False):
         chosen = _select(table, table["panel"] == boundary)
         block.suptitle(
-            f"{letter}) {boundary}" if len(boundaries) > 1 else boundary,
+            f"{panel}) {boundary}" if len(boundaries) > 1 else boundary,
             fontsize=look.text_pt,
             x=0.02,
             ha="left",

@@ -15,9 +15,10 @@ from matplotlib.ticker import MaxNLocator
 
 from nearlift import nomenclature
 from nearlift.errors import UsageError
+from nearlift.nomenclature import letter
 from nearlift.report.evidence import Columns
 from nearlift.report.figures.style import BAND, SERIES, Style, plain_text
-from nearlift.rounding import letter, like
+from nearlift.rounding import like
 
 #: A 90 % interval of a normal is so many standard deviations wide.
 WIDTH_90 = 3.289707253902945

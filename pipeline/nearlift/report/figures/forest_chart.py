@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.nomenclature import VERDICTS
+from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report.evidence import Columns
 from nearlift.report.figures.forest import interval, select
 from nearlift.report.page.chart import Chart, Choice, Control, Spec, View, column, frame, params
-from nearlift.rounding import letter
 
 LINE = 30
 SHAPES = {"effect": "square"}

@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from nearlift.nomenclature import letter
 from nearlift.products import PROFILES
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, coefficient
-from nearlift.rounding import letter
 
 #: Profiles are drawn up to this rise of chi2.
 TOP = 6.5

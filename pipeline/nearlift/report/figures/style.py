@@ -7,6 +7,7 @@ Fonts are those that matplotlib brings, so that a figure has the same bytes wher
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -209,10 +210,10 @@ def coefficient(name: str) -> str:
     """A fitted coefficient as mathematics: K_b, alpha, lambda_, and what else is a letter with an
     index.
     """
-    known = {"alpha": r"$\alpha$", "lambda_": r"$\lambda$", "inverse_K_b": "$1/K_b$"}
+    shown = nomenclature.latex(name)
     head, _, index = name.partition("_")
-    if name in known:
-        return known[name]
+    if re.search(r"[\\/]", shown):
+        return f"${shown}$"
     return f"${head}_{{{index}}}$" if index else f"${head}$" if len(head) == 1 else plain_text(name)
 
 

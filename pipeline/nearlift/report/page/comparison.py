@@ -9,13 +9,12 @@ from typing import Any
 
 from markupsafe import Markup
 
-from nearlift.nomenclature import VERDICTS
+from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report.evidence import Columns
 from nearlift.report.figures import forest
 from nearlift.report.figures import forest_chart as chart
 from nearlift.report.page.chart import embedded
 from nearlift.report.page.render import Picture, policy, scripts, templates
-from nearlift.rounding import letter
 
 TITLE = "Campaigns compared"
 

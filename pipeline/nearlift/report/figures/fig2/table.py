@@ -18,10 +18,11 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
+from nearlift.nomenclature import letter
 from nearlift.products import LIFT, POSTERIOR
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
-from nearlift.rounding import fixed, letter, plain, plus_minus
+from nearlift.rounding import fixed, plain, plus_minus
 
 POINTS = 240
 #: A departure of this much at the farthest station can be seen in the figure, and is explained.

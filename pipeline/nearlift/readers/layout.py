@@ -1,0 +1,129 @@
+"""How a text file is laid out, as the manifest says in part and the sniffer finds in whole:
+encoding, cells, columns' names and units.
+"""
+
+from __future__ import annotations
+
+import codecs
+from dataclasses import dataclass
+
+from nearlift.errors import InputRefused
+from nearlift.readers.table import BLANKS, NONE, Cells
+
+SPOKEN = {
+    "\t": "tabs",
+    ";": "semicolons",
+    ",": "commas",
+    "|": "bars",
+    BLANKS: "blanks",
+    NONE: "line ends",
+}
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Given:
+    """What the manifest says of the dialect, under ``[records] dialect``; None or empty where it
+    says nothing.
+
+    `columns` and `units` name the cells of a file without a header; `skip` counts the lines above
+    the header (or the first row); `ignore` lists whole lines that are no rows; `labels` says that
+    cells are ``name: number``.
+    """
+
+    encoding: str | None = None
+    separator: str | None = None
+    decimal: str | None = None
+    skip: int | None = None
+    columns: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
+    labels: bool = False
+
+
+UNGIVEN = Given()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """A dialect found: how to cut the lines, the columns' names and units, and the line (from 1) of
+    the first row.
+    """
+
+    encoding: str
+    cells: Cells
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first: int
+    preamble: tuple[str, ...] = ()
+    #: which columns are text
+    texts: tuple[int, ...] = ()
+
+    def spoken(self) -> str:
+        """The dialect in words; empty for plain CSV."""
+        parts = []
+        if self.encoding not in ("utf-8", "ascii"):
+            parts.append(
+                {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}.get(
+                    self.encoding, self.encoding.upper()
+                )
+            )
+        if self.cells.separator not in (",", NONE):
+            parts.append(
+                f"separated by {SPOKEN.get(self.cells.separator, repr(self.cells.separator))}"
+            )
+        if self.cells.decimal == ",":
+            parts.append("decimal commas")
+        if self.cells.trailing:
+            parts.append("a separator at the end of every line")
+        if self.cells.labels:
+            parts.append("labelled cells")
+        if self.preamble:
+            parts.append(
+                f"{len(self.preamble)} line{'s' * (len(self.preamble) > 1)} above the columns'"
+                " names left out"
+            )
+        return ", ".join(parts)
+
+
+def encoding_of(head: bytes, where: str) -> str:
+    """The encoding of a file's first bytes.
+
+    Raises
+    ------
+    InputRefused
+        They are no text, or are compressed.
+    """
+    for mark, name in _MARKS:
+        if head.startswith(mark):
+            return name
+    if head.startswith(
+        (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")
+    ):
+        raise InputRefused(
+            where, "is compressed", "unpack it: what is inside is then digested and read as it is"
+        )
+    if b"\0" in head.rstrip(b"\0"):
+        pairs = head[: len(head) // 2 * 2]
+        for name, zeros in (("utf-16-le", pairs[1::2]), ("utf-16-be", pairs[0::2])):
+            if zeros.count(0) > 0.9 * len(zeros):
+                return name
+        raise InputRefused(
+            where,
+            "is no text: it holds NUL bytes",
+            "it is damaged, or binary: `nearlift inspect FILE` says what it is",
+        )
+    try:
+        # a character may be cut at the end of the head
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        # the bytes 0x80 to 0x9f are control characters in Latin-1 and letters in Windows-1252
+        return "cp1252" if any(0x80 <= byte < 0xA0 for byte in head) else "latin-1"
+    return "utf-8"
