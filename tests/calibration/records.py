@@ -27,6 +27,7 @@ from nearlift.manifest import campaign as manifests
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import reader
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.quality import joined, rejected
 from nearlift.reduction.record import reduce_record
 from nearlift.stages import ingest
@@ -223,9 +224,9 @@ def tare_glitches(rate_Hz: float, n: int, glitch: Glitch, tries: int = 100) -> T
     for _ in range(tries):
         force = 7e-3 + 2e-3 * rng.standard_normal(6 * n)
         force[n:] += 0.2
-        clean = reduce_record(force, rate_Hz=rate_Hz, tare_s=n / rate_Hz)
+        clean = reduce_record(force, Conditions(rate_Hz=rate_Hz, tare_s=n / rate_Hz))
         force = glitched(force, n, glitch, rng)
-        got = reduce_record(force, rate_Hz=rate_Hz, tare_s=n / rate_Hz)
+        got = reduce_record(force, Conditions(rate_Hz=rate_Hz, tare_s=n / rate_Hz))
         shift = abs(got.lift_N - clean.lift_N) / got.u_lift_N
         told += bool(got.codes)
         refused += any(code.isupper() for code in got.codes)
@@ -265,7 +266,7 @@ def false_alarms(tries: int) -> dict[tuple[str, int], tuple[int, int]]:
                 force[n:] += 1e4
                 if coarse:
                     force = coarse * np.round(force / coarse + rng.random())
-                codes = reduce_record(force, rate_Hz=rate_Hz, tare_s=n / rate_Hz).codes
+                codes = reduce_record(force, Conditions(rate_Hz=rate_Hz, tare_s=n / rate_Hz)).codes
                 flagged += "STUCK" not in codes and not {
                     "TARE",
                     "drift",
@@ -292,9 +293,10 @@ def on_the_coefficient(root: Path, tries: int = 100) -> tuple[Told, float]:
         row = int(rng.integers(len(table["trial"])))
         [record] = reader("csv").read(campaign, root, [str(table["trial"][row])])
         force = glitched(record.force_N, n, list(GLITCHES.values())[i % len(GLITCHES)], rng)
-        got = reduce_record(
-            force, rate_Hz=cell.sample_rate or 1.0, tare_s=campaign.tare_s, settle_s=cell.settle
+        conditions = Conditions(
+            rate_Hz=cell.sample_rate or 1.0, tare_s=campaign.tare_s, settle_s=cell.settle
         )
+        got = reduce_record(force, conditions)
         changed = {name: table[name].copy() for name in ("lift_N", "u_lift_N", "quality")}
         changed["lift_N"][row], changed["u_lift_N"][row], changed["quality"][row] = (
             got.lift_N,

@@ -35,8 +35,9 @@ from tests.calibration.bench import (
 )
 
 from nearlift.likelihood.budget import Component
+from nearlift.reduction.conditions import Conditions, Limits
 from nearlift.reduction.quality import rejected
-from nearlift.reduction.record import Limits, reduce_record
+from nearlift.reduction.record import reduce_record
 from nearlift.results import Observations
 
 RATE = 1000.0
@@ -716,10 +717,8 @@ def _reduced(
     records: Array, bench: Bench, sensor: Sensor, boundary: str
 ) -> tuple[Observations, Array]:
     """What ingest would make of the records: accepted trials of one boundary."""
-    limits = Limits(range_N=9.8)
-    rows = [
-        reduce_record(r, rate_Hz=RATE, tare_s=sensor.tare / RATE, limits=limits) for r in records
-    ]
+    conditions = Conditions(rate_Hz=RATE, tare_s=sensor.tare / RATE, limits=Limits(range_N=9.8))
+    rows = [reduce_record(r, conditions) for r in records]
     keep = ~rejected(np.array([" ".join(r.codes) for r in rows], dtype=object))
     good = [r for r, k in zip(rows, keep, strict=True) if k]
     column = lambda name: np.array([getattr(r, name) for r in good], dtype=float)  # noqa: E731

@@ -23,7 +23,8 @@ from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmar
 from nearlift.readers.channel import Malformed
 from nearlift.readers.piv import DIALECTS, Setting, settle
 from nearlift.readers.schedule import read_schedule
-from nearlift.reduction.record import Limits, reduce_record
+from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.record import reduce_record
 from nearlift.stages import sums
 
 #: In memory where there is such a place.
@@ -46,14 +47,9 @@ def reduction(data: bytes) -> None:
     half = len(numbers) // 2
     for range_N in (None, 9.8):
         limits = Limits(range_N=range_N)
-        reduce_record(numbers, rate_Hz=100.0, tare_s=0.5, settle_s=0.1, limits=limits)
-        reduce_record(
-            numbers[:half],
-            rate_Hz=100.0,
-            tare_s=0.5,
-            time_s=numbers[half : 2 * half],
-            limits=limits,
-        )
+        given = {"rate_Hz": 100.0, "tare_s": 0.5, "limits": limits}
+        reduce_record(numbers, Conditions(**given, settle_s=0.1))
+        reduce_record(numbers[:half], Conditions(**given), time_s=numbers[half : 2 * half])
 
 
 def dialects(data: bytes) -> None:

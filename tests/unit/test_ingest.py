@@ -250,7 +250,7 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
     task = ingest.Task(
         root=root,
         campaign=given,
-        piece=csv_trial.CSV.plan(given, root, ["t00", "t01", "t02"]).pieces[0],
+        piece=csv_trial.READER.plan(given, root, ["t00", "t01", "t02"]).pieces[0],
         tare_after_N={},
         inputs={},
     )
@@ -283,7 +283,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
     task = ingest.Task(
         root=root,
         campaign=given,
-        piece=csv_trial.CSV.plan(given, root, ["t00", "t01"]).pieces[0],
+        piece=csv_trial.READER.plan(given, root, ["t00", "t01"]).pieces[0],
         tare_after_N={},
         inputs={},
     )

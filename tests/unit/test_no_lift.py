@@ -5,6 +5,7 @@ like another unit.
 import numpy as np
 
 from nearlift.reduction import plausibility
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import reduce_record
 
 
@@ -42,8 +43,8 @@ def test_ten_times_the_weight_gets_a_note_and_a_usual_one_none():
 def test_a_stopped_head_left_in_the_record_is_noticed():
     rng = np.random.default_rng(0)
     head, live = rng.normal(0, 1e-3, 300), rng.normal(0.2, 1e-3, 1000)
-    assert "unsettled" in reduce_record(np.r_[head, live], rate_Hz=1000.0).codes
-    assert "unsettled" not in reduce_record(live, rate_Hz=1000.0).codes
+    assert "unsettled" in reduce_record(np.r_[head, live], Conditions(rate_Hz=1000.0)).codes
+    assert "unsettled" not in reduce_record(live, Conditions(rate_Hz=1000.0)).codes
 
 
 def test_a_campaign_of_unsettled_records_is_told_what_to_look_at():

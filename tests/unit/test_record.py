@@ -9,7 +9,9 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.reduction import slow_noise
-from nearlift.reduction.record import Limits, Reduced, reduce_record, spectral_density_at_zero
+from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.mean_noise import spectral_density_at_zero
+from nearlift.reduction.record import Reduced, reduce_record
 
 RATE = 1000.0
 
@@ -41,7 +43,10 @@ def record(
 
 
 def reduced(force: np.ndarray, **given: Any) -> Reduced:
-    return reduce_record(force, **{"rate_Hz": RATE, "tare_s": 2.0, **given})
+    conditions = {"rate_Hz": RATE, "tare_s": 2.0} | {
+        k: given.pop(k) for k in ("rate_Hz", "tare_s", "settle_s", "limits") if k in given
+    }
+    return reduce_record(force, Conditions(**conditions), **given)
 
 
 def test_tare_settle_and_mean_are_exact() -> None:

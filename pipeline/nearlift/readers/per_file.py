@@ -31,7 +31,8 @@ from nearlift.readers.seam import MARK, ChannelSpec, Piece, Plan, Reader, Record
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
-    from nearlift.readers.row import Conditions, Row
+    from nearlift.readers.row import Row
+    from nearlift.reduction.conditions import Conditions
 
 #: The names of the channels wanted; None for all.
 Names = tuple[str, ...] | None

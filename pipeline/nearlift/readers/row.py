@@ -7,19 +7,8 @@ from dataclasses import dataclass
 
 from nearlift.errors import InputRefused
 from nearlift.readers.seam import Record
-from nearlift.reduction.record import Limits, Reduced, reduce_record
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Conditions:
-    """What holds for every record of a campaign: sample rate, Hz; rotors-stopped head and what is
-    discarded after it, s; limits of quality.
-    """
-
-    rate_Hz: float
-    tare_s: float
-    settle_s: float
-    limits: Limits
+from nearlift.reduction.conditions import Conditions
+from nearlift.reduction.record import Reduced, reduce_record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,12 +35,9 @@ def row_of(
     """A record reduced; raises as `reduce_record` does."""
     reduced = reduce_record(
         record.force_N,
-        rate_Hz=conditions.rate_Hz,
-        tare_s=conditions.tare_s,
-        settle_s=conditions.settle_s,
+        conditions,
         time_s=record.time_s,
         tare_after_N=tare_after_N,
-        limits=conditions.limits,
         codes=record.codes,
         where=f"{record.source}, trial {record.trial!r}",
     )

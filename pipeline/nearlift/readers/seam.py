@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
     from nearlift.manifest.rig import ForceChannel
     from nearlift.readers.per_file import Format
-    from nearlift.readers.row import Conditions, Row
+    from nearlift.readers.row import Row
+    from nearlift.reduction.conditions import Conditions
 
 #: What stands for a trial's id in ``[records] files``.
 MARK = "{trial}"

@@ -116,8 +116,8 @@ def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterato
 
 def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
     from nearlift.readers.per_file import record
-    from nearlift.readers.row import Conditions, row_of
-    from nearlift.reduction.record import Limits
+    from nearlift.readers.row import row_of
+    from nearlift.reduction.conditions import Conditions, Limits
 
     def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
         try:

@@ -18,11 +18,12 @@ from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers.files import source_of
-from nearlift.readers.row import Conditions, Row, row_of
+from nearlift.readers.row import Row, row_of
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import MARK, Piece, Reader
 from nearlift.reduction import outliers, plausibility, quality
-from nearlift.reduction.record import Limits, Reduced, prepare
+from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.record import Reduced, prepare
 from nearlift.run import copies, intact, store
 from nearlift.run.executors import Threads, ordered
 from nearlift.run.job import Job, Outcome

@@ -1,0 +1,92 @@
+"""How well a record's mean is known: the noise's spectral density at frequency zero, from batch
+means.
+
+The standard error is made from batch means. A rotor tone (61 Hz and its like) is no noise of the
+mean: it averages out within each batch, while estimators that add up autocorrelations are fooled by
+it. Three choices make the batches right:
+
+* they are long, a sixteenth of the record (an eighth of the tare) and at least 60 ms, so that slow
+  noise is counted: u is 4 % low where the noise remembers for a twelfth of the tare's batch, 13 %
+  for a fifth (measured in tests/unit/test_record.py);
+* each is weighted with a Hann window, so that a tone which does not fit a whole number of times
+  leaks 30 dB less than from plain batches. For white noise the weighted means have ``sum(w^2) /
+  sum(w)^2`` of the samples' variance, which is divided out;
+* they overlap by half, which wins back the efficiency that the window costs.
+
+What results is the noise's spectral density at frequency zero, S0 (N^2 per sample), and u^2 = S0 /
+n. Where batches far apart are alike, noise outlasts a batch: `nearlift.reduction.slow_noise` then
+says how far the mean is off, and the code `slow` tells where no record of this length can.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.reduction import slow_noise
+from nearlift.reduction.slow_noise import SlowNoise
+from nearlift.reduction.stretch import Stretch, stretch
+
+BATCHES = 16
+
+TARE_BATCHES = 8
+
+SHORTEST_BATCH_S = 0.06
+
+SHORTEST_BATCH = 8
+
+FEWEST_BATCHES = 4
+
+
+def spectral_density_at_zero(
+    values: FloatArray, rate_Hz: float, *, tone: bool = True
+) -> tuple[float, Stretch]:
+    """Variance of the mean times n, N^2, and the stretch with the batch means that it was made
+    from.
+
+    Parameters
+    ----------
+    values : (n,) float array
+        Samples.
+    tone : bool
+        Whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer batches
+        to keep them long.
+
+    Notes
+    -----
+    Biased low by noise whose correlation time is not short beside a batch, as every estimate from
+    one record is.
+    """
+    n = len(values)
+    shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
+    half = max(n // (BATCHES if tone else TARE_BATCHES), min(shortest, n // FEWEST_BATCHES)) // 2
+    found = stretch(values, half if half >= 2 else 0)
+    if half < 2:
+        return found.squares / max(n - 1, 1), found
+    means = found.batches
+    # each mean is taken from the record's own mean, which shares 1/n of its variance
+    # not by BLAS: a record that will be rejected may hold inf
+    return float(np.add.reduce(means * means)) / len(means) / (found.gain - 1.0 / n), found
+
+
+def outlasting(
+    values: FloatArray, means: FloatArray, u2: float, rate_Hz: float, *, tone: bool = True
+) -> SlowNoise | None:
+    """Noise that outlasts a batch, where means of batches or blocks raise the suspicion and it is
+    worth more than `u2`.
+    """
+    if not slow_noise.suspected(means):
+        return None
+    # a tone leaks less from longer batches
+    shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
+    finer = stretch(values, max(len(values) // slow_noise.SEGMENTS, shortest // 2))
+    slow = slow_noise.slow_noise(finer.batches)
+    return slow if slow is not None and slow.variance > u2 else None
+
+
+def slope_of(run: Stretch, density: float, rate_Hz: float) -> tuple[float, float]:
+    """Least-squares slope, N/s, and its standard error from the noise at low frequency."""
+    power = run.n * (run.n**2 - 1) / 12
+    return run.tilt / power * rate_Hz, math.sqrt(density / power) * rate_Hz

@@ -1,0 +1,152 @@
+"""Samples of a record that are no force, stand apart, repeat one value, or came at another time
+than they should by the clock.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+from nearlift.reduction import contamination
+from nearlift.reduction.conditions import Limits
+from nearlift.reduction.stretch import Stretch, steady
+
+#: No force: beyond it numbers are damage, whatever the load cell.
+LARGEST_N = 1e9
+
+#: At the end of its range is a cell from this share of it on; so many samples may be there, and so
+#: large a share of them.
+END_OF_RANGE, FEW_AT_END, SHARE_AT_END = 0.98, 3, 0.001
+
+#: Standard deviations beyond which a sample of the live part is looked at.
+FAR = 6.0
+
+#: Share of the samples that repeat the one before from which on a channel may stand still.
+FEWEST_REPEATS = 0.1
+
+HOUR_S = 3600.0
+
+
+def forces(values: FloatArray, range_N: float | None) -> FloatArray:
+    """The samples that hold a number, clipped to the cell's range; unless most are beyond it, which
+    tells of another unit than the manifest's.
+    """
+    with np.errstate(invalid="ignore"):
+        finite = values[np.abs(values) <= LARGEST_N]
+    if range_N is None or 2 * np.count_nonzero(np.abs(finite) > range_N) > len(finite):
+        return finite
+    return np.clip(finite, -range_N, range_N)
+
+
+def without_strays(
+    live: FloatArray, run: Stretch, range_N: float | None
+) -> tuple[FloatArray, list[str]]:
+    """The samples without the few that stand far from the rest or at the end of the cell's range,
+    and what is said of them.
+    """
+    stray, found = np.zeros(0, dtype=bool), []
+    if range_N is not None and max(run.high, -run.low) >= END_OF_RANGE * range_N:
+        stray = np.abs(live) >= END_OF_RANGE * range_N
+        if np.count_nonzero(stray) > max(FEW_AT_END, SHARE_AT_END * run.n):
+            return live, ["SATURATED"]
+        found.append("saturated")
+    if run.far:
+        far = _far(live)
+        if far.any():
+            stray = stray | far if len(stray) else far
+            found.append("spikes")
+    return (live[~stray] if found else live), found
+
+
+def _far(live: FloatArray) -> NDArray[np.bool_]:
+    """Mask of the few samples more than six standard deviations off, those aside that hide behind
+    larger ones being found, too.
+    """
+    far, hidden = (
+        np.zeros(len(live), dtype=bool),
+        contamination.HIDDEN * contamination.step_of(live),
+    )
+    for _ in range(5):
+        rest = live[~far]
+        more = np.abs(live - rest.mean()) > FAR * max(float(rest.std()), hidden)
+        if far.sum() == more.sum():
+            break
+        far = more
+    # rotors that still spin up are no stray samples
+    far[: int(np.argmin(far))] = False
+    return far if far.mean() <= contamination.LARGEST_SHARE else np.zeros(len(live), dtype=bool)
+
+
+def stuck(live: FloatArray, run: Stretch) -> list[str]:
+    """A channel that repeats one value."""
+    n = run.n
+    if run.high == run.low:
+        return ["STUCK"]
+    # a coarse cell repeats itself all the time: then a long run means nothing
+    if run.repeats > FEWEST_REPEATS * n:
+        changes = np.flatnonzero(live[1:] != live[:-1])
+        longest = int(np.diff(np.concatenate([[-1], changes, [n - 1]])).max())
+        elsewhere = len(changes) / max(n - longest, 1)
+        if longest >= 20 and longest > 0.1 * n and elsewhere > 0.5:
+            return ["STUCK"]
+    return []
+
+
+def clipped(live: FloatArray, run: Stretch) -> list[str]:
+    """Whether the record is clipped, somewhere below the cell's range.
+
+    It is where it stays at its own extreme for ten samples in a row, or, where the tone brings it
+    there and back, for one sample in two hundred while hardly any other value occurs twice. A
+    coarse cell repeats itself anywhere.
+    """
+    n = run.n
+    if run.repeats < 9:
+        return []
+    for extreme, count in ((run.high, run.at_high), (run.low, run.at_low)):
+        if 10 <= count < 0.9 * n:
+            held = (
+                _longest_run(np.flatnonzero(live == extreme)) >= 10
+                and run.repeats < count + 0.2 * n
+            )
+            often = count >= 0.005 * n and run.repeats < count + 0.02 * n
+            if held or often:
+                return ["SATURATED"]
+    return []
+
+
+def _longest_run(at: NDArray[np.intp]) -> int:
+    breaks = np.concatenate([[-1], np.flatnonzero(np.diff(at) > 1), [len(at) - 1]])
+    return int(np.diff(breaks).max())
+
+
+# a damaged clock may hold anything: it then has no steady rate
+@np.errstate(over="ignore", invalid="ignore")
+def clock_codes(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
+    """Gaps and stumbles of a clock column; refuses one that runs at another rate."""
+    if steady(time_s, rate_Hz):
+        return []
+    found: list[str] = []
+    steps = time_s[1:] - time_s[:-1]
+    shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
+    # summer time begins or ends: the clock was set by whole hours, and no sample lacks
+    hours = np.round(steps / HOUR_S)
+    was_set = (hours != 0) & (np.abs(steps - HOUR_S * hours) < 1.5 / rate_Hz)
+    if was_set.any():
+        found, steps = ["clock"], np.where(was_set, steps - HOUR_S * hours, steps)
+        shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
+    usual = float(np.median(steps)) * rate_Hz
+    if not abs(usual - 1.0) <= 0.01:
+        rate = f"{rate_Hz / usual:.6g} Hz" if usual > 0 else "no steady rate"
+        raise InputRefused(
+            where,
+            f"the clock column runs at {rate}, the manifest says {rate_Hz:g} Hz",
+            "mend [load_cell] sample_rate, or the unit under [records] time",
+        )
+    if shortest <= 0.0 and not found:
+        found.append("clock")
+    lost = round(float(steps.sum()) * rate_Hz / usual) + 1 - len(time_s)
+    if lost > 0 and longest > 1.5:
+        found.append("GAPS" if lost > limits.missing * (len(time_s) + lost) else "gaps")
+    return found

@@ -1,0 +1,90 @@
+"""The tare of a record: its mean as the trial's zero, how far that may be off, and whether it is
+one level.
+"""
+
+from __future__ import annotations
+
+import math
+
+from nearlift.declare import FloatArray
+from nearlift.reduction import contamination
+from nearlift.reduction.conditions import Limits
+from nearlift.reduction.mean_noise import outlasting, spectral_density_at_zero
+from nearlift.reduction.samples import FEWEST_REPEATS, stuck
+from nearlift.reduction.stretch import Stretch
+
+#: Single samples of a tare are left out that move the zero by more than this share of the lift's u;
+#: a tare is refused that longer damage moves by more than u itself.
+MATTERS = 0.5
+
+#: Share of the lift by which a tare's ends may differ from its middle.
+ROTORS = 0.1
+
+#: Steps of the converter that a live part scatters by, from which on a tare would show some noise,
+#: too.
+COARSE = 100.0
+
+
+def zero_of(
+    tare: FloatArray,
+    rest: Stretch,
+    quiet: float,
+    live: FloatArray,
+    run: Stretch,
+    u2_live: float,
+    rate_Hz: float,
+    limits: Limits,
+) -> tuple[float, float, list[str]]:
+    """The tare's mean, its variance, and codes: single samples that stand apart are left out, a
+    tare that is not one level is refused.
+
+    Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the
+    better one. Where the level wanders from its middle, so far may the trial's zero be from the
+    mean: that is in the variance.
+    """
+    if rest.n == 0:
+        return rest.mean, 0.0, []
+    zero, u2, found = rest.mean, quiet / rest.n, []
+    if _dead(tare, rest, live, run):
+        return zero, u2, ["STUCK"]
+    single, uneven = contamination.suspicious(tare, rest)
+    single = single and bool(contamination.far_samples(tare, 0.0).any())
+    step = contamination.step_of(live) if single or uneven else 0.0
+    if single and (far := contamination.far_samples(tare, step)).any():
+        density, kept = spectral_density_at_zero(tare[~far], rate_Hz, tone=False)
+        worth, u = zero - kept.mean, math.sqrt(u2_live + density / kept.n)
+        isolated = contamination.are_single(far)
+        if abs(worth) > u and not isolated:
+            return zero, u2, ["TARE"]
+        if abs(worth) > MATTERS * u and isolated:
+            tare, zero, u2, found = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
+    if uneven:
+        damaged = contamination.moved_by_segment(tare, step)[0] > math.sqrt(u2_live + u2)
+        # rotors that run down or up need not have an edge
+        if damaged or contamination.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
+            return zero, u2, ["TARE"]
+    means, _ = contamination.blocks(tare, 0.0)
+    slow = outlasting(tare, means, u2, rate_Hz, tone=False)
+    if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
+        away := contamination.wander(tare, means, contamination.step_of(live))
+    ):
+        found, u2 = (
+            [*found, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"],
+            u2 + away**2,
+        )
+    if slow and slow.variance > u2:
+        u2 = slow.variance
+        if slow.is_too_long and not found and u2 > MATTERS**2 * u2_live:
+            found.append("slow")
+    return zero, u2, found
+
+
+def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:
+    """Whether the tare, or a part of it, repeats one value, and not because the converter is too
+    coarse to show any noise.
+    """
+    if rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n:
+        return False
+    return bool(stuck(tare, rest)) and math.sqrt(
+        run.squares / (run.n - 1)
+    ) > COARSE * contamination.step_of(live)
