@@ -16,11 +16,11 @@ from nearlift.flow.scene import Scene
 from nearlift.flow.topology import (
     QUANTITIES,
     asymmetry,
-    describe,
     gamma,
     split_angle_deg,
     stagnation,
     vortices,
+    wake_topology,
 )
 from nearlift.randomness import generator
 from nearlift.synthetic.demo_flow import wakes
@@ -129,7 +129,7 @@ def test_a_blob_turns_as_it_says():
 def test_the_demo_s_tilts_have_the_paper_s_vortices():
     """Two pairs at +4.6 and +3.1 degrees; a single counter-clockwise vortex at negative tilts."""
     numbers = {
-        n: describe(mean_of(w), w.scene, 7.1).numbers
+        n: wake_topology(mean_of(w), w.scene, 7.1).numbers
         for n, w in wakes(Bench()).items()
         if n.startswith("tilt")
     }
@@ -148,7 +148,7 @@ def test_resampled_means_scatter_as_the_mean_does():
     """
     rng = generator(1, "boot")
     data = 3 + rng.standard_normal((60, 200))
-    made = Resamples(400, 200, 1, generator(2, "boot"))
+    made = Resamples(400, 1, generator(2, "boot"))
     for row in data:
         made.add(row)
     spread = made.means().std(axis=0, ddof=1)
@@ -157,7 +157,7 @@ def test_resampled_means_scatter_as_the_mean_does():
 
 def test_a_resample_without_a_field_is_none():
     """Of two blocks one resample in e^2 is empty; it must not pass for a field without flow."""
-    made = Resamples(500, 3, 4, generator(6, "boot"))
+    made = Resamples(500, 4, generator(6, "boot"))
     for _ in range(8):
         made.add(np.ones(3))
     means = made.means()
@@ -169,14 +169,14 @@ def test_a_resample_without_a_field_is_none():
 def test_blocks_keep_correlation_and_missing_values_count_for_nothing():
     rng = generator(3, "boot")
     data = np.repeat(rng.standard_normal((20, 100)), 4, axis=0)
-    alone, blocks = (Resamples(300, 100, b, generator(4, "boot")) for b in (1, 4))
+    alone, blocks = (Resamples(300, b, generator(4, "boot")) for b in (1, 4))
     for row in data:
         alone.add(row)
         blocks.add(row)
     assert np.median(blocks.means().std(axis=0) / alone.means().std(axis=0)) == pytest.approx(
         2.0, rel=0.15
     )
-    gaps = Resamples(50, 2, 3, generator(5, "boot"))
+    gaps = Resamples(50, 3, generator(5, "boot"))
     for i in range(30):
         gaps.add(np.array([1.0, np.nan if i % 2 else 1.0]))
     np.testing.assert_allclose(gaps.means(), 1.0)

@@ -17,10 +17,9 @@ class Resamples:
     of six blocks); it is no resample and is left out.
     """
 
-    def __init__(self, size: int, columns: int, block: int, rng: np.random.Generator) -> None:
-        self.total = np.zeros((size, columns))
-        self.count = np.zeros((size, columns))
+    def __init__(self, size: int, block: int, rng: np.random.Generator) -> None:
         self.fields = np.zeros(size)
+        self.total = self.count = np.zeros((size, 0))
         self.block = max(block, 1)
         self.rng = rng
         self.held: list[FloatArray] = []
@@ -36,7 +35,10 @@ class Resamples:
             return
         block = np.stack(self.held)
         known = np.isfinite(block)
-        times = self.rng.poisson(1.0, len(self.total)).astype(float)
+        if not self.total.size:
+            self.total = np.zeros((len(self.fields), block.shape[1]))
+            self.count = np.zeros_like(self.total)
+        times = self.rng.poisson(1.0, len(self.fields)).astype(float)
         self.total += np.outer(times, np.where(known, block, 0.0).sum(axis=0))
         self.count += np.outer(times, known.sum(axis=0))
         self.fields += times * len(block)

@@ -99,7 +99,7 @@ class Downwash:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reduction:
+class DownwashReduction:
     """1 - downwash / control's downwash, with standard uncertainty and 90 % interval; the velocity
     scale cancels.
     """
@@ -277,7 +277,7 @@ def _warnings(
     return tuple(found)
 
 
-def reduction(case: Downwash, control: Downwash) -> Reduction:
+def reduction(case: Downwash, control: Downwash) -> DownwashReduction:
     """How much less downwash a case has than its control; intervals with the effective degrees of
     freedom of Welch and Satterthwaite.
     """
@@ -293,11 +293,11 @@ def reduction(case: Downwash, control: Downwash) -> Reduction:
     parts.append((ratio * (case.span / case.value - control.span / control.value), math.inf))
     variance = sum(u**2 for u, _ in parts)
     if not math.isfinite(variance):
-        return Reduction(value=1 - ratio, u=math.nan, lo90=math.nan, hi90=math.nan)
+        return DownwashReduction(value=1 - ratio, u=math.nan, lo90=math.nan, hi90=math.nan)
     small = sum(u**4 / dof for u, dof in parts if math.isfinite(dof))
     dof = variance**2 / small if small > 0 else math.inf
     u = math.sqrt(variance)
     quantile = float(t.ppf(0.95, min(dof, 1e6)))
-    return Reduction(
+    return DownwashReduction(
         value=1 - ratio, u=u, lo90=1 - ratio - quantile * u, hi90=1 - ratio + quantile * u
     )

@@ -44,7 +44,7 @@ class Vortex:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Topology:
+class WakeTopology:
     """One mean field in numbers; lengths over rotor radius, areas over its square.
 
     Attributes
@@ -227,7 +227,7 @@ def asymmetry(field: Field, scene: Scene) -> float:
     return float((vx * np.abs(vx)).sum()) / total if total > 0 else math.nan
 
 
-def describe(field: Field, scene: Scene, reference_m_s: float) -> Topology:
+def wake_topology(field: Field, scene: Scene, reference_m_s: float) -> WakeTopology:
     """Everything above for one mean field near a ground."""
     cores = vortices(field, scene, reference_m_s)
     zone = stagnation(field, scene, reference_m_s)
@@ -245,4 +245,4 @@ def describe(field: Field, scene: Scene, reference_m_s: float) -> Topology:
         "split_angle_deg": split_angle_deg(field, scene, reference_m_s),
         "asymmetry": asymmetry(field, scene),
     }
-    return Topology(vortices=cores, stagnant=zone, numbers=numbers)
+    return WakeTopology(vortices=cores, stagnant=zone, numbers=numbers)

@@ -1,0 +1,281 @@
+"""One case of velocity grids: its mean field, cuts, topology, and the rows that tell of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.flow import downwash, topology
+from nearlift.flow.average import Average, average
+from nearlift.flow.bootstrap import Resamples
+from nearlift.flow.downwash import Cut, Downwash
+from nearlift.flow.field import Field, mirrored, take_columns
+from nearlift.flow.outliers import spurious
+from nearlift.flow.scene import Scene
+
+Half = Literal["left", "right"]
+Rows = Iterator[dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recording:
+    """One pass over the fields of a case.
+
+    Attributes
+    ----------
+    mean : Average
+    series : (n, nx)
+        Downwash along the cut, field by field.
+    outliers : float
+        Share of vectors left out as spurious.
+    resamples : (m, 2 ny nx)
+        Resampled mean fields, both components one behind the other; empty where not asked for.
+    """
+
+    mean: Average
+    series: FloatArray
+    outliers: float
+    resamples: FloatArray
+
+
+def recorded(
+    fields: Iterable[Field],
+    where: str,
+    *,
+    threshold: float,
+    half: Half | None,
+    below_m: float,
+    resampled: Resamples | None,
+) -> Recording:
+    """Average the fields without their spurious vectors, mirrored where half was measured."""
+    profiles: list[FloatArray] = []
+    wrong_of = np.zeros(2)
+
+    def passed() -> Iterator[Field]:
+        for one in fields:
+            wrong = spurious(one.vx_m_s, one.vy_m_s, threshold)
+            wrong_of[:] += wrong.sum(), one.valid.sum()
+            vx, vy = (np.where(wrong, np.nan, v) for v in (one.vx_m_s, one.vy_m_s))
+            whole = replace(one, vx_m_s=vx, vy_m_s=vy)
+            whole = whole if half is None else _reflected(whole, half)
+            profiles.append(downwash.along_cut(whole.vy_m_s, whole.y_m, below_m))
+            if resampled is not None:
+                resampled.add(np.concatenate([whole.vx_m_s.ravel(), whole.vy_m_s.ravel()]))
+            yield whole
+
+    mean = average(passed(), where)
+    return Recording(
+        mean=mean,
+        series=np.stack(profiles),
+        outliers=float(wrong_of[0] / max(wrong_of[1], 1)),
+        resamples=np.zeros((0, 0)) if resampled is None else resampled.means(),
+    )
+
+
+def _reflected(one: Field, half: Half) -> Field:
+    """The whole of which one half was measured."""
+    x, position, sign = mirrored(one.x_m, half)
+    return Field(
+        x_m=x,
+        y_m=one.y_m,
+        vx_m_s=sign * take_columns(one.vx_m_s, position),
+        vy_m_s=take_columns(one.vy_m_s, position),
+        u_m_s=None if one.u_m_s is None else take_columns(one.u_m_s, position),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowCase:
+    """A case worked out.
+
+    Attributes
+    ----------
+    name : str
+    z_hat : float
+        inf without a boundary.
+    scene : Scene
+    recording : Recording
+    cut : Cut
+    measured : (nx,) bool
+        Columns that were seen, not mirrored.
+    files : int
+    refused : sequence of (file, reason)
+    topology : WakeTopology or None
+        Near a ground.
+    cuts : mapping of str to Downwash
+        Beneath each measured rotor by its place, and beneath all of them.
+    """
+
+    name: str
+    z_hat: float
+    scene: Scene
+    recording: Recording
+    cut: Cut
+    measured: NDArray[np.bool_]
+    files: int
+    refused: Sequence[tuple[str, str]]
+    topology: topology.WakeTopology | None = None
+    cuts: Mapping[str, Downwash] = field(default_factory=dict)
+
+    def described(self, reference_m_s: float) -> FlowCase:
+        """With the wake's topology where there is a ground, and cuts that know its stagnation
+        zone.
+        """
+        if self.scene.boundary != "ground":
+            return self
+        wake = topology.wake_topology(self.recording.mean.mean, self.scene, reference_m_s)
+        return replace(self, topology=wake).cut_through()
+
+    def cut_through(self) -> FlowCase:
+        """With its cuts measured."""
+        series = np.where(self.measured, self.recording.series, np.nan)
+        order = {str(list(self.scene.rotors_m).index(c)): (c,) for c in self.cut.centres_m}
+        stagnant = None if self.topology is None else self.topology.stagnant
+        cuts = {
+            name: downwash.measure(
+                self.recording.mean,
+                series,
+                replace(self.cut, centres_m=centres),
+                self.scene,
+                stagnant,
+            )
+            for name, centres in (order | {"all": self.cut.centres_m}).items()
+        }
+        return replace(self, cuts=cuts)
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """The columns that say where it was taken."""
+        return {
+            "case": self.name,
+            "boundary": self.scene.boundary,
+            "z_hat": self.z_hat,
+            "tilt_rad": self.scene.tilt_rad,
+        }
+
+    def downwash_rows(self, control: FlowCase) -> Rows:
+        """Rows of downwash.parquet."""
+        none = downwash.DownwashReduction(value=0.0, u=0.0, lo90=0.0, hi90=0.0)
+        for rotor, d in self.cuts.items():
+            other = control.cuts.get(rotor, control.cuts["all"])
+            less = none if self.name == control.name else downwash.reduction(d, other)
+            yield self.place | {
+                "rotor": rotor,
+                "below_m": self.cut.below_m,
+                "half_span_m": self.cut.half_span_m,
+                "downwash_m_s": d.value,
+                "u_downwash_m_s": d.u,
+                "u_noise_m_s": d.u_noise,
+                "u_mask_m_s": d.u_mask,
+                "u_position_m_s": d.u_position,
+                "u_span_m_s": abs(d.span),
+                "u_scale_m_s": d.u_scale,
+                "covered": d.covered,
+                "n_fields": self.recording.mean.n,
+                "n_eff": d.n_eff,
+                "clearance_hat": d.clearance_hat,
+                "reduction": less.value,
+                "u_reduction": less.u,
+                "reduction_lo90": less.lo90,
+                "reduction_hi90": less.hi90,
+                "warnings": " ".join(d.warnings),
+            }
+
+    def profile(self) -> dict[str, Any]:
+        """Columns of downwash_profile.parquet."""
+        found, mean = self.recording.mean, self.recording.mean.mean
+        error = downwash.along_cut(found.u_y, mean.y_m, self.cut.below_m)
+        return {
+            "case": np.full(len(mean.x_m), self.name, dtype=object),
+            "x_m": mean.x_m,
+            "downwash_m_s": downwash.along_cut(mean.vy_m_s, mean.y_m, self.cut.below_m),
+            "u_downwash_m_s": np.abs(error),
+            "mirrored": (~self.measured).astype(np.int64),
+        }
+
+    def nodes(self) -> dict[str, Any]:
+        """Columns of flow_fields.parquet."""
+        found, mean = self.recording.mean, self.recording.mean.mean
+        xx, yy = np.meshgrid(mean.x_m, mean.y_m)
+        stagnant = np.zeros(mean.shape, bool) if self.topology is None else self.topology.stagnant
+        grids = {
+            "x_m": xx,
+            "y_m": yy,
+            "z_m": self.scene.height_m(xx, yy),
+            "vx_m_s": mean.vx_m_s,
+            "vy_m_s": mean.vy_m_s,
+            "u_vx_m_s": found.u_x,
+            "u_vy_m_s": found.u_y,
+            "sd_vx_m_s": np.sqrt(found.var_x),
+            "sd_vy_m_s": np.sqrt(found.var_y),
+            "count": found.count.astype(np.int64),
+            "stagnant": stagnant.astype(np.int64),
+            "mirrored": np.broadcast_to(~self.measured, mean.shape).astype(np.int64),
+        }
+        return {"case": np.full(xx.size, self.name, dtype=object)} | {
+            name: grid.ravel() for name, grid in grids.items()
+        }
+
+    def topology_rows(self, reference_m_s: float) -> Rows:
+        """Rows of flow_topology.parquet, with the spread over resampled mean fields."""
+        if self.topology is None:
+            return
+        mean = self.recording.mean.mean
+        seen = np.where(mean.valid, 1.0, np.nan)
+        draws = []
+        for row in self.recording.resamples:
+            vx, vy = row.reshape(2, *mean.shape)
+            drawn = replace(mean, vx_m_s=seen * vx, vy_m_s=seen * vy, u_m_s=None)
+            draws.append(topology.wake_topology(drawn, self.scene, reference_m_s).numbers)
+        for name in topology.QUANTITIES:
+            value = self.topology.numbers[name]
+            spread = np.array([d[name] for d in draws])
+            if name == "asymmetry" and not self.measured.all():
+                # a mirrored half is as the measured one by construction
+                value, spread = math.nan, np.full_like(spread, math.nan)
+            spread = spread[np.isfinite(spread)]
+            enough = self.recording.mean.n > 1 and len(spread) > 1
+            low, high = np.quantile(spread, [0.05, 0.95]) if enough else (math.nan, math.nan)
+            count = name.startswith("vort")
+            # a height is read on the grid: anywhere within one step of it looks the same
+            step = mean.dy_m / self.scene.radius_m if name == "stagnation_height_hat" else 0.0
+            yield {k: self.place[k] for k in ("case", "z_hat", "tilt_rad")} | {
+                "quantity": name,
+                "value": value,
+                "u": (
+                    math.hypot(float(spread.std(ddof=1)), step / math.sqrt(12))
+                    if enough
+                    else math.nan
+                ),
+                "lo90": float(low) - 0.45 * step,
+                "hi90": float(high) + 0.45 * step,
+                "agreement": float(np.mean(spread == value)) if count and enough else math.nan,
+            }
+
+    def facts(self) -> dict[str, Any]:
+        """Its block of flow.json."""
+        found, moved = self.recording.mean, self.recording.mean.convergence
+        return {
+            **self.place,
+            "files": self.files,
+            "fields": found.n,
+            "left_out": [{"file": file, "reason": why} for file, why in self.refused],
+            "outliers": self.recording.outliers,
+            "vectors": float(np.mean(found.count / found.n)),
+            "mirrored": not bool(self.measured.all()),
+            "tau_fields": found.tau,
+            "convergence": {
+                "n": moved.n,
+                "moved": moved.moved,
+                "relative_standard_error": moved.error,
+                "fields_for_a_thousandth": moved.needed,
+            },
+            "rotors_m": self.scene.rotors_m,
+            "vortices": [] if self.topology is None else list(map(asdict, self.topology.vortices)),
+        }
