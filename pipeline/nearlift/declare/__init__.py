@@ -1,0 +1,42 @@
+"""What a model, an effect and a parameter are: frozen values that check themselves when they are
+made.
+
+A declaration is one immutable value at the end of its own file. Evaluation, fitting, sampling,
+documentation and tests all read it; nothing about it is written twice. The keyword-only names of
+`evaluate` are the table of what it needs, so a declaration whose function and table disagree cannot
+be imported.
+
+Broadcasting is part of the contract: with parameters of shape (m, 1) and x of shape (n,),
+`evaluate` returns (m, n).
+"""
+
+from nearlift.declare.composition import compose
+from nearlift.declare.declaration import (
+    BOUNDARIES,
+    Boundary,
+    Declaration,
+    Effect,
+    Evaluate,
+    FloatArray,
+    LiftModel,
+    keywords,
+)
+from nearlift.declare.parameter import Check, Parameter, Prior, Source, normal, uniform
+
+__all__ = [
+    "BOUNDARIES",
+    "Boundary",
+    "Check",
+    "Declaration",
+    "Effect",
+    "Evaluate",
+    "FloatArray",
+    "LiftModel",
+    "Parameter",
+    "Prior",
+    "Source",
+    "compose",
+    "keywords",
+    "normal",
+    "uniform",
+]

@@ -1,0 +1,218 @@
+"""What models and effects declare: their evaluation, parameters, needs and checks, compared when
+they are made.
+
+The keyword-only names of `evaluate` are the table of what it needs, so a declaration whose function
+and table disagree cannot be imported.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare.parameter import Check, Parameter, Source
+from nearlift.errors import DeclarationError
+
+FloatArray = NDArray[np.float64]
+Evaluate = Callable[..., Any]
+Boundary = Literal["ground", "ceiling", "sidewall"]
+BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)
+
+
+def keywords(evaluate: Evaluate) -> tuple[str, ...]:
+    """Names of the keyword-only arguments of a function."""
+    return tuple(
+        p.name
+        for p in inspect.signature(evaluate).parameters.values()
+        if p.kind is inspect.Parameter.KEYWORD_ONLY
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declaration:
+    """What models and effects have in common; see `LiftModel` and `Effect`.
+
+    Attributes
+    ----------
+    name, title : str
+        Identifier, and what a legend says.
+    formula : str
+        LaTeX.
+    evaluate : callable
+        ``f(x, /, *, <needs>, <parameters>)``, broadcasting.
+    parameters : tuple of Parameter
+    needs : tuple of str
+        Geometry (`spacing_hat`, ...) or trial covariates (`supply_V`, ...) that must be known.
+    valid_z_hat : (float, float)
+        Open at the lower end where a formula has a pole; trials outside are left out of its fit,
+        with the reason.
+    source : Source
+    checks : tuple of Check
+        At least one.
+    """
+
+    name: str
+    title: str
+    formula: str
+    evaluate: Evaluate
+    parameters: tuple[Parameter, ...] = ()
+    needs: tuple[str, ...] = ()
+    valid_z_hat: tuple[float, float] = (0.0, math.inf)
+    source: Source
+    checks: tuple[Check, ...]
+    notes: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier() or self.name != self.name.lower():
+            raise self.refusal("the name is not a lower-case identifier")
+        wanted = {*self.needs, *(p.name for p in self.parameters)}
+        if len(wanted) != len(self.needs) + len(self.parameters):
+            raise self.refusal("a name stands twice among parameters and needs")
+        takes = set(keywords(self.evaluate))
+        if takes != wanted:
+            raise self.refusal(
+                f"evaluate takes {sorted(takes)} but parameters and needs are {sorted(wanted)}",
+                "make its keyword-only names equal the table",
+            )
+        if not self.checks:
+            raise self.refusal(
+                "has no numeric check",
+                "give at least one number that it must reproduce, and who quoted it",
+            )
+        for check in self.checks:
+            got = float(np.squeeze(self(check.x, **check.arguments)))
+            if not abs(got - check.expected) <= check.tolerance:
+                raise self.refusal(
+                    f"gives {got!r} at {check.x} {dict(check.arguments)}, not {check.expected!r}"
+                    f" ({check.quoted_by})",
+                )
+
+    def refusal(self, what: str, remedy: str = "") -> DeclarationError:
+        """What is wrong with this declaration."""
+        return DeclarationError(f"declaration {self.name}", what, remedy)
+
+    def __call__(self, x: Any, /, **arguments: Any) -> Any:
+        """Evaluate at `x`; parameters left out stand at their declared values."""
+        known = {p.name: p.value for p in self.parameters}
+        unknown = arguments.keys() - known.keys() - set(self.needs)
+        if unknown:
+            raise self.refusal(
+                f"does not take {sorted(unknown)}",
+                f"it takes {sorted({*known, *self.needs})}",
+            )
+        missing = [n for n in self.needs if n not in arguments]
+        if missing:
+            raise self.refusal(f"needs {missing}", "give them as keywords")
+        return self.evaluate(x, **(known | arguments))
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter of that name."""
+        for p in self.parameters:
+            if p.name == name:
+                return p
+        raise self.refusal(
+            f"has no parameter {name!r}",
+            f"it has {[p.name for p in self.parameters]}",
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiftModel(Declaration):
+    """Lift near a boundary over lift far away, as a function of `z_hat`.
+
+    `evaluate(z_hat, /, *, ...)` is the ratio L / L_inf (1 far away). `downwash`, where a model has
+    one, is the induced velocity at the disk over its value far away, with the same signature.
+    `rotors` says whether the model describes an isolated rotor (``"one"``), a vehicle of several
+    (``"several"``), or either.
+
+    `gradient`, where a model has one, has that signature too and returns the derivatives of the
+    ratio with respect to each parameter, a tuple in their order; it is compared with differences of
+    `evaluate` at every check. Without it, fits take differences.
+    """
+
+    boundary: Boundary
+    rotors: Literal["one", "several", "any"] = "any"
+    downwash: Evaluate | None = None
+    gradient: Evaluate | None = None
+    tends_to_one: bool = True
+
+    def __post_init__(self) -> None:
+        super(LiftModel, self).__post_init__()
+        if self.boundary not in BOUNDARIES:
+            raise self.refusal(
+                f"{self.boundary!r} is not a boundary",
+                f"boundaries are {', '.join(BOUNDARIES)}",
+            )
+        for role, other in (("downwash", self.downwash), ("gradient", self.gradient)):
+            if other is not None and set(keywords(other)) != set(keywords(self.evaluate)):
+                raise self.refusal(
+                    f"{role} takes {sorted(keywords(other))} but evaluate takes"
+                    f" {sorted(keywords(self.evaluate))}",
+                    "give both the same keyword-only names",
+                )
+        if self.gradient is not None:
+            for check in self.checks:
+                self._compare_gradient(check, self.gradient)
+
+    def _compare_gradient(self, check: Check, gradient: Evaluate) -> None:
+        """Refuse derivatives that are not those of `evaluate`, by central differences."""
+        at = {p.name: p.value for p in self.parameters} | dict(check.arguments)
+        declared = gradient(check.x, **at)
+        if len(declared) != len(self.parameters):
+            raise self.refusal(
+                f"gradient gives {len(declared)} derivatives for {len(self.parameters)} parameters",
+            )
+        for p, own in zip(self.parameters, declared, strict=True):
+            h = 1e-5 * max(abs(at[p.name]), 0.1)
+            up, down = (
+                float(np.squeeze(self.evaluate(check.x, **(at | {p.name: at[p.name] + s}))))
+                for s in (h, -h)
+            )
+            difference, given = (up - down) / (2 * h), float(np.squeeze(own))
+            if not abs(given - difference) <= 1e-5 * (abs(difference) + 1e-3):
+                raise self.refusal(
+                    f"gradient says d/d{p.name} = {given:.6g} at {check.x}, differences say"
+                    f" {difference:.6g}",
+                )
+
+    def suits(self, rotors: int, geometry: Mapping[str, Any]) -> bool:
+        """Whether the model describes a vehicle with so many rotors and this known geometry."""
+        kind_fits = self.rotors == "any" or (self.rotors == "one") == (rotors == 1)
+        return kind_fits and all(n in geometry for n in self.needs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect(Declaration):
+    """Something that a model may lack; it does nothing at its declared parameter values.
+
+    `acts_on` says what `evaluate` takes and returns: ``"height"`` z_hat, ``"ratio"`` L / L_inf,
+    ``"force"`` lift in N. An `additive` force effect works in newtons, so a composed model then
+    needs `lift_inf_N`; any other is a factor. `mechanism` is the physical cause in one sentence;
+    `varies_with` the covariate along which its true shape may depart from the declared one;
+    `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at
+    all; `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in
+    simulations).
+    """
+
+    acts_on: Literal["height", "ratio", "force"]
+    mechanism: str
+    additive: bool = False
+    varies_with: str
+    log_next_time: tuple[str, ...] = ()
+    boundaries: tuple[Boundary, ...] = BOUNDARIES
+    belongs_to: Literal["vehicle", "bench"] = "bench"
+
+    def __post_init__(self) -> None:
+        super(Effect, self).__post_init__()
+        if not self.mechanism:
+            raise DeclarationError(
+                f"effect {self.name}",
+                "names no mechanism",
+                "only what has a physical cause may explain a residual",
+            )
