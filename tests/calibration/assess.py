@@ -33,7 +33,7 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     from nearlift.fit.least_squares import fit
     from nearlift.loop.diagnose import diagnose
     from nearlift.loop.interim import InterimLook
-    from nearlift.loop.search import Options
+    from nearlift.loop.search_problem import Options
     from nearlift.products import NOT_DIAGNOSED
 
     base = catalogue.model(catalogue.default_base(campaign.data.boundary, 4))

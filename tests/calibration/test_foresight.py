@@ -19,7 +19,7 @@ from tests.calibration import spread
 from nearlift import catalogue
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.foresight import handles, planned
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options
 from nearlift.manifest import campaign as manifests
 from nearlift.run.executors import ordered
 from nearlift.stages.observe import observe

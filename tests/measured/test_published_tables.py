@@ -13,7 +13,7 @@ from tests.unit import small_run
 
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options
 from nearlift.products import TRIALS
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import observe

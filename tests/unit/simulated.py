@@ -1,7 +1,11 @@
 """Trials of one boundary from a formula written out here, for tests of fits and diagnosis."""
 
+import dataclasses
+
 import numpy as np
 
+from nearlift.loop.diagnose import diagnose
+from nearlift.loop.search_problem import Options
 from nearlift.results import Observations
 
 RADIUS = 0.023
@@ -73,3 +77,18 @@ def campaign(
         geometry=GEOMETRY,
         covariates=covariates,
     )
+
+
+def findings(data, base, parts=(), *, confirm=True, effects=None, **options):
+    """The diagnosis as diagnosis.json holds it, with options of the search by keyword."""
+    return diagnose(
+        data, base, parts, Options(**options), effects=effects, confirm=confirm
+    ).findings
+
+
+def restated(explanation, **fields):
+    """The explanation with other fields, those of its evidence among them."""
+    names = {"log_evidence": "log", "over_none": "over_none", "plausibility": "plausibility"}
+    told = {new: fields.pop(old) for old, new in names.items() if old in fields}
+    evidence = dataclasses.replace(explanation.evidence, **told)
+    return dataclasses.replace(explanation, evidence=evidence, **fields)

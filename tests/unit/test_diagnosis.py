@@ -22,12 +22,14 @@ from nearlift.loop import (
 )
 from nearlift.loop import diagnose as loop
 from nearlift.loop.candidate import Candidate
-from nearlift.loop.candidate import fit as candidate_fit
-from nearlift.loop.diagnose import close_loop, set_up
-from nearlift.loop.search import EFFECT, Options, pair_gains, run
+from nearlift.loop.candidate_fit import fit as candidate_fit
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.findings import partial
+from nearlift.loop.search import pair_gains, run
+from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.setting import missing
 
-from .simulated import L_INF, STATIONS, campaign, hsiao
+from .simulated import L_INF, STATIONS, campaign, findings, hsiao, restated
 
 GROUND = catalogue.model("sanchez_cuevas")
 CEILING = catalogue.model("hsiao_chirarattananon")
@@ -45,7 +47,7 @@ def sag(power):
 
 @pytest.fixture(scope="module")
 def sagging():
-    return close_loop(campaign(3, visits=8, gain=sag(0.5)), GROUND)
+    return findings(campaign(3, visits=8, gain=sag(0.5)), GROUND)
 
 
 @pytest.fixture(scope="module")
@@ -94,14 +96,14 @@ def test_the_coefficient_before_and_after_has_three_intervals(sagging):
 def test_false_alarms_stay_near_their_rate():
     # 40 nulls at a stated 5 %: 7 or more claims happen by chance once in 300
     verdicts = [
-        close_loop(campaign(500 + s, visits=5), GROUND, confirm=False, seed=s)["verdict"]
+        findings(campaign(500 + s, visits=5), GROUND, confirm=False, seed=s)["verdict"]
         for s in range(40)
     ]
     assert sum(v != "adequate" for v in verdicts) < 7
 
 
 def test_an_adequate_model_is_left_alone():
-    found = close_loop(campaign(1, visits=8), GROUND)
+    found = findings(campaign(1, visits=8), GROUND)
     assert found["verdict"] == "adequate"
     assert found["effects"] == []
     assert found["error"]["before"] == found["error"]["after"]
@@ -113,9 +115,7 @@ def test_an_adequate_model_is_left_alone():
 def test_structure_outside_the_library_stays_without_a_name():
     data = campaign(5, visits=8)
     ripple = 1 + 0.012 * np.sin(np.arange(data.n) * 2 * np.pi / 37)
-    found = close_loop(
-        dataclasses.replace(data, lift_N=data.lift_N * ripple), GROUND, confirm=False
-    )
+    found = findings(dataclasses.replace(data, lift_N=data.lift_N * ripple), GROUND, confirm=False)
     assert found["verdict"] == "unexplained"
     assert found["effects"] == []
     assert found["structure"][0]["covariate"] == "start"
@@ -123,7 +123,7 @@ def test_structure_outside_the_library_stays_without_a_name():
 
 def test_two_effects_are_found_together():
     data = campaign(11, visits=10, gain=sag(0.5), session_gain=0.01)
-    found = close_loop(data, GROUND, confirm=False)
+    found = findings(data, GROUND, confirm=False)
     assert {e["name"] for e in found["effects"]} == {"supply_sag", "session_gain"}
 
 
@@ -135,7 +135,7 @@ def test_under_a_ceiling_a_height_scale_is_silent_and_never_named():
         stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
         visits=8,
     )
-    found = close_loop(data, CEILING, confirm=False)
+    found = findings(data, CEILING, confirm=False)
     hidden = {s["effect"]: s for s in found["silent"] if s["hidden"]}
     assert hidden["height_scale"]["absorbed_by"] == "alpha"
 
@@ -143,7 +143,7 @@ def test_under_a_ceiling_a_height_scale_is_silent_and_never_named():
 def test_what_was_not_logged_is_untestable_and_says_what_to_log():
     data = campaign(4, visits=5)
     poor = dataclasses.replace(data, covariates={"start_s": data.covariates["start_s"]})
-    found = close_loop(poor, GROUND, confirm=False)
+    found = findings(poor, GROUND, confirm=False)
     untestable = {u["effect"]: u for u in found["untestable"]}
     assert untestable["supply_sag"]["needs"] == ["supply_V", "supply_ref_V"]
     assert untestable["supply_sag"]["log_next_time"] == ["supply"]
@@ -155,7 +155,7 @@ def test_too_few_trials_are_refused_with_the_number_that_would_do():
     with pytest.raises(
         NotConverged, match="at least 45 are wanted to tell a noise floor from structure"
     ):
-        close_loop(data.take(np.arange(20)), GROUND)
+        findings(data.take(np.arange(20)), GROUND)
 
 
 def test_a_constant_covariate_tells_nothing():
@@ -364,7 +364,7 @@ def test_partial_explanations_are_ranked_though_the_excess_is_small():
     stage = set_up(campaign(3, visits=8, gain=sag(0.5)), GROUND, (), Options())[0]
     answer = run(stage)
     stage.__dict__["excess"] = 1e-12
-    rows = loop._partial(stage, answer)
+    rows = partial(stage, answer)
     assert rows[0] == {"name": "supply_sag", "share": 1.0}
     assert [r["share"] for r in rows] == sorted((r["share"] for r in rows), reverse=True)
     assert all(0.05 < r["share"] < 1 for r in rows[1:])
@@ -426,7 +426,7 @@ def sweeps(seed, *, gain=None, spread=0.03, supply_falls=False):
 
 def test_a_gain_of_each_visit_is_never_named():
     # fitted, a gain per session explains all; a visit left out it cannot predict
-    found = close_loop(sweeps(21), GROUND)
+    found = findings(sweeps(21), GROUND)
     assert found["verdict"] == "unexplained"
     assert found["effects"] == []
     assert found["error"]["after"] == found["error"]["before"]
@@ -438,7 +438,7 @@ def test_a_gain_of_each_visit_is_never_named():
 
 
 def test_a_cause_that_predicts_visits_left_out_is_found():
-    found = close_loop(sweeps(4, spread=0.004, supply_falls=True), GROUND)
+    found = findings(sweeps(4, spread=0.004, supply_falls=True), GROUND)
     assert [e["name"] for e in found["effects"]] == ["supply_sag"]
     exponent = found["effects"][0]["parameters"]["sag_exponent"]
     assert exponent["lo90"] < 2 < exponent["hi90"]
@@ -505,7 +505,7 @@ def test_few_visits_that_only_repeat_badly_are_given_no_name():
     # eight campaigns, each named wrongly with a chance below 10 %: three or more would happen once
     # in thirty
     named = [
-        few_visits.choose(set_up(sweeps(s), GROUND, (), Options(seed=s))[0]).accepted
+        few_visits.run(set_up(sweeps(s), GROUND, (), Options(seed=s))[0]).accepted
         for s in range(100, 108)
     ]
     assert sum(map(bool, named)) <= 2
@@ -513,7 +513,7 @@ def test_few_visits_that_only_repeat_badly_are_given_no_name():
 
 def test_what_held_out_visits_do_not_confirm_is_not_named(monkeypatch):
     monkeypatch.setattr(confirmation, "improves", lambda stage, scored: False)
-    found = close_loop(campaign(3, gain=lambda c: (c["supply_V"] / 3.7) ** 2), GROUND)
+    found = findings(campaign(3, gain=lambda c: (c["supply_V"] / 3.7) ** 2), GROUND)
     assert found["verdict"] == "unexplained"
     assert ["supply_sag"] in found["not_confirmed"]
     assert found["effects"] == []
@@ -583,7 +583,7 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
     def standing(names, log_evidence, over_none=20.0, plausibility=0.0, left=nothing, needed=True):
         candidate = null_stage.candidate(*(effects[n] for n in names))
         fitted = dataclasses.replace(sag.fitted, candidate=candidate, vector=candidate.null)
-        return dataclasses.replace(
+        return restated(
             sag,
             fitted=fitted,
             left=left,
@@ -705,7 +705,7 @@ def test_what_a_pair_could_gain_is_what_both_take_of_the_residual(null_stage):
     mine = {
         h.name: h.columns
         for h in hypotheses
-        if h.name in (f"{EFFECT}supply_sag", f"{EFFECT}zero_offset")
+        if h.name in ("effect supply_sag", "effect zero_offset")
     }
     residual = basis.T @ null_stage.base_fit.residual
     without, both = (
@@ -735,7 +735,7 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
     )
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
-    assert answer.stage.straight_line(own) > own.over_none + search.PLAIN
+    assert answer.stage.straight_line(own) > own.evidence.over_none + search.PLAIN
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
     assert answer.verdict == "unexplained"
 
@@ -746,7 +746,7 @@ def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage
     """
     stage = dataclasses.replace(sagging_stage)
     sag = next(e for e, _ in stage.library if e.name == "supply_sag")
-    found = dataclasses.replace(stage.explain((sag,)), gain=1e9, over_none=1e3)
+    found = restated(stage.explain((sag,)), gain=1e9, over_none=1e3)
     for covariate, taken in (
         ("supply", True),
         ("throttle", True),
@@ -754,7 +754,7 @@ def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage
         ("approach", False),
     ):
         left = dataclasses.replace(
-            found.left,
+            stage.left_by(found),
             names=("a",),
             covariates=(covariate,),
             log10_p=np.full(1, -9.0),
@@ -762,7 +762,7 @@ def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage
         )
         judged = dataclasses.replace(found, left=left)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(search.Stage, "judged", lambda *_, judged=judged: judged)
+            patch.setattr(SearchProblem, "judged", lambda *_, judged=judged: judged)
             (again,) = search.second_look(stage, (found,))
         assert again.confirmed is taken
 

@@ -11,12 +11,21 @@ import pytest
 from scipy.stats import chi2, t
 
 from nearlift import catalogue
-from nearlift.loop import absorption, coefficients, confirmation, discrepancy, search, structure
+from nearlift.loop import (
+    absorption,
+    coefficients,
+    confirmation,
+    discrepancy,
+    search,
+    search_problem,
+    structure,
+)
 from nearlift.loop.diagnose import set_up
+from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.families import STEP, families
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options, visibility
 
-from .simulated import campaign
+from .simulated import campaign, restated
 
 GROUND = catalogue.model("sanchez_cuevas")
 NAMES = ("supply_sag", "session_gain", "warm_up", "zero_offset", "near_wall_saturation")
@@ -101,7 +110,7 @@ def test_plausibility_is_the_evidence_with_every_size_integrated_over_its_prior(
             slopes[:, : len(stage.theta)],
             np.hstack([slopes[:, free] * sd[free], e.tube]),
         )
-        assert e.plausibility == pytest.approx(-0.5 * (chi2_ + volume), rel=1e-6), e.name
+        assert e.evidence.plausibility == pytest.approx(-0.5 * (chi2_ + volume), rel=1e-6), e.name
 
 
 def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tried):
@@ -121,8 +130,8 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
         # a size for each session is one unknown more: how much sessions differ
         unknowns = len(own) + bool(len(session))
         expected = -0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n))
-        assert e.log_evidence == pytest.approx(expected, rel=1e-6), e.name
-        assert e.over_none == pytest.approx(expected - nothing, rel=1e-6, abs=1e-5)
+        assert e.evidence.log == pytest.approx(expected, rel=1e-6), e.name
+        assert e.evidence.over_none == pytest.approx(expected - nothing, rel=1e-6, abs=1e-5)
         assert e.gain == pytest.approx(stage.base_fit.chi2 - e.fitted.chi2)
 
 
@@ -235,7 +244,7 @@ def test_visibility_is_the_share_of_energy_that_theta_and_levels_leave(stage):
                 left += integrated(stage, c, jacobian, np.zeros((len(c), 0)))[0]
                 whole += c @ inverse @ c
             shares.append(left / whole)
-        assert search.visibility(stage, effect) == pytest.approx(max(shares), rel=1e-6, abs=1e-9)
+        assert visibility(stage, effect) == pytest.approx(max(shares), rel=1e-6, abs=1e-9)
 
 
 def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage):
@@ -246,7 +255,7 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
     listed = iter(zip(found.names, found.covariates, found.log10_p, strict=True))
     checked = 0
     named = [(f.name, f.columns) for f in families(stage.data)] + [
-        (f"{search.EFFECT}{e.name}", c) for e, c in stage.library
+        (f"effect {e.name}", c) for e, c in stage.library
     ]
     root = np.linalg.cholesky(stage.space.covariance.dense())
     fixed = np.linalg.solve(root, np.hstack([levels(stage), slopes]))
@@ -294,11 +303,11 @@ def test_excess_is_the_chi_square_of_all_directions_beyond_their_number(stage):
 
 
 def of_left(e, present):
-    left = dataclasses.replace(
-        e.left,
+    left = structure.Structure(
         names=("x",),
         covariates=("x",),
         log10_p=np.array([-5.0]),
+        p_value=0.01,
         threshold=-4.0 if present else -6.0,
     )
     return dataclasses.replace(e, left=left)
@@ -328,7 +337,7 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
         fitted = dataclasses.replace(tried["supply_sag"].fitted, candidate=candidate, vector=vector)
         assert fitted.at_bound == at_bound
         given = {"fitted": fitted, "over_none": over_none, "needed": needed}
-        e = dataclasses.replace(of_left(tried["supply_sag"], present), confirmed=None, **given)
+        e = restated(of_left(tried["supply_sag"], present), confirmed=None, **given)
         assert e.accepted == (not present and over_none > 2 and needed and not at_bound)
         assert e.possible == (over_none > 0 and not at_bound and (needed or len(names) == 1))
         for confirmed in (False, True):
@@ -342,7 +351,7 @@ def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tr
     enough = max(0.8 * stage.excess, stage.best_step)
     for gain, over_none, looked in ((1.01, 20.0, True), (0.99, 20.0, False), (1.01, 14.0, False)):
         (again,) = search.second_look(
-            stage, (dataclasses.replace(e, gain=gain * enough, over_none=over_none),)
+            stage, (restated(e, gain=gain * enough, over_none=over_none),)
         )
         assert (again.form_sd == pytest.approx(0.4)) == looked
         assert (again.confirmed is not None) == looked
@@ -350,7 +359,7 @@ def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tr
     (again,) = search.second_look(
         stage,
         (
-            dataclasses.replace(
+            restated(
                 of_left(tried["session_gain"], True),
                 gain=2 * enough,
                 over_none=20.0,
@@ -568,8 +577,8 @@ def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_witho
     others reach alone.
     """
     e, d = tried["supply_sag"], stage.hypotheses[1].shape[1]
-    chance = search.BY_CHANCE * np.sqrt(2 * d + 2 * d**2 / stage.noise.dof)
-    part = search.GREATER_PART
+    chance = search_problem.BY_CHANCE * np.sqrt(2 * d + 2 * d**2 / stage.noise.dof)
+    part = search_problem.GREATER_PART
     least = (e.gain - part * stage.excess + chance) / (1 - part)
 
     def needed(*without):
@@ -602,7 +611,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
     likelier; both dearer by what it leaves.
     """
     d = stage.hypotheses[1].shape[1]
-    one = dataclasses.replace(
+    one = restated(
         of_left(tried["supply_sag"], False),
         over_none=50.0,
         needed=True,
@@ -615,12 +624,12 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
     def listed(log_evidence, dispersion):
         gain = stage.excess - (dispersion - 1) * d
         left = of_left(pair, dispersion > 1)
-        both = dataclasses.replace(
+        both = restated(
             left, over_none=50.0, needed=True, confirmed=True, log_evidence=log_evidence, gain=gain
         )
         return [len(e.effects) for e in search.contenders(stage, (one,), (both,))]
 
-    half = search.RIVAL / 2
+    half = RIVAL_MAX_2LNB / 2
     for dispersion, price in ((1.0, 0.0), (3.0, 2 * half)):
         assert listed(price - 0.1, dispersion) == [1]
         assert listed(price + 0.1, dispersion) == [1, 2]
@@ -635,7 +644,7 @@ def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
 
     def listed(one_leaves, two_leave, behind):
         one, two = (
-            dataclasses.replace(
+            restated(
                 of_left(e, False),
                 over_none=50.0,
                 needed=True,
@@ -647,7 +656,7 @@ def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
         )
         return [len(e.effects) for e in search.contenders(stage, (one,), (two,))]
 
-    straight, bent, near = search.LEAVES - 0.1, search.LEAVES + 0.1, search.RIVAL / 2 - 0.1
+    straight, bent, near = search.LEAVES - 0.1, search.LEAVES + 0.1, RIVAL_MAX_2LNB / 2 - 0.1
     assert listed(bent, straight, near) == [2]
     assert (
         listed(straight, straight, near)
@@ -658,17 +667,21 @@ def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
 
 
 def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tried):
-    one = dataclasses.replace(
+    one = restated(
         of_left(tried["supply_sag"], False),
         over_none=50.0,
         needed=True,
         confirmed=None,
         gain=stage.excess,
     )
-    singles = [dataclasses.replace(one, log_evidence=0.0, plausibility=p) for p in (1.0, 3.0, 2.0)]
-    assert [e.plausibility for e in search.contenders(stage, tuple(singles), ())] == [3.0, 2.0, 1.0]
+    singles = [restated(one, log_evidence=0.0, plausibility=p) for p in (1.0, 3.0, 2.0)]
+    assert [e.evidence.plausibility for e in search.contenders(stage, tuple(singles), ())] == [
+        3.0,
+        2.0,
+        1.0,
+    ]
     pair = next(e for e in tried.values() if len(e.effects) == 2)
-    both = dataclasses.replace(
+    both = restated(
         of_left(pair, False), over_none=50.0, needed=True, confirmed=None, log_evidence=1.0
     )
     pairs = []
@@ -677,8 +690,10 @@ def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tr
             *(e for e in {e.name: e for e, _ in stage.library}.values() if e.name in name)
         )
         fitted = dataclasses.replace(pair.fitted, candidate=candidate, vector=candidate.null)
-        pairs.append(dataclasses.replace(both, fitted=fitted, plausibility=p))
-    assert [e.plausibility for e in search.contenders(stage, tuple(singles), tuple(pairs))] == [
+        pairs.append(restated(both, fitted=fitted, plausibility=p))
+    assert [
+        e.evidence.plausibility for e in search.contenders(stage, tuple(singles), tuple(pairs))
+    ] == [
         3.0,
         2.0,
         1.0,

@@ -9,11 +9,11 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.loop import discrepancy
-from nearlift.loop.diagnose import close_loop, set_up
+from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import indicators, powers
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options
 
-from .simulated import campaign, sanchez_cuevas
+from .simulated import campaign, findings, sanchez_cuevas
 
 GROUND = catalogue.model("sanchez_cuevas")
 EFFECTS = tuple(
@@ -59,7 +59,7 @@ def test_moments_give_the_variance_that_was_put_in(stage, shape):
 
 def test_an_unexplained_ripple_widens_the_interval_until_it_holds_the_truth():
     data = campaign(4, visits=6, ratio=rippled)
-    found = close_loop(data, GROUND, effects=EFFECTS, confirm=False)
+    found = findings(data, GROUND, effects=EFFECTS, confirm=False)
     assert found["verdict"] == "unexplained"
     before, after = (found["coefficients"][when]["K_b"] for when in ("before", "after"))
     assert "distance" in found["coefficients"]["carried"]
@@ -69,7 +69,7 @@ def test_an_unexplained_ripple_widens_the_interval_until_it_holds_the_truth():
 
 
 def test_what_is_adequate_carries_nothing():
-    found = close_loop(campaign(5, visits=5), GROUND, effects=EFFECTS, confirm=False)
+    found = findings(campaign(5, visits=5), GROUND, effects=EFFECTS, confirm=False)
     assert found["verdict"] == "adequate"
     assert found["coefficients"]["carried"] == []
     assert {

@@ -15,7 +15,8 @@ from nearlift.loop import outlook, proposals
 from nearlift.loop.absorption import unknowable
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.foresight import LIMIT_POWER, Power, handles, planned
-from nearlift.loop.search import Options, run
+from nearlift.loop.search import run
+from nearlift.loop.search_problem import Options
 from nearlift.loop.setting import derive
 from nearlift.loop.within_trial import heating, power
 from nearlift.manifest import campaign as manifests

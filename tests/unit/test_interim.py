@@ -10,9 +10,10 @@ import pytest
 from scipy.stats import norm
 
 from nearlift import catalogue
-from nearlift.loop import search, structure
+from nearlift.loop import structure
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.interim import INTERIM_SHARE, InterimLook, nominal_level
+from nearlift.loop.search_problem import Options
 from nearlift.stages.observe import interim_look
 
 from .simulated import campaign
@@ -124,12 +125,12 @@ def test_far_out_the_tail_goes_on_as_that_of_the_smallest_of_many():
 @pytest.fixture(scope="module")
 def sagging():
     data = campaign(3, visits=5, gain=lambda c: (c["supply_V"] / 3.8) ** 0.15)
-    return data, set_up(data, GROUND, (), search.Options())[0].nothing_added[0]
+    return data, set_up(data, GROUND, (), Options())[0].nothing_added[0]
 
 
 def looked_at(data, trials, scheduled):
     look = InterimLook(trials=trials, scheduled=scheduled) if scheduled > trials else None
-    return diagnose(data, GROUND, (), search.Options(), confirm=False, look=look)
+    return diagnose(data, GROUND, (), Options(), confirm=False, look=look)
 
 
 def test_the_same_trials_claim_by_how_many_are_still_to_come(sagging):

@@ -13,6 +13,7 @@ from nearlift.fit import collapse, gum, least_squares, predictive, profiles
 from nearlift.loop import diagnose as loop
 from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
+from nearlift.loop.search_problem import Options
 from nearlift.reduction import cells
 from nearlift.run import expense
 from nearlift.stages import beside
@@ -50,7 +51,7 @@ def reduced(data):
 
 
 def diagnosed(data):
-    stage, _, _ = loop.set_up(data, GROUND, (), loop.Options())
+    stage, _, _ = loop.set_up(data, GROUND, (), Options())
     assert stage.nothing_added[0].p_value > 0
 
 
@@ -96,7 +97,7 @@ def test_the_gains_of_all_sessions_are_differentiated_in_one_pass():
 
 def test_what_a_search_keeps_of_a_candidate_grows_with_the_trials_and_not_with_trials_times_sessions():
     effects = tuple(catalogue.effect(name) for name in ("session_gain", "supply_sag"))
-    stage, _, _ = loop.set_up(in_sessions(30), GROUND, (), loop.Options(), effects)
+    stage, _, _ = loop.set_up(in_sessions(30), GROUND, (), Options(), effects)
     singles = search.run(stage).singles
     assert {e.name for e in singles} == {"session_gain", "supply_sag"}
     for kept in (*singles, *(e.fitted for e in singles)):

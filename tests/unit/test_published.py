@@ -7,15 +7,15 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, UsageError
-from nearlift.loop.diagnose import close_loop, set_up
+from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import families
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options
 from nearlift.loop.setting import derive
 from nearlift.manifest import campaign as manifests
 from nearlift.readers.garofano_soldado import convert
 from nearlift.readers.schedule import read_schedule
 
-from .simulated import campaign, hsiao
+from .simulated import campaign, findings, hsiao
 from .small_run import nearlift
 
 HEADER = "case,config,alpha_deg,beta_deg,z_over_R,z_m,Fz_N,Fz_std_N\n"
@@ -104,14 +104,12 @@ def test_a_drift_is_seen_in_run_order_and_untestable_without_one():
     base = catalogue.model("sanchez_cuevas")
     data = campaign(5, visits=8)
     data = dataclasses.replace(data, lift_N=data.lift_N * (1 + 0.02 * np.linspace(-1, 1, data.n)))
-    assert close_loop(data, base, confirm=False)["structure"][0]["covariate"] in (
+    assert findings(data, base, confirm=False)["structure"][0]["covariate"] in (
         "start",
         "session",
     )
     bare = {k: v for k, v in data.covariates.items() if k == "approach"}
-    found = close_loop(
-        dataclasses.replace(data, ordered=False, covariates=bare), base, confirm=False
-    )
+    found = findings(dataclasses.replace(data, ordered=False, covariates=bare), base, confirm=False)
     assert "start" not in {s["covariate"] for s in found["structure"]}
     assert {"gain_drift", "cell_creep", "warm_up"} <= {u["effect"] for u in found["untestable"]}
 

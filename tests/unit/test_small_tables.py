@@ -17,7 +17,7 @@ from nearlift.errors import NotConverged
 from nearlift.loop import confirmation
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import STEP, families
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options
 from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import visits
 from nearlift.report.chapters import diagnosis, verdict

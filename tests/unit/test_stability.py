@@ -7,7 +7,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.loop.diagnose import diagnose
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import LOOK, Without, told
 
 from .simulated import campaign

@@ -18,9 +18,9 @@ from nearlift.declare import FloatArray
 from nearlift.fit import batched
 from nearlift.fit.least_squares import parameter_covariance
 from nearlift.likelihood import student
-from nearlift.likelihood.frame import framed
 from nearlift.likelihood.noise import MOST_MEANS
 from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.subspace import framed
 from nearlift.results import IntArray
 
 CONFIDENCE = 0.95

@@ -22,6 +22,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import batched
 from nearlift.fit.least_squares import parameter_covariance
+from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray, Observations
 
@@ -111,7 +112,7 @@ class Response:
         None for other quantities, and where lift would follow the quantity's own change alone:
         theory then says nothing.
         """
-        ends = self.slope + np.array([-1.645, 1.645]) * self.u
+        ends = self.slope + np.array([-1.0, 1.0]) * student.NORMAL_90 * self.u
         at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(
             self.quantity, ((), 1.0)
         )

@@ -25,6 +25,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.likelihood import semiseparable
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
+from nearlift.likelihood.subspace import orthonormal
 from nearlift.results import IntArray, Noise, Observations
 
 #: Trials over which the drifts forget; a drift is looked for where a boundary has four times as
@@ -49,9 +50,9 @@ REPEATS = "scatter of repeats"
 #: the model, as much as that.
 STRUCTURE = 0.01
 CLIP = 3.5
-#: A column that keeps less than this part of itself beside others is spanned by them: what is left
-#: is rounding, and differs by processor.
-SPANNED = 1e-6
+#: A combination of unknowns with less than this part of the largest one's variance adds nothing but
+#: rounding.
+NEGLIGIBLE = 1e-13
 #: A trial that keeps less than this part of its precision beside what is free cannot be foretold
 #: from the rest.
 DETERMINED = 1e-8
@@ -178,7 +179,9 @@ def estimate(
         for s in structure
         if (norm := float(np.linalg.norm(s))) > 0
     ]
-    model = _Components.of(data, slope, np.hstack([mean, *unknown]), mean.shape[1], extra)
+    model = _Components.of(
+        data, slope, np.hstack([mean, _condensed(np.hstack(unknown))]), mean.shape[1], extra
+    )
     typical_N = float(np.median(data.lift_N))
     unit = np.array([typical_N if name == "force_N" else 1.0 for name in model.priors])
     if start is None or start.sizes != tuple(model.priors):
@@ -248,6 +251,17 @@ def estimate(
         log_covariance=tuple(tuple(float(v) for v in row) for row in spread),
     )
     return noise, y
+
+
+def _condensed(columns: FloatArray) -> FloatArray:
+    """As few columns B (n, r) as have the same ``B B'``: families overlap, and time goes with the
+    square of their number.
+    """
+    if not columns.shape[1]:
+        return columns
+    energy, turn = np.linalg.eigh(columns.T @ columns)
+    kept = energy > NEGLIGIBLE * max(energy[-1], 1e-300)
+    return np.asarray(columns @ turn[:, kept], dtype=np.float64)
 
 
 def curves(data: Observations) -> tuple[list[FloatArray], str]:
@@ -483,23 +497,6 @@ def _pulled_in(y: FloatArray, at: _At) -> FloatArray:
     root = np.sqrt(at.precision)
     z = at.weighed / root
     return y - (z - np.clip(z, -CLIP, CLIP)) / root
-
-
-def orthonormal(columns: FloatArray) -> FloatArray:
-    """An orthonormal basis of the columns' span, rank found by pivoting; (n, rank)."""
-    from scipy.linalg import qr
-
-    length = np.sqrt(np.einsum("ij,ij->j", columns, columns))
-    kept = length > 1e-12 * max(length.max(initial=0.0), 1e-300)
-    if not kept.any():
-        return np.zeros((len(columns), 0))
-    # one copy, laid out so that the factorisation works in its place
-    x = np.array(columns[:, kept], order="F", copy=None)
-    np.divide(x, [float(np.sqrt(np.sum(column**2))) for column in x.T], out=x)
-    q, r, _ = qr(x, mode="economic", pivoting=True, check_finite=False, overwrite_a=True)
-    diagonal = np.abs(np.diag(r))
-    rank = int((diagonal > SPANNED * diagonal[0]).sum())
-    return np.asarray(q[:, :rank], dtype=np.float64)
 
 
 def floor(data: Observations, noise: Noise, slope: FloatArray) -> float:

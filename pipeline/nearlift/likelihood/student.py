@@ -8,6 +8,9 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
+#: Half of a normal's 90 % interval, in standard deviations.
+NORMAL_90 = 1.645
+
 
 def quantile(probability: float, dof: float) -> float:
     """Quantile above the median; infinite where `dof` is 0."""

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.noise import orthonormal
-from nearlift.loop.candidate import Fitted
+from nearlift.likelihood.subspace import orthonormal
+from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.few_visits import applies
-from nearlift.loop.search import SILENT, Answer, Stage
+from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.nomenclature import letter
 from nearlift.rounding import signed
 
@@ -22,7 +23,9 @@ RESTS = 0.5
 CONFOUNDED = 0.5
 
 
-def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[dict[str, Any]]:
+def shifts(
+    stage: SearchProblem, answer: Answer, coefficients: dict[str, Any]
+) -> list[dict[str, Any]]:
     """How each named effect goes together with each coefficient, and what became of the
     coefficient.
 
@@ -65,14 +68,14 @@ def shifts(stage: Stage, answer: Answer, coefficients: dict[str, Any]) -> list[d
     return found
 
 
-def limits(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
+def limits(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
     """What cannot be known from so few distances or visits: coefficients that rest on one of them,
     or that levels of their own absorb.
     """
     return unknowable(stage, answer.best)
 
 
-def unknowable(stage: Stage, best: Fitted) -> list[dict[str, Any]]:
+def unknowable(stage: SearchProblem, best: Fitted) -> list[dict[str, Any]]:
     """The same about any fit; also about one to trials that are only planned."""
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))

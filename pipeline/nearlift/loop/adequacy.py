@@ -10,9 +10,10 @@ import dataclasses
 import numpy as np
 
 from nearlift.likelihood import budget
-from nearlift.likelihood.noise import floor, orthonormal
+from nearlift.likelihood.noise import floor
+from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.confirmation import HeldOut, misfit
-from nearlift.loop.search import Stage
+from nearlift.loop.search_problem import SearchProblem
 
 #: Chance with which visits left out of a right model stray by as much as to contradict it.
 STRAY = 0.01
@@ -20,14 +21,14 @@ STRAY = 0.01
 SIGMAS = 2.0
 
 
-def contradictions(stage: Stage, scored: HeldOut | None) -> tuple[str, ...]:
+def contradictions(stage: SearchProblem, scored: HeldOut | None) -> tuple[str, ...]:
     """What contradicts an adequate base model, in words; empty where nothing does. `scored` are
     visits left out.
     """
     return (*_floor_missed(stage, scored), *_strained(stage))
 
 
-def _floor_missed(stage: Stage, scored: HeldOut | None) -> list[str]:
+def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
     """Whether visits left out stray from their prediction by more than the noise floor, beyond
     chance.
 
@@ -59,7 +60,7 @@ def _floor_missed(stage: Stage, scored: HeldOut | None) -> list[str]:
     ]
 
 
-def _strained(stage: Stage) -> list[str]:
+def _strained(stage: SearchProblem) -> list[str]:
     """The declared errors that stand beyond `SIGMAS` of their declared uncertainty; of several
     unknowns of one error, as rarely for all together.
     """

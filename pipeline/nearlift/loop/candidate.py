@@ -1,5 +1,5 @@
-"""A base model with some effects, as a function of one flat vector: predicted, differentiated,
-fitted with weak priors.
+"""A base model with some effects, as a function of one flat vector: predicted and differentiated,
+with weak priors.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, compose
-from nearlift.likelihood.problem import Problem, need
+from nearlift.likelihood.problem import need
 from nearlift.loop.families import cosines, indicators
 from nearlift.results import Observations
 
@@ -228,19 +228,14 @@ class Candidate:
         weight = 1 / np.arange(1, TUBE_ORDER + 1)
         weight *= sd * np.sqrt(2 / np.sum(weight**2))
         for effect in self.effects:
+            part = self.contribution(vector, effect)[:, None]
             for name in bends_along(effect):
                 along = self._along(name)
                 if along is not None:
-                    columns.append(
-                        self.contribution(vector, effect)[:, None]
-                        * cosines(along, TUBE_ORDER)
-                        * weight
-                    )
+                    columns.append(part * cosines(along, TUBE_ORDER) * weight)
             if effect.varies_with == "since_start_s" and self.data.session.max() > 0:
                 # what begins anew at every start does not begin alike each time
-                columns.append(
-                    self.contribution(vector, effect)[:, None] * indicators(self.data.session) * sd
-                )
+                columns.append(part * indicators(self.data.session) * sd)
         return np.hstack(columns)
 
     def _along(self, name: str) -> FloatArray | None:
@@ -271,157 +266,3 @@ def moments(parameter: Parameter) -> tuple[float, float]:
         return prior.loc + prior.scale / 2, prior.scale / np.sqrt(12)
     frozen = prior.frozen()
     return float(frozen.mean()), float(frozen.std())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fitted:
-    """A candidate at its best: `residual` is whitened with L_inf removed (by `space`), `penalty`
-    the prior's part of the objective.
-    """
-
-    candidate: Candidate
-    space: Problem
-    vector: FloatArray
-    residual: FloatArray
-    penalty: float
-
-    @property
-    def jacobian(self) -> FloatArray:
-        """D residual / d vector but for its sign, (n, P); made when asked for, since a search keeps
-        every candidate that it tried.
-        """
-        return self.space.project(self.candidate.jacobian(self.vector).T).T
-
-    @property
-    def at_bound(self) -> bool:
-        """Whether an effect's size stands at an end of its range that is not its null."""
-        low, high = self.candidate.bounds
-        sizes = self.candidate.sizes()
-        value, null = self.vector[sizes], self.candidate.null[sizes]
-        return bool(np.any(((value <= low[sizes]) | (value >= high[sizes])) & (value != null)))
-
-    @property
-    def chi2(self) -> float:
-        """Sum of squared whitened residuals."""
-        return float(np.sum(self.residual**2))
-
-
-def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:
-    """Penalised least squares from `start` by damped Gauss-Newton steps.
-
-    Parameters
-    ----------
-    candidate : Candidate
-    space : Problem
-        Whitens and removes L_inf.
-    log_lift : (n,)
-    start : (P,)
-    """
-    low, high = candidate.bounds
-    mean, sd = candidate.prior
-    weight = 1 / sd
-
-    def residual(vector: FloatArray) -> FloatArray:
-        return space.project(log_lift - candidate.log_ratio(vector))
-
-    def cost(r: FloatArray, vector: FloatArray) -> float:
-        total = float(np.sum(r**2) + np.sum(((vector - mean) * weight) ** 2))
-        return total if np.isfinite(total) else np.inf
-
-    vector = np.clip(start, low, high)
-    r = residual(vector)
-    best = cost(r, vector)
-    damping = 1e-6
-    for _ in range(25 if np.isfinite(best) else 0):
-        columns = candidate.jacobian(vector)
-        j = space.project(columns.T).T
-        length = np.sqrt(np.sum(j**2, axis=0) + weight**2)
-        length = np.where(length > 0, length, 1.0)
-        normal = (j.T @ j + np.diag(weight**2)) / np.outer(length, length)
-        gradient = (j.T @ r - weight**2 * (vector - mean)) / length
-        gained = 0.0
-        for _ in range(8):
-            trial = np.clip(
-                vector
-                + _step(
-                    normal + damping * np.eye(len(vector)), gradient, length, vector, low, high
-                ),
-                low,
-                high,
-            )
-            r_trial = residual(trial)
-            value = cost(r_trial, trial)
-            if value < best:
-                gained = best - value
-                vector, r, best, damping = trial, r_trial, value, max(damping / 10, 1e-9)
-                break
-            damping = max(damping * 20, 1e-6)
-        if gained < 1e-3:
-            break
-    return Fitted(
-        candidate=candidate,
-        space=space,
-        vector=vector,
-        residual=r,
-        penalty=best - float(np.sum(r**2)),
-    )
-
-
-def _step(
-    normal: FloatArray,
-    gradient: FloatArray,
-    length: FloatArray,
-    vector: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-) -> FloatArray:
-    """The Gauss-Newton step in which an entry at a bound that wants to leave stays, and the others
-    make the best of that.
-    """
-    free = np.ones(len(vector), dtype=bool)
-    step = np.zeros(len(vector))
-    for _ in range(len(vector)):
-        step[:] = 0.0
-        step[free] = (
-            np.linalg.lstsq(normal[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]
-            / length[free]
-        )
-        stuck = free & (((vector <= low) & (step < 0)) | ((vector >= high) & (step > 0)))
-        if not stuck.any():
-            break
-        free &= ~stuck
-    return step
-
-
-def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
-    """The best fit over the shapes' starting values: screened to first order, the best
-    two refined.
-    """
-    p = len(candidate.of(""))
-    starts: list[tuple[float, int, FloatArray]] = []
-    sizes = candidate.sizes()
-    mean, sd = candidate.prior
-    for vector in candidate.shapes():
-        vector = vector.copy()
-        vector[:p] = theta
-        # a shape's derivative vanishes at the null, so the screen is linear in the sizes alone
-        active = np.r_[np.arange(p), sizes]
-        j = space.project(candidate.jacobian(vector).T[active]).T
-        r = space.project(log_lift - candidate.log_ratio(vector))
-        weight = 1 / sd[active]
-        solution = np.linalg.lstsq(
-            np.vstack([j, np.diag(weight)]), np.r_[r, weight * (mean - vector)[active]], rcond=None
-        )[0]
-        rest = r - j @ solution
-        start = vector.copy()
-        start[active] += solution
-        starts.append(
-            (
-                float(rest @ rest + np.sum((weight * (start - mean)[active]) ** 2)),
-                len(starts),
-                start,
-            )
-        )
-    starts.sort()
-    fits = [fit(candidate, space, log_lift, start) for _, _, start in starts[:2]]
-    return min(fits, key=lambda f: f.chi2 + f.penalty)

@@ -12,17 +12,19 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import gum
 from nearlift.likelihood import student
-from nearlift.likelihood.noise import orthonormal
+from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import discrepancy
-from nearlift.loop.candidate import WIDE, Candidate, Fitted, moments
-from nearlift.loop.search import Answer, Stage
+from nearlift.loop.candidate import WIDE, Candidate, moments
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SearchProblem
 
 #: Values and standard uncertainties of the coefficients, (p,) each.
 Pair = tuple[FloatArray, FloatArray]
 
 
 def spread(
-    stage: Stage, fitted: Fitted, nuisance: FloatArray | None = None
+    stage: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Value and standard uncertainty of the base model's coefficients at a fit.
 
@@ -52,7 +54,7 @@ def spread(
     return value, np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
 
 
-def joint(stage: Stage, fitted: Fitted, tube: FloatArray | None = None) -> FloatArray:
+def joint(stage: SearchProblem, fitted: Fitted, tube: FloatArray | None = None) -> FloatArray:
     """Covariance of everything fitted, coefficients first and the effects' parameters after them as
     the candidate's slots say: (P, P).
 
@@ -75,7 +77,7 @@ def _inverse(information: FloatArray) -> FloatArray:
 
 
 def constrained_columns(
-    stage: Stage, chosen: tuple[str, ...], declared: dict[str, float]
+    stage: SearchProblem, chosen: tuple[str, ...], declared: dict[str, float]
 ) -> FloatArray:
     """Every effect that was not named, at its physical prior's size, as unit-variance columns (n,
     t).
@@ -170,7 +172,7 @@ class Answers:
         return {"before": before, "after": after, "carried": list(self.carried)}
 
 
-def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers:
+def answers(stage: SearchProblem, answer: Answer, declared: dict[str, float]) -> Answers:
     """What the coefficients are before and after the loop."""
     best = answer.best
     conditional = spread(stage, best)
@@ -198,7 +200,7 @@ def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> Answers
     )
 
 
-def _freedom(stage: Stage) -> FloatArray:
+def _freedom(stage: SearchProblem) -> FloatArray:
     """Effective degrees of freedom (p,) of the base fit's coefficients: what is behind the sizes of
     noise that each rests on.
     """
@@ -210,7 +212,7 @@ def _freedom(stage: Stage) -> FloatArray:
     return gum.freedom(stage.space, g, stage.parts, stage.noise, stage.slope)
 
 
-def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:
+def silent(stage: SearchProblem, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:
     """Effects that the coefficients and L_inf absorb, and the bias they may do unseen.
 
     `bias_at_detection_limit` is the shift of the headline coefficient, in its own standard
@@ -218,7 +220,7 @@ def silent(stage: Stage, effects: tuple[Effect, ...], limit: float) -> list[dict
     prior's size where it can never be seen. `u` is that uncertainty, of the base fit under the
     loop's noise floor; the one in fit.json has the noise of repeats.
     """
-    from nearlift.loop.search import visibility
+    from nearlift.loop.search_problem import visibility
 
     if not stage.base.parameters:
         return []

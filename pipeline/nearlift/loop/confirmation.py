@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import trial_covariance
-from nearlift.loop.candidate import Fitted, search
-from nearlift.loop.search import Answer, Stage, run
+from nearlift.loop.candidate_fit import Fitted, search
+from nearlift.loop.search import Answer, run
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Noise, Observations
 
 FOLDS = 3
@@ -73,7 +74,9 @@ def folds(data: Observations) -> list[NDArray[np.bool_]]:
 
 
 def held_out(
-    stage: Stage, again: Callable[[Stage], Answer] = run, named: tuple[Effect, ...] = ()
+    stage: SearchProblem,
+    again: Callable[[SearchProblem], Answer] = run,
+    named: tuple[Effect, ...] = (),
 ) -> HeldOut:
     """Repeat the search in every fold by `again`, and predict what was left out; also by the
     effects `named`, fitted to the fold.
@@ -112,7 +115,7 @@ def held_out(
     )
 
 
-def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
+def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArray:
     """Log lift of other trials from a fit: its ratio, and L_inf per throttle from the fit's own
     trials.
     """
@@ -123,7 +126,7 @@ def predict(stage: Stage, fitted: Fitted, at: Observations) -> FloatArray:
     return result
 
 
-def improves(stage: Stage, scored: HeldOut) -> bool:
+def improves(stage: SearchProblem, scored: HeldOut) -> bool:
     """Whether the effects named predict visits that they were not fitted to better than the base
     model does, by more than one standard error.
 
@@ -142,7 +145,7 @@ def improves(stage: Stage, scored: HeldOut) -> bool:
     return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
 
 
-def misfit(stage: Stage, noise: Noise, scored: HeldOut, residual: FloatArray) -> FloatArray:
+def misfit(stage: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatArray) -> FloatArray:
     """Squares of the residuals (n,) of those that were predicted, in units of the noise and of
     errors of single trials, no outlier counted as one.
     """

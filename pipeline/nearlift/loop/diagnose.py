@@ -5,7 +5,6 @@ and after.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,7 @@ from nearlift.errors import NotConverged
 from nearlift.fit import inputs
 from nearlift.fit.heights import Plan
 from nearlift.fit.least_squares import fit
-from nearlift.likelihood import budget, noise, student
+from nearlift.likelihood import budget, noise
 from nearlift.likelihood.problem import usable
 from nearlift.loop import (
     absorption,
@@ -31,25 +30,16 @@ from nearlift.loop import (
 )
 from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
-from nearlift.loop.candidate import Fitted
+from nearlift.loop.explanation import Explanation
+from nearlift.loop.findings import findings_of
 from nearlift.loop.interim import InterimLook
-from nearlift.loop.search import (
-    SILENT,
-    Answer,
-    Explanation,
-    Options,
-    Stage,
-    prepare,
-    run,
-    settle,
-)
+from nearlift.loop.noise_floor import prepare
+from nearlift.loop.search import Answer, run, settle
+from nearlift.loop.search_problem import SILENT, Options, SearchProblem
 from nearlift.loop.setting import derive
 from nearlift.loop.within_trial import heating
 from nearlift.quotation import BoundaryResult, Correlation, HeldOutError
 from nearlift.results import Observations
-
-#: Share of the structure from which an effect that is refused for its size is named as such.
-FAIR_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,25 +55,6 @@ class Diagnosis:
     findings: dict[str, Any]
     residuals: dict[str, NDArray[Any]]
     quoted: BoundaryResult
-
-
-def close_loop(
-    data: Observations,
-    base: LiftModel,
-    parts: tuple[budget.Component, ...] = (),
-    *,
-    seed: int = 0,
-    false_alarm_rate: float = 0.05,
-    effects: tuple[Effect, ...] | None = None,
-    form_sd: float | None = None,
-    multiplicity: bool = True,
-    confirm: bool = True,
-) -> dict[str, Any]:
-    """The findings of `diagnose`, with options by keyword."""
-    options = Options(seed=seed, false_alarm_rate=false_alarm_rate, multiplicity=multiplicity)
-    if form_sd is not None:
-        options = dataclasses.replace(options, form_sd=form_sd)
-    return diagnose(data, base, parts, options, effects=effects, confirm=confirm).findings
 
 
 def diagnose(
@@ -127,7 +98,7 @@ def diagnose(
     decided = decide(ground, confirm, rate)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
     stage = answer.stage
-    findings = _findings(stage, answer, refuted)
+    findings = findings_of(stage, answer, refuted)
     if look is not None:
         findings["look"] = look.record(options.false_alarm_rate)
     residuals: dict[str, NDArray[Any]] = {
@@ -194,7 +165,9 @@ class Decided:
         return (named[0].effects if named else ()) if self.answer.first.present else None
 
 
-def decide(stage: Stage, confirm: bool, rate: float, like: Decided | None = None) -> Decided:
+def decide(
+    stage: SearchProblem, confirm: bool, rate: float, like: Decided | None = None
+) -> Decided:
     """Search, and with `confirm` repeat it without part of the visits; not where the search finds
     what it found in `like`, which then tells.
 
@@ -216,7 +189,7 @@ def decide(stage: Stage, confirm: bool, rate: float, like: Decided | None = None
         named = answer.best.candidate.effects
         scored = (
             confirmation.held_out(
-                stage if few else answer.stage, few_visits.choose if few else run, named
+                stage if few else answer.stage, few_visits.run if few else run, named
             )
             if confirm
             else None
@@ -249,7 +222,7 @@ def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.
 
 
 def _without(
-    ground: Stage, trial: str, rate: float, like: Decided, declared: dict[str, float]
+    ground: SearchProblem, trial: str, rate: float, like: Decided, declared: dict[str, float]
 ) -> stability.Without:
     """The diagnosis made again without one trial: noise, search and coefficients."""
     data = ground.data.take(ground.data.trial != trial)
@@ -278,7 +251,7 @@ def set_up(
     parts: tuple[budget.Component, ...],
     options: Options,
     effects: tuple[Effect, ...] | None = None,
-) -> tuple[Stage, tuple[Effect, ...], list[dict[str, Any]]]:
+) -> tuple[SearchProblem, tuple[Effect, ...], list[dict[str, Any]]]:
     """The search's ground: usable trials with derived covariates, testable effects, base fit, noise
     floor.
     """
@@ -325,80 +298,7 @@ def declared_sizes(
     return sizes
 
 
-def _findings(stage: Stage, answer: Answer, refuted: tuple[Explanation, ...]) -> dict[str, Any]:
-    """Verdict, effects, structure and rounds; `refuted` are explanations that held-out visits did
-    not confirm.
-    """
-    found: dict[str, Any] = {
-        "base_model": stage.base.name,
-        "false_alarm_rate": stage.options.false_alarm_rate,
-        "verdict": answer.verdict,
-        "effects": [],
-    }
-    if answer.accepted:
-        found["effects"] = _effects(stage, answer)
-        found["explanations"] = [list(e.effects) for e in answer.accepted]
-    if answer.verdict == "unexplained":
-        found["partial"] = _partial(stage, answer)
-    if answer.contradicted:
-        found["contradicted"] = list(answer.contradicted)
-    found["p_value"] = answer.first.p_value
-    found["threshold_log10_p"] = answer.first.threshold
-    found["structure"] = [
-        {
-            "covariate": c,
-            "family": family,
-            "p_value": float(10.0 ** max(p, -300.0)),
-            "significant": p < answer.first.threshold,
-        }
-        for c, (p, family) in answer.first.foremost().items()
-    ]
-    found["rounds"] = _rounds(dataclasses.replace(answer, accepted=refuted or answer.accepted))
-    if refuted:
-        found["not_confirmed"] = [list(e.effects) for e in refuted]
-        names = ", ".join(e.name for e in refuted)
-        found["rounds"].append(
-            {
-                "candidates": [],
-                "decision": "unexplained",
-                "reason": f"{names}: nothing is gained on visits that it was not fitted to",
-            }
-        )
-    return found
-
-
-def _effects(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
-    """The named effects of the best explanation, each with the rivals that could stand in its
-    place.
-    """
-    best = answer.accepted[0]
-    listed = []
-    for effect in best.fitted.candidate.effects:
-        others_kept = set(best.effects) - {effect.name}
-        rivals = []
-        for other in answer.accepted[1:]:
-            shared = set(best.effects) & set(other.effects)
-            # an explanation of the same length stands in for what it does not share; a longer one
-            # tells who may act beside it
-            if (
-                len(other.effects) > len(best.effects)
-                or len(other.effects) == 1
-                or others_kept & shared
-                or not shared
-            ):
-                rivals += [name for name in other.effects if name not in best.effects]
-        listed.append(
-            {
-                "name": effect.name,
-                "rivals": list(dict.fromkeys(rivals)),
-                "parameters": _parameters(stage, best, effect.name),
-                "mechanism": effect.mechanism,
-            }
-        )
-    return listed
-
-
-def _correlation(stage: Stage, answer: Answer, unnamed: FloatArray) -> Correlation:
+def _correlation(stage: SearchProblem, answer: Answer, unnamed: FloatArray) -> Correlation:
     """How the best answer's coefficients and effects go together: of all its scalar parameters."""
     fitted = answer.best
     if stage.independent:
@@ -414,193 +314,3 @@ def _correlation(stage: Stage, answer: Answer, unnamed: FloatArray) -> Correlati
     places = {s.parameter.name: s.start for s in fitted.candidate.slots if s.stop - s.start == 1}
     own = list(places.values())
     return loop_result.correlation(list(places), covariance[np.ix_(own, own)])
-
-
-def _parameters(stage: Stage, explanation: Explanation, effect: str) -> dict[str, Any]:
-    """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session
-    where it has one each.
-    """
-    fitted = explanation.fitted
-    if stage.independent:
-        errors = confirmation.standard_error(few_visits.without_each(stage, fitted))
-        return _intervals(fitted, effect, errors, student.quantile(0.95, few_visits.freedom(stage)))
-    spread = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
-    return _intervals(fitted, effect, spread, 1.645)
-
-
-def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> dict[str, Any]:
-    result = {}
-    for slot in fitted.candidate.slots:
-        if slot.effect != effect:
-            continue
-        for i in range(slot.start, slot.stop):
-            name = (
-                slot.parameter.name
-                if slot.stop - slot.start == 1
-                else f"{slot.parameter.name}[{i - slot.start}]"
-            )
-            v, half = fitted.vector[i], quantile * u[i]
-            result[name] = {
-                "value": v,
-                "lo90": v - half,
-                "hi90": v + half,
-                "unit": slot.parameter.unit,
-            }
-    return result
-
-
-def _partial(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
-    """What the best single effects would explain of the structure, as shares of the chi2 that
-    exceeds the noise.
-    """
-    # a size that is not possible earns no share
-    ranked = sorted((s for s in answer.singles if not s.fitted.at_bound), key=lambda s: -s.gain)[:3]
-    # noise that happens to be small elsewhere can leave less in sum than one effect takes
-    whole = max(stage.excess, *(s.gain for s in ranked), 0.0)
-    return [{"name": s.name, "share": s.gain / whole} for s in ranked if s.gain > 0.05 * whole]
-
-
-def _rounds(answer: Answer) -> list[dict[str, Any]]:
-    """What was tried, in order, with the reason for each decision."""
-    first = answer.first
-    if answer.contradicted:
-        return [
-            {"candidates": [], "decision": "unexplained", "reason": "; ".join(answer.contradicted)}
-        ]
-    if not first.present:
-        return [
-            {
-                "candidates": [],
-                "decision": "adequate",
-                "reason": (
-                    f"nothing exceeds the threshold (p = {first.p_value:.3g} for the largest of all"
-                    " tests)"
-                ),
-            }
-        ]
-
-    def listing(tried: tuple[Explanation, ...]) -> list[dict[str, Any]]:
-        rows = [
-            {
-                "name": e.name,
-                "gain": e.gain,
-                "p_value": e.left.p_value,
-                "accepted": e.accepted,
-                "sizes": _sizes(e),
-                "at_bound": e.fitted.at_bound,
-                "log_evidence": e.log_evidence,
-                "plausibility": e.plausibility,
-                "left_in": next(iter(e.left.by_covariate()), None) if e.left.present else None,
-            }
-            for e in tried
-        ]
-        return sorted(rows, key=lambda r: -r["log_evidence"])
-
-    if answer.stage.independent:
-        return [_sweep(listing, tried, answer) for tried in (answer.singles, answer.pairs) if tried]
-    rounds = []
-    enough = "nothing is left beyond the threshold"
-    if answer.accepted and answer.accepted[0].confirmed:
-        share = min(answer.accepted[0].gain / answer.stage.excess, 1.0)
-        enough = (
-            f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the"
-            " true one"
-        )
-    single = any(s.accepted for s in answer.singles) and not (
-        answer.accepted and len(answer.accepted[0].effects) > 1
-    )
-    alone = [s for s in answer.singles if s.accepted]
-    why_not = (
-        "each one leaves structure beyond the threshold, or explains too little"
-        + _impossible(answer)
-    )
-    if alone and not single:
-        why_not = (
-            f"{max(alone, key=lambda e: e.log_evidence).name} would do, but two effects are plainly"
-            " likelier: its form would have to be far off"
-        )
-    rounds.append(
-        {
-            "candidates": listing(answer.singles),
-            "decision": (
-                f"accept {answer.accepted[0].name}" if single else "no single effect will do"
-            ),
-            "reason": enough if single else why_not,
-        }
-    )
-    if not single:
-        pair = bool(answer.accepted)
-        rounds.append(
-            {
-                "candidates": listing(answer.pairs)[:12],
-                "decision": f"accept {answer.accepted[0].name}" if pair else "unexplained",
-                "reason": enough if pair else "no pair of declared effects does better",
-            }
-        )
-    return rounds
-
-
-def _sizes(explanation: Explanation) -> dict[str, float]:
-    """What an explanation's parameters would be, those aside that differ by session."""
-    slots = explanation.fitted.candidate.slots
-    return {
-        s.parameter.name: float(explanation.fitted.vector[s.start])
-        for s in slots
-        if s.effect and s.stop - s.start == 1
-    }
-
-
-def _impossible(answer: Answer) -> str:
-    """Which single effects could account for a fair share, were their size possible; empty if none
-    could.
-    """
-    share = FAIR_SHARE * answer.stage.excess
-    ends = [
-        f"{e.name} ({_at_end(e)})"
-        for e in sorted(answer.singles, key=lambda e: -e.gain)
-        if e.fitted.at_bound and e.gain > share
-    ]
-    return (
-        f"; refused, since the size that it takes is not possible: {', '.join(ends)}"
-        if ends
-        else ""
-    )
-
-
-def _at_end(explanation: Explanation) -> str:
-    """The sizes that stand at an end of their range."""
-    ends = {
-        p.name: p.bounds
-        for e in explanation.fitted.candidate.effects
-        for p in e.parameters
-        if not p.grid
-    }
-    return ", ".join(
-        f"{name} runs into {size:.3g}"
-        for name, size in _sizes(explanation).items()
-        if size in ends.get(name, ())
-    )
-
-
-def _sweep(
-    listing: Callable[[tuple[Explanation, ...]], list[dict[str, Any]]],
-    tried: tuple[Explanation, ...],
-    answer: Answer,
-) -> dict[str, Any]:
-    """A round in which visits left out decided."""
-    # what is left decides nothing here
-    rows = [{**row, "left_in": None, "judged_by": "visits left out"} for row in listing(tried)]
-    chosen = [e for e in tried if e.accepted]
-    visits = len(np.unique(answer.stage.data.visit))
-    if chosen:
-        best = max(chosen, key=lambda e: e.log_evidence)
-        return {
-            "candidates": rows,
-            "decision": f"accept {best.name}",
-            "reason": f"predicts visits left out best ({visits} visits, each in turn)",
-        }
-    reason = (
-        "none predicts visits left out better by more than chance and by most of what is not noise"
-        f" ({visits} visits, each in turn)"
-    )
-    return {"candidates": rows, "decision": "add nothing", "reason": reason}

@@ -15,9 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.noise import orthonormal
+from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.families import cosines, families, indicators, powers, times
-from nearlift.loop.search import Stage
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.loop.structure import Structure
 from nearlift.results import Observations
@@ -27,7 +27,7 @@ from nearlift.results import Observations
 SHAPES, TIMES = 2, 4
 
 
-def columns(stage: Stage, flagged: list[str]) -> FloatArray:
+def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
     """The discrepancy as columns (n, t) of log lift with unknowns of unit variance; `flagged` are
     the covariates in which structure was found.
     """
@@ -47,7 +47,7 @@ def covariates(structure: Structure) -> list[str]:
     ]
 
 
-def _by_throttle(stage: Stage) -> FloatArray:
+def _by_throttle(stage: SearchProblem) -> FloatArray:
     """Coefficients of its own for every throttle: what bends one throttle's curve moves the
     coefficient that all share.
     """
@@ -61,7 +61,7 @@ def _moving(data: Observations) -> FloatArray:
     return times(shapes, cosines(data.covariates["run_order"], TIMES))
 
 
-def _sized(stage: Stage, family: FloatArray) -> FloatArray:
+def _sized(stage: SearchProblem, family: FloatArray) -> FloatArray:
     """A family's columns times the standard deviation of its coefficients; without columns where
     that is nothing.
     """

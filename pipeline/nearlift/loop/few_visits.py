@@ -22,9 +22,12 @@ from nearlift.fit import batched
 from nearlift.likelihood import noise
 from nearlift.likelihood.finite import where_finite
 from nearlift.loop import coefficients
-from nearlift.loop.candidate import Fitted, search
+from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.confirmation import FEW_VISITS, standard_error
-from nearlift.loop.search import RIVAL, SILENT, Answer, Explanation, Stage, visibility
+from nearlift.loop.evidence import RIVAL_MAX_2LNB, Evidence
+from nearlift.loop.explanation import Explanation
+from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.results import IntArray, Observations
 
 #: With fewer, nothing can be accepted.
@@ -44,12 +47,7 @@ def applies(data: Observations) -> bool:
     return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 
 
-def choose(stage: Stage) -> Answer:
-    """`run` without the listing, for folds."""
-    return run(stage, listed=False)
-
-
-def left_out(stage: Stage, effects: tuple[Effect, ...]) -> FloatArray:
+def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
     """Relative residual of every trial, predicted by a fit to the other visits; nan where that is
     impossible.
     """
@@ -73,7 +71,7 @@ def left_out(stage: Stage, effects: tuple[Effect, ...]) -> FloatArray:
     return result
 
 
-def without_each(stage: Stage, whole: Fitted) -> FloatArray:
+def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
     """A fit's vector without each visit in turn, (visits, P): all of them at once, from where the
     fit to the whole stands.
 
@@ -114,7 +112,7 @@ def without_each(stage: Stage, whole: Fitted) -> FloatArray:
     ).theta
 
 
-def _weights(stage: Stage, visit: IntArray) -> FloatArray:
+def _weights(stage: SearchProblem, visit: IntArray) -> FloatArray:
     """Inverse variance of each trial where each visit is left out, (visits, n)."""
     weight: FloatArray = np.where(
         visit == np.arange(visit.max() + 1)[:, None], 0.0, 1 / stage.space.covariance.variance
@@ -122,7 +120,7 @@ def _weights(stage: Stage, visit: IntArray) -> FloatArray:
     return weight
 
 
-def by_visit(stage: Stage, residual: FloatArray) -> FloatArray:
+def by_visit(stage: SearchProblem, residual: FloatArray) -> FloatArray:
     """Sum of squared residuals of each visit that could be predicted; infinite if a prediction
     failed.
     """
@@ -148,11 +146,8 @@ def convinces(before: FloatArray, after: FloatArray, noise: float) -> bool:
     return bool(sure and gained.sum() >= GREATER_PART * (before.sum() - noise))
 
 
-def run(stage: Stage, listed: bool = True) -> Answer:
-    """Test for structure, then add what predicts visits left out best, one effect at a time.
-
-    With `listed`, each candidate is also tested for what it leaves; that decides nothing here.
-    """
+def run(stage: SearchProblem) -> Answer:
+    """Test for structure, then add what predicts visits left out best, one effect at a time."""
     first = stage.nothing_added[0]
     working = dataclasses.replace(stage, independent=True)
     if not first.present:
@@ -175,7 +170,6 @@ def run(stage: Stage, listed: bool = True) -> Answer:
                 none,
                 squares,
                 convinces(to_beat, squares, scatter),
-                listed,
             )
             tried.append(explanation)
             errors[explanation.name] = squares
@@ -183,28 +177,27 @@ def run(stage: Stage, listed: bool = True) -> Answer:
         accepted = [e for e in tried if e.accepted]
         if not accepted:
             break
-        leader = max(accepted, key=lambda e: e.log_evidence)
+        leader = max(accepted, key=lambda e: e.evidence.log)
         best, to_beat = leader.fitted.candidate.effects, errors[leader.name]
     singles = rounds[0] if rounds else ()
     pairs = rounds[1] if len(rounds) > 1 else ()
     accepted = [e for e in pairs if e.accepted] or [e for e in singles if e.accepted]
-    most = max((e.log_evidence for e in accepted), default=0.0)
+    most = max((e.evidence.log for e in accepted), default=0.0)
     rivals = tuple(
         sorted(
-            (e for e in accepted if 2 * (most - e.log_evidence) <= RIVAL),
-            key=lambda e: -e.plausibility,
+            (e for e in accepted if 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB),
+            key=lambda e: -e.evidence.plausibility,
         )
     )
     return Answer(stage=working, first=first, singles=singles, pairs=pairs, accepted=rivals)
 
 
 def _explanation(
-    stage: Stage,
+    stage: SearchProblem,
     effects: tuple[Effect, ...],
     none: FloatArray,
     squares: FloatArray,
     confirmed: bool,
-    listed: bool,
 ) -> Explanation:
     """The fit to all visits, its evidence the log score on visits left out, each visit counted as
     one observation.
@@ -214,30 +207,24 @@ def _explanation(
         0.5 * len(squares) * float(np.log(none.sum() / total)) if np.isfinite(total) else -np.inf
     )
     fitted = search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector)
-    left = (
-        stage.structure(fitted, np.zeros((stage.data.n, 0)))[0]
-        if listed
-        else stage.nothing_added[0]
-    )
-    gain = stage.base_fit.chi2 - fitted.chi2
     return Explanation(
         fitted=fitted,
         form_sd=0.0,
-        left=left,
-        gain=gain,
-        log_evidence=score,
-        over_none=score,
-        plausibility=score,
+        left=None,
+        gain=stage.base_fit.chi2 - fitted.chi2,
+        evidence=Evidence.of_score(score),
         confirmed=confirmed,
     )
 
 
-def freedom(stage: Stage) -> float:
+def freedom(stage: SearchProblem) -> float:
     """Degrees of freedom, visits being the observations."""
     return float(max(len(np.unique(stage.data.visit)) - 1, 1))
 
 
-def answers(stage: Stage, answer: Answer, declared: dict[str, float]) -> coefficients.Answers:
+def answers(
+    stage: SearchProblem, answer: Answer, declared: dict[str, float]
+) -> coefficients.Answers:
     """What the coefficients are before and after the loop, every uncertainty from visits
     left out.
     """

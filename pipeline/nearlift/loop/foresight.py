@@ -20,21 +20,16 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter
 from nearlift.fit import inputs
 from nearlift.likelihood import budget
-from nearlift.likelihood.noise import orthonormal, trial_covariance
+from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import usable
+from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
 from nearlift.loop.admission import admit, could_act
-from nearlift.loop.candidate import SESSION_SPREADS, Candidate, Fitted, fit, moments, search
-from nearlift.loop.search import (
-    CREDIT,
-    FORM_SD,
-    RIVAL,
-    SILENT,
-    Options,
-    Stage,
-    prepare,
-    visibility,
-)
+from nearlift.loop.candidate import SESSION_SPREADS, Candidate, moments
+from nearlift.loop.candidate_fit import Fitted, fit, search
+from nearlift.loop.evidence import CREDIT, RIVAL_MAX_2LNB, Linearised
+from nearlift.loop.noise_floor import prepare
+from nearlift.loop.search_problem import FORM_SD, SILENT, Options, SearchProblem, visibility
 from nearlift.loop.setting import derive
 from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
@@ -143,7 +138,7 @@ class Foresight:
     `quiet` is the noise's true size over the stage's, which is what the loop would take it for.
     """
 
-    stage: Stage
+    stage: SearchProblem
     seed: int = 0
     quiet: float = 1.0
 
@@ -345,7 +340,7 @@ class Foresight:
         )
         best = np.where(accepted, table, -np.inf).max(axis=0, initial=-1e300)
         # once one may be named, others stand beside it by their evidence alone
-        member = accepted.any(axis=0) & (table > 0) & (2 * (best - table) <= RIVAL)
+        member = accepted.any(axis=0) & (table > 0) & (2 * (best - table) <= RIVAL_MAX_2LNB)
         leader = np.where(accepted & member, order, -np.inf).argmax(axis=0)
         total = max(int(seen.sum()), 1)
         rivals = {
@@ -375,21 +370,11 @@ class Foresight:
         """Of every draw of the noise, a fit's log evidence by unit information, which decides who
         belongs, and by its priors, which ranks; (m,).
         """
-        draws = self._noise[0] + elsewhere
-        mean, sd = fitted.candidate.prior
-        low, high = fitted.candidate.bounds
-        p = len(self.stage.theta)
-        index = np.arange(len(mean))
-        free = index[(index >= p) & (fitted.vector > low) & (fitted.vector < high)]
-        session = free[fitted.candidate.by_session[free]]
-        own = free[~fitted.candidate.by_session[free]]
-        prior = float(np.sum(((fitted.vector - mean)[own] / sd[own]) ** 2))
-        count = len(own) + (1 if len(session) else 0)
+        basis = self._space[0]
         tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
-        by_information = self._marginal(
-            fitted, draws, session, np.r_[np.arange(p), own], tube
-        ) - 0.5 * (prior + count * float(np.log(self.stage.data.n)))
-        return by_information, self._marginal(fitted, draws, free, np.arange(p), tube)
+        here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
+        scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
+        return here.log(scores), here.by_priors(scores).log_likelihood
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
         """Of every draw of the noise, the chi2 that a fit in its declared form leaves in the
@@ -410,44 +395,6 @@ class Foresight:
         )
         left: FloatArray = draws + basis.T @ fitted.residual - moved @ jacobian.T
         return np.asarray(np.sum(left**2, axis=1))
-
-    def _marginal(
-        self,
-        fitted: Fitted,
-        draws: FloatArray,
-        integrated: NDArray[np.int64],
-        free: NDArray[np.int64],
-        tube: FloatArray,
-    ) -> FloatArray:
-        """Log evidence with some entries integrated over their priors, others free, and the form
-        uncertain.
-        """
-        basis = self._space[0]
-        mean, sd = fitted.candidate.prior
-        jacobian = fitted.jacobian
-        u, s, _ = np.linalg.svd(
-            basis.T @ np.hstack([jacobian[:, integrated] * sd[integrated], tube]),
-            full_matrices=False,
-        )
-        shrink = 1 - 1 / np.sqrt(1 + s**2)
-
-        def deform(x: FloatArray) -> FloatArray:
-            result: FloatArray = x - (x @ u * shrink) @ u.T
-            return result
-
-        residual = fitted.residual + jacobian[:, integrated] @ (fitted.vector - mean)[integrated]
-        scores = deform(draws + basis.T @ residual)
-        gone = (
-            orthonormal(deform((basis.T @ jacobian[:, free]).T).T)
-            if len(free)
-            else np.zeros((basis.shape[1], 0))
-        )
-        result: FloatArray = -0.5 * (
-            np.sum(scores**2, axis=1)
-            - np.sum((scores @ gone) ** 2, axis=1)
-            + float(np.log1p(s**2).sum())
-        )
-        return result
 
     def absorbed(self, handle: Handle) -> dict[str, float]:
         """Share of the visible part's energy that each other candidate takes over, at the best of
@@ -536,7 +483,7 @@ def planned(
     kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
     log_lift = np.log(kept.lift_N)
     parts = inputs.acting(parts, base, theta)
-    stage = Stage(
+    stage = SearchProblem(
         data=kept,
         base=base,
         effects=between,
@@ -549,7 +496,7 @@ def planned(
     return _rehearsed(stage), known, untestable
 
 
-def _rehearsed(stage: Stage) -> Foresight:
+def _rehearsed(stage: SearchProblem) -> Foresight:
     """The stage at the noise floor that its own drawn campaigns would be given; its sizes the
     rehearsals' mean squares.
     """

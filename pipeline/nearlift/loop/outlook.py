@@ -14,7 +14,7 @@ from nearlift.loop import coefficients
 from nearlift.loop.absorption import unknowable
 from nearlift.loop.foresight import LIMIT_POWER, Foresight, Handle, handles
 from nearlift.loop.proposals import Pair, changes
-from nearlift.loop.search import SILENT, visibility
+from nearlift.loop.search_problem import SILENT, visibility
 from nearlift.results import Observations
 
 #: Chance of being a rival from which two effects count as not told apart.

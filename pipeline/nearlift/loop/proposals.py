@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.loop.candidate import search
+from nearlift.loop.candidate_fit import search
+from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.foresight import Foresight, Handle
-from nearlift.loop.search import RIVAL
 from nearlift.loop.separation import join, menu, parted, session
 from nearlift.results import Observations
 
 #: Non-centrality at which a rival falls out of the answer: the rivals' bound, and a standard
 #: deviation or so of its scatter.
-APART = RIVAL + 4.0
+APART = RIVAL_MAX_2LNB + 4.0
 #: Trials in a further proposal of this module.
 FEW = 80
 #: Pairs that are worked through, changes that are checked, options that are listed for a pair.

@@ -13,9 +13,10 @@ from nearlift.fit import gum
 from nearlift.fit.estimator import Estimator, largest
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
-from nearlift.loop.candidate import Fitted
+from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.coefficients import Answers, Pair
-from nearlift.loop.search import Answer, Stage
+from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.quotation import (
     BoundaryResult,
     Correlation,
@@ -29,7 +30,7 @@ VISITS = "visits left out in turn"
 
 
 def result(
-    stage: Stage,
+    stage: SearchProblem,
     answer: Answer,
     found: Answers,
     correlation: Correlation,
@@ -87,7 +88,7 @@ def correlation(names: list[str], covariance: FloatArray) -> Correlation:
     return Correlation(parameters=tuple(names), values=tuple(tuple(row) for row in found.tolist()))
 
 
-def _holds(stage: Stage, answer: Answer, found: Answers) -> str:
+def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
     """What an interval allows for."""
     errors = (
         "the scatter of whole visits"
@@ -140,7 +141,7 @@ def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> lis
     return listed
 
 
-def _estimator(stage: Stage, answer: Answer, found: Answers) -> Estimator:
+def _estimator(stage: SearchProblem, answer: Answer, found: Answers) -> Estimator:
     """The best answer's, linearised about the values quoted: its effects, their form and what has
     no name are unknowns in the covariance.
     """
@@ -178,7 +179,7 @@ def _estimator(stage: Stage, answer: Answer, found: Answers) -> Estimator:
 
 
 def _with_unknowns(
-    stage: Stage, answer: Answer, found: Answers
+    stage: SearchProblem, answer: Answer, found: Answers
 ) -> tuple[Problem, dict[str, slice]]:
     """The likelihood in the base model's coefficients alone, and where its further unknowns stand
     among the shared ones.
@@ -212,7 +213,7 @@ def _with_unknowns(
     return Problem(model=stage.base, data=data, covariance=covariance, shift=shift), unknowns
 
 
-def _of_visits(stage: Stage, fitted: Fitted, i: int) -> Shift | None:
+def _of_visits(stage: SearchProblem, fitted: Fitted, i: int) -> Shift | None:
     """The visit whose omission moves coefficient i most, by refits."""
     moved = few_visits.without_each(stage, fitted)[:, i] - fitted.vector[i]
     return largest(np.unique(stage.data.visit), moved)

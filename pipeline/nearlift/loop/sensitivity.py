@@ -12,11 +12,11 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.loop.families import STEP, families
 from nearlift.loop.foresight import LIMIT_POWER, Foresight, Handle, handles
-from nearlift.loop.search import Stage
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.rounding import plain
 
 
-def sensitivity(stage: Stage, seen: Collection[str] = ()) -> dict[str, Any]:
+def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> dict[str, Any]:
     """The block `sensitivity` of a boundary in diagnosis.json: what was searched, and the detection
     limit of each candidate.
 
@@ -41,7 +41,7 @@ def sensitivity(stage: Stage, seen: Collection[str] = ()) -> dict[str, Any]:
     }
 
 
-def _declared(stage: Stage) -> FloatArray:
+def _declared(stage: SearchProblem) -> FloatArray:
     """What part of each trial's variance came with it, (n,)."""
     data = stage.data
     share: FloatArray = (data.u_lift_N / data.lift_N) ** 2 / stage.space.covariance.variance

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.likelihood.noise import orthonormal, trial_covariance
+from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Problem, height_slope
+from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate import Candidate
-from nearlift.loop.search import Answer, Explanation, Stage
+from nearlift.loop.explanation import Explanation
+from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
 
 #: Trials in a proposed session.
@@ -113,7 +116,9 @@ def join(a: Observations, b: Observations) -> Observations:
     )
 
 
-def parting(stage: Stage, data: Observations, one: Explanation, other: Explanation) -> float:
+def parting(
+    stage: SearchProblem, data: Observations, one: Explanation, other: Explanation
+) -> float:
     """Non-centrality with which trials at `data` would part two fitted explanations: what the other
     cannot imitate of the one.
     """
@@ -126,7 +131,7 @@ def parting(stage: Stage, data: Observations, one: Explanation, other: Explanati
 
 
 def parted(
-    stage: Stage,
+    stage: SearchProblem,
     data: Observations,
     one: tuple[tuple[Effect, ...], FloatArray],
     other: tuple[tuple[Effect, ...], FloatArray],
@@ -150,7 +155,7 @@ def parted(
     return float(left @ left)
 
 
-def next_experiment(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
+def next_experiment(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
     """For the best explanation and its rivals: which session would part them, ranked by the
     expected evidence per trial.
 
@@ -161,9 +166,9 @@ def next_experiment(stage: Stage, answer: Answer) -> list[dict[str, Any]]:
         tried = [
             e
             for e in (*answer.singles, *answer.pairs)
-            if np.isfinite(e.log_evidence) and e.over_none > 0
+            if np.isfinite(e.evidence.log) and e.evidence.over_none > 0
         ]
-        compared = tuple(sorted(tried, key=lambda e: -e.log_evidence)[:2])
+        compared = tuple(sorted(tried, key=lambda e: -e.evidence.log)[:2])
     if len(compared) < 2:
         return []
     best = compared[0]

@@ -13,7 +13,7 @@ from nearlift.errors import NotConverged
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
-from nearlift.loop.search import Options
+from nearlift.loop.search_problem import Options
 from nearlift.products import DIAGNOSIS, FIT, LOOP_RESIDUALS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.quotation import BoundaryResult, Results
 from nearlift.report.findings import could_have_seen

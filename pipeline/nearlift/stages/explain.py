@@ -20,7 +20,7 @@ from nearlift.loop import coefficients
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.few_visits import applies
 from nearlift.loop.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handles
-from nearlift.loop.search import SILENT, Stage, visibility
+from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.report.evidence import Columns
@@ -89,7 +89,7 @@ def run(job: Job, name: str) -> dict[str, Any]:
     return found
 
 
-def _at_floor(stage: Stage, floor: dict[str, Any]) -> Stage:
+def _at_floor(stage: SearchProblem, floor: dict[str, Any]) -> SearchProblem:
     """The stage at the noise floor that the loop ended with: beside a large effect it is taken
     about the explanation.
     """
@@ -131,7 +131,7 @@ def _words(effect: Effect) -> dict[str, Any]:
 
 
 def _at(
-    stage: Stage,
+    stage: SearchProblem,
     effect: Effect,
     library: tuple[Effect, ...],
     untestable: list[dict[str, Any]],

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.loop.foresight import Handle
-from nearlift.loop.search import Stage
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.report.evidence import Columns
 from nearlift.report.figures.design import SHOWN, size_text
 from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, log_distance, quantity
@@ -36,7 +36,7 @@ MANY = 40
 
 
 def rows(
-    stage: Stage,
+    stage: SearchProblem,
     handle: Handle,
     boundary: str,
     found: dict[str, Any],
@@ -99,7 +99,7 @@ def rows(
     }
 
 
-def _typical(stage: Stage) -> float:
+def _typical(stage: SearchProblem) -> float:
     """Scatter of one trial about any curve, rms over trials."""
     from nearlift.likelihood.noise import floor
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.loop.search import FORM_SD, RIVAL
+from nearlift.loop.evidence import RIVAL_MAX_2LNB
+from nearlift.loop.search_problem import FORM_SD
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.rounding import plain
 
@@ -48,8 +49,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         parts.append(
             f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of"
             f" the {reference} one over each; filled: named, a rival or good enough; hollow:"
-            f" rejected; shade: within {RIVAL:g}, where this design cannot tell them apart (the one"
-            " whose size is most plausible beforehand is named)."
+            f" rejected; shade: within {RIVAL_MAX_2LNB:g}, where this design cannot tell them apart"
+            " (the one whose size is most plausible beforehand is named)."
         )
     if (table["part"] == "error").any():
         parts.append(

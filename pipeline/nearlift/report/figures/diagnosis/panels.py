@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from nearlift import nomenclature
-from nearlift.loop.search import RIVAL
+from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.report.figures.diagnosis.clouds import CLOUD, FLOOR, LOOKS
 from nearlift.report.figures.style import FITTED, plain_text
 
@@ -35,7 +35,7 @@ def candidates(ax: Axes, rows: Rows) -> None:
     ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
     ax.set_xlim(min(1.4 * float(behind.min()), -1.2), far)
     if accepted:
-        ax.axvspan(0, RIVAL, color=FLOOR, linewidth=0, zorder=0)
+        ax.axvspan(0, RIVAL_MAX_2LNB, color=FLOOR, linewidth=0, zorder=0)
     ax.axvline(0, color="0.3", linewidth=0.6, zorder=1)
     turn = float(np.sqrt(LINEAR * far)) if far > 4 * LINEAR else LINEAR
     for kind, note, at, x in zip(rows["kind"], rows["note"], y, behind, strict=True):

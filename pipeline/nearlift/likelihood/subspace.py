@@ -1,0 +1,40 @@
+"""Orthonormal bases of spans of columns, in coordinates that do not hang on rounding."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+
+#: A column that keeps less than this part of itself beside others is spanned by them: what is left
+#: is rounding, and differs by processor.
+SPANNED = 1e-6
+
+
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """An orthonormal basis of the columns' span, rank found by pivoting; (n, rank)."""
+    from scipy.linalg import qr
+
+    length = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    kept = length > 1e-12 * max(length.max(initial=0.0), 1e-300)
+    if not kept.any():
+        return np.zeros((len(columns), 0))
+    # one copy, laid out so that the factorisation works in its place
+    x = np.array(columns[:, kept], order="F", copy=None)
+    np.divide(x, [float(np.sqrt(np.sum(column**2))) for column in x.T], out=x)
+    q, r, _ = qr(x, mode="economic", pivoting=True, check_finite=False, overwrite_a=True)
+    diagonal = np.abs(np.diag(r))
+    rank = int((diagonal > SPANNED * diagonal[0]).sum())
+    return np.asarray(q[:, :rank], dtype=np.float64)
+
+
+def framed(basis: FloatArray) -> FloatArray:
+    """The orthonormal basis (n, d) of the same span that a fixed set of directions picks.
+
+    Which of the many a factorisation gives is rounding's choice where columns tie; what is drawn in
+    their coordinates must not depend on that.
+    """
+    toward = np.random.default_rng(0).standard_normal(basis.shape)
+    q, r = np.linalg.qr(basis.T @ toward)
+    result: FloatArray = basis @ (q * np.where(np.diag(r) < 0, -1.0, 1.0))
+    return result

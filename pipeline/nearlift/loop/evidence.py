@@ -1,0 +1,137 @@
+"""Evidence for an explanation: the marginal likelihood of the trials, linearised about its fit.
+
+In an orthonormal basis of whitened log lift, entries of the fit's vector are either free and
+projected out, or integrated over their priors, as columns of prior size in the covariance with the
+residual taken at the priors' centres. The uncertainty of an effect's form is integrated over in the
+same way. The search asks for one residual, the planning of a campaign for many drawn ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood.subspace import orthonormal
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.results import IntArray
+
+#: 2 ln(Bayes factor) by which an explanation may trail the best and still be its rival.
+RIVAL_MAX_2LNB = 9.0
+#: An explanation must beat "no effect" by this in log evidence, or chance would be given a name.
+CREDIT = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """How far the trials speak for an explanation, in natural logarithms.
+
+    `log` is by unit information, so that no effect gains or loses by how wide its prior happens to
+    be declared: it decides who belongs. `over_none` is how far that exceeds the base model's.
+    `plausibility` is by the priors: it ranks those that belong.
+    """
+
+    log: float
+    over_none: float
+    plausibility: float
+
+    @classmethod
+    def of_score(cls, score: float) -> Evidence:
+        """A log score on visits left out, relative to the base model's, in the place of all three:
+        it knows of no prior.
+        """
+        return cls(log=score, over_none=score, plausibility=score)
+
+
+class Deformation:
+    """``(1 + T T')^(-1/2)`` for a few columns T (d, k)."""
+
+    def __init__(self, columns: FloatArray) -> None:
+        self.basis, length, _ = np.linalg.svd(columns, full_matrices=False)
+        self.shrink = 1 - 1 / np.sqrt(1 + length**2)
+        self.log_det = float(np.log1p(length**2).sum())
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Applied to columns (d, m)."""
+        result: FloatArray = x - (self.basis * self.shrink) @ (self.basis.T @ x)
+        return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Integrated:
+    """Scores (d, m) with `removed` (d, q, orthonormal) projected out and the rest of the unknowns
+    in the covariance, by `deform`.
+    """
+
+    scores: FloatArray
+    removed: FloatArray
+    deform: Deformation
+
+    @property
+    def log_likelihood(self) -> FloatArray:
+        """Up to a constant of the trials, (m,)."""
+        return np.asarray(-0.5 * (np.sum(self.scores**2, axis=0) + self.deform.log_det))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linearised:
+    """A fit in the coordinates of an orthonormal basis (n, d) of whitened log lift.
+
+    `jacobian` (d, P) are its derivatives there, `tube` (d, t) the unit-variance columns of its
+    form's uncertainty.
+    """
+
+    fitted: Fitted
+    jacobian: FloatArray
+    tube: FloatArray
+
+    @property
+    def coefficients(self) -> IntArray:
+        """Entries of the base model."""
+        return self.fitted.candidate.of("").astype(np.int64)
+
+    @cached_property
+    def free(self) -> IntArray:
+        """The effects' entries, but for those held at a bound: they are known, not free on both
+        sides.
+        """
+        low, high = self.fitted.candidate.bounds
+        inside = (self.fitted.vector > low) & (self.fitted.vector < high)
+        inside[self.coefficients] = False
+        return np.flatnonzero(inside).astype(np.int64)
+
+    def integrated(self, scores: FloatArray, fixed: IntArray, random: IntArray) -> Integrated:
+        """The scores (d, m) with the entries `fixed` projected out and those `random` integrated
+        over.
+        """
+        mean, sd = self.fitted.candidate.prior
+        columns = self.jacobian[:, random]
+        deform = Deformation(np.hstack([columns * sd[random], self.tube]))
+        removed = orthonormal(deform(self.jacobian[:, fixed]))
+        shift = columns @ (self.fitted.vector - mean)[random]
+        left = deform(scores + shift[:, None])
+        return Integrated(
+            scores=left - removed @ (removed.T @ left), removed=removed, deform=deform
+        )
+
+    def by_priors(self, scores: FloatArray) -> Integrated:
+        """The scores with the coefficients projected out and all else integrated over; its
+        likelihood is the evidence that ranks.
+        """
+        return self.integrated(scores, self.coefficients, self.free)
+
+    def log(self, scores: FloatArray) -> FloatArray:
+        """Log evidence by unit information, (m,): it decides who belongs. What differs by session
+        is one population, integrated over.
+        """
+        candidate = self.fitted.candidate
+        mean, sd = candidate.prior
+        by_session = candidate.by_session[self.free]
+        single, session = self.free[~by_session], self.free[by_session]
+        left = self.integrated(scores, np.r_[self.coefficients, single], session)
+        penalty = float(np.sum(((self.fitted.vector - mean)[single] / sd[single]) ** 2))
+        unknowns = len(single) + (1 if len(session) else 0)
+        price = penalty + unknowns * float(np.log(candidate.data.n))
+        return np.asarray(left.log_likelihood - 0.5 * price)

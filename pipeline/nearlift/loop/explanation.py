@@ -1,0 +1,80 @@
+"""An explanation of what the base model leaves: fitted effects, the evidence for them, and whether
+they may be named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nearlift.declare import FloatArray
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.evidence import CREDIT, Evidence
+from nearlift.loop.structure import Structure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """One candidate, its form uncertain by `form_sd`, with the evidence for it.
+
+    `left` is the whole test run again on what it leaves; None where it could not be named whatever
+    that says.
+
+    `needed` says whether each of its effects accounts for the greater part of the structure that is
+    there without it, in its declared form: a form's uncertainty, granted to a large effect that the
+    coefficients absorb, could account for anything.
+    """
+
+    fitted: Fitted
+    form_sd: float
+    left: Structure | None
+    gain: float
+    evidence: Evidence
+    needed: bool = True
+    confirmed: bool | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it may be named: nothing is left beyond the threshold, each name is `needed` and
+        plainly likelier than none.
+
+        `confirmed` is set where something else decides: visits left out (`few_visits`), or nearly
+        all being accounted for (`second_look`).
+        """
+        if not self.eligible:
+            return False
+        if self.confirmed is not None:
+            return self.confirmed
+        return self.left is not None and not self.left.present and self.evidence.over_none > CREDIT
+
+    @property
+    def eligible(self) -> bool:
+        """Whether nothing forbids to name it: each effect is `needed`, and of a possible size."""
+        return self.needed and not self.fitted.at_bound
+
+    @property
+    def possible(self) -> bool:
+        """Whether it may stand beside one that was accepted, by its evidence alone.
+
+        A size that runs into the end of what is
+        physically possible is no explanation, nor are two effects of which one would do.
+        """
+        return (
+            self.evidence.over_none > 0
+            and not self.fitted.at_bound
+            and (self.needed or len(self.effects) == 1)
+        )
+
+    @property
+    def tube(self) -> FloatArray:
+        """Columns (n, t) of its form's uncertainty."""
+        return self.fitted.candidate.tube(self.fitted.vector, self.form_sd)
+
+    @property
+    def name(self) -> str:
+        """Names of its effects."""
+        return self.fitted.candidate.name
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of its effects, one by one."""
+        return tuple(e.name for e in self.fitted.candidate.effects)

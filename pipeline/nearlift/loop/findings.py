@@ -1,0 +1,268 @@
+"""What a search found, as diagnosis.json holds it: verdict, effects with their rivals, structure,
+and every round with its reasons.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood import student
+from nearlift.loop import coefficients, confirmation, few_visits
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.explanation import Explanation
+from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SearchProblem
+
+#: Share of the structure from which an effect that is refused for its size is named as such.
+FAIR_SHARE = 0.1
+#: Pairs that a round lists, of those that were tried.
+LISTED_PAIRS = 12
+
+
+def findings_of(
+    stage: SearchProblem, answer: Answer, refuted: tuple[Explanation, ...]
+) -> dict[str, Any]:
+    """Verdict, effects, structure and rounds; `refuted` are explanations that held-out visits did
+    not confirm.
+    """
+    found: dict[str, Any] = {
+        "base_model": stage.base.name,
+        "false_alarm_rate": stage.options.false_alarm_rate,
+        "verdict": answer.verdict,
+        "effects": [],
+    }
+    if answer.accepted:
+        found["effects"] = _effects(stage, answer)
+        found["explanations"] = [list(e.effects) for e in answer.accepted]
+    if answer.verdict == "unexplained":
+        found["partial"] = partial(stage, answer)
+    if answer.contradicted:
+        found["contradicted"] = list(answer.contradicted)
+    found["p_value"] = answer.first.p_value
+    found["threshold_log10_p"] = answer.first.threshold
+    found["structure"] = [
+        {
+            "covariate": c,
+            "family": family,
+            "p_value": float(10.0 ** max(p, -300.0)),
+            "significant": p < answer.first.threshold,
+        }
+        for c, (p, family) in answer.first.foremost().items()
+    ]
+    found["rounds"] = _rounds(dataclasses.replace(answer, accepted=refuted or answer.accepted))
+    if refuted:
+        found["not_confirmed"] = [list(e.effects) for e in refuted]
+        names = ", ".join(e.name for e in refuted)
+        found["rounds"].append(
+            {
+                "candidates": [],
+                "decision": "unexplained",
+                "reason": f"{names}: nothing is gained on visits that it was not fitted to",
+            }
+        )
+    return found
+
+
+def _effects(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
+    """The named effects of the best explanation, each with the rivals that could stand in its
+    place.
+    """
+    best = answer.accepted[0]
+    listed = []
+    for effect in best.fitted.candidate.effects:
+        others_kept = set(best.effects) - {effect.name}
+        rivals = []
+        for other in answer.accepted[1:]:
+            shared = set(best.effects) & set(other.effects)
+            # an explanation of the same length stands in for what it does not share; a longer one
+            # tells who may act beside it
+            if (
+                len(other.effects) > len(best.effects)
+                or len(other.effects) == 1
+                or others_kept & shared
+                or not shared
+            ):
+                rivals += [name for name in other.effects if name not in best.effects]
+        listed.append(
+            {
+                "name": effect.name,
+                "rivals": list(dict.fromkeys(rivals)),
+                "parameters": _parameters(stage, best, effect.name),
+                "mechanism": effect.mechanism,
+            }
+        )
+    return listed
+
+
+def _parameters(stage: SearchProblem, explanation: Explanation, effect: str) -> dict[str, Any]:
+    """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session
+    where it has one each.
+    """
+    fitted = explanation.fitted
+    if stage.independent:
+        errors = confirmation.standard_error(few_visits.without_each(stage, fitted))
+        return _intervals(fitted, effect, errors, student.quantile(0.95, few_visits.freedom(stage)))
+    spread = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
+    return _intervals(fitted, effect, spread, student.NORMAL_90)
+
+
+def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> dict[str, Any]:
+    result = {}
+    for slot in fitted.candidate.slots:
+        if slot.effect != effect:
+            continue
+        for i in range(slot.start, slot.stop):
+            name = (
+                slot.parameter.name
+                if slot.stop - slot.start == 1
+                else f"{slot.parameter.name}[{i - slot.start}]"
+            )
+            v, half = fitted.vector[i], quantile * u[i]
+            result[name] = {
+                "value": v,
+                "lo90": v - half,
+                "hi90": v + half,
+                "unit": slot.parameter.unit,
+            }
+    return result
+
+
+def partial(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
+    """What the best single effects would explain of the structure, as shares of the chi2 that
+    exceeds the noise.
+    """
+    # a size that is not possible earns no share
+    ranked = sorted((s for s in answer.singles if not s.fitted.at_bound), key=lambda s: -s.gain)[:3]
+    # noise that happens to be small elsewhere can leave less in sum than one effect takes
+    whole = max(stage.excess, *(s.gain for s in ranked), 0.0)
+    return [{"name": s.name, "share": s.gain / whole} for s in ranked if s.gain > 0.05 * whole]
+
+
+def _rounds(answer: Answer) -> list[dict[str, Any]]:
+    """What was tried, in order, with the reason for each decision."""
+    if answer.contradicted:
+        return [_round([], "unexplained", "; ".join(answer.contradicted))]
+    if not answer.first.present:
+        largest = f"(p = {answer.first.p_value:.3g} for the largest of all tests)"
+        return [_round([], "adequate", f"nothing exceeds the threshold {largest}")]
+    if answer.stage.independent:
+        return [_sweep(tried, answer) for tried in (answer.singles, answer.pairs) if tried]
+    best = answer.accepted[0] if answer.accepted else None
+    enough = "nothing is left beyond the threshold"
+    if best is not None and best.confirmed:
+        share = min(best.gain / answer.stage.excess, 1.0)
+        enough = (
+            f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the"
+            " true one"
+        )
+    alone = [s for s in answer.singles if s.accepted]
+    singles = _listing(answer.stage, answer.singles)
+    if best is not None and alone and len(best.effects) == 1:
+        return [_round(singles, f"accept {best.name}", enough)]
+    why_not = (
+        f"{max(alone, key=lambda e: e.evidence.log).name} would do, but two effects are plainly"
+        " likelier: its form would have to be far off"
+        if alone
+        else "each one leaves structure beyond the threshold, or explains too little"
+        + _impossible(answer)
+    )
+    return [
+        _round(singles, "no single effect will do", why_not),
+        _round(
+            _listing(answer.stage, answer.pairs, LISTED_PAIRS),
+            f"accept {best.name}" if best is not None else "unexplained",
+            enough if best is not None else "no pair of declared effects does better",
+        ),
+    ]
+
+
+def _round(candidates: list[dict[str, Any]], decision: str, reason: str) -> dict[str, Any]:
+    return {"candidates": candidates, "decision": decision, "reason": reason}
+
+
+def _listing(
+    stage: SearchProblem, tried: tuple[Explanation, ...], most: int | None = None
+) -> list[dict[str, Any]]:
+    """Candidates with what they leave, the likeliest first."""
+    rows = []
+    for e in sorted(tried, key=lambda e: -e.evidence.log)[:most]:
+        left = stage.left_by(e)
+        rows.append(
+            {
+                "name": e.name,
+                "gain": e.gain,
+                "p_value": left.p_value,
+                "accepted": e.accepted,
+                "sizes": _sizes(e),
+                "at_bound": e.fitted.at_bound,
+                "log_evidence": e.evidence.log,
+                "plausibility": e.evidence.plausibility,
+                "left_in": next(iter(left.by_covariate()), None) if left.present else None,
+            }
+        )
+    return rows
+
+
+def _sizes(explanation: Explanation) -> dict[str, float]:
+    """What an explanation's parameters would be, those aside that differ by session."""
+    slots = explanation.fitted.candidate.slots
+    return {
+        s.parameter.name: float(explanation.fitted.vector[s.start])
+        for s in slots
+        if s.effect and s.stop - s.start == 1
+    }
+
+
+def _impossible(answer: Answer) -> str:
+    """Which single effects could account for a fair share, were their size possible; empty if none
+    could.
+    """
+    share = FAIR_SHARE * answer.stage.excess
+    ends = [
+        f"{e.name} ({_at_end(e)})"
+        for e in sorted(answer.singles, key=lambda e: -e.gain)
+        if e.fitted.at_bound and e.gain > share
+    ]
+    return (
+        f"; refused, since the size that it takes is not possible: {', '.join(ends)}"
+        if ends
+        else ""
+    )
+
+
+def _at_end(explanation: Explanation) -> str:
+    """The sizes that stand at an end of their range."""
+    ends = {
+        p.name: p.bounds
+        for e in explanation.fitted.candidate.effects
+        for p in e.parameters
+        if not p.grid
+    }
+    return ", ".join(
+        f"{name} runs into {size:.3g}"
+        for name, size in _sizes(explanation).items()
+        if size in ends.get(name, ())
+    )
+
+
+def _sweep(tried: tuple[Explanation, ...], answer: Answer) -> dict[str, Any]:
+    """A round in which visits left out decided."""
+    # what is left decides nothing here
+    rows = [
+        {**row, "left_in": None, "judged_by": "visits left out"}
+        for row in _listing(answer.stage, tried)
+    ]
+    chosen = [e for e in tried if e.accepted]
+    visits = f"({len(np.unique(answer.stage.data.visit))} visits, each in turn)"
+    if chosen:
+        best = max(chosen, key=lambda e: e.evidence.log)
+        return _round(rows, f"accept {best.name}", f"predicts visits left out best {visits}")
+    reason = (
+        "none predicts visits left out better by more than chance and by most of what is not noise"
+        f" {visits}"
+    )
+    return _round(rows, "add nothing", reason)

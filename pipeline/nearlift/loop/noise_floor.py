@@ -1,0 +1,98 @@
+"""The noise floor of a search: how trials scatter beside everything that they may hold."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray, LiftModel
+from nearlift.likelihood import budget, noise
+from nearlift.likelihood.problem import height_slope
+from nearlift.loop.candidate import Candidate
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.families import families
+from nearlift.loop.search_problem import Options, SearchProblem, library_columns
+from nearlift.results import Noise, Observations
+
+#: Covariates of time: where noise is estimated, the drifts stand for the families along them.
+TIME = ("start", "session")
+#: Noise is estimated anew until the coefficients move by less than this many of their standard
+#: uncertainties, at most so many times; each time they go this part of the way, since noise and
+#: coefficients pull each other to and fro.
+SETTLED, ROUNDS, WAY = 0.1, 5, 0.62
+
+
+def what_may_be(
+    candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]
+) -> list[FloatArray]:
+    """What the trials may hold beside a candidate: the families that are not of time, and every
+    effect; a list of (n, k) of any rank.
+    """
+    data, theta = candidate.data, vector[: len(candidate.base.parameters)]
+    found = [f.columns for f in families(data) if f.covariate not in TIME]
+    shapes: dict[str, list[FloatArray]] = defaultdict(list)
+    for effect, columns in library_columns(candidate.base, effects, data, theta):
+        shapes[effect.name].append(columns)
+    return [*found, *(np.hstack(each) for each in shapes.values())]
+
+
+def prepare(
+    data: Observations,
+    base: LiftModel,
+    effects: tuple[Effect, ...],
+    parts: tuple[budget.Component, ...],
+    theta: FloatArray,
+    options: Options,
+    about: Fitted | None = None,
+    start: Noise | None = None,
+) -> SearchProblem:
+    """Noise first, beside all that the trials may hold; then everything else.
+
+    It is estimated about the base model at `theta`, or about the explanation `about`: beside an
+    effect of many times the noise, the base model's slope and the families' curvature are not good
+    enough to tell noise and outliers by. `start` is the noise of nearly the same trials.
+    """
+    p, found = len(theta), start
+    candidate, vector = (
+        (Candidate(base=base, effects=(), data=data), theta)
+        if about is None
+        else (about.candidate, about.vector)
+    )
+    for _ in range(ROUNDS):
+        log_ratio = candidate.log_ratio(vector)
+        slope = height_slope(
+            base, data, dict(zip((q.name for q in base.parameters), vector[:p], strict=True))
+        )
+        levels = np.eye(len(data.levels))[data.level]
+        found, target = noise.estimate(
+            data,
+            np.log(data.lift_N) - log_ratio,
+            np.hstack([levels, candidate.jacobian(vector)]),
+            what_may_be(candidate, vector, effects),
+            slope,
+            budget.shared(data, parts, slope),
+            budget.own_variance(data, parts, slope),
+            found,
+        )
+        stage = SearchProblem(
+            data=data,
+            base=base,
+            effects=effects,
+            parts=parts,
+            noise=found,
+            log_lift=target + log_ratio,
+            theta=vector[:p],
+            options=options,
+        )
+        if about is not None:
+            break
+        if not p:
+            break
+        moved, jacobian = stage.base_fit.vector - vector, stage.base_fit.jacobian
+        if np.all(
+            np.abs(moved) < SETTLED * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
+        ):
+            break
+        vector = vector + WAY * moved
+    return stage
