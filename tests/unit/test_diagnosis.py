@@ -245,7 +245,9 @@ def test_what_is_named_does_not_hang_on_the_seed(ambiguous):
         threshold = drawn(stage, seed).threshold(0.05)
         singles, pairs = (
             tuple(
-                dataclasses.replace(e, left=dataclasses.replace(e.left, threshold=threshold))
+                dataclasses.replace(
+                    e, left=dataclasses.replace(stage.left_by(e), threshold=threshold)
+                )
                 for e in tried
             )
             for tried in (answer.singles, answer.pairs)
@@ -256,8 +258,9 @@ def test_what_is_named_does_not_hang_on_the_seed(ambiguous):
 
 
 def test_every_explanation_is_held_against_one_threshold(ambiguous):
-    _, answer = ambiguous
-    assert {e.left.threshold for e in (*answer.singles, *answer.pairs)} == {answer.first.threshold}
+    stage, answer = ambiguous
+    every = (*answer.singles, *answer.pairs)
+    assert {stage.left_by(e).threshold for e in every} == {answer.first.threshold}
 
 
 def test_far_tails_do_not_underflow():
@@ -570,7 +573,8 @@ def test_a_name_accounts_for_the_greater_part_of_what_is_there_without_it(saggin
     assert not beside("session_gain", "tilt").needed
     # an uncertain form makes no difference to that: it is not what the effect accounts for
     free = stage.judged(alone["tilt"].fitted, 50.0, (0.0,))
-    assert free.left.log10_p.min() > alone["tilt"].left.log10_p.min()
+    left, left_alone = stage.left_by(free), stage.left_by(alone["tilt"])
+    assert left.log10_p.min() > left_alone.log10_p.min()
     assert not free.needed
     assert not free.accepted
 
@@ -578,7 +582,7 @@ def test_a_name_accounts_for_the_greater_part_of_what_is_there_without_it(saggin
 def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
     effects = {e.name: e for e, _ in null_stage.library}
     sag = null_stage.explain((effects["supply_sag"],))
-    nothing = dataclasses.replace(sag.left, log10_p=np.zeros(1), threshold=-4.0)
+    nothing = dataclasses.replace(null_stage.left_by(sag), log10_p=np.zeros(1), threshold=-4.0)
 
     def standing(names, log_evidence, over_none=20.0, plausibility=0.0, left=nothing, needed=True):
         candidate = null_stage.candidate(*(effects[n] for n in names))
