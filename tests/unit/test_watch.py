@@ -178,3 +178,19 @@ def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
     plain = small_run.job(raw, tmp_path / "plain")
     list(graph.run(plain, graph.STAGES[:4]))
     assert (plain.processed / "diagnosis.json").read_bytes() == product.read_bytes()
+
+
+def test_a_schedule_that_grows_is_told_to_say_how_long_it_will_be(tmp_path, monkeypatch):
+    """With no trial to come each look is the end; only the manifest can say otherwise."""
+    stamps = iter(range(9))
+    monkeypatch.setattr(watching.manifests, "load", lambda root: None)
+    monkeypatch.setattr(watching, "_stamps", lambda root: next(stamps))
+    for planned in (False, True):
+        rounds = iter(
+            Round(ran=("fit",), scheduled=n, planned=planned, words="so far") for n in (80, 80, 96)
+        )
+        monkeypatch.setattr(watching, "_round", lambda *_, rounds=rounds: (next(rounds), False))
+        seen = watch(tmp_path, tmp_path, "serial", 0, 0.0)
+        words = [next(seen).words for _ in range(3)]
+        assert words[:2] == ["so far", "so far"]
+        assert words[2] == ("so far" if planned else f"so far; {watching.GROWS}")

@@ -12,6 +12,9 @@ from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import Problem
 from nearlift.loop.candidate import Candidate
 
+#: How often a start beyond a pole is taken half of the way back.
+HALVINGS = 8
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
@@ -136,9 +139,12 @@ def _step(
 def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
     """The best fit over the shapes' starting values: screened to first order, the best
     two refined.
+
+    A size beyond a pole of the model has no value at some trial: a start there is taken back
+    towards no effect until it has one. Where none has, the result's chi2 is nan.
     """
     p = len(candidate.of(""))
-    starts: list[tuple[float, int, FloatArray]] = []
+    starts: list[tuple[float, int, FloatArray, FloatArray]] = []
     sizes = candidate.sizes()
     mean, sd = candidate.prior
     for vector in candidate.shapes():
@@ -160,8 +166,21 @@ def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: Fl
                 float(rest @ rest + np.sum((weight * (start - mean)[active]) ** 2)),
                 len(starts),
                 start,
+                vector,
             )
         )
     starts.sort()
-    fits = [fit(candidate, space, log_lift, start) for _, _, start in starts[:2]]
-    return min(fits, key=lambda f: f.chi2 + f.penalty)
+    fits = [
+        fit(candidate, space, log_lift, _short_of_pole(candidate, start, null))
+        for _, _, start, null in starts[:2]
+    ]
+    return min(fits, key=lambda f: np.nan_to_num(f.chi2 + f.penalty, nan=np.inf))
+
+
+def _short_of_pole(candidate: Candidate, start: FloatArray, null: FloatArray) -> FloatArray:
+    """The start, or the first of the midpoints towards `null` at which every trial has a value."""
+    for _ in range(HALVINGS):
+        if np.isfinite(candidate.log_ratio(np.clip(start, *candidate.bounds))).all():
+            break
+        start = (start + null) / 2
+    return start

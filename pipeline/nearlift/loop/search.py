@@ -109,7 +109,7 @@ def run(stage: SearchProblem) -> Answer:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in stage.library}
     visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
-    # one that has no value at some trial, beyond a pole, explains nothing
+    # one that has no value at some trial, however small, explains nothing
     tried = [(e, stage.explain((e,))) for e in visible]
     visible = [e for e, s in tried if np.isfinite(s.gain)]
     singles = tuple(s for _, s in tried if np.isfinite(s.gain))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,11 @@ from nearlift.run.opening import open_job
 
 #: Seconds between looks, unless told otherwise.
 PERIOD_S = 5.0
+#: Told where a schedule is longer than it was: with no trial to come, each look has the full rate.
+GROWS = (
+    "the schedule grows with its records: say planned_trials under [diagnose], or every look has"
+    " the false-alarm rate of the end"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +46,8 @@ class Round:
         Stages that were stale.
     good, scheduled : int
         Trials that take part in fits, and trials in the schedule.
+    planned : bool
+        Whether the manifest says how long the campaign will be.
     words : str
         One line: how far the campaign is and what it says so far, or why it must wait.
     refused : str
@@ -50,6 +57,7 @@ class Round:
     ran: tuple[str, ...] = ()
     good: int = 0
     scheduled: int = 0
+    planned: bool = False
     words: str
     refused: str = ""
 
@@ -74,11 +82,15 @@ def watch(
     manifests.load(root)
     seen: dict[str, tuple[int, int]] | None = None
     again = waiting = False
+    longest = 0
     while True:
         now = _stamps(root)
         if again or now != seen:
             seen = now
             found, again = _round(root, out, executor, seed, say, stages)
+            if 0 < longest < found.scheduled and not found.planned:
+                found = replace(found, words=f"{found.words}; {GROWS}")
+            longest = max(longest, found.scheduled)
             if found.ran or found.refused or waiting:
                 yield found
             waiting = bool(found.refused)
@@ -120,6 +132,7 @@ def _round(
                 ran += [step.stage.name] if step.why else []
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
+            planned = job.campaign.diagnose.planned_trials is not None
             quoted, found = (
                 store.read_json_if_whole(job.processed / p.file) for p in (RESULTS, DIAGNOSIS)
             )
@@ -129,7 +142,8 @@ def _round(
         ), isinstance(refusal, Busy)
     good = len(quality) - int(rejected(quality).sum())
     words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted, found)])
-    return Round(ran=tuple(ran), good=good, scheduled=len(quality), words=words), pending
+    done = Round(ran=tuple(ran), good=good, scheduled=len(quality), planned=planned, words=words)
+    return done, pending
 
 
 def _headlines(quoted: dict[str, Any], diagnosis: dict[str, Any]) -> Iterator[str]:
