@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 EXECUTOR ?= processes
 READY  := $(VENV)/.ready
 
-.PHONY: demo test lint bench calibrate docs clean
+.PHONY: demo test lint check mutate bench calibrate docs clean
 
 demo: $(READY)            ## the main job on the embedded, simulated campaign; ends with the path of the report
 	$(BIN)/nearlift demo
@@ -18,6 +18,12 @@ lint: $(READY)            ## format, lint, types, layers
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+check: lint              ## the inner loop, a minute on two cores: lint, and the quick tests of the core
+	$(BIN)/pytest -q -n 2 --core
+
+mutate: $(READY)          ## sixty seeded mutants of the core, and which of them the tests kill
+	nice $(BIN)/python -m tests.mutation --save
 
 bench: $(READY)           ## every benchmark beside its peer
 	$(BIN)/python -m benchmarks
