@@ -32,7 +32,9 @@ def modules() -> Mapping[str, Path]:
 
 @functools.cache
 def imported(name: str) -> frozenset[str]:
-    """Modules of the package and of the tests that a module imports, wherever in it."""
+    """Modules of the package and of the tests that a module imports or has in quotes, as what is
+    compiled when it is first called.
+    """
     path = modules()[name]
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     named: set[str] = set()
@@ -44,6 +46,8 @@ def imported(name: str) -> frozenset[str]:
             base = ".".join([*start, *([node.module] if node.module else [])])
             inner = {f"{base}.{alias.name}" for alias in node.names}
             named |= {n if n in modules() else base for n in inner}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            named.add(node.value)
     return frozenset(n for n in named if n in modules())
 
 

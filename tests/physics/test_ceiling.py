@@ -14,8 +14,6 @@ from nearlift.models import (
     ceiling_empirical,
     cheeseman_bennett,
     hsiao_chirarattananon,
-    hsiao_chirarattananon_constant_power,
-    hsiao_chirarattananon_free_exponent,
 )
 from nearlift.models.hsiao_chirarattananon import gamma
 
@@ -53,10 +51,10 @@ def test_negative_coefficient_has_no_value_where_the_root_has_none():
 @given(z=height, alpha=coefficient, n=st.floats(0.1, 2))
 def test_held_quantity_is_the_exponent(z, alpha, n):
     one = float(hsiao_chirarattananon.MODEL(z, alpha=alpha))
-    assert float(hsiao_chirarattananon_constant_power.MODEL(z, alpha=alpha)) == pytest.approx(
+    assert float(hsiao_chirarattananon.CONSTANT_POWER(z, alpha=alpha)) == pytest.approx(
         one ** (2 / 3), rel=1e-12
     )
-    assert float(hsiao_chirarattananon_free_exponent.MODEL(z, alpha=alpha, n=n)) == pytest.approx(
+    assert float(hsiao_chirarattananon.FREE_EXPONENT(z, alpha=alpha, n=n)) == pytest.approx(
         one**n, rel=1e-12
     )
 
@@ -71,7 +69,7 @@ def test_downwash_is_what_power_needs_at_the_same_thrust(z, alpha):
 def test_far_away_a_fitted_coefficient_carries_the_exponent():
     z = 50.0
     gain = float(hsiao_chirarattananon.MODEL(z, alpha=0.2)) - 1
-    assert float(hsiao_chirarattananon_constant_power.MODEL(z, alpha=0.3)) - 1 == pytest.approx(
+    assert float(hsiao_chirarattananon.CONSTANT_POWER(z, alpha=0.3)) - 1 == pytest.approx(
         gain, rel=1e-3
     )
 

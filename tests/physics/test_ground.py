@@ -10,13 +10,9 @@ from hypothesis import strategies as st
 
 from nearlift.models import (
     cheeseman_bennett,
-    cheeseman_bennett_constant_power,
-    cheeseman_bennett_fixed,
     images,
     power_law,
     sanchez_cuevas,
-    sanchez_cuevas_as_printed,
-    sanchez_cuevas_free_exponent,
 )
 from nearlift.models.images import covered_by_half_plane, gain_per_rotor, square, tilted
 
@@ -74,7 +70,7 @@ def test_tilted_formula_is_the_sum_of_mirrored_sources(z, tilt, positions):
 
 def test_one_rotor_is_cheeseman_and_bennett():
     np.testing.assert_allclose(
-        images.MODEL(Z, layout_hat=((0.0, 0.0),)), cheeseman_bennett_fixed.MODEL(Z), rtol=1e-13
+        images.MODEL(Z, layout_hat=((0.0, 0.0),)), cheeseman_bennett.THEORY(Z), rtol=1e-13
     )
 
 
@@ -186,7 +182,7 @@ def test_covered_share_is_the_area_of_the_disk(x, edge):
 def test_two_distant_rotors_over_half_a_plane_gain_half():
     layout = ((-500.0, 0.0), (500.0, 0.0))
     gains = gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, 0.0))
-    np.testing.assert_allclose(gains, [float(cheeseman_bennett_fixed.MODEL(1.0)), 1.0], rtol=1e-8)
+    np.testing.assert_allclose(gains, [float(cheeseman_bennett.THEORY(1.0)), 1.0], rtol=1e-8)
 
 
 def test_half_plane_under_a_square_leaves_the_images_of_a_pair():
@@ -214,7 +210,7 @@ def test_whole_plane_is_no_edge_and_no_plane_is_no_effect():
 
 def test_distant_rotors_leave_cheeseman_and_bennett():
     alone = sanchez_cuevas.MODEL(Z, spacing_hat=1e6, diagonal_hat=1e6)
-    np.testing.assert_allclose(alone, cheeseman_bennett_fixed.MODEL(Z), rtol=1e-10)
+    np.testing.assert_allclose(alone, cheeseman_bennett.THEORY(Z), rtol=1e-10)
 
 
 @given(d=spacing, z=height)
@@ -251,21 +247,21 @@ def test_equation_as_printed(d, z, K_b):
         + z / (2 * math.sqrt((2 * d**2 + 4 * z**2) ** 3))
     )
     s += z / (2 * K_b * math.sqrt((d**2 + 4 * z**2) ** 3))
-    got = float(sanchez_cuevas_as_printed.MODEL(z, spacing_hat=d, inverse_K_b=1 / K_b))
+    got = float(sanchez_cuevas.AS_PRINTED(z, spacing_hat=d, inverse_K_b=1 / K_b))
     assert got == pytest.approx(1 / (1 - s), rel=1e-10) if s < 1 else math.isnan(got)
 
 
 def test_printed_form_is_the_original_with_a_quarter_of_the_strength_at_the_adjacent_spacing():
-    printed = sanchez_cuevas_as_printed.MODEL(Z, spacing_hat=3.9, inverse_K_b=3.0)
+    printed = sanchez_cuevas.AS_PRINTED(Z, spacing_hat=3.9, inverse_K_b=3.0)
     np.testing.assert_allclose(
         printed, sanchez_cuevas.MODEL(Z, spacing_hat=3.9, diagonal_hat=3.9, K_b=0.75), rtol=1e-12
     )
 
 
 def test_raising_the_printed_coefficient_lowers_the_lift():
-    assert sanchez_cuevas_as_printed.MODEL(
+    assert sanchez_cuevas.AS_PRINTED(
         1.0, spacing_hat=3.9, inverse_K_b=1 / 4
-    ) < sanchez_cuevas_as_printed.MODEL(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
+    ) < sanchez_cuevas.AS_PRINTED(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
     assert sanchez_cuevas.MODEL(
         1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=4
     ) > sanchez_cuevas.MODEL(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=2)
@@ -288,8 +284,8 @@ def test_pole_is_refused_and_approached_from_above(k):
 
 
 def test_at_the_pole_itself_there_is_no_value():
-    assert np.isnan(cheeseman_bennett_fixed.MODEL(0.25))
-    assert np.isfinite(cheeseman_bennett_fixed.MODEL(np.nextafter(0.25, 1)))
+    assert np.isnan(cheeseman_bennett.THEORY(0.25))
+    assert np.isfinite(cheeseman_bennett.THEORY(np.nextafter(0.25, 1)))
 
 
 @given(k=st.floats(-8, -0.1), z=height)
@@ -301,14 +297,14 @@ def test_negative_coefficient_loses_lift_and_has_no_pole(k, z):
 def test_free_exponent_is_the_power_of_the_base(z, n, K_b):
     layout = {"spacing_hat": 2.83, "diagonal_hat": 4.0}
     base = float(sanchez_cuevas.MODEL(z, **layout, K_b=K_b))
-    assert float(sanchez_cuevas_free_exponent.MODEL(z, **layout, K_b=K_b, n=n)) == pytest.approx(
+    assert float(sanchez_cuevas.FREE_EXPONENT(z, **layout, K_b=K_b, n=n)) == pytest.approx(
         base**n, rel=1e-12, nan_ok=True
     )
 
 
 def test_constant_power_gains_less_than_constant_inflow():
     np.testing.assert_allclose(
-        cheeseman_bennett_constant_power.MODEL(Z) ** 1.5, cheeseman_bennett.MODEL(Z), rtol=1e-12
+        cheeseman_bennett.CONSTANT_POWER(Z) ** 1.5, cheeseman_bennett.MODEL(Z), rtol=1e-12
     )
 
 
@@ -324,5 +320,5 @@ def test_downwash_and_lift_are_reciprocal_where_the_inflow_is_unchanged():
 def test_power_law_of_two_is_the_image_to_first_order():
     far = np.array([20.0, 50.0])
     np.testing.assert_allclose(
-        power_law.MODEL(far) - 1, cheeseman_bennett_fixed.MODEL(far) - 1, rtol=1e-3
+        power_law.MODEL(far) - 1, cheeseman_bennett.THEORY(far) - 1, rtol=1e-3
     )

@@ -16,11 +16,9 @@ import pytest
 from scipy.optimize import brentq
 
 from nearlift.models import (
-    cheeseman_bennett_fixed,
+    cheeseman_bennett,
     hsiao_chirarattananon,
     sanchez_cuevas,
-    sanchez_cuevas_as_printed,
-    sanchez_cuevas_free_exponent,
 )
 from nearlift.models.hsiao_chirarattananon import gamma
 
@@ -230,12 +228,12 @@ def batteries(minutes_each: float) -> float:
 
 @computes
 def cheeseman_bennett_gain_percent(z_hat: float) -> float:
-    return 100 * (float(cheeseman_bennett_fixed.MODEL(z_hat)) - 1)
+    return 100 * (float(cheeseman_bennett.THEORY(z_hat)) - 1)
 
 
 @computes
 def cheeseman_bennett_downwash_percent(z_hat: float) -> float:
-    return 100 * (1 - float(cheeseman_bennett_fixed.downwash(z_hat)))
+    return 100 * (1 - float(cheeseman_bennett.theory_downwash(z_hat)))
 
 
 @computes
@@ -246,11 +244,7 @@ def equation_1_with_z_in_metres(z_hat: float) -> float:
 @computes
 def printed_gain_percent(z_hat: float) -> float:
     return 100 * (
-        float(
-            sanchez_cuevas_as_printed.MODEL(
-                z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5
-            )
-        )
+        float(sanchez_cuevas.AS_PRINTED(z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5))
         - 1
     )
 
@@ -270,8 +264,8 @@ def original_over_printed_fountain(z_hat: float) -> float:
     return float(
         original
         / (
-            sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.5)
-            - sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.0)
+            sanchez_cuevas.printed_cancelled(z_hat, d, 0.5)
+            - sanchez_cuevas.printed_cancelled(z_hat, d, 0.0)
         )
     )
 
@@ -288,7 +282,7 @@ def measured_over_classic(z_hat: float) -> float:
 
 @computes
 def pole_of_cheeseman_bennett() -> float:
-    return float(brentq(lambda z: float(cheeseman_bennett_fixed.downwash(z)), 0.1, 1.0))
+    return float(brentq(lambda z: float(cheeseman_bennett.theory_downwash(z)), 0.1, 1.0))
 
 
 @computes
@@ -487,7 +481,7 @@ def crash_rates(boundary: str, power: float, targets: np.ndarray, flights: int) 
     """
     heights = np.linspace(0.5, 12, 4000)
     near = (
-        sanchez_cuevas_free_exponent.MODEL(heights, **PAPER, K_b=2.0, n=1.0)
+        sanchez_cuevas.FREE_EXPONENT(heights, **PAPER, K_b=2.0, n=1.0)
         if boundary == "ground"
         else gamma(heights, 0.125)
     )

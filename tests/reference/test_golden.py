@@ -7,10 +7,9 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.models import (
-    cheeseman_bennett_fixed,
+    cheeseman_bennett,
     hayden,
     hsiao_chirarattananon,
-    hsiao_chirarattananon_constant_power,
     images,
     sanchez_cuevas,
 )
@@ -68,14 +67,12 @@ def test_ceiling_table():
         atol=6e-4,
     )
     constant_power = (2.549, 1.761, 1.469, 1.319, 1.174, 1.074, 1.040, 1.020, 1.005)
-    np.testing.assert_allclose(
-        hsiao_chirarattananon_constant_power.MODEL(z), constant_power, atol=6e-4
-    )
+    np.testing.assert_allclose(hsiao_chirarattananon.CONSTANT_POWER(z), constant_power, atol=6e-4)
 
 
 @pytest.mark.parametrize(("z", "value"), [(1.0, 1.066667), (0.5, 1.333333), (2.0, 1.015873)])
 def test_cheeseman_bennett(z, value):
-    assert float(cheeseman_bennett_fixed.MODEL(z)) == pytest.approx(value, abs=5e-7)
+    assert float(cheeseman_bennett.THEORY(z)) == pytest.approx(value, abs=5e-7)
 
 
 @pytest.mark.parametrize(

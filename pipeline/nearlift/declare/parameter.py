@@ -120,11 +120,16 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Where a formula came from, and every doubt about how it reached us."""
+    """Where a formula came from, and every doubt about how it reached us.
+
+    `bibtex` holds keys of `report/documents/references.py`. Without one the report makes an entry
+    from the citation.
+    """
 
     citation: str
     equation: str = ""
     doi: str = ""
+    bibtex: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
 

@@ -37,6 +37,7 @@ EFFECT = Effect(
     name="held_quantity",
     title="Held quantity",
     formula=r"\frac{L}{L_\infty} \to \left(\frac{L}{L_\infty}\right)^{n}",
+    closed_form="pow(r, held_exponent)",
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",
@@ -61,6 +62,7 @@ EFFECT = Effect(
             "Blade-element momentum theory; Carter, Bouchard and Quinn 2021 scale their models by"
             " the powers 0.6 to 1.4"
         ),
+        bibtex=("carter2021",),
         doubts=(
             (
                 "The exponent at constant throttle is known only between limits, and falls as the"

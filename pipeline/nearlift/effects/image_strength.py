@@ -40,6 +40,7 @@ EFFECT = Effect(
     name="image_strength",
     title="Strength of the images",
     formula=r"\frac{1}{1 - s} \to \frac{1}{1 - \kappa s}",
+    closed_form="r/(1 - (strength - 1)*(r - 1))",
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",
@@ -63,6 +64,7 @@ EFFECT = Effect(
             "Coefficient on Cheeseman and Bennett's image as in Danjun and Li 2015, and as fitted"
             " to open data"
         ),
+        bibtex=("cheeseman1955",),
         doubts=(
             "The role is confirmed by secondary sources; their values were not.",
             "A rough ground gives more lift than a smooth one (10.1177/17568293251350056).",

@@ -32,6 +32,8 @@ EFFECT = Effect(
     name="supply_sag",
     title="Supply voltage",
     formula=r"L \to L \, (U / U_0)^{p}",
+    # in time, not in height: at its reference the supply changes nothing
+    closed_form="r",
     evaluate=evaluate,
     acts_on="force",
     belongs_to="vehicle",

@@ -130,6 +130,7 @@ EFFECT = Effect(
             "Own expansion of the per-rotor images of Sanchez-Cuevas, Heredia and Ollero 2017"
             " (10.1155/2017/1823056)"
         ),
+        bibtex=("sanchezcuevas2017",),
         doubts=(
             (
                 "The expansion is for a gain that goes as z^-2; closer than z_hat = 1 the images"

@@ -77,6 +77,7 @@ MODEL = LiftModel(
             " Multirotors, IEEE RA-L 4(4), 2019; Sanchez-Cuevas et al., ICUAS 2017"
         ),
         doi="10.1109/LRA.2019.2928206",
+        bibtex=("jimenezcano2019",),
         doubts=(
             "The form is from memory and was not verified against the original.",
             (

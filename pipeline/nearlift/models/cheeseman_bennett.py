@@ -64,6 +64,7 @@ MODEL = LiftModel(
     name="cheeseman_bennett",
     title="Cheeseman-Bennett, free coefficient",
     formula=r"\frac{L}{L_\infty} = \frac{1}{1 - k / (16 \hat{z}^2)}",
+    closed_form="1/(1 - k/(16*z*z))",
     evaluate=evaluate,
     gradient=gradient,
     downwash=downwash,
@@ -76,6 +77,7 @@ MODEL = LiftModel(
             " in Forward Flight, ARC R&M 3021, written 1955, issued 1957"
         ),
         equation="hover limit; Eq. 1 of Carter, Bouchard and Quinn 2021",
+        bibtex=("cheeseman1955",),
         doubts=(
             (
                 "Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant, and leave 'in Forward"
@@ -107,4 +109,94 @@ MODEL = LiftModel(
         Check(x=3.0, expected=1.045, arguments={"k": 6.25}, tolerance=5e-4, quoted_by="the same"),
     ),
     notes=__doc__ or "",
+)
+
+
+def constant_power(z_hat: Any, /, *, k: Any) -> Any:
+    """L / L_inf at constant power; nan at and below the pole sqrt(k) / 4. Shapes broadcast."""
+    return evaluate(z_hat, k=k) ** (2.0 / 3.0)
+
+
+def constant_power_gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
+    """Derivative of `constant_power` with respect to k."""
+    (plain,) = gradient(z_hat, k=k)
+    return (2.0 / 3.0 * evaluate(z_hat, k=k) ** (-1.0 / 3.0) * plain,)
+
+
+CONSTANT_POWER = LiftModel(
+    name="cheeseman_bennett_constant_power",
+    title="Cheeseman-Bennett, constant power",
+    formula=r"\frac{L}{L_\infty} = \left(1 - \frac{k}{16 \hat{z}^2}\right)^{-2/3}",
+    evaluate=constant_power,
+    gradient=constant_power_gradient,
+    downwash=downwash,
+    boundary="ground",
+    rotors="one",
+    parameters=(COEFFICIENT,),
+    valid_z_hat=(0.25, float("inf")),
+    source=Source(
+        citation=(
+            "Own derivation from momentum theory and the image of Cheeseman and Bennett (ARC R&M"
+            " 3021)"
+        ),
+        bibtex=("cheeseman1955",),
+        doubts=("Not published in this form; derived here.",),
+    ),
+    checks=(Check(x=0.5, expected=1.211414, quoted_by="(4/3)^(2/3), own arithmetic"),),
+    notes="""\
+Ground, one rotor: Cheeseman and Bennett's image at constant power, with momentum conserved.
+
+    L / L_inf = (1 - k / (16 z_hat^2))^(-2/3)
+
+Convention: as in `cheeseman_bennett`. The image takes the fraction s = k / (16 z_hat^2) from the
+inflow, so the power ratio at constant thrust is 1 - s; thrust grows as power to the 2/3, hence the
+exponent. Cheeseman and Bennett instead leave v_i as it was, which gives the exponent 1.
+
+Approximation: momentum theory; all power is induced power. At constant rpm the exponent lies near
+0.6 to 0.8 and falls as the gain grows; at constant throttle it is neither. The exponent is all but
+indistinguishable from k in a fit of thrust alone.
+
+Refusal: nan at and below the pole, z_hat = sqrt(k) / 4.
+""",
+)
+
+
+def theory(z_hat: Any, /) -> Any:
+    """L / L_inf; nan at and below z_hat = 0.25."""
+    return evaluate(z_hat, k=1.0)
+
+
+def theory_downwash(z_hat: Any, /) -> Any:
+    """Induced velocity at the disk over its value far away."""
+    return downwash(z_hat, k=1.0)
+
+
+THEORY = LiftModel(
+    name="cheeseman_bennett_fixed",
+    title="Cheeseman-Bennett, theory",
+    formula=r"\frac{L}{L_\infty} = \frac{1}{1 - 1 / (16 \hat{z}^2)}",
+    closed_form="1/(1 - 1/(16*z*z))",
+    evaluate=theory,
+    downwash=theory_downwash,
+    boundary="ground",
+    valid_z_hat=(0.25, float("inf")),
+    source=Source(
+        citation=MODEL.source.citation,
+        equation=MODEL.source.equation,
+        bibtex=MODEL.source.bibtex,
+        doubts=("Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant.",),
+    ),
+    checks=(
+        Check(x=1.0, expected=1.066667, quoted_by="golden value, exact from the formula"),
+        Check(x=3.0, expected=1.0070, tolerance=5e-5, quoted_by="own table of the formula"),
+    ),
+    notes="""\
+Ground: Cheeseman and Bennett as they published it, nothing free.
+
+    L / L_inf = 1 / (1 - 1 / (16 z_hat^2))
+
+The theory curve: what a fit of `cheeseman_bennett` has to beat, and what the paper calls "classic
+helicopter theory". Convention, approximation and refusal are those of `cheeseman_bennett` with k =
+1; the pole stands at z_hat = 0.25, and below z_hat = 0.5 the theory is not to be trusted.
+""",
 )

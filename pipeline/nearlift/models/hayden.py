@@ -43,6 +43,7 @@ MODEL = LiftModel(
             "Hayden, J. S., The Effect of the Ground on Helicopter Hovering Power Required, Proc."
             " AHS 32nd Annual Forum, 1976"
         ),
+        bibtex=("hayden1976",),
         doubts=(
             (
                 "Read in a secondary transcription (code); the thesis that goes with it prints D/z"

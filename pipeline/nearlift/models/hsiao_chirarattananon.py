@@ -77,6 +77,7 @@ SOURCE = Source(
     ),
     equation="(6), (7), (10) as transcribed; Eq. 3 of Carter, Bouchard and Quinn 2021",
     doi="10.1109/TMECH.2019.2929589",
+    bibtex=("hsiao2019",),
     doubts=(
         (
             "Read in a transcription that cites the equations by number; the function and its"
@@ -97,10 +98,13 @@ SOURCE = Source(
     ),
 )
 
+_GAMMA = "(0.5 + 0.5*sqrt(1 + alpha/(z*z)))"
+
 MODEL = LiftModel(
     name="hsiao_chirarattananon",
     title="Hsiao-Chirarattananon",
     formula=r"\frac{L}{L_\infty} = \frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha / \hat{z}^2}",
+    closed_form=_GAMMA,
     evaluate=evaluate,
     gradient=gradient,
     downwash=downwash,
@@ -114,4 +118,129 @@ MODEL = LiftModel(
         Check(x=0.1, expected=2.337117, quoted_by="golden value, exact from the formula"),
     ),
     notes=__doc__ or "",
+)
+
+
+def constant_power(z_hat: Any, /, *, alpha: Any) -> Any:
+    """L / L_inf at constant power. Shapes broadcast."""
+    return gamma(z_hat, alpha) ** (2.0 / 3.0)
+
+
+def constant_power_gradient(z_hat: Any, /, *, alpha: Any) -> tuple[Any, ...]:
+    """Derivative of `constant_power` with respect to alpha."""
+    return (2.0 / 3.0 * gamma(z_hat, alpha) ** (-1.0 / 3.0) * slope(z_hat, alpha),)
+
+
+CONSTANT_POWER = LiftModel(
+    name="hsiao_chirarattananon_constant_power",
+    title="Hsiao-Chirarattananon, constant power",
+    formula=(
+        r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha /"
+        r" \hat{z}^2}\right)^{2/3}"
+    ),
+    closed_form=f"pow({_GAMMA}, 2/3)",
+    evaluate=constant_power,
+    gradient=constant_power_gradient,
+    downwash=downwash,
+    boundary="ceiling",
+    parameters=(COEFFICIENT,),
+    source=SOURCE,
+    checks=(
+        Check(x=0.1, expected=1.761, tolerance=5e-4, quoted_by="own table of gamma^(2/3)"),
+        Check(x=0.5, expected=1.074, tolerance=5e-4, quoted_by="the same table"),
+        Check(x=1.0, expected=1.020, tolerance=5e-4, quoted_by="the same table"),
+    ),
+    notes="""\
+Ceiling: Hsiao and Chirarattananon's gamma as a thrust at constant power.
+
+    L / L_inf = gamma^(2/3),   gamma = 1/2 + 1/2 sqrt(1 + alpha / z_hat^2)
+
+Convention: as `hsiao_chirarattananon`. gamma is P_inf / P at the same thrust; thrust grows as power
+to the 2/3.
+
+Approximation: all power is induced power. The ratio is the consistent one for a rig that holds
+power.
+
+Refusal: nan where z_hat is not positive.
+
+Traps: alpha fitted here is not alpha fitted with the power 1; far away alpha_here = 1.5 alpha_there
+fits the same data.
+""",
+)
+
+
+def free_exponent(z_hat: Any, /, *, alpha: Any, n: Any) -> Any:
+    """L / L_inf. Shapes broadcast."""
+    return gamma(z_hat, alpha) ** n
+
+
+def free_exponent_gradient(z_hat: Any, /, *, alpha: Any, n: Any) -> tuple[Any, ...]:
+    """Derivatives of `free_exponent` with respect to alpha and n."""
+    plain = gamma(z_hat, alpha)
+    raised = plain**n
+    return n * raised / plain * slope(z_hat, alpha), raised * np.log(plain)
+
+
+def free_exponent_downwash(
+    z_hat: Any, /, *, alpha: Any, n: Any
+) -> Any:  # same signature as `evaluate`, as the contract wants
+    """Induced velocity at the disk over its value far away, at the same thrust: 1 / gamma, whatever
+    n.
+    """
+    return 1.0 / gamma(z_hat, alpha) * np.ones_like(n)
+
+
+FREE_EXPONENT = LiftModel(
+    name="hsiao_chirarattananon_free_exponent",
+    title="Hsiao-Chirarattananon, free exponent",
+    formula=(
+        r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha /"
+        r" \hat{z}^2}\right)^{n}"
+    ),
+    closed_form=f"pow({_GAMMA}, n)",
+    evaluate=free_exponent,
+    gradient=free_exponent_gradient,
+    downwash=free_exponent_downwash,
+    boundary="ceiling",
+    parameters=(
+        COEFFICIENT,
+        Parameter(
+            name="n",
+            unit="1",
+            value=1.0,
+            bounds=(0.1, 2.0),
+            prior=normal(0.8, 0.4),
+            meaning=(
+                "exponent of gamma: 1 the paper's convention, 2/3 constant power, 0.6 to 0.8"
+                " constant rpm"
+            ),
+        ),
+    ),
+    source=SOURCE,
+    checks=(
+        Check(x=0.1, expected=2.337117, quoted_by="golden value of gamma, n = 1"),
+        Check(
+            x=0.1,
+            expected=1.761,
+            arguments={"n": 2 / 3},
+            tolerance=5e-4,
+            quoted_by="own table of gamma^(2/3)",
+        ),
+    ),
+    notes="""\
+Ceiling: Hsiao and Chirarattananon's gamma raised to a free power.
+
+    L / L_inf = gamma^n,   gamma = 1/2 + 1/2 sqrt(1 + alpha / z_hat^2)
+
+Convention: alpha as `hsiao_chirarattananon`; n says what a trial holds constant: 1 the paper's
+convention, 2/3 constant power, less than 0.8 and falling towards the ceiling at constant rpm.
+
+Approximation: n is a constant. At constant rpm it is not: the ratio saturates near 2.1 to 2.4 as
+gamma grows without bound, without any viscosity.
+
+Refusal: nan where z_hat is not positive.
+
+Traps: far away only the product n alpha is seen; n needs stations below z_hat = 0.3, where a datum
+error looks the same (correlation 0.997).
+""",
 )

@@ -127,6 +127,10 @@ MODEL = LiftModel(
             " Ollero 2017 (10.1155/2017/1823056)"
         ),
         equation="(10) and section 2.3, as transcribed",
+        bibtex=(
+            "cheeseman1955",
+            "sanchezcuevas2017",
+        ),
         doubts=(
             (
                 "The per-rotor form was read in a transcription that cites the equation by number;"

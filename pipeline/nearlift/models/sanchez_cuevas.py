@@ -87,6 +87,7 @@ SOURCE = Source(
         " 2017"
     ),
     equation="(4)",
+    bibtex=("sanchezcuevas2017",),
     doi="10.1155/2017/1823056",
     doubts=(
         (
@@ -115,6 +116,11 @@ SOURCE = Source(
 _CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 _PAPER = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
 
+CLOSED_FORM = (
+    "1/(1 - (1/(16*z*z) + z/(spacing_hat**2 + 4*z*z)**1.5"
+    " + z/(2*(2*spacing_hat**2 + 4*z*z)**1.5) + 2*K_b*z/(diagonal_hat**2 + 4*z*z)**1.5))"
+)
+
 MODEL = LiftModel(
     name="sanchez_cuevas",
     title="Sanchez-Cuevas",
@@ -124,6 +130,7 @@ MODEL = LiftModel(
         r" - \frac{\hat{z}}{2 (2 \hat{d}^2 + 4 \hat{z}^2)^{3/2}} - \frac{2 K_b \hat{z}}{(\hat{b}^2"
         r" + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
     ),
+    closed_form=CLOSED_FORM,
     evaluate=evaluate,
     gradient=gradient,
     downwash=downwash,
@@ -163,4 +170,277 @@ MODEL = LiftModel(
         ),
     ),
     notes=__doc__ or "",
+)
+
+
+def published(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
+    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
+    return evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
+
+
+def published_downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
+    """Induced velocity at the disk over its value far away."""
+    return downwash(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
+
+
+PUBLISHED = LiftModel(
+    name="sanchez_cuevas_published",
+    title="Sanchez-Cuevas, K_b = 2",
+    formula=MODEL.formula.replace("2 K_b", "4"),
+    evaluate=published,
+    downwash=published_downwash,
+    boundary="ground",
+    rotors="several",
+    needs=("spacing_hat", "diagonal_hat"),
+    valid_z_hat=(0.25, float("inf")),
+    source=SOURCE,
+    checks=(
+        Check(
+            x=1.0,
+            expected=1.1586,
+            arguments=_CRAZYFLIE,
+            tolerance=5e-5,
+            quoted_by="table of sanchez_cuevas",
+        ),
+        Check(
+            x=5.0,
+            expected=1.0256,
+            arguments=_CRAZYFLIE,
+            tolerance=5e-5,
+            quoted_by="the same table",
+        ),
+    ),
+    notes="""\
+Ground, quadrotor: Sanchez-Cuevas, Heredia and Ollero with the fountain's strength that they
+published, nothing free.
+
+The formula is that of `sanchez_cuevas` with K_b = 2 and the vehicle's own geometry: spacing d
+between ADJACENT axes, b across the diagonal. Convention, approximation, refusal and traps are those
+of `sanchez_cuevas`.
+
+What it is for: the fit of K_b has to beat it by more than the trials' errors, or the fit says no
+more than that K_b = 2 will do.
+""",
+)
+
+
+def free_exponent(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any) -> Any:
+    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
+    return evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b) ** n
+
+
+def free_exponent_gradient(
+    z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any
+) -> tuple[Any, ...]:
+    """Derivatives of `free_exponent` with respect to K_b and n."""
+    plain = evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b)
+    raised = plain**n
+    fountain = 4.0 * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)
+    return n * raised * plain * fountain, raised * np.log(plain)
+
+
+def free_exponent_downwash(
+    z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any
+) -> Any:  # same signature as `evaluate`, as the contract wants
+    """Induced velocity at the disk over its value far away, at the same thrust: 1 - s,
+    whatever n.
+    """
+    return downwash(
+        z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b
+    ) * np.ones_like(n)
+
+
+EXPONENT = Parameter(
+    name="n",
+    unit="1",
+    value=1.0,
+    bounds=(0.1, 2.0),
+    prior=normal(0.8, 0.4),
+    meaning=(
+        "exponent of the ratio: 1 the paper's convention, 2/3 constant power, 0.6 to 0.8"
+        " constant rpm"
+    ),
+)
+
+FREE_EXPONENT = LiftModel(
+    name="sanchez_cuevas_free_exponent",
+    title="Sanchez-Cuevas, free exponent",
+    formula=r"\frac{L}{L_\infty} = \left(1 - s(\hat{z}; \hat{d}, \hat{b}, K_b)\right)^{-n}",
+    closed_form=f"pow({CLOSED_FORM}, n)",
+    evaluate=free_exponent,
+    gradient=free_exponent_gradient,
+    downwash=free_exponent_downwash,
+    boundary="ground",
+    rotors="several",
+    parameters=(FOUNTAIN, EXPONENT),
+    needs=("spacing_hat", "diagonal_hat"),
+    valid_z_hat=(0.25, float("inf")),
+    source=Source(
+        citation="Own unification of what published ratios hold constant, over " + SOURCE.citation,
+        doi=SOURCE.doi,
+        bibtex=SOURCE.bibtex,
+        doubts=(
+            (
+                "The range of n at constant rpm comes from an own blade-element closure with"
+                " solidity times lift slope 0.75 to 1.14."
+            ),
+        ),
+    ),
+    checks=(
+        Check(
+            x=1.0,
+            expected=1.1586,
+            arguments=_CRAZYFLIE,
+            tolerance=5e-5,
+            quoted_by="sanchez_cuevas at n = 1",
+        ),
+        Check(
+            x=1.0,
+            expected=1.1586 ** (2 / 3),
+            arguments={**_CRAZYFLIE, "n": 2 / 3},
+            tolerance=5e-5,
+            quoted_by="the same to the 2/3, own arithmetic",
+        ),
+    ),
+    notes="""\
+Ground, quadrotor: Sanchez-Cuevas raised to a free power.
+
+    L / L_inf = (1 / (1 - s))^n,   s as in `sanchez_cuevas`
+
+Convention: K_b as in `sanchez_cuevas`; n says what a trial holds constant. n = 1 is the paper's
+convention (v_i unchanged by the image), 2/3 constant power with momentum conserved, about 0.6 to
+0.8 constant rpm (falling as the gain grows). The paper's models "scaled by powers of 0.6 ... 1.4"
+are this family.
+
+Approximation: n is a constant, which only the first two cases are.
+
+Refusal: nan where nothing of the inflow is left.
+
+Traps: thrust alone cannot tell K_b from n (correlation -0.99 to -1.00); record rpm and power, or
+believe the product only.
+""",
+)
+
+
+def printed_cancelled(z_hat: Any, spacing_hat: Any, inverse_K_b: Any) -> Any:
+    """Fraction of inflow cancelled by images and the printed fountain term."""
+    return four_images(z_hat, spacing_hat) + inverse_K_b * image(
+        2.0 * clear_of_boundary(z_hat), spacing_hat
+    )
+
+
+def as_printed(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
+    """L / L_inf as printed; nan where nothing of the inflow is left. Shapes broadcast."""
+    return gain(printed_cancelled(z_hat, spacing_hat, inverse_K_b))
+
+
+def as_printed_gradient(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> tuple[Any, ...]:
+    """Derivative of `as_printed` with respect to inverse_K_b."""
+    ratio = as_printed(z_hat, spacing_hat=spacing_hat, inverse_K_b=inverse_K_b)
+    return (np.square(ratio) * image(2.0 * clear_of_boundary(z_hat), spacing_hat),)
+
+
+def as_printed_downwash(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
+    """Induced velocity at the disk over its value far away, 1 - s."""
+    return 1.0 - printed_cancelled(z_hat, spacing_hat, inverse_K_b)
+
+
+AS_PRINTED = LiftModel(
+    name="sanchez_cuevas_as_printed",
+    title="Sanchez-Cuevas, as printed",
+    formula=(
+        r"\frac{L}{L_\infty} = \left[1 - \frac{1}{16 \hat{z}^2} - \frac{\hat{z}}{(\hat{l}^2 + 4"
+        r" \hat{z}^2)^{3/2}}"
+        r" - \frac{\hat{z}}{2 (2 \hat{l}^2 + 4 \hat{z}^2)^{3/2}} - \frac{\hat{z}}{2 K_b (\hat{l}^2"
+        r" + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
+    ),
+    evaluate=as_printed,
+    gradient=as_printed_gradient,
+    downwash=as_printed_downwash,
+    boundary="ground",
+    rotors="several",
+    parameters=(
+        Parameter(
+            name="inverse_K_b",
+            unit="1",
+            value=0.5,
+            bounds=(-40.0, 80.0),
+            prior=normal(0.5, 16.0),
+            meaning=(
+                "1 / K_b of the printed equation; positive gains lift, 0 leaves the images alone"
+            ),
+        ),
+    ),
+    needs=("spacing_hat",),
+    valid_z_hat=(0.25, float("inf")),
+    source=Source(
+        citation=(
+            "Carter, D. J., Bouchard, L., and Quinn, D. B., Influence of the Ground, Ceiling, and"
+            " Sidewall on Micro-Quadrotors, 2021"
+        ),
+        equation="(2)",
+        bibtex=("carter2021",),
+        doubts=(
+            (
+                "Misprint: the original has 2 K_b z_hat over the diagonal; at K_b = 2 the printed"
+                " term is 6.7, 8.8, 10.8 times too small at z_hat = 1, 2, 3."
+            ),
+            (
+                "The hat over l is missing in parts of the print; l is scaled by rotor radius"
+                " throughout."
+            ),
+            (
+                "l = 90 mm is called the distance between centres of rotors; on a Crazyflie that is"
+                " about the diagonal (92 mm), the sides are 65 mm."
+            ),
+            (
+                "Bounds and prior are four times those of K_b in the original, which the term then"
+                " covers; they are a choice."
+            ),
+        ),
+    ),
+    checks=(
+        Check(
+            x=0.5,
+            expected=1.3530,
+            arguments={"spacing_hat": 90 / 23},
+            tolerance=5e-5,
+            quoted_by="own table of the printed form, l = 90 mm",
+        ),
+        Check(
+            x=1.0,
+            expected=1.0866,
+            arguments={"spacing_hat": 90 / 23},
+            tolerance=5e-5,
+            quoted_by="the same table",
+        ),
+        Check(
+            x=3.0,
+            expected=1.0203,
+            arguments={"spacing_hat": 90 / 23},
+            tolerance=5e-5,
+            quoted_by="the same table",
+        ),
+    ),
+    notes="""\
+Ground, quadrotor: Sanchez-Cuevas as Carter, Bouchard and Quinn print it. For comparison only.
+
+    L / L_inf = 1 / (1 - s)
+    s = 1 / (16 z^2) + z / (l^2 + 4 z^2)^(3/2) + z / (2 (2 l^2 + 4 z^2)^(3/2)) + z / (2 K_b (l^2 + 4
+    z^2)^(3/2))
+
+with z = z_hat and l = `spacing_hat`. The print has K_b in the denominator and the adjacent spacing
+where the original has the diagonal, which makes the fountain 7 to 11 times too small at K_b = 2 and
+lets it *shrink* as K_b grows.
+
+Convention: the fountain's strength here is `inverse_K_b` = 1 / K_b, so that a fit is bounded:
+fitted as K_b it runs to infinity on data that want no fountain and jumps through 0 on data that
+want a strong or a negative one. The printed K_b = 2 is inverse_K_b = 0.5; the term equals an
+original one with b = l and K_b = inverse_K_b / 4.
+
+Approximation and refusal: as `sanchez_cuevas`; nan where nothing of the inflow is left.
+
+Traps: with the printed K_b = 2 the gain at z_hat = 1 is 8.7 %, while the text reports up to 20 %
+and a good match.
+""",
 )

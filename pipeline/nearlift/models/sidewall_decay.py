@@ -40,6 +40,7 @@ MODEL = LiftModel(
     name="sidewall_decay",
     title="Exponential decay",
     formula=r"\frac{L}{L_\infty} = 1 - a \, e^{-\hat{z} / \lambda}",
+    closed_form="1 - a*exp(-z/lambda_)",
     evaluate=evaluate,
     gradient=gradient,
     boundary="sidewall",
@@ -66,6 +67,7 @@ MODEL = LiftModel(
             "Form common to wall-effect studies; values from two statements of Carter, Bouchard and"
             " Quinn 2021"
         ),
+        bibtex=("carter2021",),
         doubts=(
             (
                 "a and lambda_ follow from 'less than 5 %' read as 5 % at contact and '|dL| > 2 %"

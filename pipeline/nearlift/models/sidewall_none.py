@@ -34,6 +34,7 @@ MODEL = LiftModel(
     boundary="sidewall",
     source=Source(
         citation="Own derivation from the image source of Cheeseman and Bennett",
+        bibtex=("cheeseman1955",),
         doubts=("First order only.",),
     ),
     checks=(Check(x=0.3, expected=1.0, tolerance=0.0, quoted_by="own derivation"),),

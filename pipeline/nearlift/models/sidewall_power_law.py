@@ -36,6 +36,7 @@ MODEL = LiftModel(
     name="sidewall_power_law",
     title="Power law",
     formula=r"\frac{L}{L_\infty} = 1 - a \, (1 + \hat{z})^{-p}",
+    closed_form="1 - a*pow(1 + z, -p)",
     evaluate=evaluate,
     gradient=gradient,
     boundary="sidewall",
@@ -59,6 +60,7 @@ MODEL = LiftModel(
     ),
     source=Source(
         citation="Own rival form; values from two statements of Carter, Bouchard and Quinn 2021",
+        bibtex=("carter2021",),
         doubts=("Not published; it is here to ask whether the data insist on an exponential.",),
     ),
     checks=(

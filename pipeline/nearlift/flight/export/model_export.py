@@ -77,7 +77,7 @@ def exported(lift: FittedLift) -> ExportedLift:
     low = max(lift.measured_z_hat[0], lift.model.valid_z_hat[0])
     high = min(lift.measured_z_hat[1], lift.model.valid_z_hat[1])
     known = {n: float(v) for n, v in lift.arguments.items() if np.ndim(v) == 0}
-    closed = closed_form(lift.model, lift.effects)
+    closed = closed_form(lift.model)
     error = 0.0
     if closed is not None:
         closed = fold(closed, {**known, **lift.best})

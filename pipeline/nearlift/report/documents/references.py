@@ -86,24 +86,11 @@ KNOWN = {
         " {10.1109/MCSE.2007.55}\n}"
     ),
 }
-#: What in a declaration's citation stands for which entry.
-SIGNS = (
-    ("Carter, ", "carter2021"),
-    ("Cheeseman", "cheeseman1955"),
-    ("Hayden", "hayden1976"),
-    ("Sanchez-Cuevas, P., Heredia", "sanchezcuevas2017"),
-    ("Sanchez-Cuevas, Heredia", "sanchezcuevas2017"),
-    ("Hsiao", "hsiao2019"),
-    ("Jimenez-Cano", "jimenezcano2019"),
-)
 
 
-def keys(declared: Declaration) -> list[str]:
-    """The entries that a model or an effect rests on; its own name where its source is not among
-    the known.
-    """
-    found = list(dict.fromkeys(key for sign, key in SIGNS if sign in declared.source.citation))
-    return found or [declared.name]
+def keys(declared: Declaration) -> tuple[str, ...]:
+    """The entries that a model or an effect rests on; its own name where its source gives none."""
+    return declared.source.bibtex or (declared.name,)
 
 
 def bibtex(cited: Iterable[str], declared: Iterable[Declaration]) -> str:
