@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.flight.export.closed_form import EFFECTS, closed_form, evaluate, fold
+from nearlift.flight.export.closed_form import closed_form, evaluate, fold
 from nearlift.flight.export.hermite import HermiteTable, hermite_table
 from nearlift.flight.fitted_lift import FittedLift
 
@@ -151,7 +152,7 @@ class ModelExport:
             ),
         ]
         for lift in self.lifts:
-            within = [e for e in lift.effects if EFFECTS.get(e) != "r"]
+            within = [e for e in lift.effects if catalogue.effect(e).closed_form != "r"]
             effects = f" with {', '.join(within)}" if within else ""
             lines += [
                 "",
