@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from nearlift.errors import UsageError
-from nearlift.run import graph, store
+from nearlift.products import TRIALS
+from nearlift.run import graph, provenance, store
 from nearlift.run.inputs import digests, remember
 from nearlift.stages import fit
 
@@ -121,8 +122,14 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
             "ingest",
             ["ingest", "reduce", "fit", "diagnose", "ledger", "report"],
         ),
+        (
+            "[vehicle]",
+            '[trials]\norder = "unknown"\n\n[vehicle]',
+            "ingest",
+            ["ingest", "fit", "diagnose", "ledger", "report"],
+        ),
     ],
-    ids=["style", "comment", "budget", "rivals", "false alarms", "quality", "spacing"],
+    ids=["style", "comment", "budget", "rivals", "false alarms", "quality", "spacing", "order"],
 )
 def test_an_edited_manifest_runs_what_the_edit_concerns(place, old, new, first, wanted):
     """Whatever it is, the report runs, since it prints the manifest's digest. Figures' style
@@ -192,9 +199,9 @@ def test_a_fit_of_a_doctored_product_does_not_pass_for_one_of_the_real(place):
     """
     path = place / "processed" / "small" / "trials.parquet"
     good = (place / "processed" / "small" / "fit.json").read_bytes()
-    table = store.read_table(path, graph.TRIALS)
+    table = store.read_table(path, TRIALS)
     table["lift_N"] = table["lift_N"] * 1.01
-    store.write_table(path, table, graph.TRIALS)
+    store.write_table(path, table, TRIALS)
     list(graph.run(job(place / "raw", place), (graph.stage("fit"),), force=True))
     assert (place / "processed" / "small" / "fit.json").read_bytes() != good
     assert ran(job(place / "raw", place))[:2] == ["ingest", "fit"]
@@ -204,10 +211,10 @@ def test_a_fit_of_a_doctored_product_does_not_pass_for_one_of_the_real(place):
 def test_another_seed_another_code_another_version_make_all_stale(place, monkeypatch):
     assert set(stale(place, seed=1).values()) == {"the seed has changed"}
     with monkeypatch.context() as patch:
-        patch.setattr(graph, "code_digest", lambda: "another")
+        patch.setattr(provenance, "code_digest", lambda: "another")
         assert stale(place) == dict.fromkeys(EVERY, "nearlift itself has changed")
-    versions = {**graph.versions(), "numpy": "1.0"}
-    monkeypatch.setattr(graph, "versions", lambda: versions)
+    versions = {**provenance.versions(), "numpy": "1.0"}
+    monkeypatch.setattr(provenance, "versions", lambda: versions)
     assert stale(place) == dict.fromkeys(EVERY, "version of numpy has changed")
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from nearlift.manifest.campaign import Campaign
-from nearlift.products import Product
 from nearlift.run import store
+from nearlift.run.schema import Product
 from nearlift.run.transaction import Homes, Transaction
 
 #: What the name of an input begins with that stands for all velocity grids of one case.

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from nearlift.manifest import campaign as manifests
-from nearlift.run import graph
+from nearlift.run import provenance
 from nearlift.run.executors import open_executor, threads_of
 from nearlift.run.inputs import digests, remember
 from nearlift.run.job import Job, silent
@@ -43,8 +43,8 @@ def open_job(
     def meanwhile() -> None:
         if keep:
             ingest.soon(loaded, threads_of(executor))
-            graph.code_digest()
-            graph.versions()
+            provenance.code_digest()
+            provenance.versions()
 
     inputs, stamps = digests(root, loaded, homes.processed, meanwhile)
     with open_executor(executor) as pool:

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.errors import ProductError
-from nearlift.products import Product
 from nearlift.run import copies
+from nearlift.run.schema import Product
 
 if TYPE_CHECKING:
     import pyarrow as pa

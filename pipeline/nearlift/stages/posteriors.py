@@ -43,9 +43,10 @@ class Posteriors:
     @functools.cached_property
     def _key(self) -> str:
         """Digest of everything that decides the draws: as the ledger has it for stage fit."""
-        from nearlift.run import graph
+        from nearlift.run.provenance import Provenance
+        from nearlift.run.registry import stage
 
-        material = graph.Ledger.open(self.job).material(graph.stage("fit"))
+        material = Provenance.open(self.job).material(stage("fit"))
         return hashlib.sha256(json.dumps(material, sort_keys=True).encode()).hexdigest()
 
     def add(self, fitted: Fit, base: bool) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def gather(job: Job) -> Evidence:
     since times stand there.
     """
     from nearlift.report.chapters.contents import CHAPTERS
-    from nearlift.run.graph import versions
+    from nearlift.run.provenance import versions
     from nearlift.stages.gallery import FIGURES
 
     read = (
@@ -117,7 +117,7 @@ def _expected(job: Job, spec: FigureSpec) -> bool:
     """Whether the campaign asks for the figure and for every stage that makes what it shows; one
     that it does not ask for is not missed.
     """
-    from nearlift.run.graph import STAGES
+    from nearlift.run.registry import STAGES
 
     return spec.asked(job.campaign) and all(
         stage.configured(job) for stage in STAGES if not set(stage.writes).isdisjoint(spec.needs)

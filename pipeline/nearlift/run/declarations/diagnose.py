@@ -1,0 +1,64 @@
+"""Stage diagnose: the loop's findings, and the residuals before and after it."""
+
+from __future__ import annotations
+
+from nearlift.run.declarations.fit import FIT, RESULTS
+from nearlift.run.declarations.ingest import TRIALS
+from nearlift.run.schema import Column, Product
+from nearlift.run.stage import Option, Question, Stage
+
+#: Verdict of a boundary that could not be diagnosed; its block of diagnosis.json holds the `reason`
+#: in place of findings.
+NOT_DIAGNOSED = "not_diagnosed"
+DIAGNOSIS = Product(file="diagnosis.json", title="The closed loop's findings", row="boundary")
+LOOP_RESIDUALS = Product(
+    file="loop_residuals.parquet",
+    title="Residuals before and after the loop",
+    row="an accepted trial at a boundary that was diagnosed; a free-air trial once per boundary",
+    columns=(
+        Column(name="boundary", kind="text", meaning="the boundary diagnosed"),
+        Column(name="trial", kind="text", meaning="id, as in the schedule"),
+        Column(
+            name="before", unit="1", meaning="log lift less the base model's, fitted to all trials"
+        ),
+        Column(
+            name="after",
+            unit="1",
+            meaning="the same with the accepted effect added; equal to before where there is none",
+        ),
+        Column(
+            name="held_out_before",
+            unit="1",
+            meaning=(
+                "the same as before, fitted without the trial's visit; nan where it cannot be"
+                " predicted"
+            ),
+        ),
+        Column(
+            name="held_out_after",
+            unit="1",
+            meaning="the whole search repeated without the trial's visit",
+        ),
+    ),
+)
+STAGE = Stage(
+    name="diagnose",
+    summary="the residual, traced to what the model lacks",
+    help="The residual traced to a named effect, or not (diagnosis.json).",
+    reads=(TRIALS, FIT),
+    writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
+    sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit", "diagnose"),
+    question=Question(
+        module="nearlift.commands.explain",
+        options=(
+            Option(
+                flag="--explain",
+                metavar="NAME",
+                help=(
+                    "Instead: one effect, what it is, what this campaign could see of it, and what"
+                    " it is confused with."
+                ),
+            ),
+        ),
+    ),
+)

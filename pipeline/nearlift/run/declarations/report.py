@@ -1,0 +1,27 @@
+"""Stage report, which reads every product."""
+
+from __future__ import annotations
+
+from nearlift.run.stage import Stage
+
+STAGE = Stage(
+    name="report",
+    summary="figures, tables and index.html",
+    help="Figures, tables and index.html.",
+    sections=(
+        "name",
+        "simulated",
+        "note",
+        "vehicle",
+        "rig",
+        "load_cell",
+        "trials",
+        "fit",
+        "report",
+        "uncertainty",
+        "piv",
+    ),
+    raw=True,
+    piv=True,
+    report=True,
+)
