@@ -18,7 +18,9 @@ CLAIMS = HERE.parent / "tests" / "reference" / "claims.toml"
 def command_page() -> str:
     """Every command with its help text, as ``--help`` prints it."""
     parts = ["# Command line", _help(command_line, "nearlift")]
-    for name, command in sorted(command_line.commands.items()):
+    context = click.Context(command_line)
+    for name in command_line.list_commands(context):
+        command = command_line.get_command(context, name)
         parts += [f"## {name}", _help(command, f"nearlift {name}")]
         for inner, own in command.commands.items() if isinstance(command, click.Group) else ():
             parts += [f"### {name} {inner}", _help(own, f"nearlift {name} {inner}")]

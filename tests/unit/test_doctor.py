@@ -7,7 +7,7 @@ from importlib import metadata
 
 import pytest
 
-from nearlift.stages import doctor
+from nearlift.commands import doctor
 
 from . import small_run
 

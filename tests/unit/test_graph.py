@@ -123,8 +123,8 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
             ["ingest", "reduce", "fit", "diagnose", "ledger", "report"],
         ),
         (
-            "[vehicle]",
-            '[trials]\norder = "unknown"\n\n[vehicle]',
+            "[trials]",
+            '[trials]\norder = "unknown"',
             "ingest",
             ["ingest", "fit", "diagnose", "ledger", "report"],
         ),

@@ -11,7 +11,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from nearlift.stages.inspection import BARS, inspect, sparkline
+from nearlift.commands.inspect import BARS, inspect, sparkline
 
 from . import small_run, written
 from .small_run import nearlift

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 import nearlift
+from nearlift.commands import compare
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.report.chapters import diagnosis, verdict
 from nearlift.report.documents import methods
-from nearlift.stages import compare, report
+from nearlift.stages import report
 
 from . import small_run
 

@@ -12,11 +12,12 @@ import re
 
 import pytest
 
+from nearlift.commands import compare
 from nearlift.products import FIT, RESULTS
 from nearlift.quotation import Results
 from nearlift.report.number import SYMBOLS
 from nearlift.rounding import like, plus_minus
-from nearlift.stages import compare, diagnose, export, ledger, report
+from nearlift.stages import diagnose, export, ledger, report
 from nearlift.study import display
 from nearlift.study.found import BoundaryFit, Fit, ModelFit
 

@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nearlift.commands.inspect import inspect
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import BUILT_IN, child, csv_trial, parquet, reader, readers, scanner, table
 from nearlift.readers.channel import Malformed
 from nearlift.readers.seam import Record
-from nearlift.stages.inspection import inspect
 
 from .bench_campaign import manifest
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +56,6 @@ class End:
     ran: tuple[str, ...] = ()
     wall_s: float = 0.0
     cpu_s: float = 0.0
-
-    def told(self) -> dict[str, Any]:
-        """As JSON."""
-        return asdict(self)
 
 
 def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[End]:

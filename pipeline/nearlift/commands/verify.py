@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
+from nearlift.commands.common import CAMPAIGN, Call, declared
 from nearlift.errors import ProductError
+from nearlift.manifest import campaign as manifests
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROVENANCE
 from nearlift.run import store
@@ -71,3 +74,14 @@ def _difference(path: Path, sha: str) -> list[str]:
     if not path.is_file():
         return [f"{path}: is missing"]
     return [] if store.sha256(path) == sha else [f"{path}: is not what it was"]
+
+
+@declared("verify")
+@CAMPAIGN
+def command(call: Call, campaign: Path) -> None:
+    """What differs, and 4 if anything does."""
+    checked, differing = differences(campaign, call.out, manifests.load(campaign))
+    same = f"{checked - len(differing)} of {checked} files are what they were"
+    call.answer({"checked": checked, "differing": differing}, "\n".join([*differing, same]))
+    if differing:
+        sys.exit(4)

@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from nearlift import readers
+from nearlift.commands.common import DIALECT, Call, declared
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError, UsageError, brief
 from nearlift.manifest import toml
@@ -371,3 +373,12 @@ def as_json(found: Found) -> dict[str, Any]:
         "force": found.force.name if found.force else None,
         "records": records_block(found),
     }
+
+
+@declared("inspect")
+@click.argument("file", type=click.Path(path_type=Path))
+@DIALECT
+def command(call: Call, file: Path, dialect: str) -> None:
+    """Channels, sparklines and the block to paste."""
+    found = inspect(file, dialect_of(dialect))
+    click.echo(json.dumps(as_json(found)) if call.as_json else described(found).rstrip("\n"))

@@ -10,12 +10,14 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
 from nearlift import isolation
+from nearlift.commands.common import Call, declared
+from nearlift.errors import UsageError
 from nearlift.run.executors import BLAS
 
 State = Literal["good", "note", "bad"]
@@ -194,3 +196,16 @@ def _folder(out: Path) -> Iterator[Finding]:
         found=f"{place}, {free / 2**30:.1f} GiB free",
         remedy="products of a large campaign may need 1 GiB",
     )
+
+
+@declared("doctor")
+def command(call: Call) -> None:
+    """Every line, and 2 where one is bad."""
+    findings = examine(call.out)
+    lines = [
+        f"{f.state:<6}{f.what:<15}{f.found}"
+        + (f"  ({f.remedy})" if f.state != "good" and f.remedy else "")
+        for f in findings
+    ]
+    call.answer([asdict(f) for f in findings], "\n".join(lines))
+    sys.exit(UsageError.exit_code if any(f.state == "bad" for f in findings) else 0)

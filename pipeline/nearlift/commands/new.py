@@ -9,10 +9,13 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import click
+
+from nearlift.commands.common import DIALECT, Call, declared
+from nearlift.commands.inspect import dialect_of, inspect, records_block
 from nearlift.errors import InputRefused, UsageError
 from nearlift.readers import csv_trial
 from nearlift.readers.text import TEXT
-from nearlift.stages.inspection import inspect, records_block
 
 MANIFEST = """\
 # Facts about the rig and choices. Quantities are texts with a unit; nothing physical has a default.
@@ -215,3 +218,40 @@ def _around(targets: Sequence[str]) -> tuple[str, str]:
 def cell(text: str) -> str:
     """A cell of a CSV."""
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"') else text
+
+
+@declared("new")
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--from",
+    "given",
+    is_flag=True,
+    help=(
+        "FILES follow: records that are there already, or their folders. The manifest says what"
+        " they say."
+    ),
+)
+@DIALECT
+def command(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect: str) -> None:
+    """An empty template, or one filled in from records."""
+    if given != bool(files):
+        raise UsageError(
+            "--from",
+            "names no files" if given else "is missing before the files",
+            "nearlift new DIR --from FILES",
+        )
+    if given:
+        made, left = write_from(folder, files, dialect_of(dialect))
+        lines = [*map(str, made[:2]), "still to fill in:", *(f"  {item}" for item in left)]
+        content = {"written": [str(path) for path in made], "fill_in": left}
+        call.answer(content, "\n".join(lines))
+        return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(
+            str(folder),
+            "is not empty" if folder.is_dir() else "is a file",
+            "name a new folder; nothing is ever overwritten",
+        )
+    written = [str(path) for path in write_template(folder)]
+    call.answer({"written": written}, "\n".join(written))

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
+from nearlift.commands.common import Call, declared
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ProductError, UsageError
 from nearlift.fit.population import FEWEST, Population, population
@@ -333,3 +335,18 @@ def _told(group: Group) -> dict[str, Any]:
 
 def _estimate(e: Estimate) -> dict[str, Any]:
     return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit}
+
+
+@declared("compare")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option(
+    "--shared",
+    multiple=True,
+    metavar="COMPONENT",
+    help="An [[uncertainty]] that is one and the same error in all campaigns.",
+)
+def command(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None:
+    """Table and forest plot."""
+    content = run(call.out, names, shared)
+    plot = call.out / "reports" / FOLDER / "forest.pdf"
+    call.answer(content, "\n".join([*table(content), str(plot)]))

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import click
+
+from nearlift.commands.common import Call, declared
 from nearlift.errors import UsageError
 from nearlift.products import PROVENANCE, RESULTS
 from nearlift.quotation import Results
@@ -210,3 +213,12 @@ def _shift(c: Mapping[str, Any]) -> str:
     return f"{plain(c['shift'], 2)}" + (
         f" = {fixed(c['shift_in_u'], 2)} u" if c["shift_in_u"] is not None else ""
     )
+
+
+@declared("compare-runs")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+def command(call: Call, a: Path, b: Path) -> None:
+    """What differs."""
+    content = run(a, b)
+    call.answer(store.plain(content), "\n".join(table(content)))

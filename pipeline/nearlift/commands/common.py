@@ -1,0 +1,210 @@
+"""What the commands share: the options of all of them, how they end, and what the user hears."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from nearlift.commands import HELP
+from nearlift.errors import INTERRUPTED, NearliftError
+from nearlift.run.workspace import spare_raw, workspace
+
+if TYPE_CHECKING:
+    from nearlift.run.job import Job
+
+CAMPAIGN = click.argument("campaign", type=click.Path(path_type=Path))
+DIALECT = click.option(
+    "--dialect",
+    default="",
+    metavar="KEYS",
+    help=(
+        'How to read the text, as [records] dialect in a manifest: \'separator = "semicolon",'
+        ' decimal = ",", encoding = "latin-1"\'.'
+    ),
+)
+OPTIONS = (
+    click.Option(
+        ["--out"],
+        type=click.Path(path_type=Path, file_okay=False),
+        show_default="the current folder, within raw/ the one that holds it",
+        help="Folder that holds processed/ and reports/.",
+    ),
+    click.Option(
+        ["--executor"],
+        default="threads:2",
+        show_default=True,
+        help="serial, threads:N, processes:N or dask:ADDRESS.",
+    ),
+    click.Option(
+        ["--seed"], type=int, default=0, show_default=True, help="Seed of everything random."
+    ),
+    click.Option(
+        ["--json", "as_json"], is_flag=True, help="One JSON object on stdout instead of text."
+    ),
+    click.Option(["-q", "--quiet"], is_flag=True, help="Say nothing but errors."),
+    click.Option(["-v", "--verbose"], is_flag=True, help="Say more."),
+)
+
+
+@dataclass(kw_only=True)
+class Call:
+    """The options that every command takes, and by them what the user hears: progress on a
+    terminal, plain lines elsewhere, nothing when quiet.
+    """
+
+    out: Path
+    executor: str
+    seed: int
+    as_json: bool
+    quiet: bool
+    verbose: bool
+    status: Any = None
+
+    @property
+    def silent(self) -> bool:
+        """Whether nothing but the answer is to be said."""
+        return self.quiet or self.as_json
+
+    def line(self, text: str) -> None:
+        """One line for the user."""
+        if not self.silent:
+            click.echo(text, err=True)
+
+    def progress(self, text: str) -> None:
+        """A passing remark: shown on a terminal, kept only with -v."""
+        if self.status is not None:
+            self.status.update(text)
+        elif self.verbose:
+            self.line(f"  {text}")
+
+    @contextlib.contextmanager
+    def busy(self, text: str) -> Iterator[None]:
+        """Show that something is going on, on a terminal only."""
+        if self.silent or not sys.stderr.isatty():
+            yield
+            return
+        from rich.console import Console
+
+        with Console(stderr=True).status(text) as self.status:
+            yield
+        self.status = None
+
+    def answer(self, content: Any, text: str) -> None:
+        """The command's answer on stdout: as JSON where asked for, else in words unless quiet."""
+        if self.as_json:
+            click.echo(json.dumps(content))
+        elif not self.quiet:
+            click.echo(text.rstrip("\n"))
+
+    @contextlib.contextmanager
+    def job(self, campaign: Path, executor: str = "", keep: bool = False) -> Iterator[Job]:
+        """The campaign as a job, serial unless said otherwise; `keep` what it knows of its
+        inputs.
+        """
+        from nearlift.run.opening import open_job
+
+        with open_job(
+            campaign, self.out, executor or "serial", self.seed, self.progress, keep, self.line
+        ) as job:
+            yield job
+
+    @contextlib.contextmanager
+    def planned_job(self, campaign: Path) -> Iterator[Job]:
+        """The campaign as a job that has no records yet: the manifest is checked, no input is
+        looked for.
+        """
+        from nearlift.manifest import campaign as manifests
+        from nearlift.run.executors import open_executor
+        from nearlift.run.job import Job
+        from nearlift.run.transaction import Homes
+
+        loaded = manifests.load(campaign)
+        spare_raw(campaign, self.out)
+        homes = Homes.of(self.out, loaded.name)
+        with open_executor("serial") as pool:
+            yield Job(
+                root=campaign,
+                campaign=loaded,
+                processed=homes.processed,
+                reports=homes.reports,
+                executor=pool,
+                seed=self.seed,
+                say=self.progress,
+            )
+
+
+def declared(name: str) -> Callable[[Callable[..., None]], click.Command]:
+    """Make a function the command of that name."""
+
+    def made(function: Callable[..., None]) -> click.Command:
+        return command(function, name, HELP[name])
+
+    return made
+
+
+def command(function: Callable[..., None], name: str, text: str) -> click.Command:
+    """A command that ends with the contract's exit codes; the function gets the options that every
+    command takes as ``call``.
+    """
+
+    @functools.wraps(function)
+    def guarded(**given: Any) -> None:
+        call = Call(**{key: given.pop(key) for key in Call.__annotations__ if key != "status"})
+        try:
+            if call.out is None:
+                one = [given["campaign"]] if "campaign" in given else []
+                call.out = workspace(given.get("campaigns", one))
+            function(call=call, **given)
+        except NearliftError as refusal:
+            _end(call, refusal, refusal.exit_code, f"error: {refusal}")
+        except (KeyboardInterrupt, click.Abort):
+            stopped = NearliftError(
+                "nearlift",
+                "interrupted",
+                "finished products stand, and the same command goes on from there",
+            )
+            _end(call, stopped, INTERRUPTED, f"{stopped.what}; {stopped.remedy}")
+        except BrokenPipeError:
+            raise
+        except OSError as fault:
+            what, remedy = (
+                (fault.strerror or str(fault)).lower(),
+                "check that it exists, who may read and write it, and the space on the disk",
+            )
+            failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
+            _end(call, failed, failed.exit_code, f"error: {failed}")
+
+    made = click.command(name, help=text)(guarded)
+    made.params.extend(OPTIONS)
+    return made
+
+
+def _end(call: Call, refusal: NearliftError, code: int, text: str) -> NoReturn:
+    if call.as_json:
+        click.echo(
+            json.dumps(
+                {
+                    "exit_code": code,
+                    "where": refusal.where,
+                    "what": refusal.what,
+                    "remedy": refusal.remedy,
+                }
+            )
+        )
+    click.echo(text, err=True)
+    sys.exit(code)
+
+
+def end_politely() -> None:
+    """A batch system's polite end is an interrupt as well."""
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -1,0 +1,19 @@
+"""describe: one declaration, or the list of them."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from nearlift.commands.common import Call, declared
+
+
+@declared("describe")
+@click.argument("name", required=False)
+def command(call: Call, name: str | None) -> None:
+    """A page as docs/reference has it."""
+    from nearlift.describe import describe
+
+    text = describe(name)
+    click.echo(json.dumps({"name": name, "text": text}) if call.as_json else text)

@@ -1,0 +1,28 @@
+"""plan: what is stale."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from nearlift.cli import no_garbage
+from nearlift.commands.common import CAMPAIGN, Call, declared
+
+
+@declared("plan")
+@CAMPAIGN
+def command(call: Call, campaign: Path) -> None:
+    """Each stage with the reason for which it must run."""
+    with no_garbage():
+        from nearlift.run import graph, opening  # noqa: F401 - what opens the campaign
+
+    with call.job(campaign) as job:
+        steps = [(stage.name, why) for stage, why in graph.plan(job)]
+    if call.as_json:
+        stages = [{"stage": name, "stale": bool(why), "why": why} for name, why in steps]
+        click.echo(json.dumps({"campaign": job.campaign.name, "stages": stages}))
+    else:
+        for name, why in steps:
+            click.echo(f"{name:<9}{'run: ' + why if why else 'up to date'}")

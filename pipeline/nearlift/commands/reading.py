@@ -1,0 +1,30 @@
+"""detect --boundary: one reading as a distance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from nearlift.commands.common import Call
+from nearlift.errors import UsageError
+
+
+def answer(campaign: Path, given: Mapping[str, Any], call: Call) -> None:
+    """Where the boundary is by this reading; quantities are texts, as the manifest has them."""
+    from nearlift.manifest.campaign import validated
+    from nearlift.manifest.flight import Reading
+    from nearlift.run.store import plain
+    from nearlift.stages.reading import read, text
+
+    if "boundary" not in given:
+        raise UsageError(
+            "--boundary",
+            "is missing: a reading is one of ground, ceiling or sidewall",
+            "add --boundary ground",
+        )
+    fields = {name.removesuffix("_u"): value for name, value in given.items()}
+    reading = validated(Reading, fields, "nearlift detect")
+    with call.job(campaign) as job:
+        found = read(job, reading)
+    call.answer(plain(found), text(found))

@@ -1,0 +1,77 @@
+"""run: all stages of one campaign or several, once or for as long as it is being recorded."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from nearlift.commands.common import Call, declared, end_politely
+from nearlift.commands.stage import execute
+from nearlift.errors import UsageError
+
+
+@declared("run")
+@click.argument(
+    "campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN..."
+)
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.",
+)
+@click.option(
+    "--every",
+    type=click.FloatRange(min=0.1),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How often --watch looks.",
+)
+def command(call: Call, campaigns: tuple[Path, ...], watch: bool, every: float) -> None:
+    """Once, again and again, or for each of them."""
+    if watch:
+        if len(campaigns) > 1:
+            raise UsageError(
+                "--watch",
+                f"was given {len(campaigns)} campaigns",
+                "watch one; run the others in terminals of their own",
+            )
+        follow(call, campaigns[0], every)
+    elif len(campaigns) == 1:
+        execute(call, campaigns[0])
+    else:
+        execute_many(call, campaigns)
+
+
+def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
+    """Run several campaigns; one that is refused does not stop the others. Ends with the gravest
+    exit code.
+    """
+    from nearlift.run import many
+
+    ends = []
+    with call.busy(f"nearlift: {len(campaigns)} campaigns"):
+        for end in many.run(campaigns, call.out, call.executor, call.seed):
+            call.line(f"{end.campaign:<24}{end.words}")
+            ends.append(end)
+    if call.as_json:
+        click.echo(json.dumps({"campaigns": [asdict(end) for end in ends]}))
+    sys.exit(many.gravest(ends))
+
+
+def follow(call: Call, campaign: Path, period_s: float) -> None:
+    """Run a campaign that is being recorded, again and again, until it is interrupted; with --json
+    one object a round.
+    """
+    from nearlift.run.watch import watch
+
+    end_politely()
+    call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
+    for found in watch(campaign, call.out, call.executor, call.seed, period_s, call.progress):
+        call.line(found.words)
+        if call.as_json:
+            click.echo(json.dumps(asdict(found)))

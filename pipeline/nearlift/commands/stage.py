@@ -1,0 +1,118 @@
+"""The command of a stage, made of its declaration; and the run of stages that it begins."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from nearlift.cli import no_garbage
+from nearlift.commands.common import CAMPAIGN, Call, command, end_politely
+from nearlift.errors import SOME_TRIALS_REJECTED
+from nearlift.run.stage import Option, Stage
+
+#: Rejected trials that are listed without -v.
+LISTED = 10
+
+
+def command_of(stage: Stage) -> click.Command:
+    """The stage's command: it runs the stage even if it is up to date, or answers the stage's
+    question.
+    """
+    asked = stage.question.options if stage.question else ()
+
+    def run(call: Call, campaign: Path, **given: Any) -> None:
+        known = {name: value for name, value in given.items() if value is not None}
+        if stage.question and known.keys() & {option.name for option in asked}:
+            importlib.import_module(stage.question.module).answer(campaign, known, call)
+        else:
+            execute(call, campaign, stage.name, overrides=known)
+
+    for option in reversed((*stage.options, *asked)):
+        run = _click_option(option)(run)
+    text = f"{stage.help} Runs even if it is up to date; earlier stages must have run."
+    return command(CAMPAIGN(run), stage.name, text)
+
+
+def _click_option(option: Option) -> Any:
+    kind: Any = (
+        click.Choice(option.choices)
+        if option.choices
+        else click.IntRange(*option.limits)
+        if option.limits
+        else float
+        if option.real
+        else None
+    )
+    return click.option(option.flag, type=kind, metavar=option.metavar, help=option.help)
+
+
+def execute(
+    call: Call, campaign: Path, only: str | None = None, overrides: Mapping[str, Any] | None = None
+) -> None:
+    """Run what is stale, or one stage, and end with the contract's exit code; `overrides` of the
+    section of the manifest that has that stage's name.
+    """
+    with no_garbage():
+        from nearlift.run import graph, opening  # noqa: F401 - what opens the campaign
+        from nearlift.run.lock import size
+
+    end_politely()
+    wanted = graph.STAGES if only is None else (graph.stage(only),)
+    steps: list[graph.Step] = []
+    with call.job(campaign, call.executor, keep=True) as job:
+        if only is not None and overrides:
+            job = job.overriding(only, overrides)
+
+        def begin(stage: Stage, why: str) -> None:
+            # what is to be read is told before it is read
+            held = (
+                f"; {len(job.stamps)} files with"
+                f" {size(sum(s['stamp'][0] for s in job.stamps.values()))}"
+                if stage.name == "ingest"
+                else ""
+            )
+            call.line(f"{stage.name:<9}{stage.summary} ({why}{held})")
+
+        with call.busy(f"nearlift: {job.campaign.name}"):
+            for step in graph.run(job, wanted, begin=begin, force=only is not None):
+                if not step.why:
+                    call.line(f"{step.stage.name:<9}up to date")
+                for note in step.outcome.notes:
+                    call.line(f"  note: {note}")
+                steps.append(step)
+        report = job.reports / "index.html"
+    rejected = [trial for step in steps for trial in step.outcome.rejected]
+    if rejected:
+        call.line(f"{len(rejected)} trial{'s' * (len(rejected) > 1)} rejected:")
+        for trial, reason in rejected if call.verbose else rejected[:LISTED]:
+            call.line(f"  {trial}: {reason}")
+        if len(rejected) > LISTED and not call.verbose:
+            call.line(f"  ... and {len(rejected) - LISTED} more (-v lists all)")
+    code = SOME_TRIALS_REJECTED if rejected else 0
+    if call.as_json:
+        told = [
+            {
+                "stage": step.stage.name,
+                "why": step.why,
+                "notes": step.outcome.notes,
+                "rejected": step.outcome.rejected,
+                "wall_s": step.wall_s,
+            }
+            for step in steps
+        ]
+        content = {
+            "campaign": job.campaign.name,
+            "exit_code": code,
+            "report": str(report) if report.is_file() else None,
+            "stages": told,
+        }
+        click.echo(json.dumps(content))
+    elif report.is_file() and not call.quiet and wanted[-1].report:
+        click.echo(str(report))
+    sys.exit(code)
