@@ -47,7 +47,12 @@ def on_config(config: Any) -> Any:
         {name: _listed(f"reference/{folder}")} for name, folder in folders.items()
     ]
     known = {
-        "REFERENCE": [*reference, "reference/nomenclature.md", "reference/cli.md"],
+        "REFERENCE": [
+            *reference,
+            "reference/stages.md",
+            "reference/nomenclature.md",
+            "reference/cli.md",
+        ],
         "DECISIONS": [{"Decisions": _listed("decisions")}],
     }
     config.nav = _filled(config.nav, known)

@@ -16,6 +16,7 @@ from nearlift.effects import EFFECTS
 from nearlift.models import MODELS
 from nearlift.nomenclature import SYMBOLS, Symbol, symbol
 from nearlift.products import PRODUCTS, Product
+from nearlift.run.registry import STAGES
 
 
 def describe(name: str | None = None) -> str:
@@ -153,6 +154,32 @@ def symbol_page(item: Symbol) -> str:
     )
 
 
+def stages_page() -> str:
+    """The stages in the order in which they run, with what makes each stale."""
+    rows = [
+        (
+            f"`{s.name}`",
+            s.summary,
+            "every product" if s.report else ", ".join(f"`{p.file}`" for p in s.reads),
+            ", ".join(f"`{p.file}`" for p in s.writes),
+            ", ".join(f"`{section}`" for section in s.sections),
+            f"`{s.where}`" if s.where else "",
+        )
+        for s in STAGES
+    ]
+    head = ("stage", "", "reads", "writes", "sections of the manifest", "only with")
+    return _page(
+        [
+            "# Stages",
+            (
+                "A stage runs when what it reads, one of its sections of the manifest, the seed or"
+                " nearlift itself has changed, or what it wrote has."
+            ),
+            _table(head, rows),
+        ]
+    )
+
+
 def nomenclature_page(symbols: Iterable[Symbol] = SYMBOLS) -> str:
     """All symbols in one table."""
     rows = [
@@ -182,7 +209,7 @@ def reference_pages() -> dict[str, str]:
     ):
         rows = [[f"[`{name}`]({name}.md)", described, third] for name, described, third in items]
         pages[f"{folder}/index.md"] = _page([f"# {title}", _table(["name", "", meaning], rows)])
-    return pages | {"nomenclature.md": nomenclature_page()}
+    return pages | {"nomenclature.md": nomenclature_page(), "stages.md": stages_page()}
 
 
 def _page(parts: Sequence[str]) -> str:

@@ -45,6 +45,25 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StageChapter:
+    """The chapter of the report in which a stage's products are shown.
+
+    Attributes
+    ----------
+    title : str
+    figures : tuple of str
+        Names of modules under `report.figures`, each with its `FIGURE`.
+    facts : str
+        Function, as ``module:name``, from evidence to what the template of the stage's name prints;
+        empty where the chapter is its figures.
+    """
+
+    title: str
+    figures: tuple[str, ...] = ()
+    facts: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
     """One verb: what it reads and writes, and the module whose ``run(job)`` does it, imported only
     when it runs.
@@ -71,8 +90,8 @@ class Stage:
         What its command answers instead.
     module : str
         Full name; ``nearlift.stages.<name>`` unless given.
-    page : str
-        Module whose `FIGURES` and `CHAPTERS` the report shows after all others.
+    chapter : StageChapter or None
+        Its chapter of the report, unless the report gives it a place of its own.
     """
 
     name: str
@@ -88,7 +107,7 @@ class Stage:
     options: tuple[Option, ...] = ()
     question: Question | None = None
     module: str = ""
-    page: str = ""
+    chapter: StageChapter | None = None
 
     def configured(self, job: Job) -> bool:
         """Whether this campaign asks for the stage."""

@@ -1,0 +1,105 @@
+"""A stage is one declaration: its command, its place in the plan and its page are made of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+from tests.unit import small_run
+
+from nearlift.cli import main
+from nearlift.commands.stage import command_of
+from nearlift.describe import stages_page
+from nearlift.errors import DeclarationError
+from nearlift.products import DIAGNOSIS, PRODUCTS, RESULTS, TRIALS
+from nearlift.run import graph
+from nearlift.run.registry import ordered, products
+from nearlift.run.schema import Column, Product
+from nearlift.run.stage import Option, Question, Stage
+
+HEIGHTS = Product(
+    file="heights.parquet",
+    title="Heights",
+    row="a trial",
+    columns=(Column(name="z_m", meaning="z"),),
+)
+WEIGH = Stage(
+    name="weigh",
+    summary="trials to heights",
+    help="Trials to heights (heights.parquet).",
+    reads=(TRIALS,),
+    writes=(HEIGHTS,),
+    sections=("vehicle",),
+    options=(Option(flag="--most", limits=(1, 9), help="Of how many."),),
+    question=Question(module="weighing", options=(Option(flag="--ask", help="Instead."),)),
+    module="weighing",
+)
+
+
+@pytest.fixture
+def weighing(monkeypatch) -> SimpleNamespace:
+    module = SimpleNamespace(answer=lambda campaign, given, call: print(campaign.name, given))
+    monkeypatch.setitem(sys.modules, "weighing", module)
+    return module
+
+
+def test_a_declared_stage_has_a_command_with_its_options(weighing, tmp_path):
+    command = command_of(WEIGH)
+    text = CliRunner().invoke(command, ["--help"]).output
+    assert "Trials to heights (heights.parquet). Runs even if it is up to date" in text
+    assert "--most INTEGER RANGE" in text
+    assert "[1<=x<=9]" in text
+    assert CliRunner().invoke(command, ["x", "--most", "10"]).exit_code == 2
+    assert CliRunner().invoke(command, ["x", "--ask", "why"]).output == "x {'ask': 'why'}\n"
+
+
+def test_a_report_reads_every_product_of_the_stages_before_it():
+    *before, report = graph.STAGES
+    made = ordered((*before, WEIGH, report))
+    assert made[-2] == WEIGH
+    assert made[-1].reads == (*report.reads, HEIGHTS)
+    assert report.reads == PRODUCTS[:-1]
+
+
+def test_a_product_is_listed_where_it_is_written_last():
+    files = [p.file for p in products(graph.STAGES)]
+    assert len(files) == len(set(files))
+    assert files.index(RESULTS.file) > files.index(DIAGNOSIS.file)
+
+
+def test_stages_in_an_order_that_cannot_run_are_refused():
+    with pytest.raises(
+        DeclarationError,
+        match=r"stage weigh: reads trials\.parquet, which no stage before it writes",
+    ):
+        ordered((WEIGH, *graph.STAGES))
+    with pytest.raises(DeclarationError, match="stage weigh: is declared twice"):
+        ordered((*graph.STAGES, WEIGH, WEIGH))
+
+
+@pytest.mark.parametrize("stage", graph.STAGES, ids=lambda stage: stage.name)
+def test_every_stage_is_on_the_command_line_and_on_its_page(stage):
+    assert stage.name in main.list_commands(None)
+    assert f"| `{stage.name}` | {stage.summary} |" in stages_page()
+
+
+def test_sections_and_options_are_those_of_the_manifest(tmp_path):
+    campaign = small_run.job(small_run.write(tmp_path / "raw"), tmp_path).campaign
+    known = set(type(campaign).model_fields)
+    for stage in graph.STAGES:
+        assert set(stage.sections) <= known
+        assert not stage.where or hasattr(campaign, stage.where)
+        for option in stage.options:
+            assert option.name in type(getattr(campaign, stage.name)).model_fields
+    assert {"trials"} <= {*graph.stage("fit").sections} & {*graph.stage("diagnose").sections}
+
+
+def test_a_stage_of_a_module_of_its_own_runs_there(weighing, tmp_path):
+    weighing.run = lambda job: ("ran", job)
+    assert WEIGH.run(4) == ("ran", 4)
+    assert not dataclasses.replace(WEIGH, where="piv").configured(
+        SimpleNamespace(campaign=SimpleNamespace(piv=None))
+    )
