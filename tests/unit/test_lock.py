@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from nearlift.run import lock, store
-from nearlift.run.lock import Busy, NoRoom, locked, room, size
+from nearlift.run.lock import Busy, NoRoom, locked, require_free_space, size
 from nearlift.run.transaction import Homes
 
 HOLD = """
@@ -122,12 +122,12 @@ def test_a_full_disk_is_seen_before_the_start(tmp_path, monkeypatch):
     monkeypatch.setattr(
         shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10, 7, 3_000_000)
     )
-    room(tmp_path / "not" / "yet", 2_000_000)
+    require_free_space(tmp_path / "not" / "yet", 2_000_000)
     with pytest.raises(
         NoRoom,
         match=r"needs about 5 MB, and the disk has 3 MB left\n  free 2 MB, or choose another --out",
     ):
-        room(tmp_path / "not" / "yet", 5_000_000)
+        require_free_space(tmp_path / "not" / "yet", 5_000_000)
     assert not (tmp_path / "not").exists()
 
 

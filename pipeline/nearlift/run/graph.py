@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from nearlift.run.job import Job, Outcome
-from nearlift.run.lock import locked, room, swept
+from nearlift.run.lock import locked, require_free_space, swept
 from nearlift.run.provenance import Provenance
 from nearlift.run.registry import STAGES, stage
 from nearlift.run.stage import Stage
@@ -79,7 +79,7 @@ def _run(
             continue
         why = provenance.why_stale(item) or ("asked for" if force else "")
         if why and not alone:
-            room(job.processed, _needed(job, wanted))
+            require_free_space(job.processed, _needed(job, wanted))
             left = held.enter_context(locked(job.homes))
             alone = True
             # another run may have ended since

@@ -170,13 +170,9 @@ def _named(owner: dict[str, Any]) -> str:
     )
 
 
-def room(folder: Path, needed: int) -> None:
-    """See that the disk of `folder`, which need not exist, has so many bytes left.
-
-    Raises
-    ------
-    NoRoom
-        It has not.
+def require_free_space(folder: Path, needed: int) -> None:
+    """Raise `NoRoom` if the file system of `folder`, which need not exist, has fewer than `needed`
+    bytes free.
     """
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     free = shutil.disk_usage(there).free
