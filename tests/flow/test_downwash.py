@@ -297,3 +297,11 @@ def test_a_true_field_is_not_doubted():
 def test_wrong_signs_and_wrong_units_are_caught(spoil, says):
     with pytest.raises(InputRefused, match=says):
         doubt(spoil(mean_field()))
+
+
+def test_swapped_components_are_told():
+    """The wake then blows sideways, and next to nothing goes through the cut."""
+    true = mean_field()
+    with pytest.raises(InputRefused, match=r"through the cut .*\n.*components swapped\?"):
+        swapped = dataclasses.replace(true, vx_m_s=true.vy_m_s, vy_m_s=true.vx_m_s)
+        refuse_what_cannot_be(swapped, scene("none", np.inf), CUT, 8.0, "case a")

@@ -243,18 +243,12 @@ class FlowCase:
             enough = self.recording.mean.n > 1 and len(spread) > 1
             low, high = np.quantile(spread, [0.05, 0.95]) if enough else (math.nan, math.nan)
             count = name.startswith("vort")
-            # a height is read on the grid: anywhere within one step of it looks the same
-            step = mean.dy_m / self.scene.radius_m if name == "stagnation_height_hat" else 0.0
             yield {k: self.place[k] for k in ("case", "z_hat", "tilt_rad")} | {
                 "quantity": name,
                 "value": value,
-                "u": (
-                    math.hypot(float(spread.std(ddof=1)), step / math.sqrt(12))
-                    if enough
-                    else math.nan
-                ),
-                "lo90": float(low) - 0.45 * step,
-                "hi90": float(high) + 0.45 * step,
+                "u": float(spread.std(ddof=1)) if enough else math.nan,
+                "lo90": float(low),
+                "hi90": float(high),
                 "agreement": float(np.mean(spread == value)) if count and enough else math.nan,
             }
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.flow.downwash import Cut, along_cut, over_span, span_weights
+from nearlift.flow.downwash import DEFLECTION_HAT, Cut, along_cut, over_span, span_weights
 from nearlift.flow.field import Field, sign_doubt
 from nearlift.flow.scene import Scene
 
@@ -38,16 +38,14 @@ def refuse_what_cannot_be(
         f"the field spans x = {x0:.4g} to {x1:.4g} mm and y = {y0:.4g} to {y1:.4g} mm about the"
         " rotors' midpoint"
     )
-    _, covered = over_span(
+    through, covered = over_span(
         along_cut(mean.vy_m_s, mean.y_m, cut.below_m),
         span_weights(mean.x_m, cut.centres_m, cut.half_span_m),
     )
     ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
-    meets = (
-        scene.boundary == "ground"
-        and float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min()) <= 0
-    )
-    if covered == 0 and not meets:
+    clearance = float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min())
+    grounded = scene.boundary == "ground"
+    if covered == 0 and not (grounded and clearance <= 0):
         raise InputRefused(
             where,
             f"the cut {1e3 * cut.below_m:.4g} mm below the rotor plane has no vector; {spans}",
@@ -62,6 +60,14 @@ def refuse_what_cannot_be(
             " m/s of the hovering vehicle's wake",
             "check velocity_unit, scale and frame_time"
             + (" (mm/s written as m/s?)" if 300 < ratio < 3000 else ""),
+        )
+    turned = grounded and clearance < DEFLECTION_HAT * scene.radius_m
+    if covered and not turned and abs(through) < expected_m_s / FACTOR:
+        raise InputRefused(
+            where,
+            f"air goes through the cut at {through:.3g} m/s, and at {speed:.3g} m/s elsewhere; the"
+            f" hovering vehicle's wake has {expected_m_s:.3g} m/s",
+            "are the two velocity components swapped? else check thrust, across, origin, rotors",
         )
     doubt = sign_doubt(mean)
     if doubt:

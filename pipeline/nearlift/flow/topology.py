@@ -29,6 +29,11 @@ WINDOW_HAT, WINDOW_NODES = 0.4, 2.0
 LEAST_AREA, LEAST_CIRCULATION = 0.03, 0.03
 #: Air slower than this over the control's downwash is stagnant.
 SLOW = 0.3
+#: The zone beneath an axis reaches so many radii to either side: 0.85 of a fully contracted wake's
+#: half-width, 1/sqrt(2) by momentum theory, the rest being its shear layer.
+CORE_HAT = 0.85 / math.sqrt(2)
+#: Vortices are looked for so many radii beyond the outermost axes: to the edge of the disks.
+DISK_HAT = 1.0
 #: A stream counts for the split angle where it is at least this fast.
 FAST = 0.4
 
@@ -128,7 +133,7 @@ def vortices(field: Field, scene: Scene, reference_m_s: float) -> tuple[Vortex, 
     turning, still = np.nan_to_num(gamma(field, radius)), None
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
-    outer = max(abs(c) for c in scene.rotors_m) + 0.25 * scene.radius_m
+    outer = max(abs(c) for c in scene.rotors_m) + DISK_HAT * scene.radius_m
     where = (yy < -0.25 * scene.radius_m) & (height > 0.5 * radius) & (np.abs(xx) <= outer)
     curl = np.gradient(field.vy_m_s, field.dx_m, axis=1) - np.gradient(
         field.vx_m_s, field.dy_m, axis=0
@@ -162,35 +167,63 @@ def vortices(field: Field, scene: Scene, reference_m_s: float) -> tuple[Vortex, 
     return tuple(sorted(found, key=lambda v: (v.x_m, v.y_m)))
 
 
-def stagnation(field: Field, scene: Scene, reference_m_s: float) -> NDArray[np.bool_]:
-    """Slow air that rests on the ground beneath the rotors' disks, (ny, nx)."""
-    from scipy.ndimage import label
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StagnationZone:
+    """Slow air that rests on the ground beneath the contracted wakes.
 
-    xx, yy = np.meshgrid(field.x_m, field.y_m)
-    height = scene.height_m(xx, yy)
-    where = (yy < 0) & (height > 0) & scene.beneath(xx)
-    slow = where & field.valid & (np.nan_to_num(field.speed_m_s, nan=np.inf) < SLOW * reference_m_s)
-    labels, n = label(slow)
-    if not n:
-        return np.asarray(slow)
-    # the lowest air that was seen in each column, however high the picture ends above the ground
-    seen = np.where(where & field.valid, height, np.inf)
-    lowest = seen <= seen.min(axis=0) + 1.5 * field.dy_m
-    resting = np.unique(labels[slow & lowest & np.isfinite(seen)])
-    least = LEAST_AREA * scene.radius_m**2 / (field.dx_m * field.dy_m)
-    return np.asarray(
-        np.isin(labels, [k for k in resting if k > 0 and (labels == k).sum() >= least])
-    )
+    Attributes
+    ----------
+    nodes : (ny, nx) bool
+        Nodes within it.
+    top_m : (nx,)
+        Extent along y above the ground of each column of nodes; 0 where there is none.
+    """
+
+    nodes: NDArray[np.bool_]
+    top_m: FloatArray
 
 
-def split_angle_deg(field: Field, scene: Scene, reference_m_s: float) -> float:
-    """Angle between the two streams into which a rotor's jet parts, mean over rotors: 0 unsplit,
-    180 along the ground; nan if unseen.
+def stagnation(field: Field, scene: Scene, reference_m_s: float) -> StagnationZone:
+    """The stagnation zone. A column's extent is from the ground, however high the picture ends
+    above it, to where the speed, linear between nodes, passes `SLOW` of the reference: so it does
+    not depend on where the grid's nodes happen to stand.
+
+    Only what lies beneath `CORE_HAT` radii of an axis counts: air beside a contracted wake is slow
+    all the way up, and stagnates nowhere.
+    """
+    _, yy = np.meshgrid(field.x_m, field.y_m)
+    ground = scene.boundary_y_m(field.x_m)
+    threshold = SLOW * reference_m_s
+    speed = np.where(field.valid & (yy > ground) & (yy < 0), field.speed_m_s, np.nan)
+    top = np.zeros(len(field.x_m))
+    for i in np.flatnonzero(scene.column_shares(field.x_m, CORE_HAT) > 0):
+        seen = np.flatnonzero(np.isfinite(speed[:, i]))
+        if not len(seen) or speed[seen[0], i] >= threshold:
+            continue
+        fast = np.flatnonzero(speed[seen, i] >= threshold)
+        if len(fast):
+            low, high = seen[fast[0] - 1], seen[fast[0]]
+            share = (threshold - speed[low, i]) / (speed[high, i] - speed[low, i])
+            crossing = field.y_m[low] + share * (field.y_m[high] - field.y_m[low])
+        else:
+            crossing = field.y_m[seen[-1]]
+        top[i] = crossing - ground[i]
+    return StagnationZone(nodes=np.isfinite(speed) & (yy < ground + top), top_m=top)
+
+
+def split_angle_deg(
+    field: Field, scene: Scene, zone: StagnationZone, reference_m_s: float
+) -> float:
+    """Angle between the two streams into which a rotor's jet parts, mean over rotors: 180 along the
+    ground; nan where no air stagnates between them, since nothing splits there, or if unseen.
     """
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
     found = []
     for centre in scene.rotors_m:
+        beneath = np.abs(field.x_m - centre) <= CORE_HAT * scene.radius_m
+        if not zone.top_m[beneath].any():
+            continue
         near = (
             (np.abs(xx - centre) <= 2 * scene.radius_m)
             & (yy < -0.5 * scene.radius_m)
@@ -232,17 +265,16 @@ def wake_topology(field: Field, scene: Scene, reference_m_s: float) -> WakeTopol
     cores = vortices(field, scene, reference_m_s)
     zone = stagnation(field, scene, reference_m_s)
     r = scene.radius_m
-    xx, yy = np.meshgrid(field.x_m, field.y_m)
     ccw, cw = (float(sum(s * v.circulation_m2_s > 0 for v in cores)) for s in (1, -1))
     numbers = {
         "vortices_ccw": ccw,
         "vortices_cw": cw,
         "vortex_pairs": min(ccw, cw),
-        "stagnation_area_hat2": float(zone.sum()) * field.dx_m * field.dy_m / r**2,
-        "stagnation_height_hat": float(scene.height_m(xx, yy)[zone].max()) / r
-        if zone.any()
-        else 0.0,
-        "split_angle_deg": split_angle_deg(field, scene, reference_m_s),
+        "stagnation_area_hat2": float(zone.top_m @ scene.column_shares(field.x_m, CORE_HAT))
+        * field.dx_m
+        / r**2,
+        "stagnation_height_hat": float(zone.top_m.max()) * math.cos(scene.tilt_rad) / r,
+        "split_angle_deg": split_angle_deg(field, scene, zone, reference_m_s),
         "asymmetry": asymmetry(field, scene),
     }
-    return WakeTopology(vortices=cores, stagnant=zone, numbers=numbers)
+    return WakeTopology(vortices=cores, stagnant=zone.nodes, numbers=numbers)
