@@ -250,7 +250,7 @@ def book(version: str) -> dict[str, dict[str, bytes]]:
 
     The new version lacks a posterior.nc and a figure: what an earlier run left of them must go.
     """
-    from nearlift.stages.gallery import FIGURES
+    from nearlift.report.registry import FIGURES
 
     figures = [f"{spec.name}.{kind}" for spec in FIGURES for kind in ("pdf", "png", "csv")]
     tables = [

@@ -16,9 +16,9 @@ from nearlift.products import DETECTION, FIT, PROXIMITY, RESULTS
 from nearlift.report.chapters import proximity as chapter
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import style
+from nearlift.report.registry import FIGURES
 from nearlift.stages import detect
 from nearlift.stages.detect import read
-from nearlift.stages.gallery import FIGURES
 from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.report import gather
 

@@ -19,7 +19,7 @@ from nearlift.report.figures.fig2 import drawing as draw_fig2
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.residuals import drawing as draw_residuals
 from nearlift.report.figures.residuals import table as residuals
-from nearlift.stages.gallery import FIGURES
+from nearlift.report.registry import FIGURES
 from nearlift.stages.report import gather
 
 

@@ -11,14 +11,15 @@ from PIL import Image
 
 from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.report import registry
 from nearlift.report.figures import style
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.report.figures.diagnosis import caption as loop_text
 from nearlift.report.figures.diagnosis import drawing as draw_loop
 from nearlift.report.figures.diagnosis import table as loop
 from nearlift.report.figures.encoding import PAGE_WIDTH, render
-from nearlift.stages import diagnose, gallery, report
-from nearlift.stages.gallery import FIGURES
+from nearlift.report.registry import FIGURES
+from nearlift.stages import diagnose, report
 
 from . import quoted
 
@@ -599,7 +600,7 @@ def test_caption_and_alternative_text_agree_with_the_picture(evidence, table):
 
 
 def test_the_report_makes_it_and_shows_it_before_the_words(job, monkeypatch):
-    monkeypatch.setattr(gallery, "FIGURES", (SPEC,))  # the others are made elsewhere
+    monkeypatch.setattr(registry, "FIGURES", (SPEC,))  # the others are made elsewhere
     report.run(job)
     for kind in ("pdf", "png", "csv"):
         assert (job.reports / f"diagnosis.{kind}").stat().st_size > 1000

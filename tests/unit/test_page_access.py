@@ -12,8 +12,8 @@ from importlib import resources
 import pytest
 
 from nearlift.report.page import chart
-from nearlift.report.page.gallery import charts
 from nearlift.report.page.render import Picture, page
+from nearlift.report.registry import charts
 from nearlift.stages import report
 
 STYLE = (

@@ -17,11 +17,10 @@ import numpy as np
 import pytest
 
 from nearlift.products import DIAGNOSIS, FIT, LIFT, RESULTS
-from nearlift.report.chapters.contents import CHAPTERS, Chapter
 from nearlift.report.documents.latex import escape
 from nearlift.report.page.render import Picture, page, scripts
+from nearlift.report.registry import CHAPTERS, FIGURES, Chapter
 from nearlift.stages import report
-from nearlift.stages.gallery import FIGURES
 
 from . import quoted
 

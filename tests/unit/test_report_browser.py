@@ -14,7 +14,7 @@ from PIL import Image
 from nearlift.products import LIFT, TRIALS
 from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.page import render
-from nearlift.report.page.gallery import charts
+from nearlift.report.registry import charts
 from nearlift.stages import report
 
 from .browser import CHROMIUM, browser

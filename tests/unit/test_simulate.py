@@ -22,12 +22,12 @@ from nearlift.report.figures.crash_map import draw as draw_map
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.style import style
+from nearlift.report.registry import FIGURES
 from nearlift.run.executors import open_executor
 from nearlift.run.graph import stage
 from nearlift.run.job import Job
 from nearlift.stages import detect, simulate
 from nearlift.stages.export import export
-from nearlift.stages.gallery import FIGURES
 from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.report import gather
 

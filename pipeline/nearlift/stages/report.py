@@ -4,17 +4,22 @@ imported only here.
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, RESULTS, TRIALS
-from nearlift.report.evidence import Evidence
+from nearlift.report.evidence import Columns, Evidence
 from nearlift.run import store
+from nearlift.run.executors import Threads, ordered
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import overlays
 from nearlift.stages.observe import boundaries, observe
 
 if TYPE_CHECKING:
-    from nearlift.stages.gallery import FigureSpec
+    from nearlift.report.figures.drawers import Files, Task
+    from nearlift.report.figures.spec import FigureSpec
 
 #: Products without which there is nothing to report.
 NEEDED = (TRIALS, FIT, RESULTS)
@@ -28,22 +33,25 @@ def run(job: Job) -> Outcome:
     from nearlift.report.documents.latex import coefficients, table
     from nearlift.report.figures.encoding import render
     from nearlift.report.figures.style import style
-    from nearlift.report.page.gallery import charts
     from nearlift.report.page.render import Picture, page
+    from nearlift.report.registry import FIGURES, charts
     from nearlift.report.tidy import to_csv
-    from nearlift.stages.gallery import FIGURES
 
     look = style(job.campaign.report.style)
     evidence = gather(job)
-    pictures, left_out = [], []
+    made: list[tuple[FigureSpec, Columns]] = []
+    left_out = []
     for spec in FIGURES:
         rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
-        if not any(len(column) for column in rows.values()):
-            left_out += [spec.name] if _expected(job, spec) else []
-            _remove(job, spec)
+        if any(len(column) for column in rows.values()):
+            made.append((spec, rows))
             continue
-        job.say(f"report {spec.name}")
-        files = render(spec.draw, rows, look)
+        left_out += [spec.name] if _expected(job, spec) else []
+        _remove(job, spec)
+    job.say(f"report {len(made)} figures")
+    pictures = []
+    drawings = _drawn(job, [partial(render, spec.draw, rows, look) for spec, rows in made])
+    for (spec, rows), files in zip(made, drawings, strict=True):
         for kind in ("pdf", "png"):
             job.publish(f"{spec.name}.{kind}", files[kind])
         job.publish(f"{spec.name}.csv", to_csv(rows))
@@ -56,25 +64,33 @@ def run(job: Job) -> Outcome:
     for name in ("budget", "comparison"):
         job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
         job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
-    for name, made in (
+    for name, written in (
         ("methods.md", methods.markdown),
         ("methods.tex", methods.tex),
         ("references.bib", methods.references),
     ):
-        job.publish(name, made(evidence))
+        job.publish(name, written(evidence))
     job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(
         notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)
     )
 
 
+def _drawn(job: Job, tasks: Sequence[Task]) -> Iterator[Files]:
+    """The files of each figure, drawn where the job's tasks run; in place of threads, processes."""
+    from nearlift.report.figures.drawers import drawn
+
+    if isinstance(job.executor, Threads):
+        return drawn(tasks, job.executor.workers)
+    return ordered(job.executor, operator.call, tasks)
+
+
 def gather(job: Job) -> Evidence:
     """Everything that some figure or chapter reads, in memory; provenance.json is not among it,
     since times stand there.
     """
-    from nearlift.report.chapters.contents import CHAPTERS
+    from nearlift.report.registry import CHAPTERS, FIGURES
     from nearlift.run.provenance import versions
-    from nearlift.stages.gallery import FIGURES
 
     read = (
         {p for spec in FIGURES for p in spec.needs}

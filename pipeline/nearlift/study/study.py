@@ -151,9 +151,9 @@ class Study:
         """
         from nearlift.report.figures.encoding import render
         from nearlift.report.figures.style import style
+        from nearlift.report.registry import FIGURES
         from nearlift.run import graph
         from nearlift.run.opening import open_job
-        from nearlift.stages.gallery import FIGURES
         from nearlift.stages.report import gather
 
         spec = {item.name: item for item in FIGURES}.get(name)

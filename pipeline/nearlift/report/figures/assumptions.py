@@ -16,6 +16,7 @@ from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.products import FIT
 from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style
 from nearlift.rounding import plain
 
@@ -273,3 +274,14 @@ def _draw_rotor(ax: Axes, rows: Rows) -> None:
 
 
 DRAW = {"throttle": _draw_throttles, "exponent": _draw_exponents, "rotor": _draw_rotor}
+
+
+FIGURE = FigureSpec(
+    name="assumptions",
+    title="Throttle, held quantity, rotor",
+    needs=(FIT,),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

@@ -12,8 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from nearlift.nomenclature import letter
+from nearlift.products import FIT
 from nearlift.quotation import BudgetLine, CoefficientResult
 from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, coefficient, plain_text
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
@@ -177,3 +179,14 @@ def _percent(fall: float) -> str:
     if fall < 0.1:
         return "< 0.1" if fall > 0 else "0"
     return f"{fall:.1f}" if fall < 9.95 else f"{fall:.0f}"
+
+
+FIGURE = FigureSpec(
+    name="budget",
+    title="Whose error it is",
+    needs=(FIT,),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

@@ -18,8 +18,9 @@ from nearlift import nomenclature
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
-from nearlift.products import POSTERIOR
+from nearlift.products import FIT, POSTERIOR
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, Style, plain_text
 from nearlift.rounding import plain
 
@@ -296,3 +297,17 @@ def _label(name: str) -> str:
 
 def _select(table: Rows, rows: Any) -> dict[str, Any]:
     return {name: column[rows] for name, column in table.items()}
+
+
+FIGURE = FigureSpec(
+    name="corner",
+    title="Posterior of the base models",
+    needs=(
+        FIT,
+        POSTERIOR,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

@@ -16,6 +16,7 @@ from nearlift import nomenclature
 from nearlift.flight.simulation.maps import PAIRS
 from nearlift.products import CRASH_MAP, SAFETY
 from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SEQUENTIAL, Style
 
 SHOWN = (
@@ -173,3 +174,18 @@ def _map(ax: Axes, own: Rows) -> Any:
         word, symbol = WORDS[group]
         put(f"{word} {nomenclature.label(symbol)}")
     return mesh
+
+
+FIGURE = FigureSpec(
+    name="crash_map",
+    title="Crash rate over dimensionless groups",
+    needs=(
+        CRASH_MAP,
+        SAFETY,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+    asked=lambda campaign: campaign.simulate is None or campaign.simulate.maps,
+)

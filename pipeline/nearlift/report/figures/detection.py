@@ -15,6 +15,7 @@ from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
 from nearlift.products import DETECTION, PROXIMITY
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, SERIES, Style
 from nearlift.rounding import plain
 
@@ -271,3 +272,17 @@ def _located(ax: Any, own: Rows, read: Rows) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
+
+
+FIGURE = FigureSpec(
+    name="detection",
+    title="How far away a boundary shows",
+    needs=(
+        DETECTION,
+        PROXIMITY,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

@@ -8,6 +8,7 @@ import io
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
@@ -29,32 +30,32 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
     """
     with context(look):
         figure = draw(table, look)
-        FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         # laid out once: the files show the same picture, and none lays it out again
         figure.draw_without_rendering()
         figure.set_layout_engine(None)
-        png = _encode(figure, "png", look.dpi, {"Software": None})
+        pdf = io.BytesIO()
+        nameless = {"CreationDate": None, "Producer": None, "Creator": None}
+        figure.savefig(pdf, format="pdf", dpi=RASTER_DPI, metadata=nameless)
+        figure.set_dpi(look.dpi)
+        canvas.draw()
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         return {
-            "pdf": _encode(
-                figure, "pdf", RASTER_DPI, {"CreationDate": None, "Producer": None, "Creator": None}
-            ),
-            "png": png,
-            "page": light(png),
+            "pdf": pdf.getvalue(),
+            "png": _png(picture, dpi=(look.dpi, look.dpi)),
+            "page": light(picture),
         }
 
 
-def _encode(figure: Figure, kind: str, dpi: int, metadata: dict[str, Any]) -> bytes:
+def _png(picture: Image.Image, **settings: Any) -> bytes:
     sink = io.BytesIO()
-    figure.savefig(sink, format=kind, dpi=dpi, metadata=metadata)
+    picture.save(sink, "PNG", **settings)
     return sink.getvalue()
 
 
-def light(png: bytes) -> bytes:
+def light(picture: Image.Image) -> bytes:
     """The same picture for a page: at most `PAGE_WIDTH` wide, with a palette."""
-    picture = Image.open(io.BytesIO(png)).convert("RGB")
     if picture.width > PAGE_WIDTH:
         size = PAGE_WIDTH, round(picture.height * PAGE_WIDTH / picture.width)
         picture = picture.resize(size, Image.Resampling.LANCZOS, reducing_gap=2.0)
-    sink = io.BytesIO()
-    picture.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(sink, "PNG")
-    return sink.getvalue()
+    return _png(picture.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE))

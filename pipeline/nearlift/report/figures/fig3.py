@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from nearlift.manifest.piv import Piv, PivCase
+from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.flow_panels import (
@@ -27,6 +28,7 @@ from nearlift.report.figures.flow_panels import (
     select,
     title,
 )
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed, plain
 
@@ -165,3 +167,19 @@ def _section(ax: Axes, mine: Rows) -> None:
     ax.plot(own["x_hat"], own["value_m_s"], color=colour, linewidth=0.6, zorder=3)
     ax.plot(own["x_hat"], measured, color=colour, linewidth=1.3, zorder=3)
     ax.xaxis.set_major_locator(MultipleLocator(2))
+
+
+FIGURE = FigureSpec(
+    name="fig3",
+    title="Flow near ground and ceiling",
+    needs=(
+        DOWNWASH,
+        DOWNWASH_PROFILE,
+        FLOW_FIELDS,
+        FLOW,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

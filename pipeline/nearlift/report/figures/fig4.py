@@ -16,10 +16,12 @@ from nearlift.declare import FloatArray
 from nearlift.flow.contrast import difference
 from nearlift.flow.field import Field
 from nearlift.manifest.piv import PivCase
+from nearlift.products import FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig3 import X, Y
 from nearlift.report.figures.flow_panels import field_rows, manifest, nodes, origin, select, title
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import Style
 from nearlift.rounding import plain
 
@@ -141,3 +143,17 @@ def draw(table: Rows, look: Style) -> Figure:
     for ax in axes[-1]:
         ax.set_xlabel(X)
     return figure
+
+
+FIGURE = FigureSpec(
+    name="fig4",
+    title="Airspeed less the control's",
+    needs=(
+        FLOW_FIELDS,
+        FLOW,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

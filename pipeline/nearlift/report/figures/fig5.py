@@ -13,12 +13,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nearlift.manifest.piv import PivCase
-from nearlift.products import FLOW, FLOW_TOPOLOGY
+from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig3 import X, Y
 from nearlift.report.figures.fig4 import LEVEL
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, rows, select, title
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed, plain
 
@@ -138,3 +139,18 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_xlabel(X)
     figure.colorbar(shade, ax=axes.ravel().tolist(), label="airspeed (m/s)", pad=0.01, aspect=30)
     return figure
+
+
+FIGURE = FigureSpec(
+    name="fig5",
+    title="Wake over a tilted ground",
+    needs=(
+        FLOW_FIELDS,
+        FLOW_TOPOLOGY,
+        FLOW,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

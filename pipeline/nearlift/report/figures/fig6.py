@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from nearlift import catalogue, nomenclature
 from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SEQUENTIAL, SERIES, Style, plain_text
 
 SIDES = ("ground", "ceiling")
@@ -289,3 +290,18 @@ def _rates(ax: Axes, own: Rows, last: bool) -> None:
     ax.tick_params(axis="y", right=False)
     if last:
         right.set_ylabel("relative power to hover", color=COST_COLOUR)
+
+
+FIGURE = FigureSpec(
+    name="fig6",
+    title="Crash rates and energy, as the paper has them",
+    needs=(
+        CRASH_RATES,
+        FLIGHTS,
+        SAFETY,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

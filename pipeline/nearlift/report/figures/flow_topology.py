@@ -11,10 +11,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.products import FLOW_TOPOLOGY
+from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import origin, panels, select
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 
 #: Panel, its axis label, and the quantities in it with what the legend calls them.
@@ -113,3 +114,18 @@ def draw(table: Rows, look: Style) -> Figure:
             ax.set_xlabel(r"tilt $\theta$ (deg)")
             ax.tick_params(labelbottom=True)
     return figure
+
+
+FIGURE = FigureSpec(
+    name="flow_topology",
+    title="The wake against tilt",
+    needs=(
+        FLOW_FIELDS,
+        FLOW_TOPOLOGY,
+        FLOW,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

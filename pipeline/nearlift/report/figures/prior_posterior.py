@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import UsageError
-from nearlift.products import FIT
+from nearlift.products import FIT, POSTERIOR
 from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, Style, plain_text
 from nearlift.rounding import plain
 
@@ -179,3 +180,17 @@ def _name(parameter: str) -> str:
         return f"${nomenclature.symbol(parameter).latex}$"
     except UsageError:
         return plain_text(parameter)
+
+
+FIGURE = FigureSpec(
+    name="prior_posterior",
+    title="Prior against posterior",
+    needs=(
+        FIT,
+        POSTERIOR,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.nomenclature import letter
-from nearlift.products import PROFILES
+from nearlift.products import FIT, PROFILES
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, coefficient
 
 #: Profiles are drawn up to this rise of chi2.
@@ -197,3 +198,17 @@ def _panel(ax: Axes, rows: Rows, look: Style) -> None:
     margin = 0.06 * (high - low)
     ax.set_xlim(low - margin, high + margin)
     ax.xaxis.set_major_locator(MaxNLocator(4))
+
+
+FIGURE = FigureSpec(
+    name="profiles",
+    title="Profile likelihoods",
+    needs=(
+        FIT,
+        PROFILES,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

@@ -17,6 +17,7 @@ from nearlift.flight.simulation.corridor import BASES, BERTH
 from nearlift.flight.simulation.presets import TARGETS
 from nearlift.products import ROUTES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, SEQUENTIAL, SERIES, Style
 
 #: So many ways are drawn: the cheapest, the chosen, the safest, and some between.
@@ -201,3 +202,18 @@ def draw(table: Rows, look: Style) -> Figure:
     right.set_ylabel("risk of a crash")
     right.set_title("b) energy against risk", loc="left", fontsize=look.text_pt)
     return figure
+
+
+FIGURE = FigureSpec(
+    name="routes",
+    title="Ways through the corridor",
+    needs=(
+        ROUTES,
+        SAFETY,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+    asked=lambda campaign: campaign.simulate is not None and campaign.simulate.route is not None,
+)

@@ -17,6 +17,7 @@ from nearlift import nomenclature
 from nearlift.products import CRASH_RATES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.fig6 import SIDES, curve_rows
+from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, plain_text
 from nearlift.rounding import plain
 
@@ -270,3 +271,17 @@ def _front(ax: Axes, own: Rows) -> None:
     if best.any():
         middle = (own["x"][mine].min() + own["x"][mine].max()) / 2
         ax.legend(loc="upper right" if own["x"][best].mean() < middle else "lower left")
+
+
+FIGURE = FigureSpec(
+    name="safety",
+    title="Crash rates and energy of the fitted models",
+    needs=(
+        CRASH_RATES,
+        SAFETY,
+    ),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -13,9 +13,9 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from nearlift.report.chapters.contents import CHAPTERS, Chapter, nothing
 from nearlift.report.evidence import Evidence
 from nearlift.report.page.chart import Chart, embedded
+from nearlift.report.registry import CHAPTERS, Chapter
 
 NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
 
@@ -87,31 +87,26 @@ def page(
     """
     made = {p.name: p for p in pictures}
     drawn = {c.name: c for c in charts}
-    named = {n for c in chapters for n in c.figures}
-    further = tuple(n for n in made if n not in named)
-    if further:
-        chapters = [
-            *chapters,
-            Chapter(
-                name="further",
-                title="Further figures",
-                facts=nothing,
-                figures=further,
-                template=False,
-            ),
-        ]
-    shown: list[Mapping[str, Any]] = []
+    shown: list[dict[str, Any]] = []
     for chapter in chapters:
-        own = [made[n] for n in chapter.figures if n in made]
-        interactive = [drawn[n] for n in chapter.charts if n in drawn]
-        if not evidence.has(*chapter.needs) or not (chapter.template or own or interactive):
+        own = [made.pop(f.name) for f in chapter.figures if f.name in made]
+        interactive = [drawn[f.name] for f in chapter.figures if f.name in drawn]
+        if not evidence.has(*chapter.needs) or not (chapter.facts or own or interactive):
             continue
-        template = f"{chapter.name}.html.j2" if chapter.template else ""
-        facts = chapter.facts(evidence)
         shown.append(
-            {"name": chapter.name, "title": chapter.title, "template": template, "facts": facts}
-            | {"pictures": own, "charts": interactive, "lead": chapter.pictures_lead}
+            {
+                "name": chapter.name,
+                "title": chapter.title,
+                "template": f"{chapter.name}.html.j2" if chapter.facts else "",
+                "facts": chapter.facts(evidence) if chapter.facts else {},
+                "pictures": own,
+                "charts": interactive,
+                "lead": chapter.pictures_lead,
+            }
         )
+    if made:
+        further = {"name": "further", "title": "Further figures", "pictures": list(made.values())}
+        shown.append({**further, "template": "", "facts": {}, "charts": [], "lead": False})
     # without charts there is nothing to run
     run = scripts() if any(c["charts"] for c in shown) else ()
     text = (

@@ -1,1 +1,20 @@
 """Residuals of the base model against every covariate, on paper and as an interactive chart."""
+
+from nearlift.products import FIT, LIFT, TRIALS
+from nearlift.report.figures.residuals import chart, drawing, table
+from nearlift.report.figures.spec import FigureSpec
+
+FIGURE = FigureSpec(
+    name="residuals",
+    title="Residuals of the base model",
+    needs=(
+        TRIALS,
+        LIFT,
+        FIT,
+    ),
+    summarise=table.summarise,
+    draw=drawing.draw,
+    caption=table.caption,
+    alt=table.alt,
+    chart=chart.chart,
+)

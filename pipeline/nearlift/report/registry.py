@@ -1,4 +1,7 @@
-"""The chapters of index.html, in order. A new chapter is one more entry and its template."""
+"""The chapters of index.html, in order, with their figures: the one list of what a report holds.
+
+A new figure is its file and its name here; a new chapter its file, its template and its entry.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +36,21 @@ from nearlift.report.chapters import (
 )
 from nearlift.report.documents import methods
 from nearlift.report.evidence import Evidence
-
-
-def nothing(evidence: Evidence) -> dict[str, Any]:
-    """No facts: the chapter is its figures."""
-    return {}
+from nearlift.report.figures import assumptions as fig_assumptions
+from nearlift.report.figures import budget as fig_budget
+from nearlift.report.figures import corner as fig_corner
+from nearlift.report.figures import crash_map as fig_crash_map
+from nearlift.report.figures import detection as fig_detection
+from nearlift.report.figures import diagnosis as fig_diagnosis
+from nearlift.report.figures import fig2, fig3, fig4, fig5, fig6
+from nearlift.report.figures import flow_topology as fig_flow_topology
+from nearlift.report.figures import prior_posterior as fig_prior_posterior
+from nearlift.report.figures import profiles as fig_profiles
+from nearlift.report.figures import residuals as fig_residuals
+from nearlift.report.figures import routes as fig_routes
+from nearlift.report.figures import safety as fig_safety
+from nearlift.report.figures.spec import FigureSpec
+from nearlift.report.page.chart import Chart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,29 +59,22 @@ class Chapter:
 
     Attributes
     ----------
-    name : str
-        Anchor, and the template ``templates/<name>.html.j2`` unless it has only figures.
-    title : str
-    facts : callable
-        Evidence to what the template prints.
+    name, title : str
+        Anchor, and the template ``templates/<name>.html.j2`` of `facts`; heading.
+    facts : callable or None
+        Evidence to what the template prints; None where the chapter is its figures.
     needs : tuple of Product
-    figures : tuple of str
-        Names of figures shown beneath, those that were made.
-    charts : tuple of str
-        Names of interactive charts; the figure of the same name then stands on paper only.
-    template : bool
-        Whether there is a template.
+    figures : tuple of FigureSpec
+        Shown beneath the text, those that were made; one that has a chart on paper only.
     pictures_lead : bool
         Whether the figures stand above the text instead of beneath it.
     """
 
     name: str
     title: str
-    facts: Callable[[Evidence], dict[str, Any]] = nothing
+    facts: Callable[[Evidence], dict[str, Any]] | None = None
     needs: tuple[Product, ...] = ()
-    figures: tuple[str, ...] = ()
-    charts: tuple[str, ...] = ()
-    template: bool = True
+    figures: tuple[FigureSpec, ...] = ()
     pictures_lead: bool = False
 
 
@@ -78,16 +84,14 @@ CHAPTERS: tuple[Chapter, ...] = (
         name="fig2",
         title="Lift change near each boundary",
         needs=(FIT,),
-        figures=("fig2",),
-        charts=("fig2",),
-        template=False,
+        figures=(fig2.FIGURE,),
     ),
     Chapter(
         name="diagnosis",
         title="What the residuals say",
         facts=diagnosis.facts,
         needs=(DIAGNOSIS,),
-        figures=("diagnosis",),
+        figures=(fig_diagnosis.FIGURE,),
         pictures_lead=True,
     ),
     Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
@@ -102,14 +106,17 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What is believed after the data",
         facts=posterior.facts,
         needs=(FIT, POSTERIOR),
-        figures=("corner", "prior_posterior"),
+        figures=(
+            fig_corner.FIGURE,
+            fig_prior_posterior.FIGURE,
+        ),
     ),
     Chapter(
         name="budget",
         title="Uncertainty budget",
         facts=uncertainty.budget,
         needs=(FIT,),
-        figures=("budget",),
+        figures=(fig_budget.FIGURE,),
         pictures_lead=True,
     ),
     Chapter(
@@ -117,14 +124,19 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What the data cannot say",
         facts=uncertainty.limits,
         needs=(FIT,),
-        figures=("profiles",),
+        figures=(fig_profiles.FIGURE,),
     ),
     Chapter(
         name="safety",
         title="Safety",
         facts=safety.facts,
         needs=(SAFETY,),
-        figures=("fig6", "safety", "crash_map", "routes"),
+        figures=(
+            fig6.FIGURE,
+            fig_safety.FIGURE,
+            fig_crash_map.FIGURE,
+            fig_routes.FIGURE,
+        ),
         pictures_lead=True,
     ),
     Chapter(
@@ -132,23 +144,26 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Proximity",
         facts=proximity.facts,
         needs=(DETECTION, PROXIMITY),
-        figures=("detection",),
+        figures=(fig_detection.FIGURE,),
         pictures_lead=True,
     ),
     Chapter(
         name="residuals",
         title="Residuals",
         needs=(FIT, TRIALS),
-        figures=("residuals",),
-        charts=("residuals",),
-        template=False,
+        figures=(fig_residuals.FIGURE,),
     ),
     Chapter(
         name="flow",
         title="Flow",
         facts=flow.facts,
         needs=(FIT, *FLOW_PRODUCTS),
-        figures=("fig3", "fig4", "fig5", "flow_topology"),
+        figures=(
+            fig3.FIGURE,
+            fig4.FIGURE,
+            fig5.FIGURE,
+            fig_flow_topology.FIGURE,
+        ),
         pictures_lead=True,
     ),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
@@ -157,7 +172,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What the ratio takes for granted",
         facts=assumptions.facts,
         needs=(FIT,),
-        figures=("assumptions",),
+        figures=(fig_assumptions.FIGURE,),
     ),
     Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),
     Chapter(name="quality", title="Quality ledger", facts=records.ledger, needs=(TRIALS, FIT)),
@@ -165,3 +180,11 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(name="methods", title="Methods, for a paper", facts=methods.facts, needs=(TRIALS, FIT)),
     Chapter(name="provenance", title="Provenance", facts=records.provenance),
 )
+
+FIGURES: tuple[FigureSpec, ...] = tuple(f for chapter in CHAPTERS for f in chapter.figures)
+
+
+def charts(evidence: Evidence) -> tuple[Chart, ...]:
+    """The interactive charts that this campaign's products suffice for."""
+    made = [spec.chart(evidence) for spec in FIGURES if spec.chart and evidence.has(*spec.needs)]
+    return tuple(chart for chart in made if chart.views)

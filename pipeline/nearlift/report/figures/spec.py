@@ -1,0 +1,45 @@
+"""What a figure of the report is: its products, table, caption and drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from nearlift.manifest.campaign import Campaign
+from nearlift.products import Product
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.figures.encoding import Draw
+from nearlift.report.page.chart import Chart
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureSpec:
+    """One figure. It is made when every product in `needs` exists, and its summary has rows.
+
+    Attributes
+    ----------
+    name, title : str
+        File name without suffix; heading.
+    needs : tuple of Product
+    summarise : callable
+        Evidence to the table of exactly what is drawn.
+    draw : callable
+        Table and style to a figure.
+    caption, alt : callable
+        Evidence and table to text, its numbers computed from them.
+    chart : callable or None
+        Evidence to the interactive chart that stands in its place on a screen, if there is one.
+    asked : callable
+        Whether a manifest's choices ask for it, beyond the stages that make its products; one that
+        is not asked for is not missed.
+    """
+
+    name: str
+    title: str
+    needs: tuple[Product, ...]
+    summarise: Callable[[Evidence], Columns]
+    draw: Draw
+    caption: Callable[[Evidence, Columns], str]
+    alt: Callable[[Evidence, Columns], str]
+    chart: Callable[[Evidence], Chart] | None = None
+    asked: Callable[[Campaign], bool] = lambda campaign: True
