@@ -32,8 +32,9 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
         figure = draw(table, look)
         canvas: Any = FigureCanvasAgg(figure)
         # laid out once: the files show the same picture, and none lays it out again
-        figure.draw_without_rendering()
-        figure.set_layout_engine(None)
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)
+            figure.set_layout_engine(None)
         pdf = io.BytesIO()
         nameless = {"CreationDate": None, "Producer": None, "Creator": None}
         figure.savefig(pdf, format="pdf", dpi=RASTER_DPI, metadata=nameless)
