@@ -106,10 +106,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What is believed after the data",
         facts=posterior.facts,
         needs=(FIT, POSTERIOR),
-        figures=(
-            fig_corner.FIGURE,
-            fig_prior_posterior.FIGURE,
-        ),
+        figures=(fig_corner.FIGURE, fig_prior_posterior.FIGURE),
     ),
     Chapter(
         name="budget",
@@ -131,12 +128,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Safety",
         facts=safety.facts,
         needs=(SAFETY,),
-        figures=(
-            fig6.FIGURE,
-            fig_safety.FIGURE,
-            fig_crash_map.FIGURE,
-            fig_routes.FIGURE,
-        ),
+        figures=(fig6.FIGURE, fig_safety.FIGURE, fig_crash_map.FIGURE, fig_routes.FIGURE),
         pictures_lead=True,
     ),
     Chapter(
@@ -158,12 +150,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Flow",
         facts=flow.facts,
         needs=(FIT, *FLOW_PRODUCTS),
-        figures=(
-            fig3.FIGURE,
-            fig4.FIGURE,
-            fig5.FIGURE,
-            fig_flow_topology.FIGURE,
-        ),
+        figures=(fig3.FIGURE, fig4.FIGURE, fig5.FIGURE, fig_flow_topology.FIGURE),
         pictures_lead=True,
     ),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),

@@ -302,10 +302,7 @@ def _select(table: Rows, rows: Any) -> dict[str, Any]:
 FIGURE = FigureSpec(
     name="corner",
     title="Posterior of the base models",
-    needs=(
-        FIT,
-        POSTERIOR,
-    ),
+    needs=(FIT, POSTERIOR),
     summarise=summarise,
     draw=draw,
     caption=caption,

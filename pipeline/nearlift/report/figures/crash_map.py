@@ -179,10 +179,7 @@ def _map(ax: Axes, own: Rows) -> Any:
 FIGURE = FigureSpec(
     name="crash_map",
     title="Crash rate over dimensionless groups",
-    needs=(
-        CRASH_MAP,
-        SAFETY,
-    ),
+    needs=(CRASH_MAP, SAFETY),
     summarise=summarise,
     draw=draw,
     caption=caption,

@@ -277,10 +277,7 @@ def _located(ax: Any, own: Rows, read: Rows) -> None:
 FIGURE = FigureSpec(
     name="detection",
     title="How far away a boundary shows",
-    needs=(
-        DETECTION,
-        PROXIMITY,
-    ),
+    needs=(DETECTION, PROXIMITY),
     summarise=summarise,
     draw=draw,
     caption=caption,

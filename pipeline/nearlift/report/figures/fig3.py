@@ -172,12 +172,7 @@ def _section(ax: Axes, mine: Rows) -> None:
 FIGURE = FigureSpec(
     name="fig3",
     title="Flow near ground and ceiling",
-    needs=(
-        DOWNWASH,
-        DOWNWASH_PROFILE,
-        FLOW_FIELDS,
-        FLOW,
-    ),
+    needs=(DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW),
     summarise=summarise,
     draw=draw,
     caption=caption,

@@ -148,10 +148,7 @@ def draw(table: Rows, look: Style) -> Figure:
 FIGURE = FigureSpec(
     name="fig4",
     title="Airspeed less the control's",
-    needs=(
-        FLOW_FIELDS,
-        FLOW,
-    ),
+    needs=(FLOW_FIELDS, FLOW),
     summarise=summarise,
     draw=draw,
     caption=caption,

@@ -144,11 +144,7 @@ def draw(table: Rows, look: Style) -> Figure:
 FIGURE = FigureSpec(
     name="fig5",
     title="Wake over a tilted ground",
-    needs=(
-        FLOW_FIELDS,
-        FLOW_TOPOLOGY,
-        FLOW,
-    ),
+    needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
     summarise=summarise,
     draw=draw,
     caption=caption,

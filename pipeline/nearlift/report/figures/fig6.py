@@ -295,11 +295,7 @@ def _rates(ax: Axes, own: Rows, last: bool) -> None:
 FIGURE = FigureSpec(
     name="fig6",
     title="Crash rates and energy, as the paper has them",
-    needs=(
-        CRASH_RATES,
-        FLIGHTS,
-        SAFETY,
-    ),
+    needs=(CRASH_RATES, FLIGHTS, SAFETY),
     summarise=summarise,
     draw=draw,
     caption=caption,

@@ -119,11 +119,7 @@ def draw(table: Rows, look: Style) -> Figure:
 FIGURE = FigureSpec(
     name="flow_topology",
     title="The wake against tilt",
-    needs=(
-        FLOW_FIELDS,
-        FLOW_TOPOLOGY,
-        FLOW,
-    ),
+    needs=(FLOW_FIELDS, FLOW_TOPOLOGY, FLOW),
     summarise=summarise,
     draw=draw,
     caption=caption,

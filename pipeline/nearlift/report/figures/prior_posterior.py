@@ -185,10 +185,7 @@ def _name(parameter: str) -> str:
 FIGURE = FigureSpec(
     name="prior_posterior",
     title="Prior against posterior",
-    needs=(
-        FIT,
-        POSTERIOR,
-    ),
+    needs=(FIT, POSTERIOR),
     summarise=summarise,
     draw=draw,
     caption=caption,

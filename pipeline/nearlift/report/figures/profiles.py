@@ -203,10 +203,7 @@ def _panel(ax: Axes, rows: Rows, look: Style) -> None:
 FIGURE = FigureSpec(
     name="profiles",
     title="Profile likelihoods",
-    needs=(
-        FIT,
-        PROFILES,
-    ),
+    needs=(FIT, PROFILES),
     summarise=summarise,
     draw=draw,
     caption=caption,

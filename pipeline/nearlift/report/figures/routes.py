@@ -207,10 +207,7 @@ def draw(table: Rows, look: Style) -> Figure:
 FIGURE = FigureSpec(
     name="routes",
     title="Ways through the corridor",
-    needs=(
-        ROUTES,
-        SAFETY,
-    ),
+    needs=(ROUTES, SAFETY),
     summarise=summarise,
     draw=draw,
     caption=caption,

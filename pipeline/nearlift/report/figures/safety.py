@@ -276,10 +276,7 @@ def _front(ax: Axes, own: Rows) -> None:
 FIGURE = FigureSpec(
     name="safety",
     title="Crash rates and energy of the fitted models",
-    needs=(
-        CRASH_RATES,
-        SAFETY,
-    ),
+    needs=(CRASH_RATES, SAFETY),
     summarise=summarise,
     draw=draw,
     caption=caption,

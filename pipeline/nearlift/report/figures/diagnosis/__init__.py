@@ -7,12 +7,7 @@ from nearlift.report.figures.spec import FigureSpec
 FIGURE = FigureSpec(
     name="diagnosis",
     title="The loop: residual, candidates, error, coefficient",
-    needs=(
-        TRIALS,
-        FIT,
-        DIAGNOSIS,
-        LOOP_RESIDUALS,
-    ),
+    needs=(TRIALS, FIT, DIAGNOSIS, LOOP_RESIDUALS),
     summarise=table.summarise,
     draw=drawing.draw,
     caption=caption.caption,

@@ -7,11 +7,7 @@ from nearlift.report.figures.spec import FigureSpec
 FIGURE = FigureSpec(
     name="fig2",
     title="Lift change near each boundary",
-    needs=(
-        TRIALS,
-        LIFT,
-        FIT,
-    ),
+    needs=(TRIALS, LIFT, FIT),
     summarise=table.summarise,
     draw=drawing.draw,
     caption=table.caption,

@@ -7,11 +7,7 @@ from nearlift.report.figures.spec import FigureSpec
 FIGURE = FigureSpec(
     name="residuals",
     title="Residuals of the base model",
-    needs=(
-        TRIALS,
-        LIFT,
-        FIT,
-    ),
+    needs=(TRIALS, LIFT, FIT),
     summarise=table.summarise,
     draw=drawing.draw,
     caption=table.caption,
