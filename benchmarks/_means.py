@@ -68,7 +68,7 @@ def campaign(
     import numpy as np
 
     from nearlift.synthetic import demo
-    from nearlift.synthetic.design import battery_V, randomised
+    from nearlift.synthetic.trial_schedule import battery_V, randomised
 
     name = f"means-{trials}-{sessions}{'-scattered' if scattered else ''}{'-sagging' if sagging else ''}"
     folder = data / name

@@ -39,9 +39,9 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
 
     from nearlift.declare import Boundary
     from nearlift.synthetic import demo
-    from nearlift.synthetic.design import randomised
-    from nearlift.synthetic.presets import PERCENT_DIAMETER, TABLE_1
     from nearlift.synthetic.records import Bench, manifest, record, schedule, simulate
+    from nearlift.synthetic.table_1 import PERCENT_DIAMETER, TABLE_1
+    from nearlift.synthetic.trial_schedule import randomised
 
     stations: dict[Boundary, np.ndarray] = {
         side: PERCENT_DIAMETER.recorded_m(side) for side in TABLE_1

@@ -40,11 +40,11 @@ def stack(missing: float) -> Any:
 def field(values: Any) -> Any:
     import numpy as np
 
-    from nearlift.flow.field import Field
+    from nearlift.flow.field import VelocityField
 
     axis = np.linspace(0.0, 0.1, NODES)
     u = values.reshape(2, NODES, NODES)
-    return Field(x_m=axis, y_m=axis, vx_m_s=u[0], vy_m_s=u[1])
+    return VelocityField(x_m=axis, y_m=axis, vx_m_s=u[0], vy_m_s=u[1])
 
 
 def bare(_: Path) -> dict[str, float]:

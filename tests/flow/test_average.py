@@ -7,14 +7,22 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.flow.average import Lags, average, integrated
-from nearlift.flow.field import Field, masked, mirrored, on_grid, orient, sign_doubt, take_columns
+from nearlift.flow.field import (
+    VelocityField,
+    masked,
+    mirrored,
+    on_grid,
+    orient,
+    sign_doubt,
+    take_columns,
+)
 from nearlift.flow.outliers import spurious
 
 X, Y = np.linspace(-0.04, 0.04, 17), np.linspace(-0.06, 0.02, 13)
 
 
-def field(vx: np.ndarray, vy: np.ndarray) -> Field:
-    return Field(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy)
+def field(vx: np.ndarray, vy: np.ndarray) -> VelocityField:
+    return VelocityField(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy)
 
 
 def stack(n: int, seed: int = 0, offset: float = 0.0) -> np.ndarray:
@@ -51,7 +59,7 @@ def test_a_vector_that_lacks_one_component_is_no_vector():
 
 def test_another_grid_is_refused():
     vx, vy = stack(1)[0]
-    other = Field(x_m=X + 1e-3, y_m=Y, vx_m_s=vx, vy_m_s=vy)
+    other = VelocityField(x_m=X + 1e-3, y_m=Y, vx_m_s=vx, vy_m_s=vy)
     with pytest.raises(InputRefused, match="field 2 stands on another grid"):
         average([field(vx, vy), other], "case a")
     with pytest.raises(InputRefused, match="holds no field"):
@@ -112,7 +120,7 @@ def test_convergence_says_how_many_fields_a_thousandth_takes():
 
 def test_the_software_s_own_uncertainty_serves_where_there_is_one_field():
     vx, vy = stack(1)[0]
-    alone = Field(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy, u_m_s=np.full(vx.shape, 0.3))
+    alone = VelocityField(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy, u_m_s=np.full(vx.shape, 0.3))
     np.testing.assert_allclose(average([alone]).u_y, 0.3)
 
 
@@ -121,13 +129,15 @@ def test_orientation_brings_every_picture_into_vehicle_axes():
     vx, vy = 0.1 * np.outer(Y, X), -np.exp(-((X / 0.01) ** 2)) * (1 + Y[:, None])
     true = field(vx, vy)
     ways = {
-        ("+y", "+x"): Field(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy),
-        ("-y", "+x"): Field(x_m=X, y_m=-Y[::-1], vx_m_s=vx[::-1], vy_m_s=-vy[::-1]),
-        ("-y", "-x"): Field(
+        ("+y", "+x"): VelocityField(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy),
+        ("-y", "+x"): VelocityField(x_m=X, y_m=-Y[::-1], vx_m_s=vx[::-1], vy_m_s=-vy[::-1]),
+        ("-y", "-x"): VelocityField(
             x_m=-X[::-1], y_m=-Y[::-1], vx_m_s=-vx[::-1, ::-1], vy_m_s=-vy[::-1, ::-1]
         ),
-        ("+x", "+y"): Field(x_m=Y, y_m=X, vx_m_s=vy.T, vy_m_s=vx.T),
-        ("-x", "+y"): Field(x_m=-Y[::-1], y_m=X, vx_m_s=-vy.T[:, ::-1], vy_m_s=vx.T[:, ::-1]),
+        ("+x", "+y"): VelocityField(x_m=Y, y_m=X, vx_m_s=vy.T, vy_m_s=vx.T),
+        ("-x", "+y"): VelocityField(
+            x_m=-Y[::-1], y_m=X, vx_m_s=-vy.T[:, ::-1], vy_m_s=vx.T[:, ::-1]
+        ),
     }
     for (thrust, across), picture in ways.items():
         found = orient(picture, thrust=thrust, across=across)

@@ -23,10 +23,10 @@ from nearlift.flow.downwash import (
     reduction,
     span_weights,
 )
-from nearlift.flow.field import Field
+from nearlift.flow.field import VelocityField
 from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
-from nearlift.synthetic.flow import Camera, Wake, fields
+from nearlift.synthetic.wake import Camera, Wake, fields
 
 R, ROTORS = 0.023, (-0.0325, 0.0325)
 X = 2e-3 * np.arange(-35, 36)
@@ -232,8 +232,10 @@ def test_reduction_shares_what_case_and_control_share():
 
 def test_the_difference_to_the_control_is_of_speeds_and_nan_where_either_is_missing():
     x, y = np.linspace(-0.03, 0.03, 7), np.linspace(-0.05, 0.0, 6)
-    slow = Field(x_m=x, y_m=y, vx_m_s=np.full((6, 7), 3.0), vy_m_s=np.full((6, 7), -4.0))
-    fast = Field(x_m=x[1:], y_m=y, vx_m_s=np.full((6, 6), 6.0), vy_m_s=np.full((6, 6), -8.0))
+    slow = VelocityField(x_m=x, y_m=y, vx_m_s=np.full((6, 7), 3.0), vy_m_s=np.full((6, 7), -4.0))
+    fast = VelocityField(
+        x_m=x[1:], y_m=y, vx_m_s=np.full((6, 6), 6.0), vy_m_s=np.full((6, 6), -8.0)
+    )
     found = difference(slow, fast)
     assert np.isnan(found[:, 0]).all()
     np.testing.assert_allclose(found[:, 1:], -5.0)
@@ -242,7 +244,7 @@ def test_the_difference_to_the_control_is_of_speeds_and_nan_where_either_is_miss
 # ---- what cannot be true
 
 
-def mean_field(wake: Wake = CONTROL) -> Field:
+def mean_field(wake: Wake = CONTROL) -> VelocityField:
     return next(
         iter(
             fields(
@@ -256,7 +258,7 @@ def mean_field(wake: Wake = CONTROL) -> Field:
     )
 
 
-def doubt(field: Field, expected: float = 8.0) -> None:
+def doubt(field: VelocityField, expected: float = 8.0) -> None:
     refuse_what_cannot_be(field, scene(), CUT, expected, "case a")
 
 

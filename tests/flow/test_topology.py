@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from nearlift.flow.bootstrap import Resamples, block_length
-from nearlift.flow.field import Field
+from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 from nearlift.flow.topology import (
     CORE_HAT,
@@ -24,8 +24,8 @@ from nearlift.flow.topology import (
 )
 from nearlift.randomness import generator
 from nearlift.synthetic.demo_flow import wakes
-from nearlift.synthetic.flow import Blob, Wake
 from nearlift.synthetic.records import Bench
+from nearlift.synthetic.wake import Blob, Wake
 
 R = 0.023
 X, Y = 2e-3 * np.arange(-35, 36), 2e-3 * np.arange(-40, 12)
@@ -41,8 +41,10 @@ def swirl(x: float, y: float, turn: float, core: float = 0.012) -> tuple[np.ndar
     return -speed * (YY - y) / core, speed * (XX - x) / core
 
 
-def field(*parts: tuple[np.ndarray, np.ndarray]) -> Field:
-    return Field(x_m=X, y_m=Y, vx_m_s=sum(p[0] for p in parts), vy_m_s=sum(p[1] for p in parts))
+def field(*parts: tuple[np.ndarray, np.ndarray]) -> VelocityField:
+    return VelocityField(
+        x_m=X, y_m=Y, vx_m_s=sum(p[0] for p in parts), vy_m_s=sum(p[1] for p in parts)
+    )
 
 
 def test_gamma_is_one_at_the_centre_of_a_vortex_and_zero_in_a_stream_and_in_strain():
@@ -50,7 +52,7 @@ def test_gamma_is_one_at_the_centre_of_a_vortex_and_zero_in_a_stream_and_in_stra
     at = (int(np.argmin(np.abs(Y + 0.04))), int(np.argmin(np.abs(X))))
     assert gamma(whirl, 0.4 * R)[at] == pytest.approx(1.0, abs=1e-6)
     assert gamma(field(swirl(0.0, -0.04, -1.0)), 0.4 * R)[at] == pytest.approx(-1.0, abs=1e-6)
-    stream = Field(x_m=X, y_m=Y, vx_m_s=np.full(XX.shape, 3.0), vy_m_s=np.zeros(XX.shape))
+    stream = VelocityField(x_m=X, y_m=Y, vx_m_s=np.full(XX.shape, 3.0), vy_m_s=np.zeros(XX.shape))
     assert np.nanmax(np.abs(gamma(stream, 0.4 * R)[8:-8, 8:-8])) < 1e-9
     strain = field((50 * XX, -50 * YY))
     assert np.nanmax(np.abs(gamma(strain, 0.4 * R)[8:-8, 8:-8])) < 1e-6
@@ -82,10 +84,10 @@ def test_gaps_do_not_make_vortices():
     assert len(vortices(spoilt, GROUND, 8.0)) == 1
 
 
-def mean_of(wake: Wake) -> Field:
+def mean_of(wake: Wake) -> VelocityField:
     vx, vy = wake.velocity(XX, YY)
     hidden = wake.scene.height_m(XX, YY) <= 0
-    return Field(
+    return VelocityField(
         x_m=X, y_m=Y, vx_m_s=np.where(hidden, np.nan, vx), vy_m_s=np.where(hidden, np.nan, vy)
     )
 
@@ -103,7 +105,7 @@ def test_the_stagnation_zone_rests_on_the_ground_beneath_the_rotors():
     assert not stagnation(replace(found, vx_m_s=found.vx_m_s + 9), GROUND, 7.1).nodes.any()
 
 
-def contracted(half: float) -> Field:
+def contracted(half: float) -> VelocityField:
     """Two plane jets of this half-width over radius, which end in still air 0.5 r above the
     ground.
     """
@@ -111,7 +113,7 @@ def contracted(half: float) -> Field:
     height = GROUND.height_m(XX, YY)
     vy = np.where(inside & (height > 0.5 * R), -8.0, 0.0)
     behind = height <= 0
-    return Field(
+    return VelocityField(
         x_m=X,
         y_m=Y,
         vx_m_s=np.where(behind, np.nan, 0.0),
@@ -136,7 +138,7 @@ def test_the_stagnation_zone_does_not_depend_on_where_the_nodes_stand():
         vx, vy = WAKE.velocity(xx, yy)
         hidden = GROUND.height_m(xx, yy) <= 0
         vx, vy = (np.where(hidden, np.nan, v) for v in (vx, vy))
-        shifted = Field(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy)
+        shifted = VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy)
         areas.append(wake_topology(shifted, GROUND, 7.1).numbers["stagnation_area_hat2"])
     assert max(areas) < 1.1 * min(areas)
 

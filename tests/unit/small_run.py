@@ -18,8 +18,8 @@ from nearlift.run import graph
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.inputs import digests
 from nearlift.run.job import Job
-from nearlift.synthetic.design import randomised
 from nearlift.synthetic.records import Bench, Form, write_campaign
+from nearlift.synthetic.trial_schedule import randomised
 from nearlift.synthetic.truth import Truth
 
 NAME = "small"

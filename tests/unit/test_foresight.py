@@ -24,7 +24,7 @@ from nearlift.readers.schedule import read_schedule
 from nearlift.results import Noise
 from nearlift.stages.design import schedule_text
 from nearlift.stages.plans import draw
-from nearlift.synthetic.design import _williams, balanced, from_both_sides, randomised
+from nearlift.synthetic.trial_schedule import _williams, balanced, from_both_sides, randomised
 
 from . import small_run
 from .simulated import campaign, hsiao

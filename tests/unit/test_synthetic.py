@@ -22,9 +22,9 @@ from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job
 from nearlift.run.store import sha256
 from nearlift.stages import ingest
-from nearlift.synthetic import demo, design, presets, records
+from nearlift.synthetic import demo, records, table_1, trial_schedule
 from nearlift.synthetic.records import Bench
-from nearlift.synthetic.truth import Noise, Truth
+from nearlift.synthetic.truth import BenchNoise, Truth
 
 FAR = {0.25: 0.1, 0.5: 0.24, 0.75: 0.41, 0.92: 0.55}
 BENCH = Bench(rate_Hz=500.0, tare_s=0.4, record_s=1.0)
@@ -59,8 +59,8 @@ def truth(**changes: Any) -> Truth:
     return Truth(**{"model": MODEL, "parameters": {"k": 0.2}, "lift_inf_N": FAR, **changes})
 
 
-def plan(**changes: Any) -> design.Design:
-    return design.randomised(
+def plan(**changes: Any) -> trial_schedule.TrialSchedule:
+    return trial_schedule.randomised(
         {"ground": [0.03, 0.05, 0.3]}, **{"seed": 1, "visits": 3, "sessions": 2, **changes}
     )
 
@@ -84,7 +84,7 @@ def test_every_station_throttle_and_visit_is_there_in_random_order() -> None:
     got = plan()
     assert len(got) == 3 * 4 * 3
     for z in (0.03, 0.05, 0.3):
-        for throttle in design.THROTTLES:
+        for throttle in trial_schedule.THROTTLES:
             assert np.sum((got.recorded_m == z) & (got.throttle == throttle)) == 3
     assert np.all(np.diff(got.start_s) > 0)
     assert got.visit.max() == 8
@@ -104,7 +104,7 @@ def test_approach_is_the_sign_of_the_last_move() -> None:
 
 
 def test_another_boundary_changes_no_order() -> None:
-    both = design.randomised(
+    both = trial_schedule.randomised(
         {"ground": [0.03, 0.05, 0.3], "ceiling": [0.01, 0.3]}, seed=1, visits=3, sessions=2
     )
     np.testing.assert_array_equal(both.recorded_m[:36], plan().recorded_m)
@@ -113,17 +113,19 @@ def test_another_boundary_changes_no_order() -> None:
 
 def test_a_battery_falls_within_its_session_and_a_bench_supply_does_not() -> None:
     got = plan(visits=10)
-    volts = design.battery_V(got, seed=1)
+    volts = trial_schedule.battery_V(got, seed=1)
     for session in (1, 2):
         own = volts[got.session == session]
         assert own[0] - own[-1] == pytest.approx(0.15, abs=0.02)
-    assert np.std(design.bench_V(got, seed=1)) < 0.002
+    assert np.std(trial_schedule.bench_V(got, seed=1)) < 0.002
 
 
 def test_the_papers_campaign_has_3600_trials() -> None:
-    got = design.of_preset(presets.PERCENT_DIAMETER, seed=1)
+    got = trial_schedule.randomised(
+        {side: table_1.PERCENT_DIAMETER.recorded_m(side) for side in table_1.TABLE_1}, seed=1
+    )
     assert len(got) == 3600
-    assert {side: int(np.sum(got.boundary == side)) for side in presets.TABLE_1} == {
+    assert {side: int(np.sum(got.boundary == side)) for side in table_1.TABLE_1} == {
         "ground": 1200,
         "ceiling": 1200,
         "sidewall": 1200,
@@ -133,36 +135,38 @@ def test_the_papers_campaign_has_3600_trials() -> None:
 # ---- Table 1
 
 
-@pytest.mark.parametrize("preset", [*presets.PRESETS, presets.AS_PRINTED], ids=lambda p: p.name)
-def test_each_reading_contradicts_what_it_says_it_does(preset: presets.Preset) -> None:
+@pytest.mark.parametrize("preset", [*table_1.PRESETS, table_1.AS_PRINTED], ids=lambda p: p.name)
+def test_each_reading_contradicts_what_it_says_it_does(preset: table_1.TableReading) -> None:
     assert preset.contradicted() == preset.contradicts
 
 
 def test_one_list_of_commands() -> None:
-    ceiling = np.array(presets.TABLE_1["ceiling"])
-    assert set(np.array(presets.TABLE_1["ground"]) - ceiling) <= {52, 53}
-    assert set(np.array(presets.TABLE_1["sidewall"]) - ceiling) <= {10, 11}
+    ceiling = np.array(table_1.TABLE_1["ceiling"])
+    assert set(np.array(table_1.TABLE_1["ground"]) - ceiling) <= {52, 53}
+    assert set(np.array(table_1.TABLE_1["sidewall"]) - ceiling) <= {10, 11}
 
 
 @pytest.mark.parametrize(
     ("preset", "near", "far"),
     [
-        (presets.MM, 2.48, 25.1),
-        (presets.PERCENT_DIAMETER, 1.14, 11.5),
-        (presets.FEET_DATUM, 1.25, 23.9),
+        (table_1.MM, 2.48, 25.1),
+        (table_1.PERCENT_DIAMETER, 1.14, 11.5),
+        (table_1.FEET_DATUM, 1.25, 23.9),
     ],
 )
-def test_ground_stations_of_the_readings(preset: presets.Preset, near: float, far: float) -> None:
-    z_hat = preset.z_m("ground") / presets.RADIUS_M
+def test_ground_stations_of_the_readings(
+    preset: table_1.TableReading, near: float, far: float
+) -> None:
+    z_hat = preset.z_m("ground") / table_1.RADIUS_M
     assert z_hat[0] == pytest.approx(near, abs=0.005)
     assert z_hat[-1] == pytest.approx(far, abs=0.06)
 
 
 def test_the_printed_unit_is_refused_and_each_preset_is_not(tmp_path: Path) -> None:
-    far = {side: truth() for side in presets.TABLE_1}
-    for preset in (*presets.PRESETS, presets.AS_PRINTED):
+    far = {side: truth() for side in table_1.TABLE_1}
+    for preset in (*table_1.PRESETS, table_1.AS_PRINTED):
         folder = tmp_path / preset.name
-        stations = {side: preset.recorded_m(side)[-2:] for side in presets.TABLE_1}
+        stations = {side: preset.recorded_m(side)[-2:] for side in table_1.TABLE_1}
         bench = Bench(
             rate_Hz=100.0,
             tare_s=0.2,
@@ -170,11 +174,11 @@ def test_the_printed_unit_is_refused_and_each_preset_is_not(tmp_path: Path) -> N
             offset_m=preset.offset_m,
             distance_unit=preset.unit,
         )
-        scheduled = design.randomised(
+        scheduled = trial_schedule.randomised(
             stations, seed=1, visits=1, sessions=1, offset_m=preset.offset_m
         )
         records.write_campaign(folder, scheduled, far, name="table-1", note="", seed=1, bench=bench)
-        if preset is presets.AS_PRINTED:
+        if preset is table_1.AS_PRINTED:
             with pytest.raises(
                 InputRefused, match=r"(525|535|577) cm is outside the 1\.5 m arena; mm\?"
             ):
@@ -252,8 +256,8 @@ def test_forms_hold_the_same_numbers(tmp_path: Path) -> None:
 
 
 def test_noise_has_the_sizes_that_were_asked_for(tmp_path: Path) -> None:
-    noise = Noise(sample_N=2e-3, tone_N=0.0, drift_N=0.0, trial=0.01, height_m=0.2e-3)
-    many = design.randomised({"ground": [0.03, 0.3]}, seed=1, visits=150, sessions=1)
+    noise = BenchNoise(sample_N=2e-3, tone_N=0.0, drift_N=0.0, trial=0.01, height_m=0.2e-3)
+    many = trial_schedule.randomised({"ground": [0.03, 0.3]}, seed=1, visits=150, sessions=1)
     true = records.simulate(many, {"ground": truth(noise=noise)}, bench=BENCH, seed=1)
     assert np.std(true.lift_N / true.expected_N - 1) == pytest.approx(0.01, rel=0.1)
     away = true.z_m - many.z_m
@@ -266,7 +270,7 @@ def test_noise_has_the_sizes_that_were_asked_for(tmp_path: Path) -> None:
 
 
 def test_the_tone_turns_with_the_rotor() -> None:
-    noise = Noise(sample_N=0.0, drift_N=0.0, tone_N=1e-2, tone_Hz=100.0)
+    noise = BenchNoise(sample_N=0.0, drift_N=0.0, tone_N=1e-2, tone_Hz=100.0)
     bench = Bench(rate_Hz=1000.0, tare_s=1.0, record_s=2.0)
     for throttle, lift in FAR.items():
         live = (
@@ -325,7 +329,7 @@ def test_the_demo_has_its_effect_at_the_ground_only(demo_folder: Path, tmp_path:
     # far from the ground, lift over its throttle's mean goes with the supply squared
     far = (table["boundary"] == "ground") & (table["z_hat"] > 10)
     y, x = np.log(table["lift_N"][far]), np.log(table["supply_V"][far])
-    levels = (table["throttle"][far][:, None] == np.array(design.THROTTLES)).astype(float)
+    levels = (table["throttle"][far][:, None] == np.array(trial_schedule.THROTTLES)).astype(float)
     exponent = np.linalg.lstsq(np.column_stack([levels, x]), y, rcond=None)[0][-1]
     assert exponent == pytest.approx(2.0, abs=0.6)
 

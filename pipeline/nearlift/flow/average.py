@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.flow.field import Field, same_grid
+from nearlift.flow.field import VelocityField, same_grid
 
 #: Fields merged at a time.
 BATCH = 16
@@ -28,7 +28,7 @@ WANTED = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Convergence:
+class MeanConvergence:
     """How the mean moves as fields are added.
 
     Attributes
@@ -56,7 +56,7 @@ class Average:
 
     Attributes
     ----------
-    mean : Field
+    mean : VelocityField
         nan where no field has a vector. `u_m_s` is the correlating software's own uncertainty of a
         mean vector, where it gave one.
     var_x, var_y : (ny, nx)
@@ -67,16 +67,16 @@ class Average:
         Fields.
     tau : float
         Fields per independent one, 1 if they are independent.
-    convergence : Convergence
+    convergence : MeanConvergence
     """
 
-    mean: Field
+    mean: VelocityField
     var_x: FloatArray
     var_y: FloatArray
     count: FloatArray
     n: int
     tau: float
-    convergence: Convergence
+    convergence: MeanConvergence
 
     @property
     def u_x(self) -> FloatArray:
@@ -220,7 +220,7 @@ def series_tau(series: FloatArray) -> float:
     return lags.tau()
 
 
-def average(fields: Iterable[Field], where: str = "fields") -> Average:
+def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
     """The mean of fields on one grid, in the order in which they were taken.
 
     Raises
@@ -228,7 +228,7 @@ def average(fields: Iterable[Field], where: str = "fields") -> Average:
     InputRefused
         No field, or one on another grid than the first.
     """
-    first: Field | None = None
+    first: VelocityField | None = None
     moments, noise, lags = Moments(0), Moments(0), Lags(0)
     sample = np.zeros(0, dtype=np.int64)
     batch = np.zeros((BATCH, 0))
@@ -299,7 +299,7 @@ def average(fields: Iterable[Field], where: str = "fields") -> Average:
 
 
 def _finish(
-    first: Field,
+    first: VelocityField,
     moments: Moments,
     noise: Moments,
     n: int,
@@ -318,7 +318,7 @@ def _finish(
     level = float(np.mean(mean[both] ** 2)) if both.any() else 0.0
     error = math.sqrt(float(np.mean(error2[both])) / level) if level > 0 else math.nan
     return Average(
-        mean=Field(
+        mean=VelocityField(
             x_m=first.x_m,
             y_m=first.y_m,
             vx_m_s=mean[:size].reshape(shape),
@@ -330,7 +330,7 @@ def _finish(
         count=moments.count[:size].reshape(shape),
         n=n,
         tau=tau,
-        convergence=Convergence(
+        convergence=MeanConvergence(
             n=np.array([k for k, _ in steps], dtype=np.int64),
             moved=np.array([m for _, m in steps]),
             error=error,

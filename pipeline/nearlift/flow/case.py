@@ -15,7 +15,7 @@ from nearlift.flow import downwash, topology
 from nearlift.flow.average import Average, average
 from nearlift.flow.bootstrap import Resamples
 from nearlift.flow.downwash import Cut, Downwash
-from nearlift.flow.field import Field, mirrored, take_columns
+from nearlift.flow.field import VelocityField, mirrored, take_columns
 from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
 
@@ -45,7 +45,7 @@ class Recording:
 
 
 def recorded(
-    fields: Iterable[Field],
+    fields: Iterable[VelocityField],
     where: str,
     *,
     threshold: float,
@@ -57,7 +57,7 @@ def recorded(
     profiles: list[FloatArray] = []
     wrong_of = np.zeros(2)
 
-    def passed() -> Iterator[Field]:
+    def passed() -> Iterator[VelocityField]:
         for one in fields:
             wrong = spurious(one.vx_m_s, one.vy_m_s, threshold)
             wrong_of[:] += wrong.sum(), one.valid.sum()
@@ -78,10 +78,10 @@ def recorded(
     )
 
 
-def _reflected(one: Field, half: Half) -> Field:
+def _reflected(one: VelocityField, half: Half) -> VelocityField:
     """The whole of which one half was measured."""
     x, position, sign = mirrored(one.x_m, half)
-    return Field(
+    return VelocityField(
         x_m=x,
         y_m=one.y_m,
         vx_m_s=sign * take_columns(one.vx_m_s, position),

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.flow.field import Field, take_columns
+from nearlift.flow.field import VelocityField, take_columns
 
 
-def at(values: FloatArray, source: Field, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+def at(values: FloatArray, source: VelocityField, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
     """A map (ny, nx) of `source` at other nodes, linear between its own; nan outside and beside
     missing vectors.
     """
@@ -22,7 +22,7 @@ def _inside(values: FloatArray, position: FloatArray) -> FloatArray:
     return np.where((position > -1e-6) & (position < n - 1 + 1e-6), found, np.nan)
 
 
-def difference(case: Field, control: Field) -> FloatArray:
+def difference(case: VelocityField, control: VelocityField) -> FloatArray:
     """Airspeed of the case less that of the control on the case's nodes, (ny, nx)."""
     result: FloatArray = case.speed_m_s - at(control.speed_m_s, control, case.x_m, case.y_m)
     return result

@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.flow.downwash import DEFLECTION_HAT, Cut, along_cut, over_span, span_weights
-from nearlift.flow.field import Field, sign_doubt
+from nearlift.flow.field import VelocityField, sign_doubt
 from nearlift.flow.scene import Scene
 
 #: A wake's speed may be this factor above or below that of the hovering vehicle (a quarter to full
@@ -28,7 +28,7 @@ def wake_speed_m_s(
 
 
 def refuse_what_cannot_be(
-    mean: Field, scene: Scene, cut: Cut, expected_m_s: float, where: str
+    mean: VelocityField, scene: Scene, cut: Cut, expected_m_s: float, where: str
 ) -> None:
     """Raise `InputRefused` with the reason and the key that would mend it; returns if there is
     none.

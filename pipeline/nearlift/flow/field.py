@@ -24,7 +24,7 @@ DOUBT, ERRORS = 0.2, 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Field:
+class VelocityField:
     """One instantaneous or mean field.
 
     Attributes
@@ -72,7 +72,7 @@ class Field:
         return result
 
 
-def same_grid(a: Field, b: Field) -> bool:
+def same_grid(a: VelocityField, b: VelocityField) -> bool:
     """Whether two fields stand on the same nodes."""
     if a.shape != b.shape:
         return False
@@ -143,13 +143,13 @@ def _axis(values: FloatArray, name: str, where: str) -> tuple[FloatArray, NDArra
 
 
 def orient(
-    field: Field,
+    field: VelocityField,
     *,
     thrust: Direction,
     across: Direction | None = None,
     origin_m: tuple[float, float] = (0.0, 0.0),
     v_sign: int = 1,
-) -> Field:
+) -> VelocityField:
     """The same field in vehicle axes.
 
     Parameters
@@ -179,10 +179,12 @@ def orient(
         )
     if thrust[0] == "-":
         y, vx, vy, noise = -y[::-1], vx[::-1], -vy[::-1], None if noise is None else noise[::-1]
-    return Field(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy, u_m_s=noise)
+    return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy, u_m_s=noise)
 
 
-def masked(field: Field, rectangles: list[tuple[float, float, float, float]]) -> Field:
+def masked(
+    field: VelocityField, rectangles: list[tuple[float, float, float, float]]
+) -> VelocityField:
     """The field without its vectors inside rectangles (x from, x to, y from, y to)."""
     if not rectangles:
         return field
@@ -235,7 +237,7 @@ def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
     return result
 
 
-def sign_doubt(field: Field) -> str:
+def sign_doubt(field: VelocityField) -> str:
     """Which component's sign the field itself contradicts, ``""`` if none.
 
     Mass is conserved: dvx/dx and dvy/dy oppose each other, in a plane jet wholly, in a round one

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.flow.field import Field
+from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 
 CORE = 2 / math.pi
@@ -78,7 +78,7 @@ QUANTITIES = (
 )
 
 
-def gamma(field: Field, radius_m: float, *, moving: bool = True) -> FloatArray:
+def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> FloatArray:
     """Mean sine of the angle between a neighbour's direction and its velocity, (ny, nx): Gamma_2,
     or Gamma_1 if not `moving`.
 
@@ -125,7 +125,7 @@ def gamma(field: Field, radius_m: float, *, moving: bool = True) -> FloatArray:
     return result
 
 
-def vortices(field: Field, scene: Scene, reference_m_s: float) -> tuple[Vortex, ...]:
+def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[Vortex, ...]:
     """Vortex cores between rotor plane and ground, from left to right."""
     from scipy.ndimage import label
 
@@ -183,7 +183,7 @@ class StagnationZone:
     top_m: FloatArray
 
 
-def stagnation(field: Field, scene: Scene, reference_m_s: float) -> StagnationZone:
+def stagnation(field: VelocityField, scene: Scene, reference_m_s: float) -> StagnationZone:
     """The stagnation zone. A column's extent is from the ground, however high the picture ends
     above it, to where the speed, linear between nodes, passes `SLOW` of the reference: so it does
     not depend on where the grid's nodes happen to stand.
@@ -212,7 +212,7 @@ def stagnation(field: Field, scene: Scene, reference_m_s: float) -> StagnationZo
 
 
 def split_angle_deg(
-    field: Field, scene: Scene, zone: StagnationZone, reference_m_s: float
+    field: VelocityField, scene: Scene, zone: StagnationZone, reference_m_s: float
 ) -> float:
     """Angle between the two streams into which a rotor's jet parts, mean over rotors: 180 along the
     ground; nan where no air stagnates between them, since nothing splits there, or if unseen.
@@ -247,7 +247,7 @@ def split_angle_deg(
     return float(np.mean(found)) if found else math.nan
 
 
-def asymmetry(field: Field, scene: Scene) -> float:
+def asymmetry(field: VelocityField, scene: Scene) -> float:
     """(Right-going less left-going momentum) over both, beneath the rotor plane: +1 all to the
     right.
     """
@@ -260,7 +260,7 @@ def asymmetry(field: Field, scene: Scene) -> float:
     return float((vx * np.abs(vx)).sum()) / total if total > 0 else math.nan
 
 
-def wake_topology(field: Field, scene: Scene, reference_m_s: float) -> WakeTopology:
+def wake_topology(field: VelocityField, scene: Scene, reference_m_s: float) -> WakeTopology:
     """Everything above for one mean field near a ground."""
     cores = vortices(field, scene, reference_m_s)
     zone = stagnation(field, scene, reference_m_s)

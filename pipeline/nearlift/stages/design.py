@@ -31,7 +31,7 @@ from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.plans import Plan, as_schedule, draw, levels, plan, ranged, scatter, table_of
-from nearlift.synthetic.design import Design
+from nearlift.synthetic.trial_schedule import TrialSchedule
 
 SCHEDULE = "trials.csv"
 
@@ -171,7 +171,7 @@ def _otherwise(campaign: Campaign, made: Plan, seed: int) -> dict[str, store.Tab
     )
 
 
-def _write(job: Job, drawn: Design, target: Path) -> dict[str, Any]:
+def _write(job: Job, drawn: TrialSchedule, target: Path) -> dict[str, Any]:
     text = schedule_text(drawn, job.campaign)
     if target.is_relative_to(job.reports):
         job.publish(str(target.relative_to(job.reports)), text.encode())
@@ -194,7 +194,7 @@ def _write(job: Job, drawn: Design, target: Path) -> dict[str, Any]:
     }
 
 
-def schedule_text(drawn: Design, campaign: Campaign) -> str:
+def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
     """A schedule as CSV in the manifest's units, with a blank column for everything that `[design]
     logs` names.
 

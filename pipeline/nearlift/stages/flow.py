@@ -16,7 +16,7 @@ from nearlift.flow.bootstrap import Resamples, block_length
 from nearlift.flow.case import FlowCase, recorded
 from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
 from nearlift.flow.downwash import Cut
-from nearlift.flow.field import Field
+from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY, Product
@@ -93,7 +93,7 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
 
     read = 0
 
-    def fields() -> Iterator[Field]:
+    def fields() -> Iterator[VelocityField]:
         nonlocal read
         for one in stream:
             if read % 25 == 0:

@@ -20,8 +20,8 @@ from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.results import Noise
 from nearlift.run import store
-from nearlift.synthetic.design import Design, balanced, from_both_sides, randomised
 from nearlift.synthetic.records import GRAVITY
+from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
 
 #: What is assumed where neither `[design]` nor an earlier campaign says how trials scatter: a small
 #: rig in good order.
@@ -47,7 +47,7 @@ class Plan:
     table: store.Table
     source: str
     assumed: tuple[str, ...]
-    design: Design | None = None
+    design: TrialSchedule | None = None
 
 
 def has_schedule(campaign: Campaign, root: Path) -> bool:
@@ -100,7 +100,7 @@ def plan(campaign: Campaign, root: Path, seed: int) -> Plan:
     )
 
 
-def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Design:
+def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> TrialSchedule:
     """A random schedule of a `[design]`: visits in random order, throttles balanced, each station
     from both sides where it can be.
     """
@@ -129,7 +129,7 @@ def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Desig
     return from_both_sides(drawn, overshoot_m=overshoot, seed=seed) if overshoot > 0 else drawn
 
 
-def as_schedule(design: Design, campaign: Campaign) -> Schedule:
+def as_schedule(design: TrialSchedule, campaign: Campaign) -> Schedule:
     """A drawn design as the reader would give it."""
     return Schedule(
         trial=design.trial,

@@ -17,9 +17,9 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, Check, Effect, Parameter, Source, normal
 from nearlift.synthetic.demo_flow import write_piv
-from nearlift.synthetic.design import Design, battery_V, bench_V, randomised
-from nearlift.synthetic.presets import PERCENT_DIAMETER
 from nearlift.synthetic.records import GRAVITY, Bench, Simulated, write_campaign
+from nearlift.synthetic.table_1 import PERCENT_DIAMETER
+from nearlift.synthetic.trial_schedule import TrialSchedule, battery_V, bench_V, randomised
 from nearlift.synthetic.truth import Truth
 
 SEED = 20210501
@@ -119,7 +119,7 @@ SUPPLY = Effect(
 )
 
 
-def design(seed: int = SEED) -> Design:
+def design(seed: int = SEED) -> TrialSchedule:
     """The demo's schedule, supply included."""
     sides: tuple[Boundary, ...] = ("ground", "ceiling", "sidewall")
     stations = {side: PERCENT_DIAMETER.z_m(side)[list(TAKEN)] for side in sides}

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.flow.scene import Scene
-from nearlift.synthetic.flow import Blob, Camera, Wake, fields, write_openpiv
 from nearlift.synthetic.records import Bench
+from nearlift.synthetic.wake import Blob, Camera, Wake, fields, write_openpiv
 
 FIELDS = 16
 SPACING_M = 3.0e-3

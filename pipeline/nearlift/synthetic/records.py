@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.randomness import generator
-from nearlift.synthetic.design import Design
+from nearlift.synthetic.trial_schedule import TrialSchedule
 from nearlift.synthetic.truth import Truth
 
 FloatArray = NDArray[np.float64]
@@ -62,7 +62,7 @@ class Simulated:
 
 
 def simulate(
-    design: Design, truths: Mapping[Boundary, Truth], *, bench: Bench = Bench(), seed: int
+    design: TrialSchedule, truths: Mapping[Boundary, Truth], *, bench: Bench = Bench(), seed: int
 ) -> Simulated:
     """The true lift of every trial; all randomness but the samples'."""
     z_m, lift, expected = np.empty(len(design)), np.empty(len(design)), np.empty(len(design))
@@ -116,7 +116,7 @@ def record(
 
 def write_campaign(
     folder: Path,
-    design: Design,
+    design: TrialSchedule,
     truths: Mapping[Boundary, Truth],
     *,
     name: str,
@@ -189,7 +189,7 @@ def _claim(folder: Path) -> None:
 
 
 def _write_parquet(
-    path: Path, samples: Iterator[tuple[str, NDArray[np.int32]]], design: Design
+    path: Path, samples: Iterator[tuple[str, NDArray[np.int32]]], design: TrialSchedule
 ) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -234,7 +234,7 @@ def _write_csv(
         (folder / f"{trial}.csv").write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def schedule(design: Design, bench: Bench) -> str:
+def schedule(design: TrialSchedule, bench: Bench) -> str:
     """The text of trials.csv."""
     per_unit = {"mm": 1e3, "cm": 1e2, "m": 1.0}[bench.distance_unit]
     outside = {
@@ -272,7 +272,7 @@ def schedule(design: Design, bench: Bench) -> str:
 
 
 def manifest(
-    name: str, note: str, bench: Bench, form: Form, quantum_N: float, design: Design
+    name: str, note: str, bench: Bench, form: Form, quantum_N: float, design: TrialSchedule
 ) -> str:
     """The text of campaign.toml, which says that it is simulated, and of the truth only what a lab
     would know.

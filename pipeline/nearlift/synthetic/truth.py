@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Noise:
+class BenchNoise:
     """Sizes of everything random; all but `quantum_N` may be zero.
 
     Attributes
@@ -67,7 +67,7 @@ class Truth:
         What the model needs of the vehicle (`spacing_hat`, `diagonal_hat`).
     constants : mapping of str to value
         What effects need besides columns of the design, such as a reference voltage.
-    noise : Noise
+    noise : BenchNoise
     """
 
     model: LiftModel
@@ -76,7 +76,7 @@ class Truth:
     effects: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
     geometry: Mapping[str, Any] = field(default_factory=dict)
     constants: Mapping[str, Any] = field(default_factory=dict)
-    noise: Noise = Noise()
+    noise: BenchNoise = BenchNoise()
 
     def lift_N(
         self, z_hat: FloatArray, throttle: FloatArray, columns: Mapping[str, FloatArray]

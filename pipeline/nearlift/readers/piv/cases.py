@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.flow.field import Field, masked, orient
+from nearlift.flow.field import VelocityField, masked, orient
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.readers.child import Child
 from nearlift.readers.files import inside, source_of
@@ -66,7 +66,7 @@ class Stream:
     files: list[Path]
     refused: list[tuple[str, InputRefused]] = field(default_factory=list)
 
-    def __iter__(self) -> Iterator[Field]:
+    def __iter__(self) -> Iterator[VelocityField]:
         said = {
             key: self.piv.of(self.case, key)
             for key in ("length_unit", "velocity_unit", "scale", "frame_time", "format")

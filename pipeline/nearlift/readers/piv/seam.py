@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from nearlift import units
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.flow.field import Field, on_grid
+from nearlift.flow.field import VelocityField, on_grid
 
 PIXEL = ("px", "pix", "pixel", "pixels")
 FRAME = ("frame", "frames", "dt", "pair")
@@ -193,7 +193,7 @@ def _what_is_wrong(
     return InputRefused(str(path), "cannot be read as a table of numbers", "export it again")
 
 
-def settle(raw: Raw, setting: Setting, where: str) -> Field:
+def settle(raw: Raw, setting: Setting, where: str) -> VelocityField:
     """A field in SI on its grid, in the file's own axes; what is no vector is nan.
 
     Raises
@@ -227,7 +227,7 @@ def settle(raw: Raw, setting: Setting, where: str) -> Field:
     if raw.noise is not None:
         columns.append(np.where(good & (raw.noise > 0), abs(per_velocity) * raw.noise, np.nan))
     x, y, grids = on_grid(per_length * raw.x, per_length * raw.y, tuple(columns), where)
-    return Field(
+    return VelocityField(
         x_m=x,
         y_m=y,
         vx_m_s=grids[0],

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.flow.field import Field
+from nearlift.flow.field import VelocityField
 from nearlift.readers.channel import Malformed
 from nearlift.readers.child import Child
 from nearlift.readers.piv.dantec import DANTEC
@@ -72,7 +72,7 @@ def read(
     setting: Setting = UNSAID,
     format_name: str | None = None,
     child: Child | None = None,
-) -> Iterator[Field]:
+) -> Iterator[VelocityField]:
     """The fields of one file in SI, in the file's own axes; `child` is the process that parses what
     a C library must, else one for this file.
 

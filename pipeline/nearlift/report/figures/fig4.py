@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from nearlift.declare import FloatArray
 from nearlift.flow.contrast import difference
-from nearlift.flow.field import Field
+from nearlift.flow.field import VelocityField
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, stack
@@ -39,11 +39,11 @@ def cases(evidence: Evidence) -> list[PivCase]:
     return sorted(found, key=lambda c: (ROWS.index(c.boundary), -(c.z_hat or 0.0)))
 
 
-def as_field(table: Columns) -> Field:
+def as_field(table: Columns) -> VelocityField:
     """The mean field of one case from its rows."""
     x, y = np.unique(table["x_m"]), np.unique(table["y_m"])
     shape = (len(y), len(x))
-    return Field(
+    return VelocityField(
         x_m=x, y_m=y, vx_m_s=table["vx_m_s"].reshape(shape), vy_m_s=table["vy_m_s"].reshape(shape)
     )
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary
 from nearlift.randomness import generator
-from nearlift.synthetic.presets import TABLE_1, Preset
 
 FloatArray = NDArray[np.float64]
 #: The paper's: percent of full throttle as fractions, and visits of each station.
@@ -23,7 +22,7 @@ VISITS = 15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
+class TrialSchedule:
     """A schedule in run order, one entry per trial, SI.
 
     Attributes
@@ -68,7 +67,7 @@ def randomised(
     sessions: int = 5,
     trial_s: float = 20.0,
     move_s: float = 8.0,
-) -> Design:
+) -> TrialSchedule:
     """Each station visited so many times in a random order, every throttle run at each visit in a
     random order.
 
@@ -78,7 +77,7 @@ def randomised(
 
     Returns
     -------
-    Design
+    TrialSchedule
         Never two visits of one station in a row, which would be one visit.
     """
     sides, stations, levels, stops, ways, batteries, starts = [], [], [], [], [], [], []
@@ -109,7 +108,7 @@ def randomised(
     shown = np.array(stations)
     shift = np.array([(offset_m or {}).get(side, 0.0) for side in sides])
     width = max(4, len(str(len(sides) - 1)))
-    return Design(
+    return TrialSchedule(
         trial=np.array([f"t{i:0{width}d}" for i in range(len(sides))], dtype=object),
         boundary=boundary,
         recorded_m=shown,
@@ -143,7 +142,7 @@ def _order(distances: FloatArray, visits: int, rng: np.random.Generator) -> Floa
     return np.concatenate(rounds)
 
 
-def balanced(design: Design, *, seed: int) -> Design:
+def balanced(design: TrialSchedule, *, seed: int) -> TrialSchedule:
     """The same visits with throttles in Williams's orders: over a few visits each throttle follows
     each other one equally often.
 
@@ -177,7 +176,7 @@ def _williams(count: int) -> NDArray[np.int64]:
     return result
 
 
-def from_both_sides(design: Design, *, overshoot_m: float, seed: int) -> Design:
+def from_both_sides(design: TrialSchedule, *, overshoot_m: float, seed: int) -> TrialSchedule:
     """Each station approached equally often from either side, by driving past it where the last
     station lies on the wrong one.
 
@@ -202,7 +201,7 @@ def from_both_sides(design: Design, *, overshoot_m: float, seed: int) -> Design:
 
 
 def battery_V(
-    design: Design,
+    design: TrialSchedule,
     *,
     seed: int,
     full_V: float = 4.0,
@@ -228,24 +227,7 @@ def battery_V(
 
 
 def bench_V(
-    design: Design, *, seed: int, volts: float = 4.0, scatter_V: float = 0.001
+    design: TrialSchedule, *, seed: int, volts: float = 4.0, scatter_V: float = 0.001
 ) -> FloatArray:
     """Supply of each trial on a bench supply, which holds its voltage."""
     return np.round(volts + scatter_V * generator(seed, "bench").standard_normal(len(design)), 4)
-
-
-def of_preset(preset: Preset, *, seed: int, visits: int = VISITS, sessions: int = 86) -> Design:
-    """The paper's campaign under one reading of Table 1: 3 boundaries, 20 stations, 4 throttles, 15
-    visits.
-
-    86 batteries of seven minutes are what its ten hours of running take; the paper does not say
-    what it ran on.
-    """
-    recorded: dict[Boundary, FloatArray] = {side: preset.recorded_m(side) for side in TABLE_1}
-    return randomised(
-        recorded,
-        seed=seed,
-        offset_m=preset.offset_m,
-        visits=visits,
-        sessions=-(-sessions // len(recorded)),
-    )

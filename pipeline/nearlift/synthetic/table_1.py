@@ -33,7 +33,7 @@ ZHat = Mapping[Boundary, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Claim:
+class TableClaim:
     """Something that the paper says and that a reading of Table 1 can contradict; `holds` takes
     z_hat per boundary.
     """
@@ -44,34 +44,34 @@ class Claim:
 
 
 CLAIMS = (
-    Claim(
+    TableClaim(
         name="room",
         text="the arena is 1.5 m wide (section II)",
         holds=lambda z: bool(max(v.max() for v in z.values()) * RADIUS_M <= ROOM_M),
     ),
-    Claim(
+    TableClaim(
         name="near_ground",
         text="R^2 = 0.956 is quoted for 1 < z_hat < 3 (section V.A)",
         holds=lambda z: bool(z["ground"].min() < 1.5),
     ),
     # with the vehicle's true spacings the original model passes half of the 20 % at z_hat 1.5
-    Claim(
+    TableClaim(
         name="ground_gain",
         text="the ground adds up to 20 % of lift (section V.A)",
         holds=lambda z: bool(z["ground"].min() <= 1.5),
     ),
-    Claim(
+    TableClaim(
         name="ground_reach",
         text="the ground matters for z_hat < 4 (section V.A)",
         holds=lambda z: bool(np.any((z["ground"] > 3) & (z["ground"] < 6))),
     ),
     # the model gives the measured 1.60 at z_hat = 0.180
-    Claim(
+    TableClaim(
         name="ceiling_excess",
         text="closest to the ceiling Eq. 3 gives more than the measured 60 %",
         holds=lambda z: bool(z["ceiling"].min() < 0.180),
     ),
-    Claim(
+    TableClaim(
         name="near_sidewall",
         text="the sidewall matters for z_hat < 0.3 only",
         holds=lambda z: bool(z["sidewall"].min() <= 0.3 + 1e-9),
@@ -80,7 +80,7 @@ CLAIMS = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Preset:
+class TableReading:
     """One reading of Table 1.
 
     Attributes
@@ -123,7 +123,7 @@ class Preset:
 
 _NO_OFFSET: Mapping[Boundary, float] = {"ground": 0.0, "ceiling": 0.0, "sidewall": 0.0}
 
-MM = Preset(
+MM = TableReading(
     name="mm",
     title="the numbers are millimetres to the rotor plane",
     unit_m=1e-3,
@@ -131,7 +131,7 @@ MM = Preset(
     # z_hat: ground 2.48 to 25, ceiling 0.217 to 22.8, sidewall 0.65 to 23.3
     contradicts=("near_ground", "ground_gain", "ceiling_excess", "near_sidewall"),
 )
-PERCENT_DIAMETER = Preset(
+PERCENT_DIAMETER = TableReading(
     name="percent_diameter",
     title="the numbers are hundredths of a rotor diameter (0.46 mm) to the rotor plane",
     unit_m=0.46e-3,
@@ -141,7 +141,7 @@ PERCENT_DIAMETER = Preset(
     # Crazyflie
     contradicts=("ground_reach",),
 )
-FEET_DATUM = Preset(
+FEET_DATUM = TableReading(
     name="feet_datum",
     title=(
         "the numbers are millimetres commanded, each column with a datum of its own: the ground's"
@@ -158,7 +158,7 @@ PRESETS = (MM, PERCENT_DIAMETER, FEET_DATUM)
 
 #: The unit that the paper prints. No preset: a campaign that says so is refused ("525 cm is outside
 #: the 1.5 m arena; mm?").
-AS_PRINTED = Preset(
+AS_PRINTED = TableReading(
     name="cm_as_printed",
     title="the unit that is printed; impossible",
     unit_m=1e-2,

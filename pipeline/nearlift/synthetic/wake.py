@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.flow.field import Field
+from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 from nearlift.randomness import generator
 
@@ -145,7 +145,7 @@ class Camera:
     shadows: tuple[tuple[float, float, float, float], ...] = ()
 
 
-def fields(wake: Wake, camera: Camera, n: int, seed: int, name: str) -> Iterator[Field]:
+def fields(wake: Wake, camera: Camera, n: int, seed: int, name: str) -> Iterator[VelocityField]:
     """`n` instantaneous fields, in vehicle axes; what lies behind the boundary has no vectors."""
     rng = generator(seed, "piv", name)
     xx, yy = np.meshgrid(camera.x_m, camera.y_m)
@@ -161,7 +161,7 @@ def fields(wake: Wake, camera: Camera, n: int, seed: int, name: str) -> Iterator
         wrong = rng.random(vx.shape) < camera.outliers
         u[wrong], v[wrong] = wake.speed_m_s * rng.uniform(-1.5, 1.5, (2, int(wrong.sum())))
         missing = hidden | (rng.random(vx.shape) < camera.dropouts)
-        yield Field(
+        yield VelocityField(
             x_m=camera.x_m,
             y_m=camera.y_m,
             vx_m_s=np.where(missing, np.nan, u),
@@ -170,7 +170,7 @@ def fields(wake: Wake, camera: Camera, n: int, seed: int, name: str) -> Iterator
         gust = camera.memory * gust + math.sqrt(1 - camera.memory**2) * rng.standard_normal()
 
 
-def write_openpiv(path: Path, field: Field) -> None:
+def write_openpiv(path: Path, field: VelocityField) -> None:
     """OpenPIV's text: x, y in mm, u, v in m/s, flags (1 where there is no vector, written as 0),
     mask.
     """
