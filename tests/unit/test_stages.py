@@ -15,10 +15,12 @@ from nearlift.commands.stage import command_of
 from nearlift.describe import stages_page
 from nearlift.errors import DeclarationError
 from nearlift.products import DIAGNOSIS, PRODUCTS, RESULTS, TRIALS
+from nearlift.report.figures import budget
+from nearlift.report.registry import declared
 from nearlift.run import graph
 from nearlift.run.registry import ordered, products
 from nearlift.run.schema import Column, Product
-from nearlift.run.stage import Option, Question, Stage
+from nearlift.run.stage import Option, Question, Stage, StageChapter
 
 HEIGHTS = Product(
     file="heights.parquet",
@@ -103,3 +105,12 @@ def test_a_stage_of_a_module_of_its_own_runs_there(weighing, tmp_path):
     assert not dataclasses.replace(WEIGH, where="piv").configured(
         SimpleNamespace(campaign=SimpleNamespace(piv=None))
     )
+
+
+def test_a_stage_that_declares_a_chapter_has_one():
+    chapter = StageChapter(title="Heights", figures=("budget",), facts="builtins:len")
+    (made,) = declared((*graph.STAGES, dataclasses.replace(WEIGH, chapter=chapter)))
+    assert (made.name, made.title, made.needs) == ("weigh", "Heights", (HEIGHTS,))
+    assert made.facts is len
+    assert made.figures == (budget.FIGURE,)
+    assert declared(graph.STAGES) == ()

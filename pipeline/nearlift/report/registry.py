@@ -5,7 +5,8 @@ A new figure is its file and its name here; a new chapter its file, its template
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,6 +52,8 @@ from nearlift.report.figures import routes as fig_routes
 from nearlift.report.figures import safety as fig_safety
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.page.chart import Chart
+from nearlift.run.registry import STAGES
+from nearlift.run.stage import Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +79,30 @@ class Chapter:
     needs: tuple[Product, ...] = ()
     figures: tuple[FigureSpec, ...] = ()
     pictures_lead: bool = False
+
+
+def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
+    """The chapters that stages declare; each stands on the page when all that its stage writes
+    exists.
+    """
+    found = []
+    for stage in stages:
+        if stage.chapter is None:
+            continue
+        module, _, name = stage.chapter.facts.partition(":")
+        found.append(
+            Chapter(
+                name=stage.name,
+                title=stage.chapter.title,
+                facts=getattr(importlib.import_module(module), name) if module else None,
+                needs=stage.writes,
+                figures=tuple(
+                    importlib.import_module(f"nearlift.report.figures.{figure}").FIGURE
+                    for figure in stage.chapter.figures
+                ),
+            )
+        )
+    return tuple(found)
 
 
 CHAPTERS: tuple[Chapter, ...] = (
@@ -153,6 +180,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         figures=(fig3.FIGURE, fig4.FIGURE, fig5.FIGURE, fig_flow_topology.FIGURE),
         pictures_lead=True,
     ),
+    *declared(STAGES),
     Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
     Chapter(
         name="assumptions",
