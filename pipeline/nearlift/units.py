@@ -16,30 +16,6 @@ from nearlift.errors import ManifestError, brief
 if TYPE_CHECKING:
     import pint
 
-#: Dimension -> the SI unit that carries it inside nearlift.
-SI = {
-    "length": "m",
-    "mass": "kg",
-    "time": "s",
-    "force": "N",
-    "frequency": "Hz",
-    "rotation": "Hz",
-    "voltage": "V",
-    "current": "A",
-    "power": "W",
-    "temperature": "K",
-    "pressure": "Pa",
-    "density": "kg/m^3",
-    "acceleration": "m/s^2",
-    "angle": "rad",
-    "fraction": "dimensionless",
-    "velocity": "m/s",
-    "inertia": "kg*m^2",
-    "proportional gain": "1/m/s",
-    "derivative gain": "1/m",
-    "integral gain": "1/m/s^2",
-}
-
 #: Units a lab is likely to have meant, in the order in which they are proposed.
 USUAL = {
     "length": ("mm", "cm", "m", "in", "um"),
@@ -60,44 +36,39 @@ ROTATION = {
     "rad/s": 1 / (2 * math.pi),
 }
 
-#: (unit, dimension) -> factor and offset to SI of the units that most manifests use, so that most
-#: runs need not load pint (0.4 s). A test holds them equal to pint's.
-COMMON: dict[tuple[str, str], tuple[float, float]] = {
-    ("mm", "length"): (1e-3, 0.0),
-    ("cm", "length"): (1e-2, 0.0),
-    ("m", "length"): (1.0, 0.0),
-    ("in", "length"): (0.0254, 0.0),
-    ("um", "length"): (1e-6, 0.0),
-    ("g", "mass"): (1e-3, 0.0),
-    ("kg", "mass"): (1.0, 0.0),
-    ("s", "time"): (1.0, 0.0),
-    ("ms", "time"): (1e-3, 0.0),
-    ("N", "force"): (1.0, 0.0),
-    ("mN", "force"): (1e-3, 0.0),
-    ("gf", "force"): (9.80665e-3, 0.0),
-    ("kgf", "force"): (9.80665, 0.0),
-    ("Hz", "frequency"): (1.0, 0.0),
-    ("kHz", "frequency"): (1e3, 0.0),
-    ("V", "voltage"): (1.0, 0.0),
-    ("mV", "voltage"): (1e-3, 0.0),
-    ("A", "current"): (1.0, 0.0),
-    ("W", "power"): (1.0, 0.0),
-    ("K", "temperature"): (1.0, 0.0),
-    ("degC", "temperature"): (1.0, 273.15),
-    ("Pa", "pressure"): (1.0, 0.0),
-    ("hPa", "pressure"): (1e2, 0.0),
-    ("kPa", "pressure"): (1e3, 0.0),
-    ("kg/m^3", "density"): (1.0, 0.0),
-    ("m/s^2", "acceleration"): (1.0, 0.0),
-    ("rad", "angle"): (1.0, 0.0),
-    ("deg", "angle"): (math.pi / 180, 0.0),
-    ("fraction", "fraction"): (1.0, 0.0),
-    ("percent", "fraction"): (1e-2, 0.0),
-    ("m/s", "velocity"): (1.0, 0.0),
-    ("kg*m^2", "inertia"): (1.0, 0.0),
-    ("1/m/s", "proportional gain"): (1.0, 0.0),
-    ("1/m", "derivative gain"): (1.0, 0.0),
-    ("1/m/s^2", "integral gain"): (1.0, 0.0),
+#: Factors to SI of the units that most manifests use, so that most runs need not load pint (0.5 s:
+#: docs/decisions/0024-own-kernel.md). A test holds them equal to pint's.
+_FACTORS = {
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "um": 1e-6},
+    "mass": {"kg": 1.0, "g": 1e-3},
+    "time": {"s": 1.0, "ms": 1e-3},
+    "force": {"N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "kgf": 9.80665},
+    "frequency": {"Hz": 1.0, "kHz": 1e3},
+    "voltage": {"V": 1.0, "mV": 1e-3},
+    "current": {"A": 1.0},
+    "power": {"W": 1.0},
+    "temperature": {"K": 1.0, "degC": 1.0},
+    "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3},
+    "density": {"kg/m^3": 1.0},
+    "acceleration": {"m/s^2": 1.0},
+    "angle": {"rad": 1.0, "deg": math.pi / 180},
+    "fraction": {"fraction": 1.0, "percent": 1e-2},
+    "velocity": {"m/s": 1.0},
+    "inertia": {"kg*m^2": 1.0},
+    "proportional gain": {"1/m/s": 1.0},
+    "derivative gain": {"1/m": 1.0},
+    "integral gain": {"1/m/s^2": 1.0},
+}
+#: Dimension -> the SI unit that carries it inside nearlift: the first of its factors.
+SI = {dimension: next(iter(factors)) for dimension, factors in _FACTORS.items()} | {
+    "rotation": "Hz",
+    "fraction": "dimensionless",
+}
+#: (unit, dimension) -> factor and offset to SI.
+COMMON = {
+    (unit, dimension): (factor, 273.15 if unit == "degC" else 0.0)
+    for dimension, factors in _FACTORS.items()
+    for unit, factor in factors.items()
 }
 
 #: A decimal number as people and instruments write it.

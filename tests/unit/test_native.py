@@ -28,7 +28,7 @@ def found(text: bytes = TEXT) -> list[float] | None:
 def steady(monkeypatch: pytest.MonkeyPatch, folder: Path | None) -> Kernel:
     """A kernel that has not been made ready, kept in that folder, or nowhere."""
     monkeypatch.setattr(isolation, "code_folder", lambda: folder)
-    return Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
+    return Kernel("nearlift.reduction.sums_kernel", "steady", POINTER, WHOLE, REAL)
 
 
 def test_it_is_kept_and_found_again_and_damage_is_seen(

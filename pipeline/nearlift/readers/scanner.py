@@ -1,4 +1,4 @@
-"""Calls the compiled scanner of plain decimal CSV (`readers.kernel`)."""
+"""Calls the compiled scanner of plain decimal CSV (`readers.scan_kernel`)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from nearlift.declare import FloatArray
 from nearlift.native import POINTER, TEXT, WHOLE, Kernel, address
 
 SCAN = Kernel(
-    "nearlift.readers.kernel",
+    "nearlift.readers.scan_kernel",
     "scan",
     TEXT,
     *(WHOLE,) * 5,

@@ -17,9 +17,7 @@ from nearlift.declare import FloatArray
 from nearlift.native import POINTER, WHOLE, Kernel, address
 from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
 
-LOOK = Kernel(
-    "nearlift.reduction.kernel", "look", POINTER, WHOLE, WHOLE, WHOLE, POINTER, POINTER, POINTER
-)
+LOOK = Kernel("nearlift.reduction.sums_kernel", "look", POINTER, *(WHOLE,) * 3, *(POINTER,) * 3)
 #: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is
 #: uncertain, more are asked for.
 APART, FEW = 6.5, 20

@@ -14,9 +14,9 @@ from nearlift.declare import FloatArray
 from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
 
 STRETCH = Kernel(
-    "nearlift.reduction.kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER
+    "nearlift.reduction.sums_kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER
 )
-STEADY = Kernel("nearlift.reduction.kernel", "steady", POINTER, WHOLE, REAL)
+STEADY = Kernel("nearlift.reduction.sums_kernel", "steady", POINTER, WHOLE, REAL)
 #: Sums that the kernel gives before the batches' means.
 SUMS = 9
 #: Standard deviations of normal noise in one median absolute deviation.

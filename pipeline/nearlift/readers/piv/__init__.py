@@ -2,7 +2,7 @@
 file.
 """
 
-from nearlift.readers.piv.seam import Dialect, Raw, Setting, settle
 from nearlift.readers.piv.sniff import DIALECTS, dialect, read, told_apart
+from nearlift.readers.piv.vectors import Dialect, Raw, Setting, settle
 
 __all__ = ["DIALECTS", "Dialect", "Raw", "Setting", "dialect", "read", "settle", "told_apart"]

@@ -12,8 +12,8 @@ from nearlift.flow.field import VelocityField, masked, orient
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.readers.child import Child
 from nearlift.readers.files import inside, source_of
-from nearlift.readers.piv.seam import Setting
 from nearlift.readers.piv.sniff import read
+from nearlift.readers.piv.vectors import Setting
 
 
 def files_of(root: Path, case: PivCase) -> list[Path]:

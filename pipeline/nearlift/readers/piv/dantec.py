@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.piv.seam import PIXEL, Dialect, Raw, rows, text_of
+from nearlift.readers.piv.vectors import PIXEL, Dialect, Raw, rows, text_of
 
 HEADER, DATA = ">>*HEADER*<<", ">>*DATA*<<"
 

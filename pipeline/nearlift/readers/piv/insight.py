@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from nearlift.errors import InputRefused
-from nearlift.readers.piv.seam import Dialect, Raw, rows, text_of
+from nearlift.readers.piv.vectors import Dialect, Raw, rows, text_of
 from nearlift.units import NUMBER
 
 MEASURED = 1

@@ -14,15 +14,14 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.piv.hdf5 import open_hdf5
-from nearlift.readers.piv.seam import Dialect, Raw
-
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+from nearlift.readers.hdf5 import MAGIC
+from nearlift.readers.piv.hdf5_grids import open_hdf5
+from nearlift.readers.piv.vectors import Dialect, Raw
 
 
 def sniff(head: bytes) -> bool:
     """HDF5 that netCDF-4 wrote, which PIVlab does not; classic netCDF begins with its own name."""
-    return (head.startswith(HDF5_MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
+    return (head.startswith(MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
 
 
 def read(path: Path) -> Iterator[Raw]:

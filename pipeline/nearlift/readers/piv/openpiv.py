@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.piv.seam import Dialect, Raw, rows, text_of
+from nearlift.readers.piv.vectors import Dialect, Raw, rows, text_of
 
 NEW = ("x", "y", "u", "v", "flags", "mask")
 OLD_COLUMNS = 5

@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.piv.hdf5 import open_hdf5
-from nearlift.readers.piv.seam import Dialect, Raw
+from nearlift.readers.hdf5 import MAGIC
+from nearlift.readers.piv.hdf5_grids import open_hdf5
+from nearlift.readers.piv.vectors import Dialect, Raw
 
 MEASURED = 1
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
 
 def sniff(head: bytes) -> bool:
     """MATLAB's own first words, or HDF5 with what PIVlab names."""
     return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
-        head.startswith(HDF5_MAGIC) and b"typevector" in head
+        head.startswith(MAGIC) and b"typevector" in head
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from nearlift import units
 from nearlift.errors import InputRefused
-from nearlift.readers.piv.seam import Dialect, Raw, rows, text_of
+from nearlift.readers.piv.vectors import Dialect, Raw, rows, text_of
 
 MEASURED = 1
 #: Begins where a name may, lest every letter of a long one be a start of its own.

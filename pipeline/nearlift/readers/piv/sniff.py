@@ -18,7 +18,7 @@ from nearlift.readers.piv.netcdf import NETCDF
 from nearlift.readers.piv.openpiv import OPENPIV
 from nearlift.readers.piv.pivlab_mat import PIVLAB_MAT
 from nearlift.readers.piv.pivlab_text import PIVLAB
-from nearlift.readers.piv.seam import Dialect, Raw, Setting, settle
+from nearlift.readers.piv.vectors import Dialect, Raw, Setting, settle
 
 DIALECTS: tuple[Dialect, ...] = (INSIGHT, DAVIS, OPENPIV, PIVLAB, PIVLAB_MAT, DANTEC, NETCDF)
 HEAD = 1 << 16
