@@ -4,6 +4,8 @@ ends with.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 
 class NearliftError(Exception):
     """Base of every refusal.
@@ -32,6 +34,14 @@ class NearliftError(Exception):
 def brief(text: str, most: int = 400) -> str:
     """A text as a refusal quotes it: the middle of a long one is left out."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
+
+
+def did_you_mean(name: str, known: Collection[str]) -> str:
+    """``did you mean 'supply'?``, or an empty text where nothing known is like the name."""
+    import difflib
+
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {close[0]!r}?" if close else ""
 
 
 class UsageError(NearliftError):

@@ -4,14 +4,13 @@ that would have been right.
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from nearlift.errors import ManifestError, brief
+from nearlift.errors import ManifestError, brief, did_you_mean
 from nearlift.manifest.quantities import Section
 
 Kind = TypeVar("Kind", bound=BaseModel)
@@ -56,8 +55,7 @@ def _explain(error: Any, kind: type[BaseModel]) -> str:
     key = ".".join(str(part) for part in location) or "manifest"
     if error["type"] == "extra_forbidden":
         known = _keys_beside(kind, location)
-        near = difflib.get_close_matches(str(location[-1]), known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(known)}"
+        hint = did_you_mean(str(location[-1]), known) or f"known here: {', '.join(known)}"
         return f"{key}: unknown key; {hint}"
     if error["type"] == "missing":
         return f"{key}: is missing"

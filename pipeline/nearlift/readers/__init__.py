@@ -4,12 +4,11 @@ listed here.
 
 from __future__ import annotations
 
-import difflib
 import functools
 import importlib
 from typing import TYPE_CHECKING
 
-from nearlift.errors import ManifestError
+from nearlift.errors import ManifestError, did_you_mean
 from nearlift.plugins import gather
 
 if TYPE_CHECKING:
@@ -65,7 +64,6 @@ def reader(name: str) -> Reader:
         return built_in(name)
     known = {r.name: r for r in readers()}
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"readers are {', '.join(known)}"
+        hint = did_you_mean(name, known) or f"readers are {', '.join(known)}"
         raise ManifestError("records.reader", f"no reader is called {name!r}", hint)
     return known[name]

@@ -5,7 +5,6 @@ numbers.
 from __future__ import annotations
 
 import datetime
-import difflib
 import math
 import re
 import unicodedata
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from nearlift import units
 from nearlift.declare import BOUNDARIES, FloatArray
-from nearlift.errors import ManifestError, brief
+from nearlift.errors import ManifestError, brief, did_you_mean
 from nearlift.manifest.campaign import Campaign
 from nearlift.units import NUMBER
 
@@ -85,12 +84,6 @@ class Cells:
             if self.lines
             else f"{self.file}, constant {self.name!r}"
         )
-
-
-def near(name: str, among: Sequence[str]) -> str:
-    """``did you mean 'supply'?`` or an empty text."""
-    close = difflib.get_close_matches(name, list(among), n=1)
-    return f"did you mean {close[0]!r}?" if close else ""
 
 
 def numbers(cells: Cells, *, blank: bool) -> FloatArray:
@@ -233,7 +226,7 @@ def boundaries(cells: Cells) -> NDArray[Any]:
             raise ManifestError(
                 cells.at(i),
                 f"{name!r} is not a boundary",
-                near(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}",
+                did_you_mean(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}",
             )
     return np.array(names, dtype=object)
 

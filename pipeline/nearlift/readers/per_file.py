@@ -7,7 +7,6 @@ channels carry the trial's id (``files = "all.h5"``, ``column = "/{trial}/force"
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -18,7 +17,7 @@ import numpy as np
 
 from nearlift import units
 from nearlift.declare import FloatArray
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.readers.channel import AS_FORCE, UNITS, Channel, Contents, Malformed, pick
 from nearlift.readers.files import (
     files_per_trial,
@@ -82,12 +81,8 @@ class Format:
         allowed = {**self.options, **RATE_OPTION}
         for key, value in dialect.items():
             if key not in allowed:
-                close = difflib.get_close_matches(key, allowed, n=1)
-                known = (
-                    f"did you mean {close[0]!r}?"
-                    if close
-                    else f"known to {self.name}: {', '.join(allowed)}"
-                )
+                listed = f"known to {self.name}: {', '.join(allowed)}"
+                known = did_you_mean(key, allowed) or listed
                 raise ManifestError(f"records.dialect.{key}", "unknown key", known)
             if not isinstance(value, allowed[key]) or (
                 allowed[key] is int and isinstance(value, bool)

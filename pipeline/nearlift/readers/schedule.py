@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.errors import ManifestError
+from nearlift.errors import ManifestError, did_you_mean
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import columns
@@ -107,7 +107,7 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
     _units_name_columns(given, list(cells))
     for name in REQUIRED:
         if name not in cells and name not in _only_free_air(cells):
-            hint = columns.near(name, [c for c in cells if c not in BY_NAME])
+            hint = did_you_mean(name, [c for c in cells if c not in BY_NAME])
             raise ManifestError(
                 str(path),
                 f"has no column {name!r}",
@@ -136,7 +136,7 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
                     str(path), f"the column {name!r} has the name of a result", "rename it"
                 )
             covariates[name] = columns.further(column)
-            hint = columns.near(name, [k.name for k in KNOWN if k.name not in cells])
+            hint = did_you_mean(name, [k.name for k in KNOWN if k.name not in cells])
             notes += [f"{path.name}: column {name!r} is kept as it is; {hint}"] if hint else []
         elif name in MEANS:
             means[known.inside] = (
@@ -246,7 +246,7 @@ def _units_name_columns(given: Mapping[str, str], present: Sequence[str]) -> Non
             raise ManifestError(
                 f"trials.units.{name}",
                 "no column has that name",
-                columns.near(name, [*present, *BY_NAME]) or f"columns are {', '.join(present)}",
+                did_you_mean(name, [*present, *BY_NAME]) or f"columns are {', '.join(present)}",
             )
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 from collections.abc import Iterator
 from pathlib import Path
 
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.flow.field import VelocityField
 from nearlift.readers.channel import Malformed
 from nearlift.readers.child import Child
@@ -29,11 +28,10 @@ def dialect(name: str) -> Dialect:
     """The dialect of that name; `ManifestError` with the nearest if there is none."""
     known = {d.name: d for d in DIALECTS}
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
         raise ManifestError(
             "piv.format",
             f"there is no format {name!r}",
-            f"did you mean {near[0]!r}?" if near else f"formats are {', '.join(known)}",
+            did_you_mean(name, known) or f"formats are {', '.join(known)}",
         )
     return known[name]
 
