@@ -201,5 +201,9 @@ FIGURES: tuple[FigureSpec, ...] = tuple(f for chapter in CHAPTERS for f in chapt
 
 def charts(evidence: Evidence) -> tuple[Chart, ...]:
     """The interactive charts that this campaign's products suffice for."""
-    made = [spec.chart(evidence) for spec in FIGURES if spec.chart and evidence.has(*spec.needs)]
+    made = [
+        spec.chart(evidence)
+        for spec in FIGURES
+        if spec.chart and evidence.has(*spec.needs, *spec.chart_needs)
+    ]
     return tuple(chart for chart in made if chart.views)

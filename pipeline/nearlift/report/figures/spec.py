@@ -29,6 +29,8 @@ class FigureSpec:
         Evidence and table to text, its numbers computed from them.
     chart : callable or None
         Evidence to the interactive chart that stands in its place on a screen, if there is one.
+    chart_needs : tuple of Product
+        What the chart needs beyond the figure's products.
     asked : callable
         Whether a manifest's choices ask for it, beyond the stages that make its products; one that
         is not asked for is not missed.
@@ -42,4 +44,5 @@ class FigureSpec:
     caption: Callable[[Evidence, Columns], str]
     alt: Callable[[Evidence, Columns], str]
     chart: Callable[[Evidence], Chart] | None = None
+    chart_needs: tuple[Product, ...] = ()
     asked: Callable[[Campaign], bool] = lambda campaign: True

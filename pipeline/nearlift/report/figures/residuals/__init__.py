@@ -7,10 +7,11 @@ from nearlift.report.figures.spec import FigureSpec
 FIGURE = FigureSpec(
     name="residuals",
     title="Residuals of the base model",
-    needs=(TRIALS, LIFT, FIT),
+    needs=(TRIALS, FIT),
     summarise=table.summarise,
     draw=drawing.draw,
     caption=table.caption,
     alt=table.alt,
     chart=chart.chart,
+    chart_needs=(LIFT,),
 )
