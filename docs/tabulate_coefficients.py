@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from nearlift.quotation import Results
+from nearlift.results.quotation import Results
 
 HEAD = """# Coefficients of measured and blind campaigns
 

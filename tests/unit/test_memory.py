@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import collapse, gum, least_squares, predictive, profiles
+from nearlift.fit import assumptions, collapse, gum, least_squares, predictive, profiles
 from nearlift.loop import diagnose as loop
 from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.search_problem import Options
 from nearlift.reduction import cells
 from nearlift.run import expense
-from nearlift.stages import beside
 
 from .simulated import campaign
 
@@ -41,7 +40,7 @@ def fitted(data):
     predictive.leave_visit_out(found)
     gum.of(found)
     collapse.examine(
-        *beside.linearised(found),
+        *assumptions.linearised(found),
         lambda g: gum.freedom(found.problem, g, found.parts, found.noise, found.slope),
     )
 

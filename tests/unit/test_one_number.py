@@ -13,13 +13,13 @@ import re
 import pytest
 
 from nearlift.commands import compare
-from nearlift.products import FIT, RESULTS
-from nearlift.quotation import Results
 from nearlift.report.number import SYMBOLS
+from nearlift.results.fit import FitResults
+from nearlift.results.quotation import Results
 from nearlift.rounding import like, plus_minus
 from nearlift.stages import diagnose, export, ledger, report
 from nearlift.study import display
-from nearlift.study.found import BoundaryFit, Fit, ModelFit
+from nearlift.study.found import BoundaryFit, Fit
 
 from . import verdicts
 
@@ -44,7 +44,7 @@ def job(request, make_job):
 
 @pytest.fixture
 def quoted(job):
-    return Results.model_validate(job.read_json(RESULTS)).boundaries["ground"]
+    return job.load(Results).boundaries["ground"]
 
 
 def visible(page: str) -> str:
@@ -105,8 +105,7 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     c = quoted.coefficients["K_b"]
     (entry,) = compare.entries(job.processed)
     assert entry.quoted == c
-    content = job.read_json(FIT)["boundaries"]["ground"]
-    models = {name: ModelFit.of(name, e) for name, e in content.items()}
+    models = job.load(FitResults).boundaries["ground"]
     fit = BoundaryFit(boundary="ground", base=models["sanchez_cuevas"], models=models)
     shown = display.fit(
         Fit(campaign="small", boundaries={"ground": fit}, quoted={"ground": quoted}, posterior=None)

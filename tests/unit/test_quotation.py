@@ -4,7 +4,6 @@ as it was saved.
 
 from __future__ import annotations
 
-import json
 import math
 
 import numpy as np
@@ -15,7 +14,8 @@ from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import student
 from nearlift.products import DIAGNOSIS, FIT, RESULTS
-from nearlift.quotation import Results, ends
+from nearlift.results.quotation import Results, ends
+from nearlift.results.serial import decode, encode
 from nearlift.stages import diagnose
 
 from . import verdicts
@@ -51,7 +51,7 @@ def job(request, make_job):
 @pytest.fixture
 def quoted(job):
     verdict, made, _ = job
-    own = Results.model_validate(made.read_json(RESULTS)).boundaries["ground"]
+    own = made.load(Results).boundaries["ground"]
     assert own.verdict == verdict
     return own
 
@@ -87,10 +87,7 @@ def test_the_file_has_the_keys_of_the_contract(job):
 def test_what_is_loaded_is_what_was_saved(job):
     _, made, _ = job
     content = made.read_json(RESULTS)
-    again = json.loads(
-        json.dumps(Results.model_validate(content).content()).replace("Infinity", "null")
-    )
-    assert again == content
+    assert encode(decode(Results, content)) == content
 
 
 def test_the_interval_is_that_of_the_rule(job, quoted):
@@ -115,7 +112,7 @@ def test_the_interval_is_that_of_the_rule(job, quoted):
 
 def test_fit_alone_quotes_the_base_fit_and_says_that_nobody_looked(job):
     _, made, before = job
-    own = Results.model_validate(before).boundaries["ground"]
+    own = decode(Results, before).boundaries["ground"]
     assert own.verdict == "not_diagnosed"
     assert "nearlift diagnose" in own.reason
     assert (

@@ -2,6 +2,8 @@
 the trial says.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,16 +84,9 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(
 
 def test_where_no_trial_matters_nothing_is_made_again(quoted):
     headline = quoted.coefficients["K_b"]
-    small = headline.influence.model_copy(
-        update={
-            "trial": headline.influence.trial.model_copy(update={"shift": 0.5 * LOOK * headline.u})
-        }
-    )
-    quiet = quoted.model_copy(
-        update={"coefficients": {"K_b": headline.model_copy(update={"influence": small})}}
-    )
+    trial = replace(headline.influence.trial, shift=0.5 * LOOK * headline.u)
+    small = replace(headline.influence, trial=trial)
+    quiet = replace(quoted, coefficients={"K_b": replace(headline, influence=small)})
     assert told(quiet, pytest.fail) is quiet
-    unknown = quoted.model_copy(
-        update={"coefficients": {"K_b": headline.model_copy(update={"u": np.inf})}}
-    )
+    unknown = replace(quoted, coefficients={"K_b": replace(headline, u=np.inf)})
     assert told(unknown, pytest.fail) is unknown

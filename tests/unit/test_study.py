@@ -17,7 +17,7 @@ import pytest
 
 import nearlift
 from nearlift.errors import ManifestError, UsageError
-from nearlift.study.found import Fit, ModelFit
+from nearlift.study.found import Fit
 
 from . import small_run
 
@@ -194,18 +194,6 @@ def test_a_figure_has_words_and_its_table(study, fit, tmp_path):
     assert drawn.save(tmp_path / "a.pdf").read_bytes()[:4] == b"%PDF"
     with pytest.raises(UsageError, match=r"neither \.png nor \.pdf"):
         drawn.save(tmp_path / "a.gif")
-
-
-def test_null_in_json_is_not_a_number():
-    entry = {
-        "title": "T",
-        "parameters": {"k": {"value": 1.0, "u": None, "lo90": None, "hi90": None}},
-        "L_inf_N": {},
-        **dict.fromkeys(("chi2", "rmse", "r2", "aic", "bic")),
-        "dof": 0,
-        "degeneracies": [],
-    }
-    assert np.isnan(ModelFit.of("m", entry).coefficients["k"].u)
 
 
 def test_rejected_trials_and_notes_are_carried(tmp_path):

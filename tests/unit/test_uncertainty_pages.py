@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from nearlift.products import FIT, PROFILES, RESULTS
-from nearlift.quotation import BudgetLine
 from nearlift.report.chapters import models, uncertainty
 from nearlift.report.documents import latex, tables
 from nearlift.report.figures import budget, profiles
@@ -25,6 +24,7 @@ from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import coefficient, style
 from nearlift.report.number import degrees
 from nearlift.report.tidy import to_csv
+from nearlift.results.quotation import BudgetLine
 from nearlift.stages.report import gather
 
 from . import quoted
@@ -103,17 +103,10 @@ def test_of_repeats_only_what_matters_somewhere_is_drawn_and_what_was_declared_a
     def line(name, fall, kind):
         return BudgetLine(source=name, kind=kind, u=1.0, u_without=2.0 * (1 - fall))
 
-    own = evidence.quoted("ground").coefficients["K_b"].model_copy(update={"u": 2.0})
-    ground = own.model_copy(
-        update={
-            "budget": (
-                line("large", 0.9, "A"),
-                line("small", 0.0015, "A"),
-                line("declared", 1e-9, "B"),
-            )
-        }
-    )
-    ceiling = own.model_copy(update={"budget": (line("large", 1.0, "A"),)})
+    own = dataclasses.replace(evidence.quoted("ground").coefficients["K_b"], u=2.0)
+    lines = (line("large", 0.9, "A"), line("small", 0.0015, "A"), line("declared", 1e-9, "B"))
+    ground = dataclasses.replace(own, budget=lines)
+    ceiling = dataclasses.replace(own, budget=(line("large", 1.0, "A"),))
     rows = budget._rows([("ground", "K_b", ground), ("ceiling", "alpha", ceiling)])
     assert [(r[0], r[2], r[3], pytest.approx(r[4], abs=1e-6, nan_ok=True)) for r in rows] == [
         ("ground", "large", "A", 90.0),

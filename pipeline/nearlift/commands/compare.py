@@ -18,11 +18,11 @@ import numpy as np
 
 from nearlift.commands.common import Call, declared
 from nearlift.declare import FloatArray
-from nearlift.errors import InputRefused, ProductError, UsageError
+from nearlift.errors import InputRefused, UsageError
 from nearlift.fit.population import FEWEST, Population, population
 from nearlift.products import PROVENANCE, RESULTS
-from nearlift.quotation import CoefficientResult, Results, Verdict
 from nearlift.results import Estimate
+from nearlift.results.quotation import CoefficientResult, Results, Verdict
 from nearlift.run import store
 from nearlift.run.lock import settled
 from nearlift.run.transaction import JOURNAL, Homes
@@ -89,16 +89,10 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
 
 def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
-    content = store.read_json(folder / RESULTS.file)
-    if content.get("schema") != RESULTS.schema:
-        raise ProductError(
-            str(folder / RESULTS.file),
-            f"has schema {content.get('schema')}",
-            "it was written by another version: run again",
-        )
+    results = store.load(folder / RESULTS.file, Results)
     about = store.read_json_if_whole(folder / PROVENANCE.file)
     listed = []
-    for boundary, own in Results.model_validate(content).boundaries.items():
+    for boundary, own in results.boundaries.items():
         if not own.headline:
             continue
         quoted = own.coefficients[own.headline]

@@ -13,7 +13,8 @@ import click
 from nearlift.commands.common import Call, declared
 from nearlift.errors import UsageError
 from nearlift.products import PROVENANCE, RESULTS
-from nearlift.quotation import Results
+from nearlift.results.quotation import Results
+from nearlift.results.serial import encode
 from nearlift.rounding import fixed, like, plain
 from nearlift.run import store
 
@@ -127,7 +128,7 @@ Key = tuple[str, str, str]
 def _numbers(folder: Path) -> dict[Key, dict[str, float]]:
     """The coefficients that each run quotes: value, u and 90 % interval."""
     path = folder / RESULTS.file
-    boundaries = Results.model_validate(store.read_json(path)).boundaries if path.is_file() else {}
+    boundaries = store.load(path, Results).boundaries if path.is_file() else {}
     return {
         (boundary, own.base_model, name): {k: getattr(c, k) for k in ("value", "u", "lo90", "hi90")}
         for boundary, own in boundaries.items()
@@ -146,7 +147,7 @@ def _moved(key: Key, one: dict[str, float] | None, two: dict[str, float] | None)
 
 def _verdicts(folder: Path) -> dict[str, str]:
     path = folder / RESULTS.file
-    found = Results.model_validate(store.read_json(path)).boundaries if path.is_file() else {}
+    found = store.load(path, Results).boundaries if path.is_file() else {}
     return {
         b: own.verdict + (f": {', '.join(own.effects)}" if own.effects else "")
         for b, own in found.items()
@@ -221,4 +222,4 @@ def _shift(c: Mapping[str, Any]) -> str:
 def command(call: Call, a: Path, b: Path) -> None:
     """What differs."""
     content = run(a, b)
-    call.answer(store.plain(content), "\n".join(table(content)))
+    call.answer(encode(content), "\n".join(table(content)))

@@ -25,8 +25,8 @@ from nearlift.commands.common import CAMPAIGN, Call, declared
 def command(call: Call, campaign: Path, noise_from: str | None, write: Path | None) -> None:
     """Weigh the plan."""
     from nearlift.report.figures.design import text
+    from nearlift.results.serial import encode
     from nearlift.run.lock import settled
-    from nearlift.run.store import plain
     from nearlift.run.transaction import Homes
     from nearlift.stages import design
 
@@ -36,4 +36,4 @@ def command(call: Call, campaign: Path, noise_from: str | None, write: Path | No
         earlier = call.out / "processed" / noise_from
     with call.planned_job(campaign) as job, call.busy(f"nearlift: {job.campaign.name}"):
         found = design.run(job, earlier=earlier, write=write)
-    call.answer(plain(found), text(found))
+    call.answer(encode(found), text(found))

@@ -12,10 +12,10 @@ from nearlift.commands.common import Call
 def answer(campaign: Path, given: Mapping[str, Any], call: Call) -> None:
     """What the effect is, what the campaign could see of it, and what it is confused with."""
     from nearlift.report.figures.explain import text
-    from nearlift.run.store import plain
+    from nearlift.results.serial import encode
     from nearlift.stages import explain
 
     name = given["explain"]
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {name}"):
         found = explain.run(job, name)
-    call.answer(plain(found), text(found))
+    call.answer(encode(found), text(found))

@@ -12,10 +12,9 @@ from nearlift.errors import UsageError
 
 def answer(campaign: Path, given: Mapping[str, Any], call: Call) -> None:
     """Where the boundary is by this reading; quantities are texts, as the manifest has them."""
-    from nearlift.flight.record import encode
     from nearlift.manifest.flight import Reading
     from nearlift.manifest.validation import validated
-    from nearlift.run.store import plain
+    from nearlift.results.serial import encode
     from nearlift.stages.detect import read
 
     if "boundary" not in given:
@@ -28,4 +27,4 @@ def answer(campaign: Path, given: Mapping[str, Any], call: Call) -> None:
     reading = validated(Reading, fields, "nearlift detect")
     with call.job(campaign) as job:
         found = read(job, reading)
-    call.answer(plain(encode(found)), found.text)
+    call.answer(encode(found), found.text)

@@ -13,10 +13,9 @@ from nearlift.errors import NotConverged
 from nearlift.fit.grid import Grid
 from nearlift.fit.importance import Weighted
 from nearlift.fit.pareto import LIMIT
+from nearlift.results.posterior import APART, SamplerCheck
 
 PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
-#: So many standard errors are a disagreement: by chance once in 10^6 comparisons.
-APART = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,23 +29,6 @@ class Judge:
     ess: float = math.inf
     error: float = 0.0
     unfit: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Check:
-    """A judge's finding: the largest distance in Monte Carlo standard errors, and where; `unfit`
-    says why it could not judge.
-    """
-
-    by: str
-    apart: float
-    where: str
-    unfit: str = ""
-
-    @property
-    def failed(self) -> bool:
-        """Whether it is a disagreement."""
-        return not self.unfit and self.apart > APART
 
 
 def of_grid(lattice: Grid) -> Judge:
@@ -66,7 +48,9 @@ def of_weights(weighted: Weighted) -> Judge:
     return Judge(name="importance sampling", below=weighted.below, ess=weighted.ess, unfit=unfit)
 
 
-def compare(names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Judge) -> Check:
+def compare(
+    names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Judge
+) -> SamplerCheck:
     """Quantiles `values` (p, 5) at `PROBABILITIES`, worth `ess` (p, 5) draws, before a judge."""
     worst, where = 0.0, ""
     for i, name in enumerate(names):
@@ -82,10 +66,10 @@ def compare(names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Ju
                     f"{100 * probability:.0f} % of {name} lie below {value:.5g} by one,"
                     f" {100 * share:.1f} % by the other"
                 )
-    return Check(by=judge.name, apart=worst, where=where, unfit=judge.unfit)
+    return SamplerCheck(by=judge.name, apart=worst, where=where, unfit=judge.unfit)
 
 
-def insist(model: str, sampler: str, checks: Sequence[Check], remedy: str) -> None:
+def insist(model: str, sampler: str, checks: Sequence[SamplerCheck], remedy: str) -> None:
     """Raise `NotConverged` with this remedy if any judge disagrees."""
     for check in checks:
         if check.failed:

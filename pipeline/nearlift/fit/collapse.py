@@ -22,44 +22,13 @@ from nearlift.likelihood.noise import MOST_MEANS
 from nearlift.likelihood.problem import Problem
 from nearlift.likelihood.subspace import framed
 from nearlift.results import IntArray
+from nearlift.results.assumptions import CollapseTest, LargestDeparture
 
 CONFIDENCE = 0.95
 #: Data as even as that come once in a thousand.
 SUSPECT = 1e-3
 #: Effective degrees of freedom (m,) of linear estimators (m, n) of the trials' log lift.
 Freedom = Callable[[FloatArray], FloatArray]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FTest:
-    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]`
-    degrees of freedom.
-
-    A gain so small that noise would leave it once in `1 / SUSPECT` such tests is no confirmation:
-    the noise was then put too large for what is tested, or in another shape than trials have it
-    (`quiet`).
-    """
-
-    statistic: float
-    dof: tuple[int, float]
-    p_value: float
-
-    @property
-    def quiet(self) -> bool:
-        """Whether the data are more even than their noise should let them be."""
-        return self.p_value > 1 - SUSPECT
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Departure:
-    """The two throttles that may differ most: their difference as a fraction, its uncertainty, and
-    what `CONFIDENCE` cannot exclude.
-    """
-
-    between: tuple[float, float]
-    value: float
-    u: float
-    bound: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,9 +46,9 @@ class Collapse:
     u_apart : (K,)
         Standard uncertainty of what each differs from the mean over throttles: without what all of
         them share.
-    coefficient, curve, cells : FTest or None
+    coefficient, curve, cells : CollapseTest or None
         A coefficient per throttle; a scale of log ratio per throttle; no model.
-    of_coefficient, of_curve : Departure or None
+    of_coefficient, of_curve : LargestDeparture or None
         Simultaneous over all pairs of throttles (Bonferroni), relative to the common value and to
         the common change of lift.
     """
@@ -89,11 +58,11 @@ class Collapse:
     values: FloatArray
     u: FloatArray
     u_apart: FloatArray
-    coefficient: FTest | None
-    curve: FTest | None
-    cells: FTest | None
-    of_coefficient: Departure | None
-    of_curve: Departure | None
+    coefficient: CollapseTest | None
+    curve: CollapseTest | None
+    cells: CollapseTest | None
+    of_coefficient: LargestDeparture | None
+    of_curve: LargestDeparture | None
 
 
 def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
@@ -226,7 +195,7 @@ def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> Floa
 
 def scale_per_throttle(
     problem: Problem, theta: FloatArray, freedom: Freedom
-) -> tuple[FTest | None, Departure | None]:
+) -> tuple[CollapseTest | None, LargestDeparture | None]:
     """Whether log ratio has another size at each throttle, theta free in common; to first order
     about `theta`.
     """
@@ -252,7 +221,7 @@ def scale_per_throttle(
     )
 
 
-def cells(problem: Problem, freedom: Freedom) -> FTest | None:
+def cells(problem: Problem, freedom: Freedom) -> CollapseTest | None:
     """Interaction of distance and throttle between cells: no model but that of how trials
     scatter.
     """
@@ -288,7 +257,7 @@ def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
     return u, float(rest @ rest)
 
 
-def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
+def f_test(gain: float, extra: int, noise_dof: float) -> CollapseTest | None:
     """The F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square where the noise is
     known.
     """
@@ -298,12 +267,17 @@ def f_test(gain: float, extra: int, noise_dof: float) -> FTest | None:
         return None
     gain = max(gain, 0.0)
     p = chi2.sf(gain, extra) if np.isinf(noise_dof) else f.sf(gain / extra, extra, noise_dof)
-    return FTest(statistic=gain / extra, dof=(extra, float(noise_dof)), p_value=float(p))
+    return CollapseTest(
+        statistic=gain / extra,
+        dof=(extra, float(noise_dof)),
+        p_value=float(p),
+        quiet=bool(p > 1 - SUSPECT),
+    )
 
 
 def largest(
     throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float
-) -> Departure | None:
+) -> LargestDeparture | None:
     """The pair of throttles with the largest difference that the data allow, over `unit`."""
     i, j = np.triu_indices(len(throttles), 1)
     if not len(i) or not unit > 0:
@@ -314,9 +288,9 @@ def largest(
     quantile = student.quantile(tail, noise_dof)
     bound = np.abs(difference) + quantile * u
     at = int(np.argmax(bound))
-    return Departure(
+    return LargestDeparture(
         between=(float(throttles[i[at]]), float(throttles[j[at]])),
         value=float(difference[at]) / unit,
         u=float(u[at]) / unit,
-        bound=float(bound[at]) / unit,
+        bound95=float(bound[at]) / unit,
     )

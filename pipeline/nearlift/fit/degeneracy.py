@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import Problem
 from nearlift.nomenclature import letter
+from nearlift.results.fit import Degeneracy
 from nearlift.rounding import plain, signed
 
 #: A pair is called degenerate above this correlation.
 DEGENERATE = 0.95
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Degeneracy:
-    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second
-    were unknown, `known_to` what the trials would then say of the second, in words.
-    """
-
-    pair: tuple[str, str]
-    r: float
-    text: str
-    u_if_free: float | None = None
-    known_to: str = ""
 
 
 def degeneracies(

@@ -21,7 +21,7 @@ from nearlift.fit.least_squares import Fit
 from nearlift.likelihood import student
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import Problem
-from nearlift.quotation import (
+from nearlift.results.quotation import (
     LEVELS,
     BudgetLine,
     CoefficientResult,
@@ -166,15 +166,6 @@ class Estimator:
             own = scale * float(np.sqrt(max(line.covariance[i, i], 0.0)))
             left = float(np.hypot(self.without.get(line.component, self.u)[i], apart))
             if own > NO_LINE * u or left < (1 - NO_LINE) * u:
-                told = (
-                    {
-                        "u_input": line.standard,
-                        "unit": line.unit,
-                        "sensitivity": float(line.sensitivity[i]),
-                    }
-                    if line.unit
-                    else {}
-                )
                 found.append(
                     BudgetLine(
                         source=line.component,
@@ -184,7 +175,9 @@ class Estimator:
                         distribution=line.distribution,
                         scope=line.scope,
                         dof=float(line.dof[i]),
-                        **told,
+                        u_input=line.standard if line.unit else None,
+                        unit=line.unit,
+                        sensitivity=float(line.sensitivity[i]) if line.unit else None,
                     )
                 )
         if which and apart > NO_LINE * u:
@@ -218,7 +211,7 @@ class Estimator:
             listed[0] += [self.doubt(0, *told) for told in self._exponents()]
         gain = gum.gain(self.problem, self.theta, self.offset_m)
         for missing in inputs.undeclared_in(self.problem, self.theta, gain, self.parts, self.slope):
-            for i, shift in enumerate(missing.shift.tolist()):
+            for i, shift in enumerate(missing.shift.values()):
                 if np.isfinite(self.u[i]) and abs(shift) > WORTH_TELLING * self.u[i]:
                     name, scale, unit = INPUTS[missing.on]
                     condition = (

@@ -26,6 +26,7 @@ from nearlift.likelihood.budget import GROUPED, Component, groups
 from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise, Observations
+from nearlift.results.fit import HeightTreatment
 
 #: A shift beyond this part of a coefficient's standard uncertainty calls for more than the slope;
 #: it costs a 90 % interval 0.2 % of coverage.
@@ -39,34 +40,6 @@ NEGLIGIBLE = 16.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Nonlinearity:
-    """How well the slope carries one height error.
-
-    Attributes
-    ----------
-    component : str
-    standard_m : float
-    coefficient : str
-        The one that suffers most.
-    ratio : float
-        Second order over first order in that coefficient.
-    shift : float
-        Second order in that coefficient over its standard uncertainty: what the decision goes by;
-        inf where an error of this size reaches a height at which the model has no value.
-    treatment : str
-        ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"``
-        (prediction averaged over the errors).
-    """
-
-    component: str
-    standard_m: float
-    coefficient: str
-    ratio: float
-    shift: float
-    treatment: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
     """What is carried otherwise than by the slope: shared unknowns to integrate over, and the
     spread to average the prediction over.
@@ -74,7 +47,7 @@ class Plan:
 
     shared: tuple[Component, ...] = ()
     blur_m: float = 0.0
-    measures: tuple[Nonlinearity, ...] = ()
+    measures: tuple[HeightTreatment, ...] = ()
 
 
 def measure(
@@ -102,11 +75,11 @@ def measure(
     index = scatter.sizes.index("height_m") if "height_m" in scatter.sizes else None
     # to correct for a scatter of heights whose size repeats do not tell would be to make things up
     guessed = index is not None and scatter.log_covariance[index][index] > VAGUE**2
-    found: list[Nonlinearity] = []
+    found: list[HeightTreatment] = []
 
     def judge(
         name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float
-    ) -> Nonlinearity:
+    ) -> HeightTreatment:
         """Both orders in the coefficient that suffers most; errors of one kind are judged
         together.
         """
@@ -117,7 +90,7 @@ def measure(
         worst = int(np.argmax(shift))
         own = float(shift[worst]) * (standard / size_of_all) ** 2
         ratio = own * float(u[worst]) / float(size[worst]) if size[worst] > 0 else np.inf
-        return Nonlinearity(
+        return HeightTreatment(
             component=name,
             standard_m=standard,
             coefficient=problem.names[worst],

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from nearlift.fit.deletion import influence
 from nearlift.fit.least_squares import Fit, fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Estimate
+from nearlift.results.influence import Influence, Suspect
 
 #: Relative variance of a trial that is no scatter but the floor under none.
 EXACT = 1.1e-12
@@ -37,58 +37,13 @@ LOOK_AT_ODD = 0.25
 MOST, TRIES = 10, 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Suspect:
-    """A trial or visit that is named, and the headline coefficient fitted without it.
-
-    Attributes
-    ----------
-    kind : str
-    id : str
-        The trial's, or the visit's label.
-    trials : tuple of str
-        The trial, or those of the visit.
-    outlying : bool
-        Beyond what noise allows, whether or not the headline depends on it.
-    without : Estimate or None
-        A visit's also without the trials named; None where that fit failed.
-    shift : float
-        That less the headline (a visit's: less the headline without the trials named).
-    """
-
-    kind: Literal["trial", "visit"]
-    id: str
-    trials: tuple[str, ...]
-    outlying: bool
-    without: Estimate | None
-    shift: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Screening:
-    """What single trials and visits are worth to one fit.
-
-    Attributes
-    ----------
-    suspects : tuple of Suspect
-    without_all : Estimate or None
-        The headline without any trial named; None unless several are.
-    why_not : str
-        Why nothing could be screened; empty where it could.
-    """
-
-    suspects: tuple[Suspect, ...] = ()
-    without_all: Estimate | None = None
-    why_not: str = ""
-
-
 def screen(
     found: Fit,
     parts: tuple[Component, ...],
     outlying: Collection[str] = (),
     odd: Collection[str] = (),
     odd_visits: Collection[int] | NDArray[np.int64] = (),
-) -> Screening:
+) -> Influence:
     """Name the trials that are outlying or move the headline by `MOVES` of its standard
     uncertainty, and the visits that do the latter.
 
@@ -110,14 +65,14 @@ def screen(
 
     Returns
     -------
-    Screening
+    Influence
         Without such trials, and without one near the limit, it costs no fit.
     """
     data = found.problem.data
     if not found.names:
-        return Screening(why_not=f"{found.model.name} has no free coefficient")
+        return Influence(why_not=f"{found.model.name} has no free coefficient")
     if np.median(found.problem.covariance.variance) <= EXACT:
-        return Screening(
+        return Influence(
             why_not=(
                 "the trials repeat exactly, so nothing shows how far noise may move a coefficient"
             )
@@ -137,7 +92,7 @@ def screen(
         named.append(i)
     suspects = [search.alone(i, str(data.trial[i]) in outlying) for i in named[:MOST]]
     suspects += search.visits(clean, kept, odd_visits)
-    return Screening(
+    return Influence(
         suspects=tuple(suspects), without_all=_headline(clean) if len(named) > 1 else None
     )
 

@@ -17,7 +17,7 @@ the exponent, whose nominal value is 1).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +27,7 @@ from nearlift.fit import gum
 from nearlift.likelihood.budget import INPUTS, Component
 from nearlift.likelihood.problem import Problem, need
 from nearlift.results import Observations
+from nearlift.results.fit import UndeclaredInput
 
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import Fit
@@ -99,26 +100,7 @@ def _scaled(data: Observations, part: Component, factor: float) -> Observations:
     return replace(data, z_hat=data.z_hat / factor, radius_m=data.radius_m * factor, geometry=hats)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Undeclared:
-    """An input whose uncertainty nobody declared: what an error of plausible size would do.
-
-    Attributes
-    ----------
-    on : str
-        As `[[uncertainty]] on`.
-    size : float
-        Plausible standard uncertainty: relative, m for a height.
-    shift : (p,)
-        Change of each coefficient by an error of that size.
-    """
-
-    on: str
-    size: float
-    shift: FloatArray
-
-
-def undeclared(fit: Fit) -> tuple[Undeclared, ...]:
+def undeclared(fit: Fit) -> tuple[UndeclaredInput, ...]:
     """`undeclared_in` of a fit."""
     problem, offset, slope = gum.linearised(fit)
     return undeclared_in(
@@ -136,7 +118,7 @@ def undeclared_in(
     gain: FloatArray,
     parts: Iterable[Component],
     slope: FloatArray,
-) -> tuple[Undeclared, ...]:
+) -> tuple[UndeclaredInput, ...]:
     """Geometry and datum without a declared uncertainty, each with what an error of plausible size
     would do to the coefficients.
 
@@ -161,7 +143,13 @@ def undeclared_in(
             name=on, on=on, standard=size, distribution="normal", scope="campaign", moves=moves
         )
         [part] = acting([part], model, theta)
+        shift = gain @ part.sensitivity(problem.data, slope)
         listed.append(
-            Undeclared(on=on, size=size, shift=gain @ part.sensitivity(problem.data, slope))
+            UndeclaredInput(
+                on=on,
+                size=size,
+                unit=gum.UNITS[on],
+                shift=dict(zip(problem.names, shift.tolist(), strict=True)),
+            )
         )
     return tuple(listed)

@@ -12,10 +12,11 @@ from nearlift import isolation
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import batched, gum, heights, inputs
-from nearlift.fit.degeneracy import Degeneracy, degeneracies
+from nearlift.fit.degeneracy import degeneracies
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
+from nearlift.results.fit import Degeneracy
 
 NEAR_GROUND = (1.0, 3.0)
 #: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say

@@ -18,11 +18,12 @@ from nearlift import randomness
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import agreement, convergence, ensemble, importance, pareto
-from nearlift.fit.agreement import PROBABILITIES, Check
+from nearlift.fit.agreement import PROBABILITIES
 from nearlift.fit.density import Density
 from nearlift.fit.ensemble import Block
 from nearlift.fit.grid import grid
 from nearlift.fit.importance import Weighted
+from nearlift.results.posterior import SamplerCheck
 
 Sampler = Literal["auto", "emcee", "importance"]
 #: Chains that independent draws are dealt to, so that the usual diagnostics can be computed from
@@ -76,7 +77,7 @@ class Posterior:
         standard error.
     steps : int
         That emcee took.
-    checks : tuple of Check
+    checks : tuple of SamplerCheck
     """
 
     names: tuple[str, ...]
@@ -93,7 +94,7 @@ class Posterior:
     log_evidence: float = math.nan
     u_log_evidence: float = math.nan
     steps: int = 0
-    checks: tuple[Check, ...] = ()
+    checks: tuple[SamplerCheck, ...] = ()
 
     def flat(self) -> FloatArray:
         """All draws of the parameters, (c n, p)."""
@@ -195,7 +196,7 @@ def _judged(
     weighted: Weighted,
     judges: Sequence[agreement.Judge],
     stream: Stream,
-) -> tuple[Posterior, list[Check]]:
+) -> tuple[Posterior, list[SamplerCheck]]:
     """A chain's posterior before its judges; a quantile in the tail is worth fewer draws than the
     mean, and has its own number.
     """

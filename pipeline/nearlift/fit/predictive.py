@@ -15,6 +15,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import deletion
 from nearlift.results import IntArray
+from nearlift.results.fit import ModelScore
 
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import Fit
@@ -43,26 +44,6 @@ class HeldOut:
     squares: FloatArray
     n: IntArray
     skipped: int = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Score:
-    """A model's held-out score, and how far it is from a reference model's over the visits that
-    both predict.
-
-    `elpd` is the sum of log predictive densities, `d_elpd` its excess over the reference's,
-    `u_d_elpd` the standard error of that by visits; `rmse` in log lift, `d_rmse` and `u_d_rmse`
-    likewise (jackknife over visits).
-    """
-
-    visits: int
-    skipped: int
-    elpd: float
-    d_elpd: float
-    u_d_elpd: float
-    rmse: float
-    d_rmse: float
-    u_d_rmse: float
 
 
 def leave_visit_out(fit: Fit) -> HeldOut:
@@ -94,7 +75,7 @@ def leave_visit_out(fit: Fit) -> HeldOut:
     return HeldOut(visit=label, log_density=log_density, squares=square, n=n, skipped=skipped)
 
 
-def score(own: HeldOut, reference: HeldOut) -> Score:
+def score(own: HeldOut, reference: HeldOut) -> ModelScore:
     """Compare over the visits of which both predict every trial that either does."""
     _, mine, other = np.intersect1d(
         own.visit, reference.visit, assume_unique=True, return_indices=True
@@ -113,7 +94,7 @@ def score(own: HeldOut, reference: HeldOut) -> Score:
         if v > 1
         else float("nan")
     )
-    return Score(
+    return ModelScore(
         visits=v,
         skipped=own.skipped,
         elpd=float(own.log_density[mine].sum()),

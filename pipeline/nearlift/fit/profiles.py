@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.fit import batched, heights
 from nearlift.likelihood import student
+from nearlift.results.fit import ProfileIntervals
 
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import Fit
@@ -80,6 +81,17 @@ class Profile:
         best, found = float(self.value[np.argmin(self.rise)]), self.intervals[90]
         below = best - found.low
         return (found.high - best) / below if below > 0 else float("nan")
+
+    @property
+    def ends(self) -> ProfileIntervals:
+        """Its intervals."""
+        numbers = {
+            f"{end}{level}": x
+            for level, interval in self.intervals.items()
+            for end, x in (("lo", interval.low), ("hi", interval.high))
+        }
+        opened = {str(level): x.open for level, x in self.intervals.items() if x.open}
+        return ProfileIntervals(**numbers, open=opened, skew=self.skew)
 
 
 def of(fit: Fit) -> tuple[Profile, ...]:

@@ -18,6 +18,7 @@ from nearlift.declare import FloatArray
 from nearlift.fit import gum
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
+from nearlift.results.fit import Halving, Remedy, Repeats
 from nearlift.rounding import plain, signed
 
 if TYPE_CHECKING:
@@ -34,49 +35,6 @@ SCALES = {
     "gain": (1e2, "%"),
     **dict.fromkeys(budget.INPUTS, (1e2, "%")),
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remedy:
-    """What independent knowledge of one quantity (or of several of a kind, each) would do for a
-    coefficient.
-
-    Attributes
-    ----------
-    coefficient, quantity : str
-    r : float
-        Correlation of the two; of several of a kind, the multiple correlation, without a sign.
-    known_to : float
-        Standard uncertainty of the quantity as these trials and the budget leave it, in `unit`.
-    needed : float
-        Standard uncertainty of an independent measurement that would halve the coefficient's; nan
-        if even an exact one would not.
-    u, u_best : float
-        The coefficient's standard uncertainty now, and with the quantity known exactly.
-    unit, text : str
-    """
-
-    coefficient: str
-    quantity: str
-    r: float
-    known_to: float
-    needed: float
-    u: float
-    u_best: float
-    unit: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Repeats:
-    """How many times these trials would halve a coefficient's uncertainty (inf: no number), and
-    what remains after any number.
-    """
-
-    coefficient: str
-    times: float
-    u_limit: float
-    text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +56,7 @@ class _Unknowns:
         return inverse
 
 
-def of(fit: Fit) -> tuple[tuple[Remedy, ...], tuple[Repeats, ...]]:
+def of(fit: Fit) -> dict[str, Halving]:
     """For every coefficient that the trials determine: what would halve its uncertainty, the
     easiest first.
     """
@@ -108,10 +66,10 @@ def of(fit: Fit) -> tuple[tuple[Remedy, ...], tuple[Repeats, ...]]:
         if np.isfinite(e.u) and e.u > 0 and not e.at_bound
     ]
     if not known:
-        return (), ()
+        return {}
     unknowns = _unknowns(fit, known)
     joint = unknowns.covariance()
-    remedies, repeats = [], []
+    halving = {}
     for position, i in enumerate(known):
         scale = np.sqrt(fit.covariance[i, i] / joint[position, position])
         found = [
@@ -120,9 +78,11 @@ def of(fit: Fit) -> tuple[tuple[Remedy, ...], tuple[Repeats, ...]]:
             if group[3] != (position,)
         ]
         worth = [r for r in found if r.u_best < (1 - WORTH) * r.u]
-        remedies += sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))
-        repeats.append(_repeats(fit.names[i], position, unknowns, scale))
-    return tuple(remedies), tuple(repeats)
+        halving[fit.names[i]] = Halving(
+            knowledge=tuple(sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))),
+            repeats=_repeats(fit.names[i], position, unknowns, scale),
+        )
+    return halving
 
 
 def _unknowns(fit: Fit, known: list[int]) -> _Unknowns:
@@ -209,7 +169,6 @@ def _remedy(
         f" {f'r = {signed(r, 2)}' if single else f'multiple r = {r:.2f}'}; {words}"
     )
     return Remedy(
-        coefficient=coefficient,
         quantity=name,
         r=r,
         known_to=known_to,
@@ -231,7 +190,7 @@ def _repeats(coefficient: str, i: int, unknowns: _Unknowns, scale: float) -> Rep
             f"no number of repeats would halve u({who}): it falls from {plain(u, 2)} to"
             f" {plain(u_limit, 2)} at best, the rest is shared by all trials"
         )
-        return Repeats(coefficient=coefficient, times=float("inf"), u_limit=u_limit, text=text)
+        return Repeats(times=float("inf"), u_limit=u_limit, text=text)
     low, high = 0.0, float(np.log(1e8))
     for _ in range(60):
         middle = (low + high) / 2
@@ -242,4 +201,4 @@ def _repeats(coefficient: str, i: int, unknowns: _Unknowns, scale: float) -> Rep
         )
     times = float(np.exp(high))
     text = f"{plain(times, 3)} times the trials, in the same design, would halve u({who})"
-    return Repeats(coefficient=coefficient, times=times, u_limit=u_limit, text=text)
+    return Repeats(times=times, u_limit=u_limit, text=text)

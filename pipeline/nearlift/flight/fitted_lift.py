@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray, LiftModel, Parameter
-from nearlift.quotation import Correlation
+from nearlift.results.quotation import Correlation
 
 #: The 95 % point of a standard normal: half of its 90 % interval.
 HALF_90 = 1.6448536269514722

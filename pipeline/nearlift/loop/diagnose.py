@@ -38,8 +38,8 @@ from nearlift.loop.search import Answer, run, settle
 from nearlift.loop.search_problem import SILENT, Options, SearchProblem
 from nearlift.loop.setting import derive
 from nearlift.loop.within_trial import heating
-from nearlift.quotation import BoundaryResult, Correlation, HeldOutError
 from nearlift.results import Observations
+from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

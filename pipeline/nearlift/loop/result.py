@@ -17,12 +17,13 @@ from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.coefficients import Answers, Pair
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.quotation import (
+from nearlift.results.quotation import (
+from nearlift.loop.search import Answer, Stage
+from nearlift.results.quotation import (
     BoundaryResult,
     Correlation,
     Doubt,
     HeldOutError,
-    LargestShifts,
     Shift,
 )
 
@@ -60,12 +61,9 @@ def result(
             which,
         )
         if stage.independent:
-            quoted = quoted.model_copy(
-                update={
-                    "influence": LargestShifts(
-                        trial=quoted.influence.trial, visit=_of_visits(stage, answer.best, i)
-                    )
-                }
+            visit = _of_visits(stage, answer.best, i)
+            quoted = dataclasses.replace(
+                quoted, influence=dataclasses.replace(quoted.influence, visit=visit)
             )
         coefficients[name] = quoted
     return BoundaryResult(

@@ -13,7 +13,10 @@ import numpy as np
 
 from nearlift.declare import Effect
 from nearlift.loop import structure
-from nearlift.loop.candidate import bends_along
+from nearlift.loop.candidate import (
+    Fitted,
+    bends_along,
+)
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.explanation import Explanation
@@ -21,7 +24,7 @@ from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.loop.structure import Structure
-from nearlift.quotation import Verdict
+from nearlift.results.quotation import Verdict
 
 #: Pairs that are tried.
 PAIRS = 40

@@ -8,11 +8,11 @@ more than one standard uncertainty, or another verdict, the answer rests on the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nearlift.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
+from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
 #: No trial is left out if the closed form says that none moves the headline by this part of its
 #: standard uncertainty.
@@ -48,14 +48,14 @@ def told(quoted: BoundaryResult, without: Callable[[str], Without]) -> BoundaryR
     headline = quoted.coefficients[name]
     value, low, high = again.intervals[name]
     shift = value - headline.value
-    influence = headline.influence.model_copy(update={"trial": Shift(id=most.id, shift=shift)})
+    influence = replace(headline.influence, trial=Shift(id=most.id, shift=shift))
     coefficients = {
         **quoted.coefficients,
-        name: headline.model_copy(update={"influence": influence}),
+        name: replace(headline, influence=influence),
     }
-    found = quoted.model_copy(update={"coefficients": coefficients})
+    found = replace(quoted, coefficients=coefficients)
     if abs(shift) <= headline.u and again.verdict == quoted.verdict:
         return found
     doubt = Doubt(condition=f"trial {most.id} is left out", value=value, lo90=low, hi90=high)
     rests = RestsOn(trial=most.id, shift=shift, verdict=again.verdict, effects=again.effects)
-    return found.model_copy(update={"rests_on": rests}).doubting({name: (doubt,)})
+    return replace(found, rests_on=rests).doubting({name: (doubt,)})

@@ -14,8 +14,9 @@ from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import ProductError
 from nearlift.manifest.campaign import Campaign, Overlay, boundaries_of
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, Product
-from nearlift.quotation import BoundaryResult
 from nearlift.results import Observations
+from nearlift.results.quotation import BoundaryResult, Results
+from nearlift.results.serial import decode
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Columns = dict[str, NDArray[Any]]
@@ -90,9 +91,9 @@ class Evidence:
         name = content["base"][boundary]
         return catalogue.model(name), content["boundaries"][boundary][name]
 
-    def quoted(self, boundary: str) -> BoundaryResult:
+    def quoted(self, boundary: Boundary) -> BoundaryResult:
         """What is to be quoted of a boundary."""
-        return BoundaryResult.model_validate(self.document(RESULTS)["boundaries"][boundary])
+        return decode(Results, self.document(RESULTS)).boundaries[boundary]
 
     def diagnosed(self, boundary: str) -> dict[str, Any]:
         """The loop's findings at a boundary; empty where there are none, as where it could not be

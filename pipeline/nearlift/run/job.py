@@ -124,9 +124,17 @@ class Job:
         """A JSON product of this campaign."""
         return store.read_json(self._at(product))
 
-    def write_json(self, product: Product, content: Mapping[str, Any]) -> None:
+    def write_json(self, product: Product, content: object) -> None:
         """Write a JSON product of this campaign."""
         self.put(f"processed/{product.file}", store.json_bytes(content))
+
+    def load(self, kind: type[store.Loaded]) -> store.Loaded:
+        """A JSON product of this campaign as its type."""
+        return store.load(self._at(kind.product), kind)
+
+    def save(self, result: store.Saved) -> None:
+        """Write a JSON product of this campaign."""
+        self.put(f"processed/{result.product.file}", store.json_bytes(result))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,19 +11,19 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.errors import ProductError
+from nearlift.results.serial import decode, encode
 from nearlift.run import copies
 from nearlift.run.schema import Product
 
@@ -32,6 +32,15 @@ if TYPE_CHECKING:
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Table = dict[str, NDArray[Any]]
+
+
+class Saved(Protocol):
+    """The type of a JSON product."""
+
+    product: ClassVar[Product]
+
+
+Loaded = TypeVar("Loaded", bound=Saved)
 
 
 class Disk:
@@ -265,6 +274,16 @@ def ready() -> None:
     import pyarrow.parquet  # noqa: F401
 
 
+def stacked(product: Product, tables: Sequence[Table]) -> Table:
+    """Tables one below the other; with the product's columns and no rows where there are none."""
+    return {
+        c.name: np.concatenate(
+            [np.zeros(0, dtype=object if c.kind == "text" else float), *(t[c.name] for t in tables)]
+        )
+        for c in product.columns
+    }
+
+
 def table_bytes(table: Mapping[str, NDArray[Any]], product: Product) -> bytes:
     """A table product as Parquet: schema checked, pages checksummed."""
     import pyarrow as pa
@@ -339,29 +358,14 @@ def _numpy(column: pa.ChunkedArray) -> NDArray[Any]:
     return np.asarray(column.to_numpy())
 
 
-def plain(value: Any) -> Any:
-    """The JSON form of a value: numpy unwrapped, what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
-
-
-def json_bytes(content: Mapping[str, Any]) -> bytes:
+def json_bytes(content: object) -> bytes:
     """A JSON product; numbers keep all their digits."""
     return (
-        json.dumps(plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        json.dumps(encode(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     ).encode()
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
+def write_json(path: Path, content: object) -> None:
     """Write a JSON product in one atomic step."""
     write_bytes(path, json_bytes(content))
 
@@ -381,6 +385,28 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ProductError(str(path), "is not a JSON object", "delete it and run again")
     return content
+
+
+def load(path: Path, kind: type[Loaded]) -> Loaded:
+    """A JSON product as its type; raises `ProductError` where it is missing, damaged or of another
+    schema.
+    """
+    content = read_json(path)
+    if content.get("schema") != kind.product.schema:
+        raise ProductError(
+            str(path),
+            f"has schema {content.get('schema', 'none')}, not {kind.product.schema}",
+            "it was written by another version: run again",
+        )
+    return decode(kind, content, str(path))
+
+
+def load_if_whole(path: Path, otherwise: Loaded) -> Loaded:
+    """The same, `otherwise` where it is missing, damaged or of another schema."""
+    try:
+        return load(path, type(otherwise))
+    except ProductError:
+        return otherwise
 
 
 def read_json_if_whole(path: Path) -> dict[str, Any]:

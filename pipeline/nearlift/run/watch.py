@@ -19,8 +19,8 @@ from nearlift.errors import NearliftError
 from nearlift.manifest import campaign as manifests
 from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
-from nearlift.quotation import Results
 from nearlift.reduction.quality import rejected
+from nearlift.results.quotation import Results
 from nearlift.rounding import plus_minus
 from nearlift.run import graph, store
 from nearlift.run.job import silent
@@ -133,9 +133,8 @@ def _round(
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
             planned = job.campaign.diagnose.planned_trials is not None
-            quoted, found = (
-                store.read_json_if_whole(job.processed / p.file) for p in (RESULTS, DIAGNOSIS)
-            )
+            found = store.read_json_if_whole(job.processed / DIAGNOSIS.file)
+            quoted = store.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
     except NearliftError as refusal:
         return Round(
             ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)
@@ -146,11 +145,11 @@ def _round(
     return done, pending
 
 
-def _headlines(quoted: dict[str, Any], diagnosis: dict[str, Any]) -> Iterator[str]:
+def _headlines(quoted: Results, diagnosis: dict[str, Any]) -> Iterator[str]:
     """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs
     where trials are still to come.
     """
-    for boundary, own in Results.model_validate(quoted).boundaries.items() if quoted else ():
+    for boundary, own in quoted.boundaries.items():
         if own.headline:
             c = own.coefficients[own.headline]
             yield f"{boundary} {letter(own.headline)} = {plus_minus(c.value, c.u)}"

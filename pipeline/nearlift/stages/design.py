@@ -236,8 +236,6 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
 
 def _draw(job: Job, found: dict[str, Any]) -> list[str]:
     """Numbers as JSON, the figure as pdf, png and csv; the paths written."""
-    import json
-
     from nearlift.report.figures import design as picture
     from nearlift.report.figures import design as summary
     from nearlift.report.figures.encoding import render
@@ -247,9 +245,7 @@ def _draw(job: Job, found: dict[str, Any]) -> list[str]:
     table = summary.rows(found)
     files = render(picture.draw, table, style(job.campaign.report.style))
     content = {
-        "design.json": (
-            json.dumps(store.plain(found), indent=1, ensure_ascii=False) + "\n"
-        ).encode(),
+        "design.json": store.json_bytes(found),
         "design.pdf": files["pdf"],
         "design.png": files["png"],
         "design.csv": to_csv(table),

@@ -20,11 +20,11 @@ from nearlift.flight.proximity.detection import (
 )
 from nearlift.flight.proximity.reach import Sensor
 from nearlift.flight.proximity.reading import HeightReading, RefusedReading, read_height
-from nearlift.flight.record import encode
 from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Detect, Reading
-from nearlift.products import DETECTION, FIT, PROXIMITY, TRIALS
+from nearlift.products import DETECTION, PROXIMITY, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.results.fit import FitResults
 from nearlift.run.job import Job, Outcome
 from nearlift.stages.quoted_lift import fitted_lift
 
@@ -36,15 +36,15 @@ def run(job: Job) -> Outcome:
     of it; and the manifest's readings.
     """
     chosen = job.campaign.detect or Detect()
-    fitted = job.read_json(FIT)
+    fitted = job.load(FitResults)
     rows: list[dict[str, Any]] = []
     notes = []
     boundaries: dict[Boundary, BoundaryProximity] = {}
     lifts: dict[Boundary, FittedLift] = {}
-    for boundary in boundaries_of(fitted["boundaries"]):
+    for boundary in boundaries_of(fitted.boundaries):
         job.say(f"detect {boundary}")
         lift = lifts[boundary] = fitted_lift(job, boundary, DRAWS)
-        device = sensor(job, boundary, chosen, float(fitted["noise"][boundary]["relative"]))
+        device = sensor(job, boundary, chosen, fitted.noise[boundary].relative)
         rows += range_rows(lift, device, chosen, job.campaign.vehicle.rotor_radius)
         entry = boundaries[boundary] = boundary_proximity(lift, device, chosen)
         if entry.refused:
@@ -66,7 +66,7 @@ def run(job: Job) -> Outcome:
         readings=tuple(readings),
     )
     job.write(DETECTION, DETECTION.columns_of(rows))
-    job.write_json(PROXIMITY, encode(result))
+    job.write_json(PROXIMITY, result)
     return Outcome(notes=tuple(notes))
 
 
@@ -80,23 +80,18 @@ def read(job: Job, reading: Reading, lift: FittedLift | None = None) -> HeightRe
     InputRefused
         As `read_height` says.
     """
-    fitted = job.read_json(FIT)
-    if reading.boundary not in fitted["boundaries"]:
+    fitted = job.load(FitResults)
+    if reading.boundary not in fitted.boundaries:
         raise UsageError(
             "boundary",
             f"nothing was fitted at the {reading.boundary}",
-            f"fitted: {', '.join(fitted['boundaries'])}",
+            f"fitted: {', '.join(fitted.boundaries)}",
         )
-    base = fitted["boundaries"][reading.boundary][fitted["base"][reading.boundary]]
     vehicle = job.campaign.vehicle
     return read_height(
         reading,
         fitted_lift(job, reading.boundary, DRAWS) if lift is None else lift,
-        # null stands for what is not finite
-        {
-            float(t): (float(e["value"]), np.inf if e["u"] is None else float(e["u"]))
-            for t, e in base["L_inf_N"].items()
-        },
+        {t: (e.value, e.u) for t, e in fitted.of_base(reading.boundary).L_inf_N.items()},
         job.campaign.detect or Detect(),
         vehicle.rotor_radius,
         (vehicle.mass if reading.mass is None else reading.mass) * job.campaign.rig.gravity,

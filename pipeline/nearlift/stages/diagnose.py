@@ -10,16 +10,19 @@ import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.errors import NotConverged
+from nearlift.fit.base_result import base_result, shape_doubts
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
+from nearlift.loop.search import Options
 from nearlift.loop.search_problem import Options
-from nearlift.products import DIAGNOSIS, FIT, LOOP_RESIDUALS, NOT_DIAGNOSED, RESULTS, TRIALS
-from nearlift.quotation import BoundaryResult, Results
+from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, NOT_DIAGNOSED, TRIALS
 from nearlift.report.findings import could_have_seen
+from nearlift.results.fit import FitResults
+from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome
-from nearlift.stages import quoting
+from nearlift.run.store import Table, stacked
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, interim_look, observe
 
@@ -32,9 +35,9 @@ def run(job: Job) -> Outcome:
     parts = budget.components(job.campaign)
     options = chosen(job)
     findings: dict[str, Any] = {}
-    residuals: list[dict[str, Any]] = []
+    residuals: list[Table] = []
     quoted: dict[Boundary, BoundaryResult] = {}
-    fitted = job.read_json(FIT)["boundaries"]
+    fitted = job.load(FitResults)
     notes = []
     for boundary in boundaries(trials):
         job.say(f"diagnose {boundary}")
@@ -60,8 +63,8 @@ def run(job: Job) -> Outcome:
                 "effects": [],
                 "structure": [],
             }
-            quoted[boundary] = quoting.base_result(
-                fit(base, data, parts), fitted[boundary][base.name], reason
+            quoted[boundary] = base_result(
+                fit(base, data, parts), fitted.boundaries[boundary][base.name], reason
             )
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
@@ -72,7 +75,7 @@ def run(job: Job) -> Outcome:
             notes.append(f"{boundary}: {data.n} trials {could}")
         # the same likelihood but for its noise
         quoted[boundary] = (
-            found.quoted.doubting(quoting.shape(fitted[boundary][base.name]))
+            found.quoted.doubting(shape_doubts(fitted.boundaries[boundary][base.name]))
             if found.quoted.verdict == "adequate"
             else found.quoted
         )
@@ -87,9 +90,7 @@ def run(job: Job) -> Outcome:
                 **found.residuals,
             }
         )
-    job.write(
-        LOOP_RESIDUALS, {c.name: _joined(residuals, c.name, c.kind) for c in LOOP_RESIDUALS.columns}
-    )
+    job.write(LOOP_RESIDUALS, stacked(LOOP_RESIDUALS, residuals))
     job.write_json(
         DIAGNOSIS,
         {
@@ -98,7 +99,7 @@ def run(job: Job) -> Outcome:
             "boundaries": findings,
         },
     )
-    job.write_json(RESULTS, Results(boundaries=quoted).content())
+    job.save(Results(boundaries=quoted))
     return Outcome(notes=tuple(notes))
 
 
@@ -109,10 +110,4 @@ def chosen(job: Job) -> Options:
         seed=job.seed,
         false_alarm_rate=asked.false_alarm_rate,
         not_feasible=tuple(asked.not_feasible),
-    )
-
-
-def _joined(tables: list[dict[str, Any]], name: str, kind: str) -> np.ndarray[Any, Any]:
-    return np.concatenate(
-        [np.zeros(0, dtype=object if kind == "text" else float), *(t[name] for t in tables)]
     )

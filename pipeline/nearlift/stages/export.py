@@ -15,6 +15,7 @@ from nearlift.flight.export import c_header, json_document, python_module
 from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.manifest.campaign import boundaries_of
 from nearlift.products import RESULTS, TRIALS
+from nearlift.results.serial import encode
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages import netcdf
@@ -68,7 +69,7 @@ def write_c(job: Job) -> str:
 def write_json(job: Job) -> str:
     """lift_model.json, and its schema beside it."""
     _save(job, "lift_model.schema.json", json.dumps(json_document.SCHEMA, indent=1) + "\n")
-    content = store.plain(json_document.document(model_export(job)))
+    content = encode(json_document.document(model_export(job)))
     return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 

@@ -4,24 +4,31 @@ posterior, on trials.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
-from nearlift.fit import inputs, profiles
+from nearlift.fit import assumptions, inputs, profiles
+from nearlift.fit.base_result import base_result
 from nearlift.fit.least_squares import Fit, fit
-from nearlift.fit.predictive import HeldOut, leave_visit_out
+from nearlift.fit.predictive import HeldOut, leave_visit_out, score
+from nearlift.fit.profiles import Profile
+from nearlift.fit.summary import summary
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import REPEATS
 from nearlift.likelihood.problem import height_slope
 from nearlift.manifest.campaign import Campaign
-from nearlift.products import FIT, PROFILES, RESULTS, TRIALS
-from nearlift.quotation import BoundaryResult, Results
-from nearlift.results import Estimate, Observations
+from nearlift.products import PROFILES, TRIALS
+from nearlift.results.fit import FitResults, ModelComparison, ModelFit
+from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome
-from nearlift.stages import accounts, beside, quoting, screening
+from nearlift.run.store import Table, stacked
+from nearlift.stages import screening
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
 
@@ -68,17 +75,6 @@ def run(job: Job) -> Outcome:
     """
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
-    content: dict[str, Any] = {
-        "schema": FIT.schema,
-        "base": {},
-        "noise": {},
-        "boundaries": {},
-        "comparison": {},
-        "failed": {},
-    }
-    notes, rows = [], []
-    quoted: dict[Boundary, BoundaryResult] = {}
-    posteriors = Posteriors(job=job)
     present = boundaries(trials)
     if not present:
         raise InputRefused(
@@ -86,11 +82,14 @@ def run(job: Job) -> Outcome:
             "no trial was accepted, so there is nothing to fit",
             "trials.parquet gives the reason for each",
         )
+    results, notes, rows = FitResults(), list[str](), list[Table]()
+    quoted: dict[Boundary, BoundaryResult] = {}
+    posteriors = Posteriors(job=job)
     for boundary in present:
         data = observe(trials, job.campaign, boundary)
         expense.announce(job.announce, f"fit {boundary}", expense.FIT, data)
         base, rivals = choice(job.campaign, boundary)
-        fits: dict[str, Any] = {}
+        fits, failed = dict[str, ModelFit](), dict[str, str]()
         held_out: dict[str, HeldOut] = {}
         scatter = slope = plan = None
         carried = parts
@@ -101,7 +100,7 @@ def run(job: Job) -> Outcome:
             except NotConverged as fault:
                 if model is base:
                     raise
-                content["failed"].setdefault(boundary, {})[model.name] = fault.what
+                failed[model.name] = fault.what
                 notes.append(f"{boundary}: {model.name} was not fitted: {fault.what}")
                 continue
             # one covariance for all models, or their likelihoods could not be compared
@@ -112,18 +111,21 @@ def run(job: Job) -> Outcome:
                 )
                 carried = inputs.acting(parts, model, result.theta)
             profiled = profiles.of(result)
-            rows += accounts.profile_rows(boundary, result, profiled)
+            rows += [profile_rows(boundary, model.name, p) for p in profiled]
             held_out[model.name] = leave_visit_out(result)
-            fits[model.name] = record(result, data) | accounts.entry(result, profiled)
+            fits[model.name] = summary(result, profiled)
             job.say(f"posterior {boundary}: {model.name}")
             if model is base:
-                for key, entry in beside.ask(job.campaign, result).items():
-                    content.setdefault(key, {})[boundary] = entry
-                screened = screening.ask(result, parts, trials)
-                content.setdefault("influence", {})[boundary] = screened
+                (
+                    results.throttle_collapse[boundary],
+                    results.held_quantity[boundary],
+                    results.rotor_coefficient[boundary],
+                ) = assumptions.check(job.campaign, result)
+                screened = screening.screen(result, parts, trials)
+                results.influence[boundary] = screened
                 notes += screening.notes(boundary, screened)
             try:
-                found = posteriors.add(result, base=model is base)
+                evidence, drawn = posteriors.add(result, base=model is base)
             except NotConverged as fault:
                 if model is base:
                     raise
@@ -131,28 +133,26 @@ def run(job: Job) -> Outcome:
                     f"{boundary}: {model.name} has no posterior: {fault.what}; {fault.remedy}"
                 )
                 continue
+            fits[model.name] = replace(fits[model.name], log_evidence=evidence, posterior=drawn)
             if model is base:
                 notes += [
-                    f"{boundary}: {p['unlike_fit']}"
-                    for p in found["parameters"].values()
-                    if p["unlike_fit"]
+                    f"{boundary}: {p.unlike_fit}" for p in drawn.parameters.values() if p.unlike_fit
                 ]
                 notes += overdeclared(result)
-            fits[model.name] |= {"log_evidence": found.pop("log_evidence"), "posterior": found}
-            if model is base:
                 # after its posterior, whose shape may be a doubt
-                quoted[boundary] = quoting.base_result(result, fits[base.name])
-        content["base"][boundary] = base.name
-        content["boundaries"][boundary] = fits
-        content["comparison"][boundary] = accounts.comparison(base.name, fits, held_out)
+                quoted[boundary] = base_result(result, fits[base.name])
         assert scatter is not None
         if not scatter.source.startswith(REPEATS):
             notes.append(f"{boundary}: the noise is the {scatter.source}")
-        content["noise"][boundary] = scatter.record()
+        results.base[boundary], results.noise[boundary] = base.name, scatter
+        results.boundaries[boundary] = fits
+        results.comparison[boundary] = compare(base.name, fits, held_out)
+        if failed:
+            results.failed[boundary] = failed
     posteriors.write()
-    job.write(PROFILES, accounts.profile_table(rows))
-    job.write_json(FIT, content)
-    job.write_json(RESULTS, Results(boundaries=quoted).content())
+    job.write(PROFILES, stacked(PROFILES, rows))
+    job.save(results)
+    job.save(Results(boundaries=quoted))
     if job.campaign.fit.netcdf:
         from nearlift.stages import netcdf
 
@@ -161,6 +161,34 @@ def run(job: Job) -> Outcome:
         # draws of an earlier fit beside those of this one would be taken for its own
         job.remove("processed/posterior.nc")
     return Outcome(notes=tuple(notes))
+
+
+def profile_rows(boundary: str, model: str, profile: Profile) -> Table:
+    """One coefficient's profile as rows of the product."""
+    names = {"boundary": boundary, "model": model, "parameter": profile.parameter}
+    return {k: np.full(len(profile.value), v, dtype=object) for k, v in names.items()} | {
+        "value": profile.value,
+        "rise": profile.rise,
+        "quadratic": profile.quadratic,
+    }
+
+
+def compare(
+    base: str, fits: Mapping[str, ModelFit], held_out: Mapping[str, HeldOut]
+) -> ModelComparison:
+    """How the models of one boundary compare, each against the base."""
+    return ModelComparison(
+        reference=base,
+        models={
+            name: replace(
+                score(held, held_out[base]),
+                aic=fits[name].aic,
+                bic=fits[name].bic,
+                r2=fits[name].r2,
+            )
+            for name, held in held_out.items()
+        },
+    )
 
 
 def overdeclared(result: Fit) -> list[str]:
@@ -178,67 +206,3 @@ def overdeclared(result: Fit) -> list[str]:
         " [[uncertainty]] is too large for its scope"
     )
     return [f"{note}, and intervals are too wide"]
-
-
-def record(result: Fit, data: Observations) -> dict[str, Any]:
-    """One model's entry in fit.json."""
-    return {
-        "title": result.model.title,
-        "parameters": {
-            name: _estimate(e) | {"dof": dof} | _warned(float(dof))
-            for (name, e), dof in zip(result.estimates.items(), result.effective, strict=True)
-        },
-        "covariance": {"names": list(result.names), "values": result.covariance},
-        "chi2": result.chi2,
-        "dof": result.dof,
-        "n_trials": result.n,
-        "rmse": result.rmse,
-        "r2": result.r2,
-        **(
-            {"r2_near": result.r2_near, "r2_near_range": [1.0, 3.0]}
-            if data.boundary == "ground"
-            else {}
-        ),
-        "log_likelihood": result.log_likelihood,
-        "aic": result.aic,
-        "bic": result.bic,
-        "L_inf_N": {f"{t:g}": _estimate(e) for t, e in result.levels.items()},
-        "degeneracies": [
-            {
-                "pair": list(d.pair),
-                "r": d.r,
-                "text": d.text,
-                "u_if_free": d.u_if_free,
-                "known_to": d.known_to,
-            }
-            for d in result.degeneracies
-        ],
-        "excluded": [{"trial": t, "reason": why} for t, why in result.excluded],
-    }
-
-
-#: An uncertainty known with fewer degrees of freedom than this is flagged.
-FEW = 5.0
-
-
-def _warned(dof: float) -> dict[str, str]:
-    """What to say of a coefficient whose uncertainty is itself hardly known."""
-    if dof < FEW:
-        return {
-            "warning": (
-                f"the uncertainty itself is known with {dof:.1f} degrees of freedom only: measure"
-                " more visits"
-            )
-        }
-    return {}
-
-
-def _estimate(e: Estimate) -> dict[str, Any]:
-    return {
-        "value": e.value,
-        "u": e.u,
-        "lo90": e.lo90,
-        "hi90": e.hi90,
-        "unit": e.unit,
-        "at_bound": e.at_bound,
-    }

@@ -1,6 +1,4 @@
-"""What stage fit does with posteriors: sample each model's, keep the draws as rows, and write its
-part of fit.json.
-"""
+"""Posteriors of the models of one campaign: sampled, kept as rows, and summed up."""
 
 from __future__ import annotations
 
@@ -9,7 +7,6 @@ import hashlib
 import json
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +18,13 @@ from nearlift.fit.learnt import beside_fit, learnt
 from nearlift.fit.least_squares import Fit
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.products import POSTERIOR, TRIALS
+from nearlift.results.posterior import (
+    DeclaredPrior,
+    DrawnEstimate,
+    LogEvidence,
+    PosteriorParameter,
+    PosteriorSummary,
+)
 from nearlift.run import store
 from nearlift.run.checkpoint import Checkpoint
 from nearlift.run.job import Job
@@ -32,7 +36,7 @@ class Posteriors:
     """The posteriors of one campaign as they come."""
 
     job: Job
-    parts: list[dict[str, Any]] = field(default_factory=list)
+    parts: list[Table] = field(default_factory=list)
 
     @functools.cached_property
     def settings(self) -> Settings:
@@ -49,10 +53,8 @@ class Posteriors:
         material = Provenance.open(self.job).material(stage("fit"))
         return hashlib.sha256(json.dumps(material, sort_keys=True).encode()).hexdigest()
 
-    def add(self, fitted: Fit, base: bool) -> dict[str, Any]:
-        """Sample one model's posterior; returns what fit.json says of it. L_inf of each throttle is
-        kept for base models.
-        """
+    def add(self, fitted: Fit, base: bool) -> tuple[LogEvidence, PosteriorSummary]:
+        """Sample one model's posterior; of base models draws of L_inf are kept, too."""
         boundary, name = fitted.problem.data.boundary, fitted.model.name
         density = Density(problem=gum.stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
         checkpoint = Checkpoint(
@@ -74,12 +76,8 @@ class Posteriors:
         self.parts += [
             _rows(boundary, name, n, values, found.log_prob) for n, values in columns.items()
         ]
-        entry = _record(density, found, fitted)
-        for i, parameter in enumerate(fitted.names):
-            if fitted.effective[i] == 0:
-                # the draws know only what trials of one visit do not share
-                entry["parameters"][parameter] |= {"lo90": -math.inf, "hi90": math.inf}
-        return {"model": name, "data_sha256": self._data, **entry}
+        evidence = LogEvidence(value=found.log_evidence, u=found.u_log_evidence)
+        return evidence, _summary(density, found, fitted, self._data)
 
     @functools.cached_property
     def _data(self) -> str:
@@ -87,12 +85,7 @@ class Posteriors:
 
     def write(self) -> None:
         """All draws to posterior.parquet."""
-        self.job.write(
-            POSTERIOR,
-            {c.name: np.concatenate([p[c.name] for p in self.parts]) for c in POSTERIOR.columns}
-            if self.parts
-            else _empty(),
-        )
+        self.job.write(POSTERIOR, store.stacked(POSTERIOR, self.parts))
 
 
 LEVEL = "L_inf_N"
@@ -122,79 +115,82 @@ def _rows(boundary: str, model: str, name: str, values: FloatArray, log_prob: Fl
     }
 
 
-def _empty() -> Table:
-    return {
-        c.name: np.zeros(0, dtype=object if c.kind == "text" else float) for c in POSTERIOR.columns
-    }
+QUANTILES = np.array([0.05, 0.5, 0.95])
+Moments = tuple[float, float, FloatArray]
 
 
-SHOWN = np.array([0.05, 0.5, 0.95])
+def _moments(draws: FloatArray) -> Moments:
+    """Mean, standard deviation and `QUANTILES`."""
+    return draws.mean(), draws.std(), np.quantile(draws, QUANTILES)
 
 
-def _spread(draws: FloatArray, unit: str) -> dict[str, Any]:
-    return _entry(draws.mean(), draws.std(), np.quantile(draws, SHOWN), unit)
-
-
-def _entry(mean: float, sd: float, quantiles: FloatArray, unit: str) -> dict[str, Any]:
-    low, median, high = quantiles
-    return {"value": mean, "u": sd, "median": median, "lo90": low, "hi90": high, "unit": unit}
-
-
-def _marginal(density: Density, draws: FloatArray, unit: str) -> dict[str, Any]:
-    """One parameter's spread: where it is the only one by the grid that judges the draws, which has
-    no Monte Carlo error; else by the draws.
+def _marginal(density: Density, draws: FloatArray) -> Moments:
+    """One parameter's moments: where it is the only one by the grid that judges the draws, which
+    has no Monte Carlo error; else by the draws.
     """
     if len(density.problem.names) == 1 and draws.std() > 0:
         exact = grid(density, np.array([draws.mean()]), np.array([[draws.var()]]))
         if exact.resolved:
-            return _entry(*exact.moments(0), exact.quantiles(SHOWN), unit)
-    return _spread(draws, unit)
+            return *exact.moments(0), exact.quantiles(QUANTILES)
+    return _moments(draws)
 
 
-def _record(density: Density, found: Posterior, fitted: Fit) -> dict[str, Any]:
-    throttles = fitted.problem.data.levels
-    parameters = {}
-    for i, belief in enumerate(density.beliefs.each):
-        draws = found.theta[:, :, i].ravel()
-        said = learnt(belief, draws)
-        estimate = fitted.estimates[belief.parameter.name]
-        over_fit, why = beside_fit(belief, draws, estimate.lo90, estimate.hi90)
-        parameters[belief.parameter.name] = {
-            **_marginal(density, draws, belief.parameter.unit),
-            "ess": found.ess[i],
-            "ess_tail": found.ess_tail[i],
-            "r_hat": found.r_hat[i],
-            "tau": found.tau[i],
-            "prior": {
-                "text": said.prior,
-                "lo90": said.prior_lo90,
-                "hi90": said.prior_hi90,
-                "bounds": list(belief.parameter.bounds),
-            },
-            "width_ratio": said.ratio,
-            "at_low": said.at_low,
-            "at_high": said.at_high,
-            "width_over_fit": over_fit,
-            "words": "; ".join(filter(None, (said.words, why))),
-            "unlike_fit": why,
-        }
-    return {
-        "sampler": found.sampler,
-        "chains": found.log_prob.shape[0],
-        "draws": found.log_prob.shape[1],
-        "ess": found.ess.min() if len(found.ess) else None,
-        "r_hat": found.r_hat.max() if len(found.r_hat) else None,
-        "tau": found.tau.max() if len(found.tau) else None,
-        "acceptance": found.acceptance,
-        "steps": found.steps,
-        "pareto_k": found.pareto_k,
-        "noise_dof": density.dof,
-        "checks": [
-            {"by": c.by, "apart": c.apart, "where": c.where, "unfit": c.unfit} for c in found.checks
-        ],
-        "parameters": parameters,
-        "L_inf_N": {
-            f"{t:g}": _spread(found.levels_N[:, :, i].ravel(), "N") for i, t in enumerate(throttles)
+def _parameter(density: Density, drawn: Posterior, fitted: Fit, i: int) -> PosteriorParameter:
+    belief, draws = density.beliefs.each[i], drawn.theta[:, :, i].ravel()
+    parameter = belief.parameter
+    change, estimate = learnt(belief, draws), fitted.estimates[parameter.name]
+    over_fit, why = beside_fit(belief, draws, estimate.lo90, estimate.hi90)
+    mean, sd, (low, median, high) = _marginal(density, draws)
+    # without degrees of freedom the draws know only what trials of one visit do not share
+    ends = (low, high) if fitted.effective[i] else (-math.inf, math.inf)
+    return PosteriorParameter(
+        value=mean,
+        u=sd,
+        median=median,
+        lo90=ends[0],
+        hi90=ends[1],
+        unit=parameter.unit,
+        ess=drawn.ess[i],
+        ess_tail=drawn.ess_tail[i],
+        r_hat=drawn.r_hat[i],
+        tau=drawn.tau[i],
+        prior=DeclaredPrior(
+            text=change.prior,
+            lo90=change.prior_lo90,
+            hi90=change.prior_hi90,
+            bounds=parameter.bounds,
+        ),
+        width_ratio=change.ratio,
+        at_low=change.at_low,
+        at_high=change.at_high,
+        width_over_fit=over_fit,
+        words="; ".join(filter(None, (change.words, why))),
+        unlike_fit=why,
+    )
+
+
+def _level(draws: FloatArray) -> DrawnEstimate:
+    mean, sd, (low, median, high) = _moments(draws.ravel())
+    return DrawnEstimate(value=mean, u=sd, median=median, lo90=low, hi90=high, unit="N")
+
+
+def _summary(density: Density, drawn: Posterior, fitted: Fit, data: str) -> PosteriorSummary:
+    return PosteriorSummary(
+        model=fitted.model.name,
+        data_sha256=data,
+        sampler=drawn.sampler,
+        chains=drawn.log_prob.shape[0],
+        draws=drawn.log_prob.shape[1],
+        ess=drawn.ess.min() if len(drawn.ess) else None,
+        r_hat=drawn.r_hat.max() if len(drawn.r_hat) else None,
+        tau=drawn.tau.max() if len(drawn.tau) else None,
+        acceptance=drawn.acceptance,
+        steps=drawn.steps,
+        pareto_k=drawn.pareto_k,
+        noise_dof=density.dof,
+        checks=drawn.checks,
+        parameters={n: _parameter(density, drawn, fitted, i) for i, n in enumerate(drawn.names)},
+        L_inf_N={
+            t: _level(drawn.levels_N[:, :, i]) for i, t in enumerate(fitted.problem.data.levels)
         },
-        "log_evidence": {"value": found.log_evidence, "u": found.u_log_evidence},
-    }
+    )

@@ -14,30 +14,31 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, compose
 from nearlift.flight.fitted_lift import FittedLift, QuotedInterval, drawn_parameters
-from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
-from nearlift.quotation import Results
+from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected
+from nearlift.results.diagnosis import DiagnosisResults
+from nearlift.results.quotation import Results
 from nearlift.run.job import Job
 
 
 def fitted_lift(job: Job, boundary: Boundary, number: int) -> FittedLift:
     """The lift of one boundary, with so many draws."""
-    quoted = Results.model_validate(job.read_json(RESULTS)).boundaries[boundary]
+    quoted = job.load(Results).boundaries[boundary]
     model = catalogue.model(quoted.base_model)
-    named = job.read_json(DIAGNOSIS)["boundaries"][boundary]["effects"] if quoted.effects else []
+    named = job.load(DiagnosisResults).boundaries[boundary].effects if quoted.effects else ()
     intervals = {
         name: QuotedInterval(c.value, c.lo90, c.hi90, bounded=c.dof > 0)
         for name, c in quoted.coefficients.items()
     }
     flying, left = [], []
     for block in named:
-        effect = catalogue.effect(block["name"])
+        effect = catalogue.effect(block.name)
         if effect.belongs_to == "vehicle":
             flying.append(effect)
             intervals |= {
-                name: QuotedInterval(p["value"], p["lo90"], p["hi90"])
-                for name, p in block["parameters"].items()
+                name: QuotedInterval(p.value, p.lo90, p.hi90)
+                for name, p in block.parameters.items()
             }
         else:
             left.append(effect.name)

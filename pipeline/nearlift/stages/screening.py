@@ -1,26 +1,23 @@
-"""What single trials and visits are worth to the base fit: the screen's entry in fit.json, and its
-notes.
-"""
+"""What single trials and visits are worth to the base fit, in numbers and in words."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from nearlift.fit import influential
-from nearlift.fit.influential import Screening, Suspect
 from nearlift.fit.least_squares import Fit
 from nearlift.likelihood.budget import Component
 from nearlift.reduction import outliers
+from nearlift.results.influence import Influence, Suspect
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.run.store import Table
 
 
-def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, Any]:
-    """The entry of one boundary: every trial or visit named, in words too."""
+def screen(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> Influence:
+    """Every trial or visit of one boundary that stands out or moves the headline."""
     problem, data = fitted.problem, fitted.problem.data
     left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
     # trials without repeats could not be compared before there was a curve
@@ -34,19 +31,18 @@ def ask(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> dict[str, A
     odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD_TRIAL]}
     odd_visits = outliers.odd_visits(left, data.z_hat, data.throttle, data.visit)
     found = influential.screen(fitted, parts, outlying, odd, odd_visits)
-    why_not = found.why_not or seen.why_not
-    return {
-        "suspects": [
-            asdict(s) | {"text": text}
+    return replace(
+        found,
+        suspects=tuple(
+            replace(s, text=text)
             for s, text in zip(found.suspects, words(fitted, found), strict=True)
-        ],
-        "without_all": asdict(found.without_all) if found.without_all else None,
-        "unscreened": seen.unscreened,
-        "why_not": why_not,
-    }
+        ),
+        unscreened=seen.unscreened,
+        why_not=found.why_not or seen.why_not,
+    )
 
 
-def words(fitted: Fit, found: Screening) -> list[str]:
+def words(fitted: Fit, found: Influence) -> list[str]:
     """A sentence for each suspect: how far the headline moves without it."""
     name = fitted.names[0] if fitted.names else ""
     headline = fitted.estimates[name] if name else None
@@ -77,19 +73,18 @@ def words(fitted: Fit, found: Screening) -> list[str]:
     return [said(s) for s in found.suspects]
 
 
-def notes(boundary: str, entry: dict[str, Any]) -> Iterable[str]:
-    """What the console says of an entry, with the remedy."""
-    for suspect in entry["suspects"]:
-        ids = ", ".join(f'"{t}"' for t in suspect["trials"])
+def notes(boundary: str, entry: Influence) -> Iterable[str]:
+    """What the console says of them, with the remedy."""
+    for suspect in entry.suspects:
+        ids = ", ".join(f'"{t}"' for t in suspect.trials)
         yield (
-            f"{boundary}: {suspect['text']}; it stays in unless [quality] exclude = [{ids}] leaves"
+            f"{boundary}: {suspect.text}; it stays in unless [quality] exclude = [{ids}] leaves"
             " it out"
         )
-    if entry["without_all"]:
-        both = entry["without_all"]
+    if both := entry.without_all:
         yield (
             f"{boundary}: without all the trials named the base fit has"
-            f" {plus_minus(both['value'], both['u'])}"
+            f" {plus_minus(both.value, both.u)}"
         )
-    if entry["why_not"]:
-        yield f"{boundary}: trials were not screened: {entry['why_not']}"
+    if entry.why_not:
+        yield f"{boundary}: trials were not screened: {entry.why_not}"

@@ -14,7 +14,7 @@ from nearlift.report.findings import could_have_seen, stand_ins
 from nearlift.rounding import like, plain, plus_minus
 
 if TYPE_CHECKING:
-    from nearlift.quotation import CoefficientResult
+    from nearlift.results.quotation import CoefficientResult
     from nearlift.study.found import Diagnosis, Drawing, Finding, Finished, Fit, Reduction
 
 #: Trials listed by name; more are counted.

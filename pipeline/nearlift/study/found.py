@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
-from nearlift.quotation import BoundaryResult, Verdict
-from nearlift.results import Estimate
+from nearlift.results.fit import ModelFit
+from nearlift.results.quotation import BoundaryResult, Verdict
 from nearlift.study import display
 
 if TYPE_CHECKING:
@@ -106,56 +106,6 @@ class Reduction(Finding):
 
     def _repr_html_(self) -> str:
         return display.reduction(self)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ModelFit:
-    """One lift model fitted to one boundary.
-
-    Attributes
-    ----------
-    model, title : str
-        Name in the catalogue, and what a legend says.
-    coefficients : mapping of str to Estimate
-        Value, standard uncertainty `u`, 90 % interval, unit.
-    L_inf_N : mapping of float to Estimate
-        Lift far from every boundary, N, per throttle (a fraction).
-    chi2, dof : float
-        Against the scatter of repeats.
-    rmse, r2, aic, bic : float
-        Relative root-mean-square residual; R² of cell means of `delta_L`; information criteria.
-    degeneracies : tuple of str
-        In words: what trades places with what.
-    content : dict
-        The whole entry of ``fit.json``: budget, profiles, what would halve each uncertainty.
-    """
-
-    model: str
-    title: str
-    coefficients: Mapping[str, Estimate]
-    L_inf_N: Mapping[float, Estimate]
-    chi2: float
-    dof: int
-    rmse: float
-    r2: float
-    aic: float
-    bic: float
-    degeneracies: tuple[str, ...]
-    content: Mapping[str, Any] = field(repr=False, compare=False)
-
-    @classmethod
-    def of(cls, name: str, entry: Mapping[str, Any]) -> ModelFit:
-        """From an entry of ``fit.json``."""
-        return cls(
-            model=name,
-            title=entry["title"],
-            coefficients={n: Estimate.of(p) for n, p in entry["parameters"].items()},
-            L_inf_N={float(level): Estimate.of(p) for level, p in entry["L_inf_N"].items()},
-            **{key: _real(entry[key]) for key in ("chi2", "rmse", "r2", "aic", "bic")},
-            dof=int(entry["dof"]),
-            degeneracies=tuple(d["text"] for d in entry["degeneracies"]),
-            content=entry,
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

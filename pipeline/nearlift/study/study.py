@@ -14,7 +14,6 @@ from nearlift.study.found import (
     Drawing,
     Finished,
     Fit,
-    ModelFit,
     Reduction,
 )
 
@@ -24,8 +23,9 @@ if TYPE_CHECKING:
     from nearlift.declare import Boundary
     from nearlift.manifest.campaign import Campaign
     from nearlift.products import Product
-    from nearlift.quotation import BoundaryResult
+    from nearlift.results.quotation import BoundaryResult
     from nearlift.run.graph import Step
+    from nearlift.run.store import Loaded
 
 
 class Study:
@@ -82,16 +82,15 @@ class Study:
         NotConverged
             A base model does not converge, or two samplers of a posterior disagree.
         """
-        from nearlift.products import FIT, POSTERIOR
+        from nearlift.products import POSTERIOR
+        from nearlift.results.fit import FitResults
 
         told = self._bring("fit")
-        content = self._document(FIT)
-        boundaries = {}
-        for boundary, entries in content["boundaries"].items():
-            models = {name: ModelFit.of(name, entry) for name, entry in entries.items()}
-            boundaries[boundary] = BoundaryFit(
-                boundary=boundary, base=models[content["base"][boundary]], models=models
-            )
+        results = self._load(FitResults)
+        boundaries = {
+            boundary: BoundaryFit(boundary=boundary, base=results.of_base(boundary), models=models)
+            for boundary, models in results.boundaries.items()
+        }
         return Fit(
             **told,
             drawing=self.figure("fig2", bring=False),
@@ -212,15 +211,19 @@ class Study:
         return pd.DataFrame(store.read_table(self._whole(product), product))
 
     def _quoted(self) -> dict[Boundary, BoundaryResult]:
-        from nearlift.products import RESULTS
-        from nearlift.quotation import Results
+        from nearlift.results.quotation import Results
 
-        return dict(Results.model_validate(self._document(RESULTS)).boundaries)
+        return dict(self._load(Results).boundaries)
 
     def _document(self, product: Product) -> dict[str, Any]:
         from nearlift.run import store
 
         return store.read_json(self._whole(product))
+
+    def _load(self, kind: type[Loaded]) -> Loaded:
+        from nearlift.run import store
+
+        return store.load(self._whole(kind.product), kind)
 
     def _whole(self, product: Product) -> Path:
         """Where a product stands, no commit half carried out."""

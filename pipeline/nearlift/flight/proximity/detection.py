@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,8 @@ from nearlift.flight.proximity.reading import (
     refuse_folds,
     supply_sensitivity,
 )
-from nearlift.flight.record import OPTIONAL
 from nearlift.manifest.flight import Detect
+from nearlift.results.serial import optional
 
 #: Distances at which the inversion is tried, and the time averaged then, s.
 TRIED = 25
@@ -55,8 +55,8 @@ class BoundaryProximity:
     short_per_sqrt_Hz: float
     floor: float
     lift_per_voltage: float
-    located: tuple[HeightTrial, ...] | None = field(default=None, metadata=OPTIONAL)
-    refused: str | None = field(default=None, metadata=OPTIONAL)
+    located: tuple[HeightTrial, ...] | None = optional()
+    refused: str | None = optional()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ manifest's controller and gusts or the paper's carried over to it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ import numpy as np
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
 from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.record import OPTIONAL
 from nearlift.flight.simulation import crash_rate, energy, presets
 from nearlift.flight.simulation.control import Gains, stable
 from nearlift.flight.simulation.craft import Craft
@@ -31,6 +30,7 @@ from nearlift.flight.simulation.groups import (
 from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, Sweep, sweep
 from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
+from nearlift.results.serial import optional
 
 Rows = list[dict[str, Any]]
 
@@ -94,7 +94,7 @@ class FittedFlights:
     levels: tuple[FittedLevel, ...]
     front_z_hat: FloatArray
     best_set_points: tuple[BestSetPoint, ...]
-    maps: StepTest | None = field(default=None, metadata=OPTIONAL)
+    maps: StepTest | None = optional()
 
 
 def conditions(

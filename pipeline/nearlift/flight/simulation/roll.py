@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.flight.record import OPTIONAL
+from nearlift.results.serial import optional
 
 #: Rolling inertia of a Crazyflie, kg m^2, as system identifications of it give it: lowest and
 #: highest.
@@ -98,9 +98,9 @@ class RollTorque:
     torque_N_m: FloatArray
     lo90_N_m: FloatArray
     hi90_N_m: FloatArray
-    acceleration_deg_s2: float | None = field(default=None, metadata=OPTIONAL)
-    lo90_deg_s2: float | None = field(default=None, metadata=OPTIONAL)
-    hi90_deg_s2: float | None = field(default=None, metadata=OPTIONAL)
+    acceleration_deg_s2: float | None = optional()
+    lo90_deg_s2: float | None = optional()
+    hi90_deg_s2: float | None = optional()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +130,7 @@ class RollResult:
     """What a sidewall's differential lift does, by the paper's numbers and by the fit, if any."""
 
     paper: tuple[RollReading, ...] = PAPER_READINGS
-    fitted: FittedRoll | None = field(default=None, metadata=OPTIONAL)
+    fitted: FittedRoll | None = optional()
 
 
 def fitted_roll(

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from nearlift.declare import Boundary
-from nearlift.flight.record import encode
 from nearlift.flight.simulation.claims import JudgedClaim
 from nearlift.flight.simulation.fitted import FittedFlights
 from nearlift.flight.simulation.published import PublishedFlights
 from nearlift.flight.simulation.roll import RollResult
 from nearlift.flight.simulation.route import RouteResult
+from nearlift.results.serial import encode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

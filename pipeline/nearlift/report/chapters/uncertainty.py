@@ -6,10 +6,10 @@ from typing import Any
 
 from nearlift.declare import Boundary
 from nearlift.products import FIT, RESULTS
-from nearlift.quotation import CoefficientResult
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import Number, cite, degrees, follow, headline, pointer
+from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain
 
 #: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told

@@ -13,12 +13,12 @@ from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS
-from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import rejected
 from nearlift.report.chapters.uncertainty import SCALES
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import could_have_seen, stand_ins
 from nearlift.report.number import LEAST_CHANCE, Number, cite, headline, pointer, quote
+from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import plain
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.

@@ -9,8 +9,8 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.nomenclature import VERDICTS, latex
 from nearlift.products import RESULTS
-from nearlift.quotation import CoefficientResult
 from nearlift.report.evidence import Columns, Evidence
+from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import decimals, siunitx
 
 SPECIAL = {

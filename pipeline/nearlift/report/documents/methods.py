@@ -16,12 +16,12 @@ from nearlift import catalogue
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, latex
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
-from nearlift.quotation import BoundaryResult
 from nearlift.reduction.quality import code, rejected
 from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import could_have_seen, stand_ins
+from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import like, plain, plus_minus
 
 VERDICTS = {

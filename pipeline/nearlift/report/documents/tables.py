@@ -9,12 +9,12 @@ import numpy as np
 
 from nearlift.nomenclature import latex
 from nearlift.products import FIT
-from nearlift.quotation import BudgetLine
 from nearlift.report.chapters.uncertainty import LEAST, untold
 from nearlift.report.documents.latex import comment, escape
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import FEW
+from nearlift.results.quotation import BudgetLine
 
 BUDGET = (
     "source",

@@ -13,10 +13,10 @@ from matplotlib.patches import Patch
 
 from nearlift.nomenclature import letter
 from nearlift.products import FIT
-from nearlift.quotation import BudgetLine, CoefficientResult
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, coefficient, plain_text
+from nearlift.results.quotation import BudgetLine, CoefficientResult
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
 #: not drawn; what was declared always is.

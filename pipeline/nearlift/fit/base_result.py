@@ -4,24 +4,23 @@ what the shape of its likelihood would say.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import math
 
 import numpy as np
 
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import Fit
-from nearlift.products import NOT_DIAGNOSED
-from nearlift.quotation import BoundaryResult, Correlation, Doubt
+from nearlift.results.fit import ModelFit
+from nearlift.results.quotation import BoundaryResult, Correlation, Doubt
 
 #: `reason` until `diagnose` has run.
-UNASKED = "the residuals were not looked at: `nearlift diagnose` does"
+NOT_LOOKED_AT = "the residuals were not looked at: `nearlift diagnose` does"
 #: Ends of a posterior or profile that stand off those of the fit by less than this part of its
 #: uncertainty are the same.
-SAME = 0.25
+SAME_END = 0.25
 
 
-def base_result(fit: Fit, entry: Mapping[str, Any], reason: str = UNASKED) -> BoundaryResult:
+def base_result(fit: Fit, entry: ModelFit, reason: str = NOT_LOOKED_AT) -> BoundaryResult:
     """A boundary's part of results.json before or without the loop; `entry` is the model's in
     fit.json.
     """
@@ -30,13 +29,13 @@ def base_result(fit: Fit, entry: Mapping[str, Any], reason: str = UNASKED) -> Bo
         f"Holds the {fit.noise.source.partition(' (')[0]} and the declared errors; an effect of any"
         " size may be in it"
     )
-    doubts, shapes = estimator.doubts(), shape(entry)
+    doubts, shapes = estimator.doubts(), shape_doubts(entry)
     scale = np.sqrt(np.diag(fit.covariance))
     safe = np.where(scale > 0, scale, 1.0)
     correlation = fit.covariance / np.outer(safe, safe)
     np.fill_diagonal(correlation, 1.0)
     return BoundaryResult(
-        verdict=NOT_DIAGNOSED,
+        verdict="not_diagnosed",
         reason=reason,
         base_model=fit.model.name,
         coefficients={
@@ -54,38 +53,38 @@ def base_result(fit: Fit, entry: Mapping[str, Any], reason: str = UNASKED) -> Bo
     )
 
 
-def shape(entry: Mapping[str, Any]) -> dict[str, list[Doubt]]:
-    """What profile and posterior of a model's entry in fit.json say where their ends stand off the
-    fit's own interval.
+def shape_doubts(entry: ModelFit) -> dict[str, list[Doubt]]:
+    """What profile and posterior of a model say where their ends stand off the fit's own interval,
+    by coefficient.
     """
-    found: dict[str, list[Doubt]] = {}
-    for name, e in entry["parameters"].items():
-        found[name] = []
-        drawn = (entry.get("posterior") or {}).get("parameters", {}).get(name)
-        if not e["u"] or e["lo90"] is None:
+    doubts: dict[str, list[Doubt]] = {}
+    for name, e in entry.parameters.items():
+        doubts[name] = []
+        drawn = entry.posterior.parameters.get(name) if entry.posterior else None
+        if not e.u or not math.isfinite(e.lo90):
             continue
-        low, high = drawn["prior"]["bounds"] if drawn else (-np.inf, np.inf)
+        low, high = drawn.prior.bounds if drawn else (-math.inf, math.inf)
         others = []
-        if profile := entry.get("profiles", {}).get(name):
+        if profile := entry.profiles.get(name):
             ends = (
-                low if profile["lo90"] is None else profile["lo90"],
-                high if profile["hi90"] is None else profile["hi90"],
+                low if math.isnan(profile.lo90) else profile.lo90,
+                high if math.isnan(profile.hi90) else profile.hi90,
             )
             others.append(
-                ("the likelihood is followed to where it falls off (profile)", e["value"], *ends)
+                ("the likelihood is followed to where it falls off (profile)", e.value, *ends)
             )
-        if drawn and drawn["lo90"] is not None:
+        if drawn:
             others.append(
                 (
                     "the declared prior is believed as well (posterior)",
-                    drawn["median"],
-                    drawn["lo90"],
-                    drawn["hi90"],
+                    drawn.median,
+                    drawn.lo90,
+                    drawn.hi90,
                 )
             )
-        own = max(e["lo90"], low), min(e["hi90"], high)
+        plain_low, plain_high = max(e.lo90, low), min(e.hi90, high)
         for condition, value, lo90, hi90 in others:
-            apart = max(abs(lo90 - own[0]), abs(hi90 - own[1]))
-            if apart > SAME * e["u"] and np.isfinite([lo90, hi90]).all():
-                found[name].append(Doubt(condition=condition, value=value, lo90=lo90, hi90=hi90))
-    return found
+            apart = max(abs(lo90 - plain_low), abs(hi90 - plain_high))
+            if apart > SAME_END * e.u and math.isfinite(lo90) and math.isfinite(hi90):
+                doubts[name].append(Doubt(condition=condition, value=value, lo90=lo90, hi90=hi90))
+    return doubts

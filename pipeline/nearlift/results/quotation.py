@@ -18,29 +18,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
-
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
+from nearlift.products import RESULTS, Product
+from nearlift.results.serial import Unbounded, keyed
 
 #: Levels of the intervals, in percent.
 LEVELS = (68, 90, 95)
 
 Verdict = Literal["adequate", "effect", "unexplained", "not_diagnosed"]
-#: JSON has no infinity: it is written as null.
-Endless = Annotated[float, BeforeValidator(lambda x: math.inf if x is None else x)]
 
 
-class Record(BaseModel):
-    """A part of the file: frozen, loaded and saved as it is. Keys of later versions are passed
-    over.
-    """
-
-    model_config = ConfigDict(frozen=True, populate_by_name=True, extra="ignore")
-
-
-class BudgetLine(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BudgetLine:
     """One source of error of one coefficient.
 
     Attributes
@@ -64,7 +56,7 @@ class BudgetLine(Record):
     """
 
     source: str
-    kind: Literal["A", "B"] = Field(alias="type")
+    kind: Literal["A", "B"] = keyed("type")
     u: float
     u_without: float
     distribution: str = ""
@@ -72,17 +64,19 @@ class BudgetLine(Record):
     u_input: float | None = None
     unit: str = ""
     sensitivity: float | None = None
-    dof: Endless = math.inf
+    dof: Unbounded = math.inf
 
 
-class Shift(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shift:
     """A trial or visit, and the coefficient without it less what it is."""
 
     id: str
     shift: float
 
 
-class LargestShifts(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LargestShifts:
     """The single trial and the single visit that move a coefficient most; None where no single one
     does.
     """
@@ -91,18 +85,20 @@ class LargestShifts(Record):
     visit: Shift | None = None
 
 
-class Doubt(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Doubt:
     """What the coefficient would be under another `condition` (``if`` in the file), which is what
     it takes to believe it.
     """
 
-    condition: str = Field(alias="if")
+    condition: str = keyed("if")
     value: float
     lo90: float
     hi90: float
 
 
-class CoefficientResult(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoefficientResult:
     """The value to quote.
 
     Attributes
@@ -122,8 +118,8 @@ class CoefficientResult(Record):
     """
 
     value: float
-    u: Endless
-    dof: Endless
+    u: Unbounded
+    dof: Unbounded
     unit: str
     lo68: float
     hi68: float
@@ -138,7 +134,8 @@ class CoefficientResult(Record):
     at_bound: bool = False
 
 
-class RestsOn(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RestsOn:
     """The trial without which the boundary's answer would be another: by search and fit made again
     from the start without it.
 
@@ -158,7 +155,8 @@ class RestsOn(Record):
     effects: tuple[str, ...] = ()
 
 
-class HeldOutError(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutError:
     """Root mean square error of predicting visits that took no part in choosing, before and after
     the loop, beside the noise floor.
     """
@@ -169,7 +167,8 @@ class HeldOutError(Record):
     noise_floor: float
 
 
-class Correlation(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Correlation:
     """Correlation of the estimates of coefficients and, where effects are named, of the effects'
     parameters: (k, k) as rows.
     """
@@ -178,7 +177,8 @@ class Correlation(Record):
     values: tuple[tuple[float, ...], ...]
 
 
-class BoundaryResult(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundaryResult:
     """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the
     named `effects`.
 
@@ -219,21 +219,20 @@ class BoundaryResult(Record):
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
         """The same with further doubts, by coefficient."""
         known = {
-            n: c.model_copy(update={"doubts": (*c.doubts, *more.get(n, ()))})
+            n: replace(c, doubts=(*c.doubts, *more.get(n, ())))
             for n, c in self.coefficients.items()
         }
-        return self.model_copy(update={"coefficients": known})
+        return replace(self, coefficients=known)
 
 
-class Results(Record):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Results:
     """The whole file."""
 
-    schema_: Literal["nearlift.results/1"] = Field(default="nearlift.results/1", alias="schema")
-    boundaries: Mapping[Boundary, BoundaryResult]
+    product: ClassVar[Product] = RESULTS
 
-    def content(self) -> dict[str, Any]:
-        """As it is written."""
-        return self.model_dump(by_alias=True)
+    schema: str = RESULTS.schema
+    boundaries: Mapping[Boundary, BoundaryResult]
 
 
 def ends(

@@ -1,4 +1,4 @@
-"""What the answers beside a fit mean, in words; stored in fit.json beside their numbers."""
+"""The checks of a base fit's assumptions in words, as fit.json keeps them."""
 
 from __future__ import annotations
 
@@ -66,10 +66,10 @@ def throttle_collapse(found: collapse.Collapse) -> str:
             " represent. That is no evidence of a collapse."
         )
     bounds = [
-        f"{percent(d.bound)} % in {what} (between {100 * d.between[0]:.3g} and"
+        f"{percent(d.bound95)} % in {what} (between {100 * d.between[0]:.3g} and"
         f" {100 * d.between[1]:.3g} %)"
         for what, d in ((found.name, found.of_coefficient), ("Delta L", found.of_curve))
-        if d is not None and np.isfinite(d.bound)
+        if d is not None and np.isfinite(d.bound95)
     ]
     if bounds:
         parts.append(

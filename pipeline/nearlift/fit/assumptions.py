@@ -1,46 +1,61 @@
-"""What is asked beside the fit of each base model: throttle, held quantity, rotor; entries of
-fit.json.
-"""
+"""Checks of a base fit's assumptions: throttle collapse, held quantity, constant C_L."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.effects.air_density import STANDARD, density
+from nearlift.fit import assumption_text as text
 from nearlift.fit import collapse, gum, held_quantity, rotor
 from nearlift.fit.least_squares import Fit, minimise
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.manifest.campaign import Campaign
-from nearlift.results import Estimate, Observations
-from nearlift.stages import beside_words as words
+from nearlift.results import Observations
+from nearlift.results.assumptions import (
+    ExponentFit,
+    ExponentRange,
+    HeldQuantity,
+    LoggedResponse,
+    PlausibleExponent,
+    RatioEstimate,
+    RotorCoefficient,
+    RotorTrend,
+    RotorUnknown,
+    SpeedLaw,
+    ThrottleCoefficient,
+    ThrottleCollapse,
+    ThrottleLift,
+)
+from nearlift.results.serial import Nothing
 
 NORMAL90 = 1.6448536269514722
 
 
-def ask(campaign: Campaign, fitted: Fit) -> dict[str, dict[str, Any]]:
-    """The three entries of one boundary, from the fit of its base model."""
+def check(
+    campaign: Campaign, fitted: Fit
+) -> tuple[ThrottleCollapse, HeldQuantity | Nothing, RotorCoefficient]:
+    """The three checks of one boundary, from the fit of its base model."""
     problem, theta = linearised(fitted)
-    covariance = fitted.covariance
     # the exponent trades places with the coefficients: it rests on what they rest on
     quantile = student.quantile(0.95, fitted.effective[0]) if len(theta) else NORMAL90
-    found = held_quantity.examine(problem, theta, fitted.dof_of_all) if len(theta) else None
+    held = held_quantity.examine(problem, theta, fitted.dof_of_all) if len(theta) else None
     parts, slope = (*fitted.parts, *fitted.plan.shared), gum.linearised(fitted)[2]
 
     def freedom(g: FloatArray) -> FloatArray:
         return gum.freedom(problem, g, parts, fitted.noise, slope)
 
-    return {
-        "throttle_collapse": throttle_collapse(collapse.examine(problem, theta, freedom), quantile),
-        "held_quantity": {} if found is None else held(campaign, problem, found, quantile),
-        "rotor_coefficient": rotor_coefficient(
-            campaign, problem, theta, covariance, found.responses if found else ()
+    return (
+        throttle_collapse(collapse.examine(problem, theta, freedom), quantile),
+        Nothing() if held is None else exponents(campaign, problem, held, quantile),
+        rotor_coefficient(
+            campaign, problem, theta, fitted.covariance, held.responses if held else ()
         ),
-    }
+    )
 
 
 def linearised(fitted: Fit) -> tuple[Problem, FloatArray]:
@@ -57,91 +72,74 @@ def linearised(fitted: Fit) -> tuple[Problem, FloatArray]:
     return about, minimise(about, over.theta[over.best])
 
 
-def throttle_collapse(found: collapse.Collapse, quantile: float) -> dict[str, Any]:
+def throttle_collapse(found: collapse.Collapse, quantile: float) -> ThrottleCollapse:
     """One boundary's test of the collapse."""
-    entry: dict[str, Any] = {
-        "coefficient": found.name,
-        "per_throttle": {
-            f"{t:g}": {**interval(v, u, quantile), "u_apart": apart}
-            for t, v, u, apart in zip(
-                found.throttles, found.values, found.u, found.u_apart.tolist(), strict=True
-            )
+    each = zip(found.throttles, found.values, found.u, found.u_apart, strict=True)
+    return ThrottleCollapse(
+        coefficient=found.name,
+        per_throttle={
+            t: ThrottleCoefficient(**interval(value, u, quantile), u_apart=float(apart))
+            for t, value, u, apart in each
             if np.isfinite(u)
         },
-        "tests": {
-            name: (
-                None
-                if test is None
-                else {
-                    "F": test.statistic,
-                    "dof": list(test.dof),
-                    "p_value": test.p_value,
-                    "quiet": test.quiet,
-                }
-            )
-            for name, test in (
-                ("coefficient", found.coefficient),
-                ("curve", found.curve),
-                ("cells", found.cells),
-            )
-        },
-        "largest_departure": {
-            name: (
-                None
-                if d is None
-                else {"between": list(d.between), "value": d.value, "u": d.u, "bound95": d.bound}
-            )
-            for name, d in (("coefficient", found.of_coefficient), ("delta_L", found.of_curve))
-        },
-    }
-    return {**entry, "text": words.throttle_collapse(found)}
+        tests={"coefficient": found.coefficient, "curve": found.curve, "cells": found.cells},
+        largest_departure={"coefficient": found.of_coefficient, "delta_L": found.of_curve},
+        text=text.throttle_collapse(found),
+    )
 
 
-def held(
+def exponents(
     campaign: Campaign, problem: Problem, found: held_quantity.Held, quantile: float
-) -> dict[str, Any]:
+) -> HeldQuantity:
     """One boundary's range of the headline coefficient over the exponents, and what the
     logs say.
     """
     judged = found.at_ends if found.supported else found.plausible
-
-    def at(x: held_quantity.AtExponent) -> dict[str, Any]:
-        return {"n": x.n, **interval(x.value, x.u, quantile), "p_value": x.p_value}
-
-    entry: dict[str, Any] = {
-        "declared": campaign.rig.held,
-        "declared_text": words.declared(campaign.rig.held),
-        "coefficient": problem.names[0],
-        "plausible": [{"supposes": held_quantity.PLAUSIBLE[x.n], **at(x)} for x in found.plausible],
-        "exponent_from_lift": (
-            interval(found.n, found.u_n, quantile) if np.isfinite(found.n) else None
+    return HeldQuantity(
+        declared=campaign.rig.held,
+        declared_text=text.declared(campaign.rig.held),
+        coefficient=problem.names[0],
+        plausible=tuple(
+            PlausibleExponent(
+                supposes=held_quantity.PLAUSIBLE[x.n],
+                n=x.n,
+                **interval(x.value, x.u, quantile),
+                p_value=x.p_value,
+            )
+            for x in found.plausible
         ),
-        "logged": [
-            {
-                "quantity": r.quantity,
-                "response": interval(r.slope, r.u, NORMAL90),
-                "p_value": r.p_value,
-                "held": r.held,
-                "spread": r.spread,
-                "exponents": None if r.exponents() is None else list(r.exponents() or ()),
-            }
-            for r in found.responses
-        ],
-        "supported_exponents": None if found.supported is None else list(found.supported),
-        "range": (
-            {
-                "from": "logged quantities" if found.supported else "plausible exponents",
-                "low": min(x.value for x in judged),
-                "high": max(x.value for x in judged),
-                "lo90": min(x.value - quantile * x.u for x in judged),
-                "hi90": max(x.value + quantile * x.u for x in judged),
-            }
-            if judged
+        exponent_from_lift=(
+            RatioEstimate(**interval(found.n, found.u_n, quantile))
+            if np.isfinite(found.n)
             else None
         ),
-        "curve": [at(x) for x in found.curve],
-    }
-    return {**entry, "text": words.held(found, problem.names[0])}
+        logged=tuple(
+            LoggedResponse(
+                quantity=r.quantity,
+                response=RatioEstimate(**interval(r.slope, r.u, NORMAL90)),
+                p_value=r.p_value,
+                held=r.held,
+                spread=r.spread,
+                exponents=r.exponents(),
+            )
+            for r in found.responses
+        ),
+        supported_exponents=found.supported,
+        range=ExponentRange(
+            source="logged quantities" if found.supported else "plausible exponents",
+            low=min(x.value for x in judged),
+            high=max(x.value for x in judged),
+            lo90=min(x.value - quantile * x.u for x in judged),
+            hi90=max(x.value + quantile * x.u for x in judged),
+        )
+        if judged
+        else None,
+        curve=tuple(
+            ExponentFit(n=x.n, **interval(x.value, x.u, quantile), p_value=x.p_value)
+            for x in found.curve
+        ),
+        text=text.held(found, problem.names[0]),
+    )
 
 
 def rotor_coefficient(
@@ -150,7 +148,7 @@ def rotor_coefficient(
     theta: FloatArray,
     covariance: FloatArray,
     responses: tuple[held_quantity.Response, ...],
-) -> dict[str, Any]:
+) -> RotorCoefficient:
     """One boundary's C_L per throttle, from L_inf and the speed that was logged or mapped;
     `missing` says what it lacks.
     """
@@ -167,13 +165,12 @@ def rotor_coefficient(
             "the manifest's throttle_map",
         )
     else:
-        return {"missing": ["rpm"], "text": words.NO_SPEED}
+        return RotorUnknown(missing=("rpm",), text=text.NO_SPEED)
     known = np.isfinite(speed)
-    if air is None or not known.any():
-        return {
-            "missing": ["air_density"] if air is None else ["rpm"],
-            "text": words.NO_DENSITY if air is None else words.NO_SPEED,
-        }
+    if air is None:
+        return RotorUnknown(missing=("air_density",), text=text.NO_DENSITY)
+    if not known.any():
+        return RotorUnknown(missing=("rpm",), text=text.NO_SPEED)
     log_levels, given = problem.log_levels(theta)
     toll = (
         problem.level_sensitivity(problem.jacobian(theta))
@@ -193,34 +190,29 @@ def rotor_coefficient(
     )
     law = found.trend
     each = zip(found.throttle, found.speed_Hz, found.C_L, found.u, strict=True)
-    entry: dict[str, Any] = {
-        "speed_from": source,
-        "air_density": air,
-        "air_density_from": how,
-        "per_throttle": {
-            f"{x:g}": {"speed_Hz": f, **interval(c, u, NORMAL90)} for x, f, c, u in each
+    exact_map = logged is None and not u_log.any()
+    return RotorTrend(
+        speed_from=source,
+        air_density=air,
+        air_density_from=how,
+        per_throttle={
+            x: ThrottleLift(speed_Hz=f, **interval(c, u, NORMAL90)) for x, f, c, u in each
         },
-        "mean": interval(law.mean, law.u_mean, NORMAL90),
-        "p_constant": law.p_constant,
-        "exponent": (
+        mean=RatioEstimate(**interval(law.mean, law.u_mean, NORMAL90)),
+        p_constant=law.p_constant,
+        exponent=(
             None
             if law.p_trend is None
-            else interval(law.exponent, law.u_exponent, student.quantile(0.95, law.dof))
+            else RatioEstimate(
+                **interval(law.exponent, law.u_exponent, student.quantile(0.95, law.dof))
+            )
         ),
-        "law": {"C_L": law.C_middle, "speed_Hz": law.middle_Hz},
-        "p_trend": law.p_trend,
-        "excess": law.excess,
-        "paper": rotor.PAPER,
-    }
-    return {
-        **entry,
-        "text": words.rotor(
-            found,
-            vehicle.throttle_map is not None
-            and logged is None
-            and not vehicle.throttle_map.uncertainty,
-        ),
-    }
+        law=SpeedLaw(C_L=law.C_middle, speed_Hz=law.middle_Hz),
+        p_trend=law.p_trend,
+        excess=law.excess,
+        paper=rotor.PAPER,
+        text=text.rotor(found, exact_map),
+    )
 
 
 def air_density(campaign: Campaign, data: Observations) -> tuple[float | None, str]:
@@ -269,12 +261,20 @@ def logged_speed(
     return np.exp(mean), np.array(u)
 
 
-def interval(value: float, u: float, quantile: float) -> dict[str, Any]:
-    """An estimate's entry; no unit, since everything here is a ratio."""
-    e = Estimate(
-        value=float(value),
-        u=float(u),
-        lo90=float(value - quantile * u),
-        hi90=float(value + quantile * u),
-    )
-    return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit}
+class Interval90(TypedDict):
+    """Value, standard uncertainty and 90 % interval of an estimate."""
+
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+
+
+def interval(value: float, u: float, quantile: float) -> Interval90:
+    """An estimate whose 90 % interval has so many standard uncertainties to either side."""
+    return {
+        "value": float(value),
+        "u": float(u),
+        "lo90": float(value - quantile * u),
+        "hi90": float(value + quantile * u),
+    }

@@ -1,0 +1,65 @@
+"""A fit as fit.json keeps it: estimates, profiles, what would halve each uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict
+
+from nearlift.fit import inputs, remedies
+from nearlift.fit.least_squares import NEAR_GROUND, Fit
+from nearlift.fit.profiles import Profile
+from nearlift.results.fit import (
+    CoefficientEstimate,
+    ExcludedTrial,
+    HeightError,
+    ModelFit,
+    ParameterCovariance,
+)
+
+#: An uncertainty known with fewer degrees of freedom than this is flagged.
+FEW_DOF = 5.0
+
+
+def summary(fit: Fit, profiles: Iterable[Profile]) -> ModelFit:
+    """One model's entry, without its posterior."""
+    ground = fit.problem.data.boundary == "ground"
+    near = float("nan") if fit.r2_near is None else fit.r2_near
+    return ModelFit(
+        model=fit.model.name,
+        title=fit.model.title,
+        parameters={
+            name: CoefficientEstimate(**asdict(e), dof=float(dof), warning=_warning(float(dof)))
+            for (name, e), dof in zip(fit.estimates.items(), fit.effective, strict=True)
+        },
+        covariance=ParameterCovariance(
+            names=fit.names, values=tuple(tuple(row) for row in fit.covariance.tolist())
+        ),
+        chi2=fit.chi2,
+        dof=fit.dof,
+        n_trials=fit.n,
+        rmse=fit.rmse,
+        r2=fit.r2,
+        r2_near=near if ground else None,
+        r2_near_range=NEAR_GROUND if ground else None,
+        log_likelihood=fit.log_likelihood,
+        aic=fit.aic,
+        bic=fit.bic,
+        L_inf_N=fit.levels,
+        degeneracies=fit.degeneracies,
+        excluded=tuple(ExcludedTrial(trial=t, reason=why) for t, why in fit.excluded),
+        profiles={p.parameter: p.ends for p in profiles},
+        would_halve=remedies.of(fit),
+        undeclared=inputs.undeclared(fit),
+        heights=fit.plan.measures,
+        height_error=(HeightError(*fit.marginal.offset()) if fit.marginal else None),
+    )
+
+
+def _warning(dof: float) -> str | None:
+    """What to say of a coefficient whose uncertainty is itself hardly known."""
+    if dof >= FEW_DOF:
+        return None
+    return (
+        f"the uncertainty itself is known with {dof:.1f} degrees of freedom only: measure more"
+        " visits"
+    )

@@ -1,0 +1,6 @@
+"""What the cores compute, typed once: computed, saved as JSON, loaded and shown as it is."""
+
+from nearlift.results.estimate import Estimate, Noise
+from nearlift.results.observations import IntArray, Observations
+
+__all__ = ["Estimate", "IntArray", "Noise", "Observations"]

@@ -1,0 +1,191 @@
+"""Checks of the base fits' assumptions, blocks of fit.json: whether one curve serves all throttles,
+what a trial held constant, and C_L.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from nearlift.results.serial import Unbounded, keyed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RatioEstimate:
+    """A number without a unit, with standard uncertainty and 90 % interval."""
+
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+    unit: str = "1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrottleCoefficient(RatioEstimate):
+    """A coefficient of one throttle; `u_apart` is the standard uncertainty of what it differs from
+    the mean over throttles.
+    """
+
+    u_apart: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CollapseTest:
+    """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]`
+    degrees of freedom.
+
+    A gain so small that noise would hardly ever leave it is no confirmation (`quiet`): the noise
+    was then put too large for what is tested, or in another shape than trials have it.
+    """
+
+    statistic: float = keyed("F")
+    dof: tuple[int, Unbounded]
+    p_value: float
+    quiet: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LargestDeparture:
+    """The two throttles that may differ most: by what fraction, and what 95 % confidence cannot
+    exclude.
+    """
+
+    between: tuple[float, float]
+    value: float
+    u: float
+    bound95: Unbounded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrottleCollapse:
+    """Whether the headline `coefficient` and the curve are the same at all throttles. Tests and
+    departures that these trials cannot make are None.
+    """
+
+    coefficient: str
+    per_throttle: Mapping[float, ThrottleCoefficient]
+    tests: Mapping[str, CollapseTest | None]
+    largest_departure: Mapping[str, LargestDeparture | None]
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExponentFit:
+    """The headline coefficient with the ratio raised to `n`; `p_value` of n against the best."""
+
+    n: float
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+    unit: str = "1"
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlausibleExponent:
+    """The same at an exponent that somebody supposes."""
+
+    supposes: str
+    n: float
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+    unit: str = "1"
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoggedResponse:
+    """How a logged quantity answers to the boundary, and the exponents that theory then allows."""
+
+    quantity: str
+    response: RatioEstimate
+    p_value: float
+    held: bool
+    spread: float
+    exponents: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExponentRange:
+    """Least and most of the headline coefficient over exponents `source` (``from`` in the file)."""
+
+    source: str = keyed("from")
+    low: float
+    high: float
+    lo90: float
+    hi90: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldQuantity:
+    """What the exponent of the ratio, which depends on what a trial held, does to the headline
+    coefficient.
+    """
+
+    declared: str
+    declared_text: str
+    coefficient: str
+    plausible: tuple[PlausibleExponent, ...]
+    exponent_from_lift: RatioEstimate | None
+    logged: tuple[LoggedResponse, ...]
+    supported_exponents: tuple[float, float] | None
+    range: ExponentRange | None
+    curve: tuple[ExponentFit, ...]
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrottleLift:
+    """C_L at one throttle, and the speed in it."""
+
+    speed_Hz: float
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+    unit: str = "1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpeedLaw:
+    """C_L of the power law at a speed in the middle."""
+
+    C_L: float
+    speed_Hz: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotorTrend:
+    """C_L per throttle: one constant, and a power law of speed.
+
+    `exponent` and `p_trend` are None for one throttle; `excess` is what the scatter about the law
+    has widened its interval by; `paper` the constant that the paper takes.
+    """
+
+    speed_from: str
+    air_density: float
+    air_density_from: str
+    per_throttle: Mapping[float, ThrottleLift]
+    mean: RatioEstimate
+    p_constant: float | None
+    exponent: RatioEstimate | None
+    law: SpeedLaw
+    p_trend: float | None
+    excess: float
+    paper: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotorUnknown:
+    """C_L cannot be had for want of what is `missing`."""
+
+    missing: tuple[str, ...]
+    text: str
+
+
+RotorCoefficient = RotorTrend | RotorUnknown

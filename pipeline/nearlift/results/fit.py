@@ -1,0 +1,290 @@
+"""fit.json: every lift model fitted to every boundary, how the models compare, and what was asked
+of the base models' assumptions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from nearlift.declare import Boundary
+from nearlift.products import FIT, Product
+from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
+from nearlift.results.estimate import Estimate, Noise
+from nearlift.results.influence import Influence
+from nearlift.results.posterior import LogEvidence, PosteriorSummary
+from nearlift.results.serial import Nothing, Unbounded, encode, named_by_key, optional
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoefficientEstimate(Estimate):
+    """A coefficient by least squares; `dof` effective degrees of freedom behind `u`, and a warning
+    where they are few.
+    """
+
+    dof: Unbounded
+    warning: str | None = optional()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterCovariance:
+    """Covariance (p, p) of the parameters, as rows."""
+
+    names: tuple[str, ...]
+    values: tuple[tuple[Unbounded, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Degeneracy:
+    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second
+    were unknown, `known_to` what the trials would then say of the second, in words.
+    """
+
+    pair: tuple[str, str]
+    r: float
+    text: str
+    u_if_free: float | None = None
+    known_to: str = ""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExcludedTrial:
+    """A trial that the model does not speak about."""
+
+    trial: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileIntervals:
+    """Intervals of one coefficient by its profile likelihood.
+
+    An end is nan where the profile does not rise enough before it stops; `open` names those ends
+    (``low``, ``high``) by level. `skew` is upper over lower part of the 90 % interval.
+    """
+
+    lo68: float
+    hi68: float
+    lo90: float
+    hi90: float
+    lo95: float
+    hi95: float
+    open: Mapping[str, tuple[str, ...]]
+    skew: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remedy:
+    """What independent knowledge of one quantity (or of several of a kind, each) would do for a
+    coefficient.
+
+    Attributes
+    ----------
+    quantity : str
+    r : float
+        Correlation of the two; of several of a kind, the multiple correlation, without a sign.
+    known_to : float
+        Standard uncertainty of the quantity as these trials and the budget leave it, in `unit`.
+    needed : float
+        Standard uncertainty of an independent measurement that would halve the coefficient's; nan
+        if even an exact one would not.
+    u, u_best : float
+        The coefficient's standard uncertainty now, and with the quantity known exactly.
+    unit, text : str
+    """
+
+    quantity: str
+    r: float
+    known_to: float
+    needed: float
+    u: float
+    u_best: float
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Repeats:
+    """How many times these trials would halve a coefficient's uncertainty (inf: no number), and
+    what remains after any number.
+    """
+
+    times: Unbounded
+    u_limit: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Halving:
+    """What would halve a coefficient's uncertainty: what to know, or how often to repeat."""
+
+    knowledge: tuple[Remedy, ...]
+    repeats: Repeats
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UndeclaredInput:
+    """An input whose uncertainty nobody declared: the `shift` of each coefficient by an error of
+    the plausible `size`, in `unit`.
+    """
+
+    on: str
+    size: float
+    unit: str
+    shift: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class HeightError:
+    """What all trials share of height, m, by the integral over it."""
+
+    value: float
+    u: float
+    unit: str = "m"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightTreatment:
+    """How well the slope of the curve carries one height error.
+
+    Attributes
+    ----------
+    component : str
+    standard_m : float
+    coefficient : str
+        The one that suffers most.
+    ratio : float
+        Second order over first order in that coefficient.
+    shift : float
+        Second order in that coefficient over its standard uncertainty: what the decision goes by;
+        inf where an error of this size reaches a height at which the model has no value.
+    treatment : str
+        ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"``
+        (prediction averaged over the errors).
+    """
+
+    component: str
+    standard_m: float
+    coefficient: str
+    ratio: float
+    shift: Unbounded
+    treatment: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelFit:
+    """One lift model fitted to one boundary.
+
+    Attributes
+    ----------
+    model, title : str
+        Name in the catalogue, and what a legend says.
+    parameters : mapping of str to CoefficientEstimate
+    L_inf_N : mapping of float to Estimate
+        Lift far from every boundary, N, per throttle (a fraction).
+    chi2, dof : float
+        Against the scatter of repeats.
+    rmse, r2, aic, bic : float
+        Relative root-mean-square residual; R² of cell means of `delta_L`; information criteria.
+    r2_near : float or None
+        The same R² within `r2_near_range`; at the ground only, nan where too few cells are.
+    """
+
+    model: str = named_by_key()
+    title: str
+    parameters: Mapping[str, CoefficientEstimate]
+    covariance: ParameterCovariance
+    chi2: float
+    dof: int
+    n_trials: int
+    rmse: float
+    r2: float
+    r2_near: float | None = optional()
+    r2_near_range: tuple[float, float] | None = optional()
+    log_likelihood: float
+    aic: float
+    bic: float
+    L_inf_N: Mapping[float, Estimate]
+    degeneracies: tuple[Degeneracy, ...]
+    excluded: tuple[ExcludedTrial, ...]
+    profiles: Mapping[str, ProfileIntervals]
+    would_halve: Mapping[str, Halving]
+    undeclared: tuple[UndeclaredInput, ...]
+    heights: tuple[HeightTreatment, ...]
+    height_error: HeightError | None = optional()
+    log_evidence: LogEvidence | None = optional()
+    posterior: PosteriorSummary | None = optional()
+
+    @property
+    def coefficients(self) -> Mapping[str, CoefficientEstimate]:
+        """The parameters, by what they are called once fitted."""
+        return self.parameters
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """As it is written."""
+        content: dict[str, Any] = encode(self)
+        return content
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters' values."""
+        return {name: e.value for name, e in self.parameters.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelScore:
+    """A model's held-out score, and how far it is from a reference model's over the visits that
+    both predict.
+
+    `elpd` is the sum of log predictive densities, `d_elpd` its excess over the reference's,
+    `u_d_elpd` the standard error of that by visits; `rmse` in log lift, `d_rmse` and `u_d_rmse`
+    likewise (jackknife over visits). `skipped` visits are those that the others say nothing about.
+    """
+
+    visits: int
+    skipped: int
+    elpd: float
+    d_elpd: float
+    u_d_elpd: float
+    rmse: float
+    d_rmse: float
+    u_d_rmse: float
+    aic: float = float("nan")
+    bic: float = float("nan")
+    r2: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelComparison:
+    """How the models of one boundary compare, each with the `reference`, on `blocks` left out."""
+
+    blocks: str = "visits"
+    reference: str
+    models: Mapping[str, ModelScore]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitResults:
+    """The whole file. `failed` says of models that were not fitted why."""
+
+    product: ClassVar[Product] = FIT
+
+    schema: str = FIT.schema
+    base: dict[Boundary, str] = field(default_factory=dict)
+    noise: dict[Boundary, Noise] = field(default_factory=dict)
+    boundaries: dict[Boundary, Mapping[str, ModelFit]] = field(default_factory=dict)
+    comparison: dict[Boundary, ModelComparison] = field(default_factory=dict)
+    failed: dict[Boundary, Mapping[str, str]] = field(default_factory=dict)
+    throttle_collapse: dict[Boundary, ThrottleCollapse] = field(default_factory=dict)
+    held_quantity: dict[Boundary, HeldQuantity | Nothing] = field(default_factory=dict)
+    rotor_coefficient: dict[Boundary, RotorCoefficient] = field(default_factory=dict)
+    influence: dict[Boundary, Influence] = field(default_factory=dict)
+
+    def of_base(self, boundary: Boundary) -> ModelFit:
+        """The fit of a boundary's base model."""
+        return self.boundaries[boundary][self.base[boundary]]

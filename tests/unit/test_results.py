@@ -1,0 +1,98 @@
+"""What is loaded is what was computed: types to JSON and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import pytest
+
+from nearlift.errors import ProductError
+from nearlift.products import FIT, RESULTS
+from nearlift.results import Estimate, Noise
+from nearlift.results.fit import FitResults
+from nearlift.results.quotation import Results
+from nearlift.results.serial import (
+    Nothing,
+    Unbounded,
+    decode,
+    encode,
+    keyed,
+    named_by_key,
+    optional,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    name: str = named_by_key()
+    size: Unbounded
+    condition: str = keyed("if")
+    remark: str | None = optional()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Only:
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Whole:
+    number: float
+    parts: Mapping[str, Part]
+    levels: Mapping[float, Part | None]
+    either: Part | Only | Nothing
+
+
+WHOLE = Whole(
+    number=1.0,
+    parts={"a": Part(name="a", size=math.inf, condition="so")},
+    levels={0.25: None, 0.5: Part(size=2.0, condition="thus", remark="why")},
+    either=Only(missing=("rpm",)),
+)
+
+
+def test_fields_are_keys_and_come_back():
+    content = encode(WHOLE)
+    assert content == {
+        "number": 1.0,
+        "parts": {"a": {"size": None, "if": "so"}},
+        "levels": {"0.25": None, "0.5": {"size": 2.0, "if": "thus", "remark": "why"}},
+        "either": {"missing": ["rpm"]},
+    }
+    again = decode(Whole, content | {"of a later version": 1})
+    assert again == WHOLE
+    assert again.parts["a"].name == "a"
+    assert decode(Whole, content | {"either": {}}).either == Nothing()
+    assert not Nothing()
+
+
+def test_null_is_what_its_type_says():
+    e = decode(Estimate, dict.fromkeys(("value", "u", "lo90", "hi90")))
+    assert math.isnan(e.value)
+    assert (e.u, e.lo90, e.hi90) == (math.inf, -math.inf, math.inf)
+
+
+def test_what_is_not_there_is_told_with_the_file():
+    with pytest.raises(ProductError, match="Part lacks 'size'") as refusal:
+        decode(Part, {"if": "so"}, "fit.json")
+    assert refusal.value.where == "fit.json"
+    with pytest.raises(ProductError, match="another version"):
+        decode(Whole, {"number": "many", "parts": [], "levels": {}, "either": {}})
+
+
+def test_noise_keeps_what_is_written_of_it():
+    noise = Noise(relative=0.01, drift=(3.0, 4.0), source="repeats")
+    assert encode(noise)["drift"] == 5.0
+    assert decode(Noise, encode(noise)) == noise
+
+
+@pytest.fixture(scope="module")
+def job(make_job):
+    return make_job(("ground",))
+
+
+@pytest.mark.parametrize(("product", "kind"), [(FIT, FitResults), (RESULTS, Results)])
+def test_a_product_is_its_type(job, product, kind):
+    assert encode(job.load(kind)) == job.read_json(product)
