@@ -48,7 +48,7 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
             confirm=confirm,
             look=look,
         )
-        return found.findings | {
+        return found.findings.content | {
             "quoted": {n: (c.lo90, c.hi90) for n, c in found.quoted.coefficients.items()},
             "result": found.quoted,
         }

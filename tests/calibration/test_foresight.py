@@ -140,7 +140,7 @@ def said(job):
     """What the loop says of one campaign: effect, size, seed, and whether to confirm."""
     name, size, seed, confirm = job
     drawn = bench().draw(handles(catalogue.effect(name))[0], size, 1000 + seed)
-    return diagnose(drawn, bench().base, (), Options(seed=seed), confirm=confirm).findings
+    return diagnose(drawn, bench().base, (), Options(seed=seed), confirm=confirm).findings.content
 
 
 def interval(hits, n, level=0.95):

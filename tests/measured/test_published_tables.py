@@ -76,7 +76,7 @@ def diagnosed(folder: Path, boundary: Any, inches: int) -> dict[str, Any]:
     data = observe(job.read(TRIALS), job.campaign, boundary)
     assert data.n == 20
     base, _ = choice(job.campaign, boundary)
-    return diagnose(data, base, budget.components(job.campaign), Options()).findings
+    return diagnose(data, base, budget.components(job.campaign), Options()).findings.content
 
 
 def candidate(found: dict[str, Any], name: str) -> dict[str, Any]:

@@ -387,7 +387,7 @@ def test_what_the_bench_cannot_do_is_not_proposed():
         said = [
             text
             for n in separation.next_experiment(answered.stage, answered)
-            for text in (n["measure"], *(a["measure"] for a in n["alternatives"]))
+            for text in (n.measure, *(a.measure for a in n.alternatives))
         ]
         assert said
         assert any("closer" in text for text in said) is allowed

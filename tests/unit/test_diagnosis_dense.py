@@ -24,6 +24,7 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.families import STEP, families
 from nearlift.loop.search_problem import Options, visibility
+from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
 
 from .simulated import campaign, restated
 
@@ -206,7 +207,7 @@ def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
     jacobian = stage.candidate().jacobian(stage.base_fit.vector)
     information = jacobian.T @ inverse @ jacobian
     for limit in (0.0, 1.1):
-        found = {f["effect"]: f for f in coefficients.silent(stage, effects, limit)}
+        found = {f.effect: f for f in coefficients.silent(stage, effects, limit)}
         for effect in effects:
             columns = [c for e, c in stage.library if e.name == effect.name and c.shape[1] == 1]
             if not columns:
@@ -223,12 +224,10 @@ def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
             )
             assert (effect.name in found) == (limit > 1 or bias > 1), effect.name
             if effect.name in found:
-                assert found[effect.name]["bias_at_detection_limit"] == pytest.approx(
-                    bias, rel=1e-6
-                )
-                assert found[effect.name]["u"] == pytest.approx(information[0, 0] ** -0.5)
-                assert found[effect.name]["hidden"] == (limit > 1)
-        biases = [f["bias_at_detection_limit"] for f in coefficients.silent(stage, effects, limit)]
+                assert found[effect.name].bias_at_detection_limit == pytest.approx(bias, rel=1e-6)
+                assert found[effect.name].u == pytest.approx(information[0, 0] ** -0.5)
+                assert found[effect.name].hidden == (limit > 1)
+        biases = [f.bias_at_detection_limit for f in coefficients.silent(stage, effects, limit)]
         assert biases == sorted(biases, reverse=True)
         assert biases
 
@@ -435,27 +434,28 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
         stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted
     )
     answers = coefficients.answers(stage, answer, {})
-    reach, found = t.ppf(0.95, answers.dof[0]), answers.block()
+    reach, found = t.ppf(0.95, answers.dof[0]), answers.estimates()
     assert 1 <= answers.dof[0] < stage.data.n
     members = [coefficients.spread(stage, e.fitted, e.tube) for e in accepted]
     (value,), (u,) = best = coefficients.spread(stage, accepted[0].fitted)
-    after = found["after"]["K_b"]
+    after = found.after["K_b"]
     ends = [(v[0] - reach * s[0], v[0] + reach * s[0]) for v, s in (*members, best)]
-    assert (after["lo90"], after["hi90"]) == pytest.approx(
+    assert (after.lo90, after.hi90) == pytest.approx(
         (min(low for low, _ in ends), max(high for _, high in ends))
     )
-    assert after["value"] == pytest.approx(value)
-    assert after["conditional"] == pytest.approx([value - reach * u, value + reach * u])
+    assert after.value == pytest.approx(value)
+    assert after.conditional == pytest.approx([value - reach * u, value + reach * u])
     nuisance = np.hstack(
         [accepted[0].tube, coefficients.constrained_columns(stage, ("supply_sag",), {})]
     )
     (value,), (u,) = coefficients.spread(stage, accepted[0].fitted, nuisance)
-    assert after["constrained"] == pytest.approx([value - reach * u, value + reach * u])
+    assert after.constrained == pytest.approx([value - reach * u, value + reach * u])
     (value,), (u,) = coefficients.spread(stage, stage.base_fit)
-    assert found["before"]["K_b"] == pytest.approx(
-        {"value": value, "lo90": value - reach * u, "hi90": value + reach * u}
+    before = found.before["K_b"]
+    assert (before.value, before.lo90, before.hi90) == pytest.approx(
+        (value, value - reach * u, value + reach * u)
     )
-    assert found["carried"] == []
+    assert found.carried == ()
 
 
 def test_what_is_carried_where_nothing_has_a_name(stage):
@@ -467,12 +467,10 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     )
     unnamed = discrepancy.columns(stage, ["supply"])
     answers = coefficients.answers(stage, answer, {})
-    reach, after = t.ppf(0.95, answers.dof[0]), answers.block()
+    reach, after = t.ppf(0.95, answers.dof[0]), answers.estimates()
     (value,), (u,) = coefficients.spread(stage, stage.base_fit, unnamed)
-    assert after["carried"] == ["supply"]
-    assert after["after"]["K_b"]["conditional"] == pytest.approx(
-        [value - reach * u, value + reach * u]
-    )
+    assert after.carried == ("supply",)
+    assert after.after["K_b"].conditional == pytest.approx([value - reach * u, value + reach * u])
     # moments, written out: r'F F'r less what noise alone would give, over |F'F|^2, all freed of
     # L_inf and coefficients
     m = precision(stage, np.zeros((stage.data.n, 0)))
@@ -508,19 +506,22 @@ def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
     candidate = SimpleNamespace(effects=(effect,), contribution=lambda vector, which: part)
     fitted = SimpleNamespace(candidate=candidate, vector=np.zeros(1), jacobian=slope[:, None])
     stage = SimpleNamespace(space=SimpleNamespace(project=lambda x: x), base=GROUND)
-    told = {"before": {"K_b": {"value": 1.5}}, "after": {"K_b": {"value": -0.7 if turns else 2.25}}}
+    before, after = (
+        LoopEstimate(value=value, lo90=0.0, hi90=0.0) for value in (1.5, -0.7 if turns else 2.25)
+    )
+    told = LoopCoefficients(before={"K_b": before}, after={"K_b": after}, carried=())
     [row] = absorption.shifts(
         stage, SimpleNamespace(accepted=(SimpleNamespace(fitted=fitted),)), told
     )
-    assert row["correlation"] == pytest.approx(sign * r)
-    assert ("text" in row) == (r > 0.5)
-    if "text" in row:
-        assert ("changes its sign" in row["text"], "moves by" in row["text"]) == (turns, not turns)
-        assert f"correlation {'-' if sign < 0 else '+'}{r:.2f}" in row["text"].replace(
+    assert row.correlation == pytest.approx(sign * r)
+    assert (row.text is not None) == (r > 0.5)
+    if row.text is not None:
+        assert ("changes its sign" in row.text, "moves by" in row.text) == (turns, not turns)
+        assert f"correlation {'-' if sign < 0 else '+'}{r:.2f}" in row.text.replace(
             "−", "-"
         ).replace(" ", " ")
-        assert "a fit without supply_sag charges it to K_b" in row["text"]
-    assert absorption.shifts(stage, SimpleNamespace(accepted=()), told) == []
+        assert "a fit without supply_sag charges it to K_b" in row.text
+    assert absorption.shifts(stage, SimpleNamespace(accepted=()), told) == ()
 
 
 @pytest.mark.parametrize(
@@ -538,11 +539,11 @@ def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(sta
         theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x)
     )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
-    assert [f["coefficient"] for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
+    assert [f.coefficient for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
     if found:
-        assert found[0]["share"] == pytest.approx(share)
-        assert found[0]["rests_on"]["z_hat"] == 1.1
-        assert f"{100 * share:.0f} %" in found[0]["text"]
+        assert found[0].share == pytest.approx(share)
+        assert found[0].rests_on.z_hat == 1.1
+        assert f"{100 * share:.0f} %" in found[0].text
 
 
 @pytest.mark.parametrize(
@@ -566,10 +567,10 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
         theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x)
     )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
-    assert [f.get("absorbed_by") for f in found] == (["session_gain"] if said else [])
+    assert [f.absorbed_by for f in found] == (["session_gain"] if said else [])
     if said:
-        assert found[0]["share"] == pytest.approx(beside**2 / (1 + beside**2))
-        assert "every session" in found[0]["text"]
+        assert found[0].share == pytest.approx(beside**2 / (1 + beside**2))
+        assert "every session" in found[0].text
 
 
 def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_without_it(stage, tried):
@@ -788,8 +789,9 @@ def test_only_a_named_effect_changes_the_error():
         value, low, high = confirmation.rmse(
             scored.after if verdict == "effect" else scored.before, scored.visit
         )
-        assert found["after"] == {"held_out_rmse": value, "lo90": low, "hi90": high}
-        assert ("change" in found) == (verdict == "effect")
+        after = found.after
+        assert (after.held_out_rmse, after.lo90, after.hi90) == (value, low, high)
+        assert (found.change is not None) == (verdict == "effect")
 
 
 def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):

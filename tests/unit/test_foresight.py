@@ -283,9 +283,9 @@ def test_heating_is_seen_at_its_limit_with_the_stated_chance():
         )
 
     told = power(with_drift(0.0), 0.05, 0.8)
-    assert told["visits"] == 50
+    assert told.visits == 50
     library = catalogue.effects()
-    seen = sum(heating(with_drift(told["limit"]), library, 0.05)["significant"] for _ in range(200))
+    seen = sum(heating(with_drift(told.limit), library, 0.05).significant for _ in range(200))
     # 160 of 200 expected; the limit itself is known to a tenth, which is worth 5 %
     assert 125 <= seen <= 190
     assert power(data, 0.05, 0.8) is None

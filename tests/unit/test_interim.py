@@ -138,23 +138,27 @@ def test_the_same_trials_claim_by_how_many_are_still_to_come(sagging):
     level = InterimLook(trials=1, scheduled=2).level(0.05)
     assert first.p_value < level, "the effect is meant to be plain at half time"
     done = looked_at(data, data.n, data.n)
-    assert (done.findings["verdict"], "look" in done.findings) == ("effect", False)
+    assert (done.findings.content["verdict"], "look" in done.findings.content) == ("effect", False)
     half = looked_at(data, data.n, 2 * data.n)
-    assert (half.findings["verdict"], half.quoted.verdict) == ("effect", "effect")
-    assert half.findings["effects"] == done.findings["effects"]
-    assert half.findings["look"]["p_value_needed"] == level
-    assert half.findings["look"]["text"].startswith(
+    assert (half.findings.content["verdict"], half.quoted.verdict) == ("effect", "effect")
+    assert half.findings.content["effects"] == done.findings.content["effects"]
+    assert half.findings.content["look"]["p_value_needed"] == level
+    assert half.findings.content["look"]["text"].startswith(
         f"a look at {data.n} of {2 * data.n} trials; claims need p < 7e-05"
     )
     early = looked_at(data, data.n, 1000 * data.n)
-    assert (early.findings["verdict"], early.findings["effects"], early.quoted.verdict) == (
+    assert (
+        early.findings.content["verdict"],
+        early.findings.content["effects"],
+        early.quoted.verdict,
+    ) == (
         "adequate",
         [],
         "adequate",
     )
-    assert not any(line["significant"] for line in early.findings["structure"])
+    assert not any(line["significant"] for line in early.findings.content["structure"])
     assert early.quoted.coefficients["K_b"].value == pytest.approx(
-        early.findings["coefficients"]["before"]["K_b"]["value"]
+        early.findings.content["coefficients"]["before"]["K_b"]["value"]
     )
 
 
@@ -166,7 +170,7 @@ def test_few_visits_pay_too():
         gain=lambda c: (c["supply_V"] / 3.8) ** 1.0,
     )
     verdicts = [
-        looked_at(data, data.n, scheduled).findings["verdict"]
+        looked_at(data, data.n, scheduled).findings.content["verdict"]
         for scheduled in (data.n, 1000 * data.n)
     ]
     assert verdicts[0] != "adequate" == verdicts[1]
@@ -176,7 +180,7 @@ def test_a_growing_null_claims_nothing():
     """All looks together may claim in 1 % of campaigns."""
     data = campaign(900, visits=5)
     assert {
-        looked_at(data.take(np.arange(n)), n, data.n).findings["verdict"]
+        looked_at(data.take(np.arange(n)), n, data.n).findings.content["verdict"]
         for n in range(80, data.n, 40)
     } == {"adequate"}
 
@@ -186,7 +190,7 @@ def test_heating_within_the_record_pays_too():
     drift = np.random.default_rng(2).normal(1e-3, 2e-3, data.visit.max() + 1)[data.visit]
     data = dataclasses.replace(data, covariates={**data.covariates, "drift_hat": drift})
     done, early = (
-        looked_at(data, data.n, n).findings["within_trial"] for n in (data.n, 1000 * data.n)
+        looked_at(data, data.n, n).findings.content["within_trial"] for n in (data.n, 1000 * data.n)
     )
     assert (done["significant"], early["significant"]) == (True, False)
     assert done["p_value"] == early["p_value"]

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import pytest
 
 from nearlift.errors import ProductError
-from nearlift.products import FIT, RESULTS
+from nearlift.products import DIAGNOSIS, FIT, RESULTS
 from nearlift.results import Estimate, Noise
+from nearlift.results.diagnosis import DiagnosisResults
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results
 from nearlift.results.serial import (
@@ -22,6 +23,9 @@ from nearlift.results.serial import (
     named_by_key,
     optional,
 )
+from nearlift.stages import diagnose
+
+from . import verdicts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,11 +92,16 @@ def test_noise_keeps_what_is_written_of_it():
     assert decode(Noise, encode(noise)) == noise
 
 
-@pytest.fixture(scope="module")
-def job(make_job):
-    return make_job(("ground",))
+@pytest.fixture(scope="module", params=verdicts.MADE.values(), ids=verdicts.MADE)
+def job(request, make_job):
+    made = make_job(("ground",), **request.param)
+    diagnose.run(made)
+    return made
 
 
-@pytest.mark.parametrize(("product", "kind"), [(FIT, FitResults), (RESULTS, Results)])
+PRODUCTS = [(FIT, FitResults), (RESULTS, Results), (DIAGNOSIS, DiagnosisResults)]
+
+
+@pytest.mark.parametrize(("product", "kind"), PRODUCTS)
 def test_a_product_is_its_type(job, product, kind):
     assert encode(job.load(kind)) == job.read_json(product)

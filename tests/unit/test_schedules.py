@@ -139,6 +139,6 @@ def test_drawn_schedules_are_answered(seed):
 
 @pytest.mark.parametrize("n", [48, 60, 72, 80, 96])
 def test_a_few_trials_with_many_covariates_get_a_verdict(n):
-    found = diagnose(first(LONG, n), GROUND, (), Options()).findings
+    found = diagnose(first(LONG, n), GROUND, (), Options()).findings.content
     assert found["verdict"] in ("adequate", "effect", "unexplained")
     assert found["noise_floor"]["dof"] > 1

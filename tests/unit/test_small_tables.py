@@ -64,7 +64,7 @@ def with_speed(
 
 @pytest.mark.parametrize("boundary", BASES)
 def test_a_table_in_which_nothing_is_missing_is_adequate_and_says_what_it_could_have_seen(boundary):
-    found = diagnose(table(boundary), BASES[boundary], (), Options()).findings
+    found = diagnose(table(boundary), BASES[boundary], (), Options()).findings.content
     assert found["verdict"] == "adequate"
     block = found["sensitivity"]
     assert block["trials"] == 30
@@ -80,7 +80,7 @@ def test_a_table_in_which_nothing_is_missing_is_adequate_and_says_what_it_could_
 @pytest.mark.parametrize("boundary", BASES)
 def test_rotor_speed_is_named_with_the_exponent_of_theory(boundary):
     data = with_speed(table(boundary), 2.0)
-    found = diagnose(data, BASES[boundary], (), Options()).findings
+    found = diagnose(data, BASES[boundary], (), Options()).findings.content
     assert found["verdict"] == "effect"
     [effect] = found["effects"]
     assert effect["name"] == "rotor_speed"
@@ -93,7 +93,7 @@ def test_rotor_speed_is_named_with_the_exponent_of_theory(boundary):
 
 def test_an_exponent_that_no_physics_has_is_refused_and_the_refusal_says_why():
     data = with_speed(table("ground"), 7.5)
-    found = diagnose(data, BASES["ground"], (), Options()).findings
+    found = diagnose(data, BASES["ground"], (), Options()).findings.content
     assert found["verdict"] == "unexplained"
     assert "rotor_speed (speed_exponent runs into 3)" in found["rounds"][0]["reason"]
     assert "rotor_speed" not in {p["name"] for p in found["partial"]}
@@ -106,7 +106,9 @@ def test_an_exponent_that_no_physics_has_is_refused_and_the_refusal_says_why():
 
 
 def test_a_speed_that_says_nothing_of_lift_is_not_named():
-    found = diagnose(with_speed(table("ground"), 0.0), BASES["ground"], (), Options()).findings
+    found = diagnose(
+        with_speed(table("ground"), 0.0), BASES["ground"], (), Options()
+    ).findings.content
     assert found["verdict"] == "adequate"
     assert "rotor_speed" in found["sensitivity"]["effects"]
 

@@ -15,6 +15,7 @@ from nearlift.loop.few_visits import applies
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SILENT, SearchProblem
 from nearlift.nomenclature import letter
+from nearlift.results.diagnosis import CoefficientLimit, CoefficientShift, LoopCoefficients, Station
 from nearlift.rounding import signed
 
 #: A coefficient that owes this share of its information to one distance or visit rests on it.
@@ -24,8 +25,8 @@ CONFOUNDED = 0.5
 
 
 def shifts(
-    stage: SearchProblem, answer: Answer, coefficients: dict[str, Any]
-) -> list[dict[str, Any]]:
+    stage: SearchProblem, answer: Answer, coefficients: LoopCoefficients
+) -> tuple[CoefficientShift, ...]:
     """How each named effect goes together with each coefficient, and what became of the
     coefficient.
 
@@ -44,14 +45,10 @@ def shifts(
             slope = jacobian[:, i]
             lengths = float(np.linalg.norm(part) * np.linalg.norm(slope))
             r = float(part @ slope) / lengths if lengths > 0 else 0.0
-            before, after = (coefficients[k][parameter.name]["value"] for k in ("before", "after"))
-            row = {
-                "effect": effect.name,
-                "coefficient": parameter.name,
-                "before": before,
-                "after": after,
-                "correlation": r,
-            }
+            before, after = (
+                known[parameter.name].value for known in (coefficients.before, coefficients.after)
+            )
+            text = None
             if abs(r) >= CONFOUNDED:
                 fate = (
                     "changes its sign"
@@ -59,27 +56,36 @@ def shifts(
                     else f"moves by {signed(after - before, 2)}"
                 )
                 name = letter(parameter.name)
-                row["text"] = (
+                text = (
                     f"With {effect.name} in the model {name} {fate}: over these trials"
                     f" {effect.name} and distance go together (correlation {signed(r, 2)}), so a"
                     f" fit without {effect.name} charges it to {name}."
                 )
-            found.append(row)
-    return found
+            found.append(
+                CoefficientShift(
+                    effect=effect.name,
+                    coefficient=parameter.name,
+                    before=before,
+                    after=after,
+                    correlation=r,
+                    text=text,
+                )
+            )
+    return tuple(found)
 
 
-def limits(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
+def limits(stage: SearchProblem, answer: Answer) -> tuple[CoefficientLimit, ...]:
     """What cannot be known from so few distances or visits: coefficients that rest on one of them,
     or that levels of their own absorb.
     """
     return unknowable(stage, answer.best)
 
 
-def unknowable(stage: SearchProblem, best: Fitted) -> list[dict[str, Any]]:
+def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
     """The same about any fit; also about one to trials that are only planned."""
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
-    found: list[dict[str, Any]] = []
+    found = []
     for i, parameter in enumerate(stage.base.parameters):
         slope = jacobian[:, i] - beside @ (beside.T @ jacobian[:, i])
         whole = float(slope @ slope)
@@ -92,12 +98,12 @@ def unknowable(stage: SearchProblem, best: Fitted) -> list[dict[str, Any]]:
                 f" {100 * share:.0f} % of what is known of it."
             )
             found.append(
-                {
-                    "coefficient": parameter.name,
-                    "rests_on": {"z_hat": where},
-                    "share": share,
-                    "text": text,
-                }
+                CoefficientLimit(
+                    coefficient=parameter.name,
+                    rests_on=Station(z_hat=where),
+                    share=share,
+                    text=text,
+                )
             )
         # a visit holds one distance always; only where visits are as few and as long as sessions is
         # each a level of its own
@@ -119,15 +125,15 @@ def unknowable(stage: SearchProblem, best: Fitted) -> list[dict[str, Any]]:
                     f" no {label} holds more than one distance."
                 )
                 found.append(
-                    {
-                        "coefficient": parameter.name,
-                        "absorbed_by": "session_gain",
-                        "share": share,
-                        "text": text,
-                    }
+                    CoefficientLimit(
+                        coefficient=parameter.name,
+                        absorbed_by="session_gain",
+                        share=share,
+                        text=text,
+                    )
                 )
                 break
-    return found
+    return tuple(found)
 
 
 def _largest(slope: FloatArray, values: np.ndarray[Any, Any]) -> tuple[float, float]:

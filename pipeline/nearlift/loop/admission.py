@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nearlift import catalogue
@@ -11,6 +9,7 @@ from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.loop.setting import missing
 from nearlift.results import Observations
+from nearlift.results.diagnosis import UntestableEffect
 
 #: Trials beyond the unknowns (levels and coefficients) from which on their scatter alone tells
 #: noise from structure.
@@ -68,7 +67,7 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
 
 def could_act(
     data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None
-) -> tuple[tuple[Effect, ...], list[dict[str, Any]]]:
+) -> tuple[tuple[Effect, ...], tuple[UntestableEffect, ...]]:
     """The effects that can occur at this boundary and whose needs the trials meet; the others, with
     what to log next time.
 
@@ -93,9 +92,11 @@ def could_act(
         )
         for e in library
     }
-    untestable = [
-        {"effect": e.name, "needs": list(needs[e.name]), "log_next_time": list(e.log_next_time)}
+    untestable = tuple(
+        UntestableEffect(
+            effect=e.name, needs=tuple(needs[e.name]), log_next_time=tuple(e.log_next_time)
+        )
         for e in library
         if needs[e.name]
-    ]
+    )
     return tuple(e for e in library if not needs[e.name]), untestable

@@ -5,7 +5,6 @@ questions.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from nearlift.loop.candidate import WIDE, Candidate, moments
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
+from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate, SilentEffect
 
 #: Values and standard uncertainties of the coefficients, (p,) each.
 Pair = tuple[FloatArray, FloatArray]
@@ -150,26 +150,26 @@ class Answers:
         )
         return list(pairs)
 
-    def block(self) -> dict[str, Any]:
-        """The `coefficients` block of diagnosis.json."""
+    def estimates(self) -> LoopCoefficients:
+        """The coefficients without and with the named effects."""
         before, after = {}, {}
         for i, name in enumerate(self.names):
             reach = student.quantile(0.95, float(self.dof[i]))
 
-            def about(value: float, u: float, reach: float = reach) -> list[float]:
-                return [value - reach * u, value + reach * u]
+            def about(value: float, u: float, reach: float = reach) -> tuple[float, float]:
+                return value - reach * u, value + reach * u
 
             low90, high90 = about(self.before[0][i], self.before[1][i])
-            before[name] = {"value": self.before[0][i], "lo90": low90, "hi90": high90}
+            before[name] = LoopEstimate(value=self.before[0][i], lo90=low90, hi90=high90)
             all_of_them = [about(v, u) for v, u in self.spans(i)]
-            after[name] = {
-                "value": self.value[i],
-                "lo90": min(low for low, _ in all_of_them),
-                "hi90": max(high for _, high in all_of_them),
-                "conditional": about(self.conditional[0][i], self.conditional[1][i]),
-                "constrained": about(self.constrained[0][i], self.constrained[1][i]),
-            }
-        return {"before": before, "after": after, "carried": list(self.carried)}
+            after[name] = LoopEstimate(
+                value=self.value[i],
+                lo90=min(low for low, _ in all_of_them),
+                hi90=max(high for _, high in all_of_them),
+                conditional=about(self.conditional[0][i], self.conditional[1][i]),
+                constrained=about(self.constrained[0][i], self.constrained[1][i]),
+            )
+        return LoopCoefficients(before=before, after=after, carried=tuple(self.carried))
 
 
 def answers(stage: SearchProblem, answer: Answer, declared: dict[str, float]) -> Answers:
@@ -212,7 +212,9 @@ def _freedom(stage: SearchProblem) -> FloatArray:
     return gum.freedom(stage.space, g, stage.parts, stage.noise, stage.slope)
 
 
-def silent(stage: SearchProblem, effects: tuple[Effect, ...], limit: float) -> list[dict[str, Any]]:
+def silent(
+    stage: SearchProblem, effects: tuple[Effect, ...], limit: float
+) -> tuple[SilentEffect, ...]:
     """Effects that the coefficients and L_inf absorb, and the bias they may do unseen.
 
     `bias_at_detection_limit` is the shift of the headline coefficient, in its own standard
@@ -223,7 +225,7 @@ def silent(stage: SearchProblem, effects: tuple[Effect, ...], limit: float) -> l
     from nearlift.loop.search_problem import visibility
 
     if not stage.base.parameters:
-        return []
+        return ()
     jacobian = stage.base_fit.jacobian
     basis = orthonormal(jacobian)
     information = jacobian.T @ jacobian
@@ -249,18 +251,18 @@ def silent(stage: SearchProblem, effects: tuple[Effect, ...], limit: float) -> l
             continue
         if hidden or abs(shift[most]) * size > 1.0:
             found.append(
-                {
-                    "effect": effect.name,
-                    "absorbed_by": stage.base.parameters[most].name,
-                    "share_visible": share,
-                    "bias_at_detection_limit": float(abs(shift[0]) * size),
-                    "in_units_of": f"u({stage.base.parameters[0].name})",
-                    "u": float(np.sqrt(covariance[0, 0])),
-                    "u_of": "base fit, noise floor of the loop",
-                    "hidden": hidden,
-                }
+                SilentEffect(
+                    effect=effect.name,
+                    absorbed_by=stage.base.parameters[most].name,
+                    share_visible=share,
+                    bias_at_detection_limit=float(abs(shift[0]) * size),
+                    in_units_of=f"u({stage.base.parameters[0].name})",
+                    u=float(np.sqrt(covariance[0, 0])),
+                    u_of="base fit, noise floor of the loop",
+                    hidden=hidden,
+                )
             )
-    return sorted(found, key=lambda f: -f["bias_at_detection_limit"])
+    return tuple(sorted(found, key=lambda f: -f.bias_at_detection_limit))
 
 
 def _size(effect: Effect) -> float:

@@ -18,6 +18,7 @@ from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.search import Answer, run
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Noise, Observations
+from nearlift.results.diagnosis import Change, HeldOutRmse, LoopError
 
 FOLDS = 3
 #: With no more visits than this, each is left out in turn.
@@ -210,33 +211,25 @@ def change(before: FloatArray, after: FloatArray, visit: IntArray) -> tuple[floa
     )
 
 
-def error(answer: Answer, scored: HeldOut, noise_floor: float) -> dict[str, object]:
-    """The `error` block of diagnosis.json."""
+def error(answer: Answer, scored: HeldOut, noise_floor: float) -> LoopError:
+    """Held-out errors before and after."""
     keep = scored.predicted
 
-    def block(residual: FloatArray) -> dict[str, float]:
+    def rmse_of(residual: FloatArray) -> HeldOutRmse:
         value, low, high = rmse(residual[keep], scored.visit[keep])
-        return {"held_out_rmse": value, "lo90": low, "hi90": high}
+        return HeldOutRmse(held_out_rmse=value, lo90=low, hi90=high)
 
-    before = block(scored.before)
-    changed = {}
-    if answer.verdict == "effect":
-        changed = {
-            "change": dict(
-                zip(
-                    ("value", "lo90", "hi90"),
-                    change(scored.before[keep], scored.after[keep], scored.visit[keep]),
-                    strict=True,
-                )
-            )
-        }
-    return {
-        "unit": "fraction of lift",
-        "noise_floor": noise_floor,
-        "before": before,
+    before, named = rmse_of(scored.before), answer.verdict == "effect"
+    changed = None
+    if named:
+        value, low, high = change(scored.before[keep], scored.after[keep], scored.visit[keep])
+        changed = Change(value=value, lo90=low, hi90=high)
+    return LoopError(
+        noise_floor=noise_floor,
+        before=before,
         # an adequate model is left alone, so nothing is gained and nothing is lost
-        "after": before if answer.verdict != "effect" else block(scored.after),
-        **changed,
-        "held_out_trials": int(keep.sum()),
-        "chosen_in_folds": list(scored.chosen),
-    }
+        after=rmse_of(scored.after) if named else before,
+        change=changed,
+        held_out_trials=int(keep.sum()),
+        chosen_in_folds=tuple(scored.chosen),
+    )

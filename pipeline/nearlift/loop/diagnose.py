@@ -31,7 +31,7 @@ from nearlift.loop import (
 from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.explanation import Explanation
-from nearlift.loop.findings import findings_of
+from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search import Answer, run, settle
@@ -39,6 +39,7 @@ from nearlift.loop.search_problem import SILENT, Options, SearchProblem
 from nearlift.loop.setting import derive
 from nearlift.loop.within_trial import heating
 from nearlift.results import Observations
+from nearlift.results.diagnosis import BoundaryDiagnosis, UntestableEffect
 from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
 
 
@@ -52,7 +53,7 @@ class Diagnosis:
     part (nan if that could not be predicted).
     """
 
-    findings: dict[str, Any]
+    findings: BoundaryDiagnosis
     residuals: dict[str, NDArray[Any]]
     quoted: BoundaryResult
 
@@ -98,9 +99,6 @@ def diagnose(
     decided = decide(ground, confirm, rate)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
     stage = answer.stage
-    findings = findings_of(stage, answer, refuted)
-    if look is not None:
-        findings["look"] = look.record(options.false_alarm_rate)
     residuals: dict[str, NDArray[Any]] = {
         "trial": stage.data.trial,
         "before": (
@@ -108,35 +106,52 @@ def diagnose(
         ),
         "after": np.log(stage.data.lift_N) - confirmation.predict(stage, answer.best, stage.data),
     }
+    error = scores = None
     if scored is not None:
         after = scored.before if refuted else scored.after
         residuals |= {"held_out_before": scored.before, "held_out_after": after}
-        findings["error"] = confirmation.error(
+        error = confirmation.error(
             answer, scored, noise.floor(stage.data, stage.noise, stage.slope)
         )
-    findings["noise_floor"] = stage.noise.record()
+        scores = HeldOutError(
+            before=error.before.held_out_rmse,
+            after=error.after.held_out_rmse,
+            noise_floor=error.noise_floor,
+        )
     answers = coefficients_of(answer, declared)
-    findings["coefficients"] = answers.block()
-    findings["shifts"] = absorption.shifts(stage, answer, findings["coefficients"])
-    findings["limits"] = absorption.limits(stage, answer)
-    findings["within_trial"] = heating(stage.data, library, rate)
-    findings["untestable"] = untestable
-    if few(stage.data, base):
-        findings["sensitivity"] = sensitivity.sensitivity(
-            stage, {name for e in answer.accepted for name in e.effects}
-        )
-    findings["silent"] = coefficients.silent(stage, library, SILENT)
-    findings["next_experiment"] = separation.next_experiment(
-        stage, answer
-    ) + separation.to_part_visits(findings["limits"])
-    error = findings.get("error")
-    scores = (
-        HeldOutError(
-            **{w: error[w]["held_out_rmse"] for w in ("before", "after")},
-            noise_floor=error["noise_floor"],
-        )
-        if error
-        else None
+    estimates, limits = answers.estimates(), absorption.limits(stage, answer)
+    findings = BoundaryDiagnosis(
+        boundary=data.boundary,
+        base_model=stage.base.name,
+        false_alarm_rate=stage.options.false_alarm_rate,
+        verdict=answer.verdict,
+        effects=named_effects(stage, answer),
+        explanations=tuple(e.effects for e in answer.accepted) or None,
+        partial=partial(stage, answer) if answer.verdict == "unexplained" else None,
+        contradicted=answer.contradicted or None,
+        p_value=answer.first.p_value,
+        threshold_log10_p=answer.first.threshold,
+        structure=structure_tests(answer),
+        rounds=rounds(answer, refuted),
+        not_confirmed=tuple(e.effects for e in refuted) or None,
+        look=look.claim(options.false_alarm_rate) if look else None,
+        error=error,
+        noise=stage.noise,
+        coefficients=estimates,
+        shifts=absorption.shifts(stage, answer, estimates),
+        limits=limits,
+        within_trial=heating(stage.data, library, rate),
+        not_testable=untestable,
+        sensitivity=(
+            sensitivity.sensitivity(stage, {name for e in answer.accepted for name in e.effects})
+            if few(stage.data, base)
+            else None
+        ),
+        silent=coefficients.silent(stage, library, SILENT),
+        next_experiment=(
+            *separation.next_experiment(stage, answer),
+            *separation.to_part_visits(limits),
+        ),
     )
     quoted = loop_result.result(
         stage, answer, answers, _correlation(stage, answer, answers.unnamed), scores
@@ -236,8 +251,8 @@ def _without(
         start=ground.noise,
     )
     answer = decide(stage, True, rate, like).answer
-    after = coefficients_of(answer, declared).block()["after"]
-    intervals = {name: (c["value"], c["lo90"], c["hi90"]) for name, c in after.items()}
+    after = coefficients_of(answer, declared).estimates().after
+    intervals = {name: (c.value, c.lo90, c.hi90) for name, c in after.items()}
     return stability.Without(
         verdict=answer.verdict,
         effects=answer.accepted[0].effects if answer.accepted else (),
@@ -251,7 +266,7 @@ def set_up(
     parts: tuple[budget.Component, ...],
     options: Options,
     effects: tuple[Effect, ...] | None = None,
-) -> tuple[SearchProblem, tuple[Effect, ...], list[dict[str, Any]]]:
+) -> tuple[SearchProblem, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
     """The search's ground: usable trials with derived covariates, testable effects, base fit, noise
     floor.
     """

@@ -5,7 +5,6 @@ and every round with its reasons.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,14 @@ from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
+from nearlift.results.diagnosis import (
+    LoopEstimate,
+    LoopRound,
+    NamedEffect,
+    PartialEffect,
+    StructureTest,
+    TriedCandidate,
+)
 
 #: Share of the structure from which an effect that is refused for its size is named as such.
 FAIR_SHARE = 0.1
@@ -23,54 +30,25 @@ FAIR_SHARE = 0.1
 LISTED_PAIRS = 12
 
 
-def findings_of(
-    stage: SearchProblem, answer: Answer, refuted: tuple[Explanation, ...]
-) -> dict[str, Any]:
-    """Verdict, effects, structure and rounds; `refuted` are explanations that held-out visits did
-    not confirm.
-    """
-    found: dict[str, Any] = {
-        "base_model": stage.base.name,
-        "false_alarm_rate": stage.options.false_alarm_rate,
-        "verdict": answer.verdict,
-        "effects": [],
-    }
-    if answer.accepted:
-        found["effects"] = _effects(stage, answer)
-        found["explanations"] = [list(e.effects) for e in answer.accepted]
-    if answer.verdict == "unexplained":
-        found["partial"] = partial(stage, answer)
-    if answer.contradicted:
-        found["contradicted"] = list(answer.contradicted)
-    found["p_value"] = answer.first.p_value
-    found["threshold_log10_p"] = answer.first.threshold
-    found["structure"] = [
-        {
-            "covariate": c,
-            "family": family,
-            "p_value": float(10.0 ** max(p, -300.0)),
-            "significant": p < answer.first.threshold,
-        }
-        for c, (p, family) in answer.first.foremost().items()
-    ]
-    found["rounds"] = _rounds(dataclasses.replace(answer, accepted=refuted or answer.accepted))
-    if refuted:
-        found["not_confirmed"] = [list(e.effects) for e in refuted]
-        names = ", ".join(e.name for e in refuted)
-        found["rounds"].append(
-            {
-                "candidates": [],
-                "decision": "unexplained",
-                "reason": f"{names}: nothing is gained on visits that it was not fitted to",
-            }
+def structure_tests(answer: Answer) -> tuple[StructureTest, ...]:
+    """The foremost test of structure along each covariate."""
+    return tuple(
+        StructureTest(
+            covariate=c,
+            family=family,
+            p_value=float(10.0 ** max(p, -300.0)),
+            significant=bool(p < answer.first.threshold),
         )
-    return found
+        for c, (p, family) in answer.first.foremost().items()
+    )
 
 
-def _effects(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
+def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ...]:
     """The named effects of the best explanation, each with the rivals that could stand in its
     place.
     """
+    if not answer.accepted:
+        return ()
     best = answer.accepted[0]
     listed = []
     for effect in best.fitted.candidate.effects:
@@ -88,17 +66,19 @@ def _effects(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
             ):
                 rivals += [name for name in other.effects if name not in best.effects]
         listed.append(
-            {
-                "name": effect.name,
-                "rivals": list(dict.fromkeys(rivals)),
-                "parameters": _parameters(stage, best, effect.name),
-                "mechanism": effect.mechanism,
-            }
+            NamedEffect(
+                name=effect.name,
+                rivals=tuple(dict.fromkeys(rivals)),
+                parameters=_parameters(stage, best, effect.name),
+                mechanism=effect.mechanism,
+            )
         )
-    return listed
+    return tuple(listed)
 
 
-def _parameters(stage: SearchProblem, explanation: Explanation, effect: str) -> dict[str, Any]:
+def _parameters(
+    stage: SearchProblem, explanation: Explanation, effect: str
+) -> dict[str, LoopEstimate]:
     """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session
     where it has one each.
     """
@@ -110,7 +90,9 @@ def _parameters(stage: SearchProblem, explanation: Explanation, effect: str) -> 
     return _intervals(fitted, effect, spread, student.NORMAL_90)
 
 
-def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> dict[str, Any]:
+def _intervals(
+    fitted: Fitted, effect: str, u: FloatArray, quantile: float
+) -> dict[str, LoopEstimate]:
     result = {}
     for slot in fitted.candidate.slots:
         if slot.effect != effect:
@@ -122,16 +104,13 @@ def _intervals(fitted: Fitted, effect: str, u: FloatArray, quantile: float) -> d
                 else f"{slot.parameter.name}[{i - slot.start}]"
             )
             v, half = fitted.vector[i], quantile * u[i]
-            result[name] = {
-                "value": v,
-                "lo90": v - half,
-                "hi90": v + half,
-                "unit": slot.parameter.unit,
-            }
+            result[name] = LoopEstimate(
+                value=v, lo90=v - half, hi90=v + half, unit=slot.parameter.unit
+            )
     return result
 
 
-def partial(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
+def partial(stage: SearchProblem, answer: Answer) -> tuple[PartialEffect, ...]:
     """What the best single effects would explain of the structure, as shares of the chi2 that
     exceeds the noise.
     """
@@ -139,18 +118,33 @@ def partial(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
     ranked = sorted((s for s in answer.singles if not s.fitted.at_bound), key=lambda s: -s.gain)[:3]
     # noise that happens to be small elsewhere can leave less in sum than one effect takes
     whole = max(stage.excess, *(s.gain for s in ranked), 0.0)
-    return [{"name": s.name, "share": s.gain / whole} for s in ranked if s.gain > 0.05 * whole]
+    return tuple(
+        PartialEffect(name=s.name, share=s.gain / whole) for s in ranked if s.gain > 0.05 * whole
+    )
 
 
-def _rounds(answer: Answer) -> list[dict[str, Any]]:
-    """What was tried, in order, with the reason for each decision."""
+def rounds(answer: Answer, refuted: tuple[Explanation, ...]) -> tuple[LoopRound, ...]:
+    """What was tried, in order, with the reason for each decision; `refuted` are explanations that
+    held-out visits did not confirm.
+    """
+    if not refuted:
+        return _search_rounds(answer)
+    names = ", ".join(e.name for e in refuted)
+    why = f"{names}: nothing is gained on visits that it was not fitted to"
+    return (
+        *_search_rounds(dataclasses.replace(answer, accepted=refuted)),
+        LoopRound(candidates=(), decision="unexplained", reason=why),
+    )
+
+
+def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
     if answer.contradicted:
-        return [_round([], "unexplained", "; ".join(answer.contradicted))]
+        return (_round((), "unexplained", "; ".join(answer.contradicted)),)
     if not answer.first.present:
         largest = f"(p = {answer.first.p_value:.3g} for the largest of all tests)"
-        return [_round([], "adequate", f"nothing exceeds the threshold {largest}")]
+        return (_round((), "adequate", f"nothing exceeds the threshold {largest}"),)
     if answer.stage.independent:
-        return [_sweep(tried, answer) for tried in (answer.singles, answer.pairs) if tried]
+        return tuple(_sweep(tried, answer) for tried in (answer.singles, answer.pairs) if tried)
     best = answer.accepted[0] if answer.accepted else None
     enough = "nothing is left beyond the threshold"
     if best is not None and best.confirmed:
@@ -162,7 +156,7 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
     alone = [s for s in answer.singles if s.accepted]
     singles = _listing(answer.stage, answer.singles)
     if best is not None and alone and len(best.effects) == 1:
-        return [_round(singles, f"accept {best.name}", enough)]
+        return (_round(singles, f"accept {best.name}", enough),)
     why_not = (
         f"{max(alone, key=lambda e: e.evidence.log).name} would do, but two effects are plainly"
         " likelier: its form would have to be far off"
@@ -170,41 +164,41 @@ def _rounds(answer: Answer) -> list[dict[str, Any]]:
         else "each one leaves structure beyond the threshold, or explains too little"
         + _impossible(answer)
     )
-    return [
+    return (
         _round(singles, "no single effect will do", why_not),
         _round(
             _listing(answer.stage, answer.pairs, LISTED_PAIRS),
             f"accept {best.name}" if best is not None else "unexplained",
             enough if best is not None else "no pair of declared effects does better",
         ),
-    ]
+    )
 
 
-def _round(candidates: list[dict[str, Any]], decision: str, reason: str) -> dict[str, Any]:
-    return {"candidates": candidates, "decision": decision, "reason": reason}
+def _round(candidates: tuple[TriedCandidate, ...], decision: str, reason: str) -> LoopRound:
+    return LoopRound(candidates=candidates, decision=decision, reason=reason)
 
 
 def _listing(
     stage: SearchProblem, tried: tuple[Explanation, ...], most: int | None = None
-) -> list[dict[str, Any]]:
+) -> tuple[TriedCandidate, ...]:
     """Candidates with what they leave, the likeliest first."""
     rows = []
     for e in sorted(tried, key=lambda e: -e.evidence.log)[:most]:
         left = stage.left_by(e)
         rows.append(
-            {
-                "name": e.name,
-                "gain": e.gain,
-                "p_value": left.p_value,
-                "accepted": e.accepted,
-                "sizes": _sizes(e),
-                "at_bound": e.fitted.at_bound,
-                "log_evidence": e.evidence.log,
-                "plausibility": e.evidence.plausibility,
-                "left_in": next(iter(left.by_covariate()), None) if left.present else None,
-            }
+            TriedCandidate(
+                name=e.name,
+                gain=e.gain,
+                p_value=left.p_value,
+                accepted=e.accepted,
+                sizes=_sizes(e),
+                at_bound=e.fitted.at_bound,
+                log_evidence=e.evidence.log,
+                plausibility=e.evidence.plausibility,
+                left_in=next(iter(left.by_covariate()), None) if left.present else None,
+            )
         )
-    return rows
+    return tuple(rows)
 
 
 def _sizes(explanation: Explanation) -> dict[str, float]:
@@ -249,13 +243,13 @@ def _at_end(explanation: Explanation) -> str:
     )
 
 
-def _sweep(tried: tuple[Explanation, ...], answer: Answer) -> dict[str, Any]:
+def _sweep(tried: tuple[Explanation, ...], answer: Answer) -> LoopRound:
     """A round in which visits left out decided."""
     # what is left decides nothing here
-    rows = [
-        {**row, "left_in": None, "judged_by": "visits left out"}
+    rows = tuple(
+        dataclasses.replace(row, left_in=None, judged_by="visits left out")
         for row in _listing(answer.stage, tried)
-    ]
+    )
     chosen = [e for e in tried if e.accepted]
     visits = f"({len(np.unique(answer.stage.data.visit))} visits, each in turn)"
     if chosen:

@@ -33,6 +33,7 @@ from nearlift.loop.search_problem import FORM_SD, SILENT, Options, SearchProblem
 from nearlift.loop.setting import derive
 from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
+from nearlift.results.diagnosis import UntestableEffect
 
 #: Draws of the noise; a chance of 80 % is then known to 1.3 %.
 DRAWS = 1000
@@ -451,7 +452,7 @@ def planned(
     options: Options,
     theta: FloatArray,
     effects: tuple[Effect, ...] | None = None,
-) -> tuple[Foresight, tuple[Effect, ...], list[dict[str, object]]]:
+) -> tuple[Foresight, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
     """What trials that are only planned could see.
 
     The noise floor is rehearsed on drawn campaigns: a component that a plan can hardly tell from

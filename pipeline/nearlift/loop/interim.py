@@ -9,9 +9,10 @@ how often it was looked at. See docs/decisions/0016-interim-looks.md.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+
+from nearlift.results.diagnosis import InterimClaim
 
 #: The boundary is aimed at this share of the false-alarm rate; all looks together then claim in at
 #: most twice that share of nulls (reflection).
@@ -47,16 +48,13 @@ class InterimLook:
         """P-value that a claim needs at this look, where `rate` is enough at the end."""
         return nominal_level(INTERIM_SHARE * rate, self.trials / self.scheduled)
 
-    def record(self, rate: float) -> dict[str, Any]:
-        """The `look` block of diagnosis.json."""
+    def claim(self, rate: float) -> InterimClaim:
+        """What a claim needs at this look."""
         level = self.level(rate)
         text = (
             f"a look at {self.trials} of {self.scheduled} trials; claims need p < {level:.1g}, and"
             f" p < {rate:g} once all are measured"
         )
-        return {
-            "trials": self.trials,
-            "scheduled": self.scheduled,
-            "p_value_needed": level,
-            "text": text,
-        }
+        return InterimClaim(
+            trials=self.trials, scheduled=self.scheduled, p_value_needed=level, text=text
+        )

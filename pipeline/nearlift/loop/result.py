@@ -18,8 +18,6 @@ from nearlift.loop.coefficients import Answers, Pair
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.quotation import (
-from nearlift.loop.search import Answer, Stage
-from nearlift.results.quotation import (
     BoundaryResult,
     Correlation,
     Doubt,

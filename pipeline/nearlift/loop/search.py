@@ -13,10 +13,7 @@ import numpy as np
 
 from nearlift.declare import Effect
 from nearlift.loop import structure
-from nearlift.loop.candidate import (
-    Fitted,
-    bends_along,
-)
+from nearlift.loop.candidate import bends_along
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.explanation import Explanation

@@ -16,6 +16,7 @@ from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
+from nearlift.results.diagnosis import Alternative, CoefficientLimit, NextExperiment, NextSession
 
 #: Trials in a proposed session.
 SESSION = 160
@@ -155,7 +156,7 @@ def parted(
     return float(left @ left)
 
 
-def next_experiment(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]]:
+def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, ...]:
     """For the best explanation and its rivals: which session would part them, ranked by the
     expected evidence per trial.
 
@@ -170,7 +171,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]
         ]
         compared = tuple(sorted(tried, key=lambda e: -e.evidence.log)[:2])
     if len(compared) < 2:
-        return []
+        return ()
     best = compared[0]
     found = []
     for rival in compared[1:5]:
@@ -183,44 +184,41 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> list[dict[str, Any]
         rate, proposal = ranked[0]
         wanted = max(9.0 + 4.0 - now, 0.0)
         found.append(
-            {
-                "separates": [best.name, rival.name],
-                "measure": proposal.text,
-                "trials": proposal.added.n,
-                "expected_evidence": rate * proposal.added.n,
-                "trials_to_separate": int(np.ceil(wanted / rate)) if rate > 1e-6 else None,
-                "alternatives": [
-                    {"measure": p.text, "expected_evidence": r * p.added.n} for r, p in ranked[1:4]
-                ],
-            }
+            NextSession(
+                separates=(best.name, rival.name),
+                measure=proposal.text,
+                trials=proposal.added.n,
+                expected_evidence=rate * proposal.added.n,
+                trials_to_separate=int(np.ceil(wanted / rate)) if rate > 1e-6 else None,
+                alternatives=tuple(
+                    Alternative(measure=p.text, expected_evidence=r * p.added.n)
+                    for r, p in ranked[1:4]
+                ),
+            )
         )
-    return found
+    return tuple(found)
 
 
-def to_part_visits(limits: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment, ...]:
     """What to measure where coefficients rest on one distance, or go under in a level of every
     session's own; see `absorption.limits`.
     """
     found = []
     for limit in limits:
-        if "absorbed_by" in limit:
+        if limit.absorbed_by:
+            other = limit.absorbed_by
             measure = (
                 "several distances within each session, in random order, so that a gain of the"
                 " session's own moves them all alike"
             )
-            found.append(
-                {"separates": [limit["coefficient"], limit["absorbed_by"]], "measure": measure}
-            )
-        elif "rests_on" in limit:
-            z_hat = limit["rests_on"]["z_hat"]
+        elif limit.rests_on:
+            z_hat = limit.rests_on.z_hat
+            other = f"the one visit at z_hat = {z_hat:.2g}"
             measure = (
                 f"more visits around z_hat = {z_hat:.2g}, in other sessions and with other states"
                 " of what else changes between visits"
             )
-            found.append(
-                {
-                    "separates": [limit["coefficient"], f"the one visit at z_hat = {z_hat:.2g}"],
-                    "measure": measure,
-                }
-            )
-    return found
+        else:
+            continue
+        found.append(NextExperiment(separates=(limit.coefficient, other), measure=measure))
+    return tuple(found)

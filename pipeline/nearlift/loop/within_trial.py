@@ -6,18 +6,18 @@ records show it.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.results import Observations
+from nearlift.results.diagnosis import Change, WithinTrial
+from nearlift.results.explanation import WithinTrialPower
 
 #: A mean change within the record below this fraction of lift harms nobody, however significant.
 HARMLESS = 5e-4
 
 
-def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> dict[str, Any] | None:
+def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> WithinTrial | None:
     """Mean relative change of lift over a record, tested against the scatter between visits; None
     where records are unknown.
 
@@ -35,15 +35,15 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> dic
     half = float(t.ppf(0.95, blocks - 1)) * u
     significant = p_value < rate and abs(value) > HARMLESS
     names = [e.name for e in library if "drift_hat" in e.needs]
-    return {
-        "change_over_record": {"value": value, "lo90": value - half, "hi90": value + half},
-        "p_value": p_value,
-        "significant": significant,
-        "candidates": names if significant else [],
-    }
+    return WithinTrial(
+        change_over_record=Change(value=value, lo90=value - half, hi90=value + half),
+        p_value=p_value,
+        significant=significant,
+        candidates=tuple(names) if significant else (),
+    )
 
 
-def power(data: Observations, rate: float, chance: float) -> dict[str, Any] | None:
+def power(data: Observations, rate: float, chance: float) -> WithinTrialPower | None:
     """The mean relative change over a record that `heating` finds with that chance at that rate;
     None where records are unknown.
     """
@@ -57,7 +57,7 @@ def power(data: Observations, rate: float, chance: float) -> dict[str, Any] | No
     u = float(means.std(ddof=1) / np.sqrt(blocks))
     critical = float(t.ppf(1 - rate / 2, blocks - 1))
     limit = u * float(brentq(lambda shift: nct.sf(critical, blocks - 1, shift) - chance, 0.0, 20.0))
-    return {"u_of_mean": u, "visits": blocks, "limit": max(limit, HARMLESS)}
+    return WithinTrialPower(u_of_mean=u, visits=blocks, limit=max(limit, HARMLESS))
 
 
 def _by_visit(data: Observations) -> FloatArray | None:

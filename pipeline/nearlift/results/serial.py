@@ -161,12 +161,12 @@ def _required(field: dataclasses.Field[Any]) -> bool:
 
 def _of_mapping(key: Any, value: Any) -> Callable[[Json], Any]:
     each, name = _decoder(value), float if key is float else str
+    return lambda content: {name(k): _named(each(v), k) for k, v in content.items()}
+
+
+def _named(value: Any, key: str) -> Any:
     above = [f.name for f in _fields(value) if f.metadata.get("above")]
-    if not above:
-        return lambda content: {name(k): each(v) for k, v in content.items()}
-    return lambda content: {
-        name(k): dataclasses.replace(each(v), **dict.fromkeys(above, k)) for k, v in content.items()
-    }
+    return dataclasses.replace(value, **dict.fromkeys(above, key)) if above else value
 
 
 def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:

@@ -4,8 +4,6 @@ is to be quoted to results.json.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nearlift.declare import Boundary
@@ -14,10 +12,9 @@ from nearlift.fit.base_result import base_result, shape_doubts
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
-from nearlift.loop.search import Options
 from nearlift.loop.search_problem import Options
-from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, NOT_DIAGNOSED, TRIALS
-from nearlift.report.findings import could_have_seen
+from nearlift.products import LOOP_RESIDUALS, TRIALS
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
@@ -34,7 +31,7 @@ def run(job: Job) -> Outcome:
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     options = chosen(job)
-    findings: dict[str, Any] = {}
+    findings: dict[Boundary, BoundaryDiagnosis | NotDiagnosed] = {}
     residuals: list[Table] = []
     quoted: dict[Boundary, BoundaryResult] = {}
     fitted = job.load(FitResults)
@@ -56,22 +53,16 @@ def run(job: Job) -> Outcome:
             )
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"
-            findings[boundary] = {
-                "verdict": NOT_DIAGNOSED,
-                "reason": reason,
-                "base_model": base.name,
-                "effects": [],
-                "structure": [],
-            }
+            findings[boundary] = NotDiagnosed(reason=reason, base_model=base.name)
             quoted[boundary] = base_result(
                 fit(base, data, parts), fitted.boundaries[boundary][base.name], reason
             )
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
         findings[boundary] = found.findings
-        if look := found.findings.get("look"):
-            notes.append(f"{boundary}: {look['text']}")
-        if could := could_have_seen(found.findings):
+        if look := found.findings.look:
+            notes.append(f"{boundary}: {look.text}")
+        if could := found.findings.sensitivity:
             notes.append(f"{boundary}: {data.n} trials {could}")
         # the same likelihood but for its noise
         quoted[boundary] = (
@@ -81,7 +72,7 @@ def run(job: Job) -> Outcome:
         )
         notes += [
             f"{boundary}: {told}"
-            for told in (*found.findings.get("contradicted", ()), found.quoted.leaning)
+            for told in (*(found.findings.contradicted or ()), found.quoted.leaning)
             if told
         ]
         residuals.append(
@@ -91,14 +82,7 @@ def run(job: Job) -> Outcome:
             }
         )
     job.write(LOOP_RESIDUALS, stacked(LOOP_RESIDUALS, residuals))
-    job.write_json(
-        DIAGNOSIS,
-        {
-            "schema": DIAGNOSIS.schema,
-            "false_alarm_rate": options.false_alarm_rate,
-            "boundaries": findings,
-        },
-    )
+    job.save(DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries=findings))
     job.save(Results(boundaries=quoted))
     return Outcome(notes=tuple(notes))
 

@@ -24,7 +24,7 @@ from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.report.evidence import Columns
-from nearlift.results import Noise
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, UntestableEffect
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
@@ -50,7 +50,8 @@ def run(job: Job, name: str) -> dict[str, Any]:
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     options = chosen(job)
-    loop = store.read_json_if_whole(job.processed / DIAGNOSIS.file).get("boundaries", {})
+    nothing = DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries={})
+    loop = store.load_if_whole(job.processed / DIAGNOSIS.file, nothing).boundaries
     told: dict[str, Any] = {}
     pictures: list[Columns] = []
     refused = []
@@ -64,9 +65,12 @@ def run(job: Job, name: str) -> dict[str, Any]:
         except NotConverged as fault:
             refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
-        diagnosed = loop[boundary] if "noise_floor" in loop.get(boundary, {}) else None
-        if diagnosed is not None:
-            stage = _at_floor(stage, diagnosed["noise_floor"])
+        diagnosed = loop.get(boundary)
+        if isinstance(diagnosed, BoundaryDiagnosis):
+            # beside a large effect the noise is known only after the loop
+            stage = dataclasses.replace(stage, noise=diagnosed.noise)
+        else:
+            diagnosed = None
         told[boundary], rows = _at(
             stage, effect, library, untestable, diagnosed, boundary, job.seed
         )
@@ -87,14 +91,6 @@ def run(job: Job, name: str) -> dict[str, Any]:
     if pictures:
         found["files"] = _draw(job, name, pictures)
     return found
-
-
-def _at_floor(stage: SearchProblem, floor: dict[str, Any]) -> SearchProblem:
-    """The stage at the noise floor that the loop ended with: beside a large effect it is taken
-    about the explanation.
-    """
-    noise = Noise.recorded(floor)
-    return dataclasses.replace(stage, noise=noise)
 
 
 def _words(effect: Effect) -> dict[str, Any]:
@@ -134,18 +130,18 @@ def _at(
     stage: SearchProblem,
     effect: Effect,
     library: tuple[Effect, ...],
-    untestable: list[dict[str, Any]],
-    loop: dict[str, Any] | None,
+    untestable: tuple[UntestableEffect, ...],
+    loop: BoundaryDiagnosis | None,
     boundary: Boundary,
     seed: int,
 ) -> tuple[dict[str, Any], list[Columns]]:
     """One boundary: numbers, and the rows of the figure."""
-    lacking = next((u for u in untestable if u["effect"] == effect.name), None)
+    lacking = next((u for u in untestable if u.effect == effect.name), None)
     if lacking is not None:
         return {
             "testable": False,
-            "needs": lacking["needs"],
-            "log_next_time": lacking["log_next_time"],
+            "needs": lacking.needs,
+            "log_next_time": lacking.log_next_time,
         }, []
     if effect.name not in {e.name for e in library}:
         reason = "it does not occur at this boundary, or the base model holds it already"
@@ -234,20 +230,19 @@ def _rms(x: Any) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
-def _verdict(name: str, loop: dict[str, Any] | None) -> dict[str, Any] | None:
+def _verdict(name: str, loop: BoundaryDiagnosis | None) -> dict[str, Any] | None:
     """What the loop made of the effect in this campaign; None where it has not run."""
     if loop is None:
         return None
-    named = next((e for e in loop["effects"] if e["name"] == name), None)
-    rival_of = [e["name"] for e in loop["effects"] if name in e["rivals"]]
-    tried = next((c for r in loop["rounds"] for c in r["candidates"] if c["name"] == name), None)
+    named = next((e for e in loop.effects if e.name == name), None)
+    tried = next((c for r in loop.rounds for c in r.candidates if c.name == name), None)
     return {
-        "verdict": loop["verdict"],
+        "verdict": loop.verdict,
         "named": named is not None,
-        "parameters": named["parameters"] if named else None,
-        "rivals": named["rivals"] if named else [],
-        "rival_of": rival_of,
-        "tried": {k: tried[k] for k in ("gain", "p_value", "accepted", "left_in") if k in tried}
+        "parameters": named.parameters if named else None,
+        "rivals": named.rivals if named else (),
+        "rival_of": [e.name for e in loop.effects if name in e.rivals],
+        "tried": {k: getattr(tried, k) for k in ("gain", "p_value", "accepted", "left_in")}
         if tried
         else None,
     }

@@ -19,6 +19,7 @@ from nearlift.manifest.design import Planned
 from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.results import Noise
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
 from nearlift.run import store
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
@@ -241,9 +242,9 @@ def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noi
                 "run it first, or name another with a diagnosis",
             )
         floors = {
-            b: entry["noise_floor"]
-            for b, entry in store.read_json(path)["boundaries"].items()
-            if "noise_floor" in entry
+            b: entry.noise
+            for b, entry in store.load(path, DiagnosisResults).boundaries.items()
+            if isinstance(entry, BoundaryDiagnosis)
         }
         if not floors:
             raise UsageError(
@@ -252,9 +253,7 @@ def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noi
                 "name another campaign, or give [design.noise]",
             )
         floor = floors.get(boundary) or next(iter(floors.values()))
-        return dataclasses.replace(
-            Noise.recorded(floor), dof=np.inf, source=f"the noise floor of {earlier.name}"
-        )
+        return dataclasses.replace(floor, dof=np.inf, source=f"the noise floor of {earlier.name}")
     if campaign.design is not None and campaign.design.noise is not None:
         given = campaign.design.noise
         return Noise(

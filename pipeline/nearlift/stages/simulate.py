@@ -66,7 +66,7 @@ def run(job: Job) -> Outcome:
         claims=judge(levels),
         roll=_roll(job, chosen),
     )
-    job.write_json(SAFETY, result.record())
+    job.write_json(SAFETY, result)
     warned = [f"{what}: {test.warning}" for what, test in tests.items() if not test.converged]
     return Outcome(notes=tuple(warned))
 

@@ -10,7 +10,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from nearlift.nomenclature import letter
-from nearlift.report.findings import could_have_seen, stand_ins
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.rounding import like, plain, plus_minus
 
 if TYPE_CHECKING:
@@ -63,23 +63,21 @@ def diagnosis(found: Diagnosis) -> str:
     """
     rows = []
     for at in found:
-        others = [stand_ins(at.content, e) for e in at.content["effects"]]
+        others = (
+            {e.name: at.stand_ins(e) for e in at.effects}
+            if isinstance(at, BoundaryDiagnosis)
+            else {}
+        )
         named = "; ".join(
-            e.name + (f" (or {', '.join(o)})" if o else "")
-            for e, o in zip(at.effects, others, strict=True)
+            name + (f" (or {', '.join(names)})" if names else "") for name, names in others.items()
         )
         error = (
             f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor"
             f" {plain(100 * at.noise_floor, 2)})"
         )
-        could = could_have_seen(at.content)
-        verdict = (
-            f"not diagnosed: {at.reason}"
-            if at.reason
-            else f"{at.verdict}; {could}"
-            if could
-            else at.verdict
-        )
+        verdict = f"{at.verdict}; {at.sensitivity}" if at.sensitivity else at.verdict
+        if at.reason:
+            verdict = f"not diagnosed: {at.reason}"
         for name, c in found.quoted[at.boundary].coefficients.items():
             told = (
                 named or "none",

@@ -4,7 +4,6 @@ notebook, intervals first.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,8 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
+from nearlift.results.diagnosis import BoundaryDiagnosis, NotDiagnosed
 from nearlift.results.fit import ModelFit
-from nearlift.results.quotation import BoundaryResult, Verdict
+from nearlift.results.quotation import BoundaryResult
 from nearlift.study import display
 
 if TYPE_CHECKING:
@@ -171,107 +171,6 @@ class Fit(Finding):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Coefficient:
-    """A coefficient of the base model, as the loop knows it.
-
-    Attributes
-    ----------
-    value, lo90, hi90 : float
-        Over all rivals, their form uncertain.
-    conditional : (float, float) or None
-        90 % interval given the named explanation.
-    constrained : (float, float) or None
-        90 % interval with every effect that was not found as a nuisance of its physical size.
-    """
-
-    value: float
-    lo90: float
-    hi90: float
-    conditional: tuple[float, float] | None = None
-    constrained: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NamedEffect:
-    """An effect that the residuals demanded, and those that this design cannot tell from it."""
-
-    name: str
-    mechanism: str
-    rivals: tuple[str, ...]
-    parameters: Mapping[str, Coefficient]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoundaryDiagnosis:
-    """What the loop found at one boundary.
-
-    Attributes
-    ----------
-    verdict : str
-        ``adequate``, ``effect``, ``unexplained`` or ``not_diagnosed``.
-    reason : str
-        Why it could not be diagnosed; the errors are then nan, and there are no coefficients.
-    effects : tuple of NamedEffect
-        Empty unless the verdict is ``effect``.
-    before, after : mapping of str to Coefficient
-        Coefficients of the base model without and with them.
-    held_out_before, held_out_after, noise_floor : float
-        Error as a fraction of lift, on visits that took no part in choosing.
-    untestable : mapping of str to tuple of str
-        Effects that nothing can be said of, and what to log next time.
-    content : dict
-        The whole entry of ``diagnosis.json``: structure, rounds, silent effects, the next
-        experiment.
-    """
-
-    boundary: Boundary
-    base_model: str
-    verdict: Verdict
-    reason: str
-    effects: tuple[NamedEffect, ...]
-    before: Mapping[str, Coefficient]
-    after: Mapping[str, Coefficient]
-    held_out_before: float
-    held_out_after: float
-    noise_floor: float
-    untestable: Mapping[str, tuple[str, ...]]
-    content: Mapping[str, Any] = field(repr=False, compare=False)
-
-    @classmethod
-    def of(cls, boundary: Boundary, entry: Mapping[str, Any]) -> BoundaryDiagnosis:
-        """From an entry of ``diagnosis.json``."""
-        error = entry.get("error", {})
-        coefficients = entry.get("coefficients", {})
-        return cls(
-            boundary=boundary,
-            base_model=entry["base_model"],
-            verdict=entry["verdict"],
-            reason=entry.get("reason", ""),
-            effects=tuple(
-                NamedEffect(
-                    name=e["name"],
-                    mechanism=e.get("mechanism", ""),
-                    rivals=tuple(e["rivals"]),
-                    parameters={n: _coefficient(p) for n, p in e["parameters"].items()},
-                )
-                for e in entry["effects"]
-            ),
-            **{
-                when: {n: _coefficient(c) for n, c in coefficients.get(when, {}).items()}
-                for when in ("before", "after")
-            },
-            held_out_before=_real(error.get("before", {}).get("held_out_rmse")),
-            held_out_after=_real(error.get("after", {}).get("held_out_rmse")),
-            noise_floor=_real(error.get("noise_floor")),
-            untestable={
-                u["effect"]: tuple(u.get("log_next_time") or u["needs"])
-                for u in entry.get("untestable", [])
-            },
-            content=entry,
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis(Finding):
     """The closed loop at every boundary: ``diagnosis.json``, and what is to be quoted after it:
     ``results.json``.
@@ -279,14 +178,14 @@ class Diagnosis(Finding):
     ``diagnosis["ground"].verdict`` is one word.
     """
 
-    boundaries: Mapping[Boundary, BoundaryDiagnosis]
+    boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]
     quoted: Mapping[Boundary, BoundaryResult]
 
-    def __getitem__(self, boundary: str) -> BoundaryDiagnosis:
+    def __getitem__(self, boundary: str) -> BoundaryDiagnosis | NotDiagnosed:
         """What was found at that boundary; `UsageError` with those that there are."""
         return _of(self.boundaries, boundary, f"{boundary!r} was not diagnosed")
 
-    def __iter__(self) -> Iterator[BoundaryDiagnosis]:
+    def __iter__(self) -> Iterator[BoundaryDiagnosis | NotDiagnosed]:
         """Boundary by boundary: ground, ceiling, sidewall."""
         return iter(self.boundaries.values())
 
@@ -335,18 +234,3 @@ def _of(found: Mapping[Any, Found], key: str, what: str) -> Found:
     if key not in found:
         raise UsageError(key, what, f"there are {', '.join(map(str, found)) or 'none'}")
     return found[key]
-
-
-def _real(value: float | None) -> float:
-    """JSON has no infinity and no nan: both are written as null."""
-    return math.nan if value is None else float(value)
-
-
-def _coefficient(entry: Mapping[str, Any]) -> Coefficient:
-    numbers = {key: _real(entry[key]) for key in ("value", "lo90", "hi90")}
-    pairs = {
-        key: (_real(entry[key][0]), _real(entry[key][1]))
-        for key in ("conditional", "constrained")
-        if entry.get(key)
-    }
-    return Coefficient(**numbers, **pairs)  # type: ignore[arg-type]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from nearlift.errors import UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.study.found import (
-    BoundaryDiagnosis,
     BoundaryFit,
     Diagnosis,
     Drawing,
@@ -101,13 +100,10 @@ class Study:
 
     def diagnose(self) -> Diagnosis:
         """The loop: what the base models leave, traced to a named effect, or not."""
-        from nearlift.products import DIAGNOSIS
+        from nearlift.results.diagnosis import DiagnosisResults
 
         told = self._bring("diagnose")
-        found = {
-            boundary: BoundaryDiagnosis.of(boundary, entry)
-            for boundary, entry in self._document(DIAGNOSIS)["boundaries"].items()
-        }
+        found = self._load(DiagnosisResults).boundaries
         drawn = any(not at.reason for at in found.values())
         return Diagnosis(
             **told,
@@ -214,11 +210,6 @@ class Study:
         from nearlift.results.quotation import Results
 
         return dict(self._load(Results).boundaries)
-
-    def _document(self, product: Product) -> dict[str, Any]:
-        from nearlift.run import store
-
-        return store.read_json(self._whole(product))
 
     def _load(self, kind: type[Loaded]) -> Loaded:
         from nearlift.run import store

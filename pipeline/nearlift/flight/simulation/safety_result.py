@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from nearlift.declare import Boundary
 from nearlift.flight.simulation.claims import JudgedClaim
@@ -12,7 +11,6 @@ from nearlift.flight.simulation.fitted import FittedFlights
 from nearlift.flight.simulation.published import PublishedFlights
 from nearlift.flight.simulation.roll import RollResult
 from nearlift.flight.simulation.route import RouteResult
-from nearlift.results.serial import encode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,8 +31,3 @@ class SafetyResult:
     route: RouteResult | None
     claims: tuple[JudgedClaim, ...]
     roll: RollResult
-
-    def record(self) -> dict[str, Any]:
-        """As JSON has it."""
-        record: dict[str, Any] = encode(self)
-        return record

@@ -1,0 +1,434 @@
+"""diagnosis.json: what the loop found in the residuals of each boundary's base fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from nearlift.declare import Boundary
+from nearlift.products import DIAGNOSIS, Product
+from nearlift.results.estimate import Noise
+from nearlift.results.quotation import Verdict
+from nearlift.results.serial import Below, encode, keyed, named_by_key, optional
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopEstimate:
+    """A coefficient, or an effect's parameter, as the loop knows it.
+
+    Attributes
+    ----------
+    value, lo90, hi90 : float
+        Over all rivals, their form uncertain.
+    conditional : (float, float) or None
+        90 % interval given the named explanation.
+    constrained : (float, float) or None
+        90 % interval with every effect that was not found as a nuisance of its physical size.
+    unit : str or None
+        Of an effect's parameter.
+    """
+
+    value: float
+    lo90: float
+    hi90: float
+    conditional: Interval | None = optional()
+    constrained: Interval | None = optional()
+    unit: str | None = optional()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedEffect:
+    """An effect that the residuals demanded, and those that this design cannot tell from it."""
+
+    name: str
+    rivals: tuple[str, ...]
+    parameters: Mapping[str, LoopEstimate]
+    mechanism: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PartialEffect:
+    """The share of the structure that an effect would explain which may not take the credit."""
+
+    name: str
+    share: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StructureTest:
+    """The foremost test of structure along one covariate."""
+
+    covariate: str
+    family: str
+    p_value: float
+    significant: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriedCandidate:
+    """An explanation that was tried.
+
+    Attributes
+    ----------
+    gain : float
+        Fall of chi2.
+    p_value : float
+        Of what it leaves; `left_in` is the covariate of that, None where nothing is left.
+    sizes : mapping of str to float
+        Its parameters, those aside that differ by session.
+    at_bound : bool
+        A size that is not possible.
+    log_evidence, plausibility : float
+    judged_by : str or None
+        What decided, where it was not the evidence.
+    """
+
+    name: str
+    gain: float
+    p_value: float
+    accepted: bool
+    sizes: Mapping[str, float]
+    at_bound: bool
+    log_evidence: Below
+    plausibility: Below
+    left_in: str | None
+    judged_by: str | None = optional()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopRound:
+    """One round of the search: what was tried, what was decided, and why."""
+
+    candidates: tuple[TriedCandidate, ...]
+    decision: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InterimClaim:
+    """What a claim needs at a look at a campaign that still grows."""
+
+    trials: int
+    scheduled: int
+    p_value_needed: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutRmse:
+    """Root mean square error on visits that took no part in choosing, with its 90 % interval."""
+
+    held_out_rmse: float
+    lo90: float
+    hi90: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A relative change with its 90 % interval."""
+
+    value: float
+    lo90: float
+    hi90: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopError:
+    """Held-out errors before and after the loop; `change` where an effect was named."""
+
+    unit: str = "fraction of lift"
+    noise_floor: float
+    before: HeldOutRmse
+    after: HeldOutRmse
+    change: Change | None = optional()
+    held_out_trials: int
+    chosen_in_folds: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopCoefficients:
+    """Coefficients of the base model without and with the named effects, and the covariates along
+    which what has no name was carried.
+    """
+
+    before: Mapping[str, LoopEstimate]
+    after: Mapping[str, LoopEstimate]
+    carried: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoefficientShift:
+    """What became of a coefficient with an effect in the model, and how the two go together over
+    these trials; `text` where that is much.
+    """
+
+    effect: str
+    coefficient: str
+    before: float
+    after: float
+    correlation: float
+    text: str | None = optional()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Station:
+    """A distance over rotor radius."""
+
+    z_hat: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoefficientLimit:
+    """Why a coefficient cannot be known from these trials: it rests on one visit, or levels of
+    their own absorb it; `share` of what is known of it.
+    """
+
+    coefficient: str
+    rests_on: Station | None = optional()
+    absorbed_by: str | None = optional()
+    share: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WithinTrial:
+    """Change of lift over a record, and the effects that may be at work in it."""
+
+    change_over_record: Change
+    p_value: float
+    significant: bool
+    candidates: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UntestableEffect:
+    """An effect that nothing can be said of, what it needs, and what to log next time."""
+
+    effect: str
+    needs: tuple[str, ...]
+    log_next_time: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectionLimit:
+    """The size of an effect that would have shown; None where none that is possible would."""
+
+    effect: str
+    parameter: str
+    unit: str
+    size: float | None
+    plausible: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensitivity:
+    """What a diagnosis of few trials could have seen, each limit with that `chance`;
+    `declared_share` of a trial's variance came with it.
+    """
+
+    trials: int
+    families: tuple[str, ...]
+    effects: tuple[str, ...]
+    chance: float
+    declared_share: float
+    limits: tuple[DetectionLimit, ...]
+
+    def __str__(self) -> str:
+        seen = [row.text for row in self.limits if row.size is not None]
+        unseen = list(dict.fromkeys(row.effect for row in self.limits if row.size is None))
+        if not seen:
+            return "could have seen no effect at any size that is possible"
+        words = (
+            f"could have seen {', '.join(seen)} (each with a chance of {100 * self.chance:.0f} %)"
+        )
+        if unseen:
+            words += f"; not, at any size that is possible, {', '.join(unseen)}"
+        return words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SilentEffect:
+    """An effect that coefficients and L_inf absorb, and the bias that it may do unseen, in standard
+    uncertainties `u` of the headline coefficient.
+    """
+
+    effect: str
+    absorbed_by: str
+    share_visible: float
+    bias_at_detection_limit: float
+    in_units_of: str
+    u: float
+    u_of: str
+    hidden: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alternative:
+    """Another session that would part two explanations."""
+
+    measure: str
+    expected_evidence: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NextExperiment:
+    """What to measure to part two explanations; `trials_to_separate` is None where that session
+    never would.
+    """
+
+    separates: tuple[str, ...]
+    measure: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NextSession(NextExperiment):
+    """The same with the evidence that it is expected to bring."""
+
+    trials: int
+    expected_evidence: float
+    trials_to_separate: int | None
+    alternatives: tuple[Alternative, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundaryDiagnosis:
+    """What the loop found at one boundary.
+
+    Attributes
+    ----------
+    boundary, base_model : str
+    verdict : str
+        ``adequate``, ``effect`` or ``unexplained``.
+    effects : tuple of NamedEffect
+        Empty unless the verdict is ``effect``.
+    explanations : tuple of tuple of str
+        What this design cannot tell apart, the best first.
+    partial : tuple of PartialEffect
+        Of structure that is not explained.
+    contradicted : tuple of str
+        What speaks against a model that no test of structure rejects.
+    p_value, threshold_log10_p : float
+        Of the largest of all tests, and what it needs.
+    structure : tuple of StructureTest
+    rounds : tuple of LoopRound
+    not_confirmed : tuple of tuple of str
+        Explanations from which visits left out gain nothing.
+    look : InterimClaim or None
+    error : LoopError or None
+        None where no visit can be predicted from the others.
+    noise : Noise
+        The noise floor (``noise_floor`` in the file).
+    coefficients : LoopCoefficients
+    """
+
+    boundary: Boundary = named_by_key()
+    base_model: str
+    false_alarm_rate: float
+    verdict: Verdict
+    effects: tuple[NamedEffect, ...]
+    explanations: tuple[tuple[str, ...], ...] | None = optional()
+    partial: tuple[PartialEffect, ...] | None = optional()
+    contradicted: tuple[str, ...] | None = optional()
+    p_value: float
+    threshold_log10_p: float
+    structure: tuple[StructureTest, ...]
+    rounds: tuple[LoopRound, ...]
+    not_confirmed: tuple[tuple[str, ...], ...] | None = optional()
+    look: InterimClaim | None = optional()
+    error: LoopError | None = optional()
+    noise: Noise = keyed("noise_floor")
+    coefficients: LoopCoefficients
+    shifts: tuple[CoefficientShift, ...]
+    limits: tuple[CoefficientLimit, ...]
+    within_trial: WithinTrial | None
+    not_testable: tuple[UntestableEffect, ...] = keyed("untestable")
+    sensitivity: Sensitivity | None = optional()
+    silent: tuple[SilentEffect, ...]
+    next_experiment: tuple[NextSession | NextExperiment, ...]
+
+    @property
+    def reason(self) -> str:
+        """Why it could not be diagnosed: it was."""
+        return ""
+
+    def stand_ins(self, effect: NamedEffect) -> list[str]:
+        """What this design cannot tell from a named effect: single effects in its place, then two
+        where one was named, as "a + b".
+        """
+        together = [e for e in self.explanations or () if len(e) > len(self.effects)]
+        alone = {n for e in self.explanations or () if e not in together for n in e}
+        return [r for r in effect.rivals if r in alone or not together] + [
+            " + ".join(e) for e in together
+        ]
+
+    @property
+    def before(self) -> Mapping[str, LoopEstimate]:
+        """Coefficients of the base model without the named effects."""
+        return self.coefficients.before
+
+    @property
+    def after(self) -> Mapping[str, LoopEstimate]:
+        """Coefficients of the base model with them."""
+        return self.coefficients.after
+
+    @property
+    def held_out_before(self) -> float:
+        """Error of the base model as a fraction of lift, on visits that took no part in choosing;
+        nan where there is none.
+        """
+        return self.error.before.held_out_rmse if self.error else float("nan")
+
+    @property
+    def held_out_after(self) -> float:
+        """The same with the named effects."""
+        return self.error.after.held_out_rmse if self.error else float("nan")
+
+    @property
+    def noise_floor(self) -> float:
+        """What that error cannot fall below."""
+        return self.error.noise_floor if self.error else float("nan")
+
+    @property
+    def untestable(self) -> dict[str, tuple[str, ...]]:
+        """Effects that nothing can be said of, and what to log next time."""
+        return {u.effect: u.log_next_time or u.needs for u in self.not_testable}
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """As it is written."""
+        content: dict[str, Any] = encode(self)
+        return content
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NotDiagnosed:
+    """A boundary that could not be diagnosed, and why."""
+
+    boundary: Boundary = named_by_key()
+    verdict: Literal["not_diagnosed"] = "not_diagnosed"
+    reason: str
+    base_model: str
+    effects: tuple[NamedEffect, ...] = ()
+    structure: tuple[StructureTest, ...] = ()
+    sensitivity: ClassVar[Sensitivity | None] = None
+    before: ClassVar[Mapping[str, LoopEstimate]] = {}
+    after: ClassVar[Mapping[str, LoopEstimate]] = {}
+    untestable: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    held_out_before: ClassVar[float] = float("nan")
+    held_out_after: ClassVar[float] = float("nan")
+    noise_floor: ClassVar[float] = float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiagnosisResults:
+    """The whole file."""
+
+    product: ClassVar[Product] = DIAGNOSIS
+
+    schema: str = DIAGNOSIS.schema
+    false_alarm_rate: float
+    boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]
