@@ -19,7 +19,7 @@ from nearlift.results.quotation import Results
 from nearlift.rounding import like, plus_minus
 from nearlift.stages import diagnose, export, ledger, report
 from nearlift.study import display
-from nearlift.study.found import BoundaryFit, Fit
+from nearlift.study.answers import BoundaryFit, Fit
 
 from . import verdicts
 

@@ -17,7 +17,7 @@ import pytest
 
 import nearlift
 from nearlift.errors import ManifestError, UsageError
-from nearlift.study.found import Fit
+from nearlift.study.answers import Fit
 
 from . import small_run
 

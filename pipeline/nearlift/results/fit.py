@@ -4,11 +4,11 @@ of the base models' assumptions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, FloatArray
 from nearlift.products import FIT, Product
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
 from nearlift.results.estimate import Estimate, Noise
@@ -33,6 +33,11 @@ class ParameterCovariance:
 
     names: tuple[str, ...]
     values: tuple[tuple[Unbounded, ...], ...]
+
+    @classmethod
+    def of(cls, names: Iterable[str], values: FloatArray) -> ParameterCovariance:
+        """From an array."""
+        return cls(names=tuple(names), values=tuple(tuple(row) for row in values.tolist()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

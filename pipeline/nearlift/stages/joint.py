@@ -4,18 +4,18 @@ downwash = true`, to joint.json.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.errors import ManifestError, NearliftError
-from nearlift.fit.joint import Downwash, JointFit, fit_joint
-from nearlift.fit.least_squares import Fit, fit
+from nearlift.fit.joint import Downwash, fit_joint
+from nearlift.fit.least_squares import fit
 from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.likelihood import budget
 from nearlift.manifest.campaign import Campaign
-from nearlift.products import DOWNWASH, JOINT, TRIALS
+from nearlift.products import DOWNWASH, TRIALS
+from nearlift.results.fit import ParameterCovariance
+from nearlift.results.joint import BoundaryJointFit, JointResults, LeftOutCase
 from nearlift.run.job import Job, Outcome
 from nearlift.run.store import Table
 from nearlift.stages.fit import choice
@@ -35,7 +35,7 @@ def run(job: Job) -> Outcome:
         )
     trials, table = job.read(TRIALS), job.read(DOWNWASH)
     parts = budget.components(job.campaign)
-    content: dict[str, Any] = {}
+    fits: dict[Boundary, BoundaryJointFit] = {}
     notes = []
     for boundary in asked:
         if boundary not in boundaries(trials):
@@ -51,14 +51,26 @@ def run(job: Job) -> Outcome:
         except NearliftError as fault:
             notes.append(f"{boundary}: no joint fit: {fault.what}; {fault.remedy}")
             continue
-        content[boundary] = _record(alone, found) | {"used": used, "left_out": left_out}
-    job.write_json(JOINT, {"schema": JOINT.schema, "boundaries": content})
+        fits[boundary] = BoundaryJointFit(
+            model=found.model.name,
+            title=found.model.title,
+            parameters=found.estimates,
+            lift_alone=alone.estimates,
+            covariance=ParameterCovariance.of(found.estimates, found.covariance),
+            chi2_lift=found.chi2_lift,
+            chi2_downwash=found.chi2_downwash,
+            n_downwash=found.n_downwash,
+            p_value=found.p_value,
+            used=used,
+            left_out=left_out,
+        )
+    job.save(JointResults(boundaries=fits))
     return Outcome(notes=tuple(notes))
 
 
 def select(
     table: Table, campaign: Campaign, boundary: Boundary
-) -> tuple[list[str], list[dict[str, str]], Downwash]:
+) -> tuple[tuple[str, ...], tuple[LeftOutCase, ...], Downwash]:
     """The untilted cases whose cut stands for the inflow at the disk, why others do not, and the
     former's downwash.
     """
@@ -77,7 +89,7 @@ def select(
         elif not why and not (table["downwash_m_s"][i] > 0 and np.isfinite(own[i])):
             why = "no downwash, or no uncertainty"
         if why:
-            left_out.append({"case": str(table["case"][i]), "reason": why.replace("_", " ")})
+            left_out.append(LeftOutCase(case=str(table["case"][i]), reason=why.replace("_", " ")))
         else:
             used.append(i)
     at = np.array(used, dtype=np.int64)
@@ -87,34 +99,4 @@ def select(
         u_own=own[at],
         u_control=float(own[control]),
     )
-    return [str(table["case"][i]) for i in used], left_out, measured
-
-
-def _record(alone: Fit, found: JointFit) -> dict[str, Any]:
-    def estimates(of: Any) -> dict[str, Any]:
-        return {
-            n: {
-                "value": e.value,
-                "u": e.u,
-                "lo90": e.lo90,
-                "hi90": e.hi90,
-                "unit": e.unit,
-                "at_bound": e.at_bound,
-            }
-            for n, e in of.items()
-        }
-
-    return {
-        "model": found.model.name,
-        "title": found.model.title,
-        "parameters": estimates(found.estimates),
-        "lift_alone": estimates(alone.estimates),
-        "covariance": {
-            "names": [p.name for p in found.model.parameters],
-            "values": found.covariance,
-        },
-        "chi2_lift": found.chi2_lift,
-        "chi2_downwash": found.chi2_downwash,
-        "n_downwash": found.n_downwash,
-        "p_value": found.p_value,
-    }
+    return tuple(str(table["case"][i]) for i in used), tuple(left_out), measured

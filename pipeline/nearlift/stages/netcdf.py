@@ -9,6 +9,7 @@ posterior.
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,7 +19,9 @@ import nearlift
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
-from nearlift.products import FIT, POSTERIOR, TRIALS
+from nearlift.products import POSTERIOR, TRIALS
+from nearlift.results.fit import FitResults
+from nearlift.results.posterior import PosteriorSummary
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.posteriors import LEVEL, split_level
@@ -42,7 +45,7 @@ def write(job: Job) -> str:
             "needs the package h5netcdf, which is not installed",
             "pip install 'nearlift[netcdf]'",
         ) from None
-    draws, fits = job.read(POSTERIOR), job.read_json(FIT)
+    draws, fits = job.read(POSTERIOR), job.load(FitResults)
     digest = store.sha256(job.processed / TRIALS.file)
     about = {
         "created_by": f"nearlift {nearlift.__version__}",
@@ -52,20 +55,21 @@ def write(job: Job) -> str:
     sink = io.BytesIO()
     with h5netcdf.File(sink, "w") as file:
         root = False
-        for boundary in (b for b in BOUNDARIES if b in fits["boundaries"]):
-            base = fits["base"][boundary]
-            for model in (base, *(m for m in fits["boundaries"][boundary] if m != base)):
+        for boundary in (b for b in BOUNDARIES if b in fits.boundaries):
+            base = fits.base[boundary]
+            for model in (base, *(m for m in fits.boundaries[boundary] if m != base)):
                 mine = (draws["boundary"] == boundary) & (draws["model"] == model)
                 if not mine.any():
                     continue
                 chosen = {name: column[mine] for name, column in draws.items()}
-                entry = fits["boundaries"][boundary][model]["posterior"]
+                summary = fits.boundaries[boundary][model].posterior
+                assert summary is not None
                 notes = {
                     **about,
                     "boundary": boundary,
                     "model": model,
-                    "sampler": entry["sampler"],
-                    **_diagnostics(entry),
+                    "sampler": summary.sampler,
+                    **_diagnostics(summary),
                 }
                 _model(file.create_group(f"{boundary}/{model}"), model, chosen, notes)
                 if not root:
@@ -74,12 +78,10 @@ def write(job: Job) -> str:
     return str(job.put(f"processed/{FILE}", sink.getvalue()))
 
 
-def _diagnostics(entry: Mapping[str, Any]) -> dict[str, float]:
-    return {
-        k: float(entry[k])
-        for k in ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof")
-        if entry.get(k) is not None
-    }
+def _diagnostics(summary: PosteriorSummary) -> dict[str, float]:
+    names = ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof")
+    known = {name: getattr(summary, name) for name in names}
+    return {name: float(x) for name, x in known.items() if x is not None and math.isfinite(x)}
 
 
 def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ from nearlift.rounding import like, plain, plus_minus
 
 if TYPE_CHECKING:
     from nearlift.results.quotation import CoefficientResult
-    from nearlift.study.found import Diagnosis, Drawing, Finding, Finished, Fit, Reduction
+    from nearlift.study.answers import Answered, Diagnosis, Drawing, Finished, Fit, Reduction
 
 #: Trials listed by name; more are counted.
 LISTED = 5
@@ -131,7 +131,7 @@ def _interval(c: CoefficientResult) -> str:
     return f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
 
 
-def _whole(found: Finding, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _whole(found: Answered, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     cells = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
@@ -143,7 +143,7 @@ def _whole(found: Finding, head: Sequence[str], rows: Iterable[Sequence[str]]) -
     return table + _words(found) + (drawing(found.drawing) if found.drawing is not None else "")
 
 
-def _words(found: Finding) -> str:
+def _words(found: Answered) -> str:
     """Rejected trials and notes."""
     lines = [f"{trial}: {reason}" for trial, reason in found.rejected[:LISTED]]
     if len(found.rejected) > LISTED:

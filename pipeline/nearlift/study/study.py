@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from nearlift.errors import UsageError
 from nearlift.manifest import campaign as manifests
-from nearlift.study.found import (
+from nearlift.study.answers import (
     BoundaryFit,
     Diagnosis,
     Drawing,

@@ -1,6 +1,4 @@
-"""What a stage found, as frozen values: reductions, fits, diagnoses. Each shows itself in a
-notebook, intervals first.
-"""
+"""Answers of a study: reductions, fits, diagnoses, as a notebook shows them: intervals first."""
 
 from __future__ import annotations
 
@@ -19,11 +17,11 @@ from nearlift.study import display
 if TYPE_CHECKING:
     import pandas as pd
 
-Found = TypeVar("Found")
+Entry = TypeVar("Entry")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Answered:
     """What every answer carries.
 
     Attributes
@@ -86,7 +84,7 @@ class Drawing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reduction(Finding):
+class Reduction(Answered):
     """Trials reduced to cells.
 
     Attributes
@@ -118,11 +116,11 @@ class BoundaryFit:
 
     def __getitem__(self, model: str) -> ModelFit:
         """The model of that name; `UsageError` with those that there are."""
-        return _of(self.models, model, f"no fit of {model!r} at the {self.boundary}")
+        return _entry(self.models, model, f"no fit of {model!r} at the {self.boundary}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fit(Finding):
+class Fit(Answered):
     """Every model at every boundary: ``fit.json``, the draws of ``posterior.parquet``, and what is
     to be quoted: ``results.json``.
 
@@ -137,7 +135,7 @@ class Fit(Finding):
 
     def __getitem__(self, boundary: str) -> BoundaryFit:
         """The fits of that boundary; `UsageError` with those that there are."""
-        return _of(self.boundaries, boundary, f"{boundary!r} was not fitted")
+        return _entry(self.boundaries, boundary, f"{boundary!r} was not fitted")
 
     def __iter__(self) -> Iterator[BoundaryFit]:
         """Boundary by boundary: ground, ceiling, sidewall."""
@@ -171,7 +169,7 @@ class Fit(Finding):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Diagnosis(Finding):
+class Diagnosis(Answered):
     """The closed loop at every boundary: ``diagnosis.json``, and what is to be quoted after it:
     ``results.json``.
 
@@ -183,7 +181,7 @@ class Diagnosis(Finding):
 
     def __getitem__(self, boundary: str) -> BoundaryDiagnosis | NotDiagnosed:
         """What was found at that boundary; `UsageError` with those that there are."""
-        return _of(self.boundaries, boundary, f"{boundary!r} was not diagnosed")
+        return _entry(self.boundaries, boundary, f"{boundary!r} was not diagnosed")
 
     def __iter__(self) -> Iterator[BoundaryDiagnosis | NotDiagnosed]:
         """Boundary by boundary: ground, ceiling, sidewall."""
@@ -199,7 +197,7 @@ class Diagnosis(Finding):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finished(Finding):
+class Finished(Answered):
     """A run brought to its end: the report, and which stages had to run for it."""
 
     report: Path
@@ -230,7 +228,7 @@ def _quoted(quoted: Mapping[Boundary, BoundaryResult]) -> pd.DataFrame:
     )
 
 
-def _of(found: Mapping[Any, Found], key: str, what: str) -> Found:
-    if key not in found:
-        raise UsageError(key, what, f"there are {', '.join(map(str, found)) or 'none'}")
-    return found[key]
+def _entry(entries: Mapping[Any, Entry], key: str, what: str) -> Entry:
+    if key not in entries:
+        raise UsageError(key, what, f"there are {', '.join(map(str, entries)) or 'none'}")
+    return entries[key]
