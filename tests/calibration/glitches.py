@@ -84,9 +84,9 @@ def answer(data: Observations, folder: Path) -> Answer:
         return Answer(
             told=frozenset(told), visits=frozenset(), value=np.nan, u=np.nan, failed=str(fault)
         )
-    suspects = screening.ask(fitted, parts, table)["suspects"]
-    told |= {s["id"] for s in suspects if s["kind"] == "trial"}
-    visits = {t for s in suspects if s["kind"] == "visit" for t in s["trials"]}
+    suspects = screening.screen(fitted, parts, table).suspects
+    told |= {s.id for s in suspects if s.kind == "trial"}
+    visits = {t for s in suspects if s.kind == "visit" for t in s.trials}
     headline = fitted.estimates[fitted.names[0]]
     return Answer(
         told=frozenset(told), visits=frozenset(visits), value=headline.value, u=headline.u

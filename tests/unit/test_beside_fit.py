@@ -11,12 +11,11 @@ from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, sanchez_cuev
 
 from nearlift import catalogue
 from nearlift.errors import ManifestError
-from nearlift.fit import collapse, held_quantity, rotor
+from nearlift.fit import assumptions, collapse, held_quantity, rotor
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.likelihood.budget import Component
 from nearlift.manifest import campaign as manifests
 from nearlift.results import Noise
-from nearlift.stages import beside
 
 CEILING = (0.12, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0, 6.0, 11.0)
 MANIFEST = {
@@ -132,7 +131,7 @@ def test_one_throttle_says_nothing_of_the_collapse():
     problem, fitted = problem_of(data.take(data.throttle == 0.5))
     found = collapse.examine(problem, fitted.theta, known)
     assert (found.coefficient, found.curve, found.cells, found.of_curve) == (None,) * 4
-    assert "cannot be tested" in beside.throttle_collapse(found, 1.65)["text"]
+    assert "cannot be tested" in assumptions.throttle_collapse(found, 1.65).text
 
 
 # ---------------------------------------------------------------- held quantity
@@ -195,7 +194,7 @@ def test_a_speed_that_follows_the_load_was_not_held_and_decides_the_exponent():
     # n = n_speed / (1 - 2 s): 0.60 to 0.82 over 1.4
     assert low < 0.6 / 1.4 < 0.82 / 1.4 < high
     assert min(x.value for x in found.at_ends) > found.plausible[0].value
-    text = beside.held(manifests.parse(MANIFEST), problem, found, 1.65)["text"]
+    text = assumptions.exponents(manifests.parse(MANIFEST), problem, found, 1.65).text
     assert "rotor speed logged was not held" in text
     assert "By theory the logs leave" in text
 
@@ -248,7 +247,7 @@ def test_distance_that_changes_with_the_session_tells_nothing():
         data, session=np.unique(data.z_hat, return_inverse=True)[1].astype(np.int64)
     )
     assert held_quantity.response(data, np.log(sanchez_cuevas(data.z_hat)), "speed_Hz") is None
-    speed, u = beside.logged_speed(data, ())
+    speed, u = assumptions.logged_speed(data, ())
     assert speed == pytest.approx(330 * np.sqrt(data.levels / 0.92), rel=0.01)
     assert (u > 0).all()
 
@@ -308,16 +307,14 @@ def test_a_throttle_map_gives_c_l_and_outside_of_it_nothing():
     assert speed[1:3] == pytest.approx([265.4, 311.5], abs=0.1)
     assert np.isnan(speed[[0, 3]]).all()
     problem, fitted = problem_of(ground(11))
-    found = beside.rotor_coefficient(given, problem, fitted.theta, fitted.covariance, ())
-    assert list(found["per_throttle"]) == ["0.25", "0.5", "0.75"]
-    entry = found["per_throttle"]["0.5"]
+    found = assumptions.rotor_coefficient(given, problem, fitted.theta, fitted.covariance, ())
+    assert list(found.per_throttle) == [0.25, 0.5, 0.75]
+    entry = found.per_throttle[0.5]
     level = fitted.levels[0.5]
-    assert entry["value"] == pytest.approx(level.value / (4 * 1.2 * 265.4**2 * RADIUS**4), rel=1e-4)
+    assert entry.value == pytest.approx(level.value / (4 * 1.2 * 265.4**2 * RADIUS**4), rel=1e-4)
     # twice the speed's uncertainty, and L_inf's
-    assert entry["u"] / entry["value"] == pytest.approx(
-        np.hypot(0.02, level.u / level.value), rel=1e-3
-    )
-    assert "against the 1.6" in found["text"]
+    assert entry.u / entry.value == pytest.approx(np.hypot(0.02, level.u / level.value), rel=1e-3)
+    assert "against the 1.6" in found.text
 
 
 def test_a_map_that_does_not_ascend_is_refused():
@@ -342,22 +339,21 @@ def test_what_is_lacking_is_said():
     problem, fitted = problem_of(ground(12))
     assert (
         "log rpm in trials.csv"
-        in beside.rotor_coefficient(
+        in assumptions.rotor_coefficient(
             manifests.parse(MANIFEST), problem, fitted.theta, fitted.covariance, ()
-        )["text"]
+        ).text
     )
     rig = {k: v for k, v in MANIFEST["rig"].items() if k != "air_density"}
     known = {"points": [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]]}
     bare = manifests.parse(
         {**MANIFEST, "rig": rig, "vehicle": {**MANIFEST["vehicle"], "throttle_map": known}}
     )
-    found = beside.rotor_coefficient(bare, problem, fitted.theta, fitted.covariance, ())
-    assert found["air_density_from"] == "the temperature logged, standard pressure and humidity"
+    found = assumptions.rotor_coefficient(bare, problem, fitted.theta, fitted.covariance, ())
+    assert found.air_density_from == "the temperature logged, standard pressure and humidity"
     cold = dataclasses.replace(problem.data, covariates={})
     blind = dataclasses.replace(problem, data=cold)
-    assert beside.rotor_coefficient(bare, blind, fitted.theta, fitted.covariance, ())[
-        "missing"
-    ] == ["air_density"]
+    found = assumptions.rotor_coefficient(bare, blind, fitted.theta, fitted.covariance, ())
+    assert found.missing == ("air_density",)
     assert GEOMETRY["spacing_hat"] == pytest.approx(problem.data.geometry["spacing_hat"])
 
 
@@ -372,7 +368,7 @@ def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_fir
     data = campaign(13, boundary="ceiling", ratio=hsiao, stations=CEILING, height=0.0, datum=0.7e-3)
     fitted = fit(catalogue.model("hsiao_chirarattananon"), data, (datum,), NOISE)
     assert fitted.marginal is not None
-    problem, theta = beside.linearised(fitted)
+    problem, theta = assumptions.linearised(fitted)
     assert (problem.data.z_hat - data.z_hat) * RADIUS == pytest.approx(0.7e-3, abs=0.05e-3)
     found = collapse.examine(problem, theta, known)
     # with the slope at the recorded heights the misfit would be shared out among the throttles
