@@ -146,7 +146,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
                 "on": "rotor_radius",
                 "size": 0.01,
                 "unit": "1",
-                "shift": {"K_b": float(listed["rotor_radius"].shift[0])},
+                "shift": {"K_b": float(listed["rotor_radius"].shift["K_b"])},
             }
         ]
     }
@@ -154,7 +154,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     def quoted(u):
         return SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
 
-    u = abs(float(listed["rotor_radius"].shift[0])) / 4.4
+    u = abs(float(listed["rotor_radius"].shift["K_b"])) / 4.4
     [text] = verdict._undeclared(entry, quoted(u))
     assert text.startswith("what was not declared could move K_b: 1 % of rotor radius by 4.4 u")
     assert verdict._undeclared(entry, quoted(10 * u)) == []
