@@ -86,7 +86,7 @@ def test_a_collapse_is_rejected_as_often_as_stated():
     # the interval behind the bound holds the truth, which is 0, over all pairs at once at 95 %: ten
     # misses are a chance of 1 in 3000
     assert (
-        sum(abs(d.value) > d.bound - abs(d.value) for d in (f.of_coefficient for f in found)) <= 9
+        sum(abs(d.value) > d.bound95 - abs(d.value) for d in (f.of_coefficient for f in found)) <= 9
     )
 
 
@@ -96,7 +96,7 @@ def test_a_coefficient_that_depends_on_throttle_is_seen_by_all_three_tests():
     assert max(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) < 1e-4
     assert found.values == pytest.approx([1, 1, 3, 3], abs=5 * found.u.max())
     assert found.of_coefficient.between[0] < 0.6 < found.of_coefficient.between[1]
-    assert found.of_coefficient.bound > abs(found.of_coefficient.value) > 0.7
+    assert found.of_coefficient.bound95 > abs(found.of_coefficient.value) > 0.7
 
 
 def test_each_throttle_alone_gives_the_same_coefficient():
