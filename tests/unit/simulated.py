@@ -83,7 +83,7 @@ def findings(data, base, parts=(), *, confirm=True, effects=None, **options):
     """The diagnosis as diagnosis.json holds it, with options of the search by keyword."""
     return diagnose(
         data, base, parts, Options(**options), effects=effects, confirm=confirm
-    ).findings
+    ).findings.content
 
 
 def restated(explanation, **fields):

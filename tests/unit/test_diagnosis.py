@@ -368,9 +368,9 @@ def test_partial_explanations_are_ranked_though_the_excess_is_small():
     answer = run(stage)
     stage.__dict__["excess"] = 1e-12
     rows = partial(stage, answer)
-    assert rows[0] == {"name": "supply_sag", "share": 1.0}
-    assert [r["share"] for r in rows] == sorted((r["share"] for r in rows), reverse=True)
-    assert all(0.05 < r["share"] < 1 for r in rows[1:])
+    assert (rows[0].name, rows[0].share) == ("supply_sag", 1.0)
+    assert [r.share for r in rows] == sorted((r.share for r in rows), reverse=True)
+    assert all(0.05 < r.share < 1 for r in rows[1:])
 
 
 def test_what_the_bench_cannot_do_is_not_proposed():
