@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from nearlift.declare import Boundary
-from nearlift.products import DIAGNOSIS, Product
 from nearlift.results.estimate import Noise
 from nearlift.results.quotation import Verdict
 from nearlift.results.serial import Below, encode, keyed, named_by_key, optional
@@ -427,8 +426,8 @@ class NotDiagnosed:
 class DiagnosisResults:
     """The whole file."""
 
-    product: ClassVar[Product] = DIAGNOSIS
+    file: ClassVar[str] = "diagnosis.json"
 
-    schema: str = DIAGNOSIS.schema
+    schema: str = "nearlift.diagnosis/1"
     false_alarm_rate: float
     boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]

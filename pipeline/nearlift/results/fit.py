@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from nearlift.declare import Boundary, FloatArray
-from nearlift.products import FIT, Product
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
 from nearlift.results.estimate import Estimate, Noise
 from nearlift.results.influence import Influence
@@ -277,9 +276,9 @@ class ModelComparison:
 class FitResults:
     """The whole file. `failed` says of models that were not fitted why."""
 
-    product: ClassVar[Product] = FIT
+    file: ClassVar[str] = "fit.json"
 
-    schema: str = FIT.schema
+    schema: str = "nearlift.fit/1"
     base: dict[Boundary, str] = field(default_factory=dict)
     noise: dict[Boundary, Noise] = field(default_factory=dict)
     boundaries: dict[Boundary, Mapping[str, ModelFit]] = field(default_factory=dict)

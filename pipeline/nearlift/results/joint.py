@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from nearlift.declare import Boundary
-from nearlift.products import JOINT, Product
 from nearlift.results.estimate import Estimate
 from nearlift.results.fit import ParameterCovariance
 
@@ -43,7 +42,7 @@ class BoundaryJointFit:
 class JointResults:
     """The whole file."""
 
-    product: ClassVar[Product] = JOINT
+    file: ClassVar[str] = "joint.json"
 
-    schema: str = JOINT.schema
+    schema: str = "nearlift.joint/1"
     boundaries: Mapping[Boundary, BoundaryJointFit]

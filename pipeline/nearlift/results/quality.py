@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from nearlift.declare import Boundary
-from nearlift.products import QUALITY, Product
 from nearlift.results.serial import Unbounded
 
 
@@ -132,9 +131,9 @@ class Exclusions:
 class QualityLedger:
     """The whole file."""
 
-    product: ClassVar[Product] = QUALITY
+    file: ClassVar[str] = "quality.json"
 
-    schema: str = QUALITY.schema
+    schema: str = "nearlift.quality/1"
     files: SourceFiles
     samples: SampleCounts
     counts: TrialCounts

@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
-from nearlift.products import RESULTS, Product
 from nearlift.results.serial import Unbounded, keyed
 
 #: Levels of the intervals, in percent.
@@ -229,9 +228,9 @@ class BoundaryResult:
 class Results:
     """The whole file."""
 
-    product: ClassVar[Product] = RESULTS
+    file: ClassVar[str] = "results.json"
 
-    schema: str = RESULTS.schema
+    schema: str = "nearlift.results/1"
     boundaries: Mapping[Boundary, BoundaryResult]
 
 

@@ -86,8 +86,8 @@ class Job:
         else:
             self.change.remove(name)
 
-    def _at(self, product: Product) -> Path:
-        name = f"processed/{product.file}"
+    def _at(self, file: str) -> Path:
+        name = f"processed/{file}"
         return self.homes.place(name) if self.change is None else self.change.at(name)
 
     def overriding(self, section: str, given: Mapping[str, Any]) -> Job:
@@ -110,7 +110,7 @@ class Job:
 
     def read(self, product: Product) -> store.Table:
         """A table product of this campaign."""
-        return store.read_table(self._at(product), product)
+        return store.read_table(self._at(product.file), product)
 
     def write(self, product: Product, table: Mapping[str, Any]) -> None:
         """Write a table product of this campaign."""
@@ -122,7 +122,7 @@ class Job:
 
     def read_json(self, product: Product) -> dict[str, Any]:
         """A JSON product of this campaign."""
-        return store.read_json(self._at(product))
+        return store.read_json(self._at(product.file))
 
     def write_json(self, product: Product, content: object) -> None:
         """Write a JSON product of this campaign."""
@@ -130,11 +130,11 @@ class Job:
 
     def load(self, kind: type[store.Loaded]) -> store.Loaded:
         """A JSON product of this campaign as its type."""
-        return store.load(self._at(kind.product), kind)
+        return store.load(self._at(kind.file), kind)
 
     def save(self, result: store.Saved) -> None:
         """Write a JSON product of this campaign."""
-        self.put(f"processed/{result.product.file}", store.json_bytes(result))
+        self.put(f"processed/{result.file}", store.json_bytes(result))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

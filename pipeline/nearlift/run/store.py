@@ -37,7 +37,7 @@ Table = dict[str, NDArray[Any]]
 class Saved(Protocol):
     """The type of a JSON product."""
 
-    product: ClassVar[Product]
+    file: ClassVar[str]
 
 
 Loaded = TypeVar("Loaded", bound=Saved)
@@ -392,10 +392,11 @@ def load(path: Path, kind: type[Loaded]) -> Loaded:
     schema.
     """
     content = read_json(path)
-    if content.get("schema") != kind.product.schema:
+    schema = f"nearlift.{kind.file.removesuffix('.json')}/1"
+    if content.get("schema") != schema:
         raise ProductError(
             str(path),
-            f"has schema {content.get('schema', 'none')}, not {kind.product.schema}",
+            f"has schema {content.get('schema', 'none')}, not {schema}",
             "it was written by another version: run again",
         )
     return decode(kind, content, str(path))

@@ -204,7 +204,7 @@ class Study:
                     f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}",
                 )
             product = tables[product]
-        return pd.DataFrame(store.read_table(self._whole(product), product))
+        return pd.DataFrame(store.read_table(self._whole(product.file), product))
 
     def _quoted(self) -> dict[Boundary, BoundaryResult]:
         from nearlift.results.quotation import Results
@@ -214,15 +214,15 @@ class Study:
     def _load(self, kind: type[Loaded]) -> Loaded:
         from nearlift.run import store
 
-        return store.load(self._whole(kind.product), kind)
+        return store.load(self._whole(kind.file), kind)
 
-    def _whole(self, product: Product) -> Path:
+    def _whole(self, file: str) -> Path:
         """Where a product stands, no commit half carried out."""
         from nearlift.run.lock import settled
         from nearlift.run.transaction import Homes
 
         settled(Homes.of(self.out, self.name))
-        return self.processed / product.file
+        return self.processed / file
 
     def _bring(self, last: str) -> dict[str, Any]:
         return self._steps(last)[1]
