@@ -33,6 +33,7 @@ calibrate: $(READY)       ## the statistical promises, at record level; hours on
 
 docs: $(READY)            ## the reference pages from the declarations, and the site, into site/; a warning is an error
 	$(BIN)/python docs/build_reference.py
+	$(BIN)/python docs/draw_architecture.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 # pip compiles what it installs, but not what it leaves in its place

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from nearlift import catalogue
 from nearlift.fit import gum, heights
-from nearlift.fit.least_squares import assemble, fit
+from nearlift.fit.least_squares import fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
@@ -187,19 +187,6 @@ def test_the_density_is_that_of_the_sum(parts):
     p = of(x) * (x[1] - x[0])
     assert p.sum() == pytest.approx(1, rel=1e-3)
     assert p @ x**2 == pytest.approx(sum(c.standard**2 for c in parts), rel=1e-2)
-
-
-@pytest.mark.parametrize(("distribution", "prior"), [("normal", "norm"), ("uniform", "uniform")])
-def test_a_sampler_gets_the_same_likelihood_with_one_more_parameter(distribution, prior):
-    data = near_ceiling(2, visits=2)
-    parts = (datum(2e-4, distribution),)
-    problem = assemble(CEILING, data, (), SCATTER, np.array([0.125]))
-    wide = heights.with_unknown(problem, parts)
-    assert wide.names == ("alpha", "offset_m")
-    assert wide.model.parameters[1].prior.distribution == prior
-    assert wide.model.parameters[1].prior.frozen().std() == pytest.approx(2e-4, rel=1e-3)
-    theta = np.array([[0.12, 1e-4], [0.13, -2e-4]])
-    assert wide.chi2(theta) == pytest.approx(problem.chi2(theta[:, :1], theta[:, 1:]), rel=1e-9)
 
 
 def test_a_model_without_coefficients_integrates_too():

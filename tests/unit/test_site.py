@@ -110,3 +110,29 @@ def test_generated_pages_are_up_to_date():
     assert (ROOT / "docs" / "decisions" / "index.md").read_text(
         encoding="utf-8"
     ) == module.decisions_page()
+
+
+def test_the_picture_of_the_rooms_is_up_to_date():
+    spec = importlib.util.spec_from_file_location(
+        "draw_architecture", ROOT / "docs" / "draw_architecture.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.FILE.read_text(encoding="utf-8") == module.picture(), (
+        "docs/architecture.svg is out of date: make docs"
+    )
+
+
+def test_every_room_is_in_the_picture():
+    named = {
+        room
+        for room in re.findall(
+            r">(\w+)</text>", (ROOT / "docs" / "architecture.svg").read_text(encoding="utf-8")
+        )
+    }
+    rooms = {
+        p.name for p in (ROOT / "pipeline" / "nearlift").iterdir() if (p / "__init__.py").exists()
+    }
+    assert rooms <= named

@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nearlift.declare import FloatArray, compose, normal, uniform
-from nearlift.effects.height_offset import EFFECT
+from nearlift.declare import FloatArray
 from nearlift.fit import batched, gum
 from nearlift.likelihood.budget import GROUPED, Component, groups
 from nearlift.likelihood.finite import where_finite
@@ -312,25 +311,3 @@ def integrate(
         chi2=float(chi2[best] + penalty),
         log_integral=log_integral,
     )
-
-
-def with_unknown(problem: Problem, parts: Sequence[Component]) -> Problem:
-    """The same likelihood with the shared height error as one more parameter, `offset_m`, with its
-    declared distribution as prior: for samplers.
-
-    Several errors that all trials share act as their sum; a sum that is not all normal is given the
-    normal of the same variance.
-    """
-    _, reach = density(parts)
-    sd = float(np.sqrt(sum(c.standard**2 for c in parts)))
-    flat = len(parts) == 1 and parts[0].distribution == "uniform"
-    unknown = replace(
-        EFFECT.parameters[0],
-        bounds=(-reach, reach),
-        prior=uniform(-reach, reach) if flat else normal(0.0, sd),
-    )
-    model = compose(
-        problem.model,
-        replace(EFFECT, name="height_error", title="height error", parameters=(unknown,)),
-    )
-    return replace(problem, model=model)

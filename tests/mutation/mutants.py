@@ -1,0 +1,149 @@
+"""Mutants: one small change each of the code of a function or of a numeric constant."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import random
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+SWAPPED: dict[Any, Any] = {
+    a: b
+    for pair in (
+        (ast.Lt, ast.GtE),
+        (ast.Gt, ast.LtE),
+        (ast.Eq, ast.NotEq),
+        (ast.Is, ast.IsNot),
+        (ast.In, ast.NotIn),
+        (ast.Add, ast.Sub),
+        (ast.Mult, ast.Div),
+        (ast.And, ast.Or),
+    )
+    for a, b in (pair, pair[::-1])
+} | {ast.Pow: ast.Mult}
+#: Of counts; of measured numbers it would change nothing.
+WITH_OR_WITHOUT_EQUAL: dict[Any, Any] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+}
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change of one file: the node number `index` of its tree, `before`, becomes `after`."""
+
+    path: Path
+    line: int
+    index: int
+    kind: str
+    before: str
+    after: str
+
+    @property
+    def key(self) -> str:
+        """What is changed; not where in the file, which moves."""
+        return f"{self.path.as_posix()}: `{self.before}` -> `{self.after}`"
+
+    def source(self, root: Path) -> str:
+        """The changed file."""
+        tree = ast.parse((root / self.path).read_text(encoding="utf-8"))
+        old = list(ast.walk(tree))[self.index]
+        new = next(node for kind, node in changes(old) if kind == self.kind)
+
+        class Replaced(ast.NodeTransformer):
+            def visit(self, node: ast.AST) -> Any:
+                return new if node is old else self.generic_visit(node)
+
+        return ast.unparse(ast.fix_missing_locations(Replaced().visit(tree)))
+
+
+def counts(*compared: ast.expr) -> bool:
+    """Whether whole numbers above 0 or lengths are compared; 0 is what a measured number is
+    compared with.
+    """
+    texts = [ast.unparse(side) for side in compared]
+    return any((t.isdigit() and t != "0") or t.startswith("len(") or ".size" in t for t in texts)
+
+
+def changes(node: Any) -> Iterator[tuple[str, ast.expr]]:
+    """Every change of a node, by kind."""
+    match node:
+        case ast.Compare(left, [first, *more], right) if type(first) in SWAPPED:
+            swapped = WITH_OR_WITHOUT_EQUAL if counts(left, *right) else SWAPPED
+            sign = swapped.get(type(first), SWAPPED[type(first)])
+            yield "comparison", ast.Compare(left, [sign(), *more], right)
+        case ast.BinOp(left, sign, right) if type(sign) in SWAPPED:
+            yield "operator", ast.BinOp(left, SWAPPED[type(sign)](), right)
+            if isinstance(sign, ast.Add | ast.Sub):
+                yield "dropped term", left
+        case ast.BoolOp(sign, values):
+            yield "operator", ast.BoolOp(SWAPPED[type(sign)](), values)
+            yield "dropped term", values[0]
+        case ast.UnaryOp(ast.USub() | ast.Not(), operand):
+            yield "sign", operand
+        case ast.Constant(bool()):
+            pass
+        case ast.Constant(float(value)):
+            yield "constant", ast.Constant(2 * value if value else 0.1)
+        case ast.Constant(int(value)):
+            yield "off by one", ast.Constant(value + 1)
+
+
+def mutable(tree: ast.Module) -> set[int]:
+    """Identities of the nodes in bodies of functions and in numeric constants of the module; what
+    stands in annotations, decorators and messages is left alone.
+    """
+    todo: list[ast.AST] = [
+        part for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) for part in n.body
+    ]
+    todo += [
+        n.value
+        for n in tree.body
+        if isinstance(n, ast.Assign) and isinstance(n.value, ast.Constant | ast.BinOp)
+    ]
+    inside: set[int] = set()
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.Raise | ast.JoinedStr):
+            continue
+        inside.add(id(node))
+        for name, value in ast.iter_fields(node):
+            if name not in ("annotation", "returns", "decorator_list"):
+                children = value if isinstance(value, list) else [value]
+                todo += [child for child in children if isinstance(child, ast.AST)]
+    return inside
+
+
+def every(root: Path, path: Path) -> list[Mutant]:
+    """Every mutant of a file, whose `path` is relative to `root`."""
+    tree = ast.parse((root / path).read_text(encoding="utf-8"))
+    inside = mutable(tree)
+    return [
+        Mutant(path, node.lineno, i, kind, ast.unparse(node), ast.unparse(after))  # type: ignore[attr-defined]
+        for i, node in enumerate(ast.walk(tree))
+        if id(node) in inside
+        for kind, after in changes(node)
+    ]
+
+
+def drawn(root: Path, rooms: Sequence[Path], count: int, seed: int) -> list[Mutant]:
+    """`count` mutants, from each room in turn, and in a room as many of each kind as can be."""
+    generator = random.Random(seed)
+    chosen: list[list[Mutant]] = []
+    for number, room in enumerate(rooms):
+        kinds: dict[str, list[Mutant]] = defaultdict(list)
+        for file in sorted((root / room).rglob("*.py")):
+            for mutant in every(root, file.relative_to(root)):
+                kinds[mutant.kind].append(mutant)
+        for mutants in kinds.values():
+            generator.shuffle(mutants)
+        share = count * (number + 1) // len(rooms) - count * number // len(rooms)
+        turns = [m for row in range(share) for k in sorted(kinds) for m in kinds[k][row : row + 1]]
+        chosen.append(turns[:share])
+    return [m for row in itertools.zip_longest(*chosen) for m in row if m is not None]
