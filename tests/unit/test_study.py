@@ -122,7 +122,7 @@ def test_a_fit_says_what_fit_json_says(study, fit):
 
 def test_answers_are_frozen(fit):
     with pytest.raises(dataclasses.FrozenInstanceError):
-        fit["ground"].base.coefficients = {}
+        fit["ground"].base.parameters = {}
 
 
 def test_what_is_not_there_is_refused_with_what_is(study, fit):
