@@ -203,7 +203,9 @@ class Effect(Declaration):
     `varies_with` the covariate along which its true shape may depart from the declared one;
     `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at
     all; `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in
-    simulations).
+    simulations). `error_of` is the input of a budget that it is the unknown error of, as in
+    ``on = "height"``; `loaded` says of an additive effect that it is not there while the rotors
+    stand; `within_trial` that its mark is a change during a record, which no mean of a trial keeps.
     """
 
     acts_on: Literal["height", "ratio", "force"]
@@ -213,6 +215,9 @@ class Effect(Declaration):
     log_next_time: tuple[str, ...] = ()
     boundaries: tuple[Boundary, ...] = BOUNDARIES
     belongs_to: Literal["vehicle", "bench"] = "bench"
+    error_of: str = ""
+    loaded: bool = False
+    within_trial: bool = False
 
     def __post_init__(self) -> None:
         super(Effect, self).__post_init__()

@@ -40,6 +40,7 @@ EFFECT = Effect(
     evaluate=evaluate,
     acts_on="force",
     additive=True,
+    loaded=True,
     mechanism="the load cell still recovers from the load of the trial before",
     varies_with="previous_lift_N",
     log_next_time=("start", "tare_after"),

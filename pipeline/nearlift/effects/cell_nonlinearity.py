@@ -35,6 +35,7 @@ EFFECT = Effect(
     evaluate=evaluate,
     acts_on="force",
     additive=True,
+    loaded=True,
     mechanism="the load cell's output has a quadratic term",
     varies_with="throttle",
     log_next_time=("check masses",),

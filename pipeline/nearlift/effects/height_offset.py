@@ -35,6 +35,7 @@ EFFECT = Effect(
     formula=r"\hat{z} \to \hat{z} + \delta / r",
     evaluate=evaluate,
     acts_on="height",
+    error_of="height",
     mechanism="the traverse's zero is not the rotor plane",
     varies_with="z_hat",
     needs=("radius_m",),

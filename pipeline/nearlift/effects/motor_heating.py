@@ -40,6 +40,7 @@ EFFECT = Effect(
     varies_with="throttle",
     log_next_time=("raw records",),
     needs=("drift_hat",),
+    within_trial=True,
     parameters=(
         Parameter(
             name="heating",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from nearlift import catalogue
 from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
@@ -86,6 +87,9 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
     found = []
+    gain = next(
+        e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive
+    )
     for i, parameter in enumerate(stage.base.parameters):
         slope = jacobian[:, i] - beside @ (beside.T @ jacobian[:, i])
         whole = float(slope @ slope)
@@ -120,14 +124,14 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
             share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
             if share < max(SILENT, 0.01) and len(np.unique(values)) > 1:
                 text = (
-                    f"A gain of its own for every {label} (session_gain) would absorb"
+                    f"A gain of its own for every {label} ({gain}) would absorb"
                     f" {parameter.name} altogether: these trials cannot tell the two apart, since"
                     f" no {label} holds more than one distance."
                 )
                 found.append(
                     CoefficientLimit(
                         coefficient=parameter.name,
-                        absorbed_by="session_gain",
+                        absorbed_by=gain,
                         share=share,
                         text=text,
                     )

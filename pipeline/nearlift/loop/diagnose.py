@@ -287,7 +287,7 @@ def set_up(
     kept = derive(kept, np.array([first.levels[float(t)].value for t in kept.levels]))
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own
-    between = tuple(e for e in known if "drift_hat" not in e.needs)
+    between = tuple(e for e in known if not e.within_trial)
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
     stage = prepare(
@@ -299,17 +299,19 @@ def set_up(
 def declared_sizes(
     parts: tuple[budget.Component, ...], library: tuple[Effect, ...]
 ) -> dict[str, float]:
-    """What the bench declares of an effect's size, in units of its physical prior: a height
-    component bounds the datum's offset.
+    """What the bench declares of an effect's size, in units of its physical prior: the components
+    on the input that it is an error of.
     """
-    heights = [
-        p.standard for p in parts if p.on == "height" and p.scope in ("boundary", "campaign")
-    ]
     sizes = {}
     for effect in library:
-        if effect.name == "height_offset" and heights:
+        declared = [
+            p.standard
+            for p in parts
+            if p.on == effect.error_of and p.scope in ("boundary", "campaign")
+        ]
+        if declared:
             prior = next(p for p in effect.parameters if not p.grid).prior
-            sizes[effect.name] = float(np.hypot.reduce(heights)) / prior.scale
+            sizes[effect.name] = float(np.hypot.reduce(declared)) / prior.scale
     return sizes
 
 

@@ -479,7 +479,7 @@ def planned(
     levels = np.array([np.median(kept.lift_N[kept.throttle == t]) for t in kept.levels])
     kept = derive(kept, levels)
     known, untestable = could_act(kept, base, effects)
-    between = tuple(e for e in known if "drift_hat" not in e.needs)
+    between = tuple(e for e in known if not e.within_trial)
     log_ratio = Candidate(base=base, effects=(), data=kept).log_ratio(theta)
     kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
     log_lift = np.log(kept.lift_N)

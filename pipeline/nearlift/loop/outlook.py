@@ -41,7 +41,7 @@ def outlook(
     rows: list[dict[str, Any]] = []
     pairs: list[Pair] = []
     for effect in library:
-        if "drift_hat" in effect.needs:
+        if effect.within_trial:
             continue
         for handle in handles(effect):
             row = weigh(foresight, handle)

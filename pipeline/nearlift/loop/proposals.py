@@ -266,11 +266,7 @@ def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
     for sign, (effects, vector) in ((1.0, one), (-1.0, other)):
         for e in effects:
             # what grows with lift, or with the lift before, is not there when the rotors stand
-            if (
-                e.additive
-                and e.varies_with not in ("previous_lift_N",)
-                and e.name != "cell_nonlinearity"
-            ):
+            if e.additive and not e.loaded:
                 added = (
                     np.expm1(stage.candidate(*effects).contribution(vector, e))
                     * stage.data.covariates["lift_inf_N"]
@@ -284,7 +280,5 @@ def _gauge(one: Point, other: Point) -> float:
     total = 0.0
     for effects, vector in (one, other):
         # the effect's only entry is the last of the vector
-        total += sum(
-            float((vector[-1] / GAUGE_M) ** 2) for e in effects if e.name == "height_offset"
-        )
+        total += sum(float((vector[-1] / GAUGE_M) ** 2) for e in effects if e.error_of == "height")
     return total

@@ -34,7 +34,7 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> Wit
     p_value = float(2 * t.sf(abs(value) / u, blocks - 1)) if u > 0 else 0.0
     half = float(t.ppf(0.95, blocks - 1)) * u
     significant = p_value < rate and abs(value) > HARMLESS
-    names = [e.name for e in library if "drift_hat" in e.needs]
+    names = [e.name for e in library if e.within_trial]
     return WithinTrial(
         change_over_record=Change(value=value, lo90=value - half, hi90=value + half),
         p_value=p_value,

@@ -156,7 +156,7 @@ def _at(
         "noise": stage.noise.record(),
         "in_this_campaign": _verdict(effect.name, loop),
     }
-    if "drift_hat" in effect.needs:
+    if effect.within_trial:
         return common | {
             "within_trial": heating_power(stage.data, stage.options.false_alarm_rate, LIMIT_POWER)
         }, []
