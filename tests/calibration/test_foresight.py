@@ -18,7 +18,8 @@ from tests.calibration import spread
 
 from nearlift import catalogue
 from nearlift.loop.diagnose import diagnose
-from nearlift.loop.foresight import handles, planned
+from nearlift.loop.handle import handles
+from nearlift.loop.rehearsal import planned
 from nearlift.loop.search_problem import Options
 from nearlift.manifest import campaign as manifests
 from nearlift.run.executors import ordered

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import gum, heights
+from nearlift.fit import heights
 from nearlift.fit.deletion import influence
 from nearlift.fit.least_squares import fit
+from nearlift.fit.linearised import linear_problem
 from nearlift.results import Noise
 
 from .simulated import campaign
@@ -23,7 +24,7 @@ def estimated(found, keep):
     """The coefficients from some of the trials by dense least squares about the fit's own optimum,
     the covariance as it is.
     """
-    problem, offset, slope = gum.linearised(found)
+    problem, offset, slope = linear_problem(found)
     data, covariance = problem.data, problem.covariance.dense()[np.ix_(keep, keep)]
     x = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(found.theta, offset)])[
         keep

@@ -14,7 +14,8 @@ from nearlift.errors import NotConverged
 from nearlift.loop import outlook, proposals
 from nearlift.loop.absorption import unknowable
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.foresight import LIMIT_POWER, Power, handles, planned
+from nearlift.loop.handle import LIMIT_POWER, Power, handles
+from nearlift.loop.rehearsal import planned
 from nearlift.loop.search import run
 from nearlift.loop.search_problem import Options
 from nearlift.loop.setting import derive

@@ -11,6 +11,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.fit import gum, heights
+from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.fit.refit import refit
 from nearlift.likelihood import budget
@@ -73,7 +74,7 @@ def test_the_shares_add_to_the_variance_of_the_estimator():
 
 def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
     found = fitted()
-    without = gum.u_without(found)
+    without = u_without(found)
     assert set(without) == {line.component for line in gum.of(found)[0]}
 
     def u(parts, scatter):
@@ -109,7 +110,7 @@ def test_a_small_part_of_the_variance_may_hold_most_of_the_uncertainty():
     [line] = [a for a in gum.of(found)[0] if a.component == datum.name]
     u = found.estimates["alpha"].u
     adds = 1 - np.sqrt(1 - line.covariance[0, 0] / u**2)
-    saves = 1 - gum.u_without(found)[datum.name][0] / u
+    saves = 1 - u_without(found)[datum.name][0] / u
     assert saves > 3 * adds
 
 

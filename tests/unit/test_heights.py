@@ -11,8 +11,9 @@ import pytest
 from scipy.stats import norm
 
 from nearlift import catalogue
-from nearlift.fit import gum, heights
+from nearlift.fit import heights
 from nearlift.fit.least_squares import fit
+from nearlift.fit.linearised import stand_in
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
@@ -208,11 +209,11 @@ def test_samplers_may_take_the_slope_about_the_height_found():
     """Same optimum and width as the integral, in the coefficients alone."""
     data = near_ceiling(2, off_m=0.3e-3)
     found = fit(CEILING, data, (datum(0.3e-3),), SCATTER)
-    problem = gum.stand_in(found)
+    problem = stand_in(found)
     e = found.estimates["alpha"]
     alpha = e.value + np.linspace(-3, 3, 61) * e.u
     rise = problem.chi2(alpha[:, None])
     best = alpha[np.argmin(rise)]
     assert best == pytest.approx(e.value, abs=0.15 * e.u)
     assert np.sqrt(1 / np.polyfit(alpha, rise, 2)[0]) == pytest.approx(e.u, rel=0.05)
-    assert gum.stand_in(fit(CEILING, data, (datum(1e-5),), SCATTER)).shift == 0.0
+    assert stand_in(fit(CEILING, data, (datum(1e-5),), SCATTER)).shift == 0.0

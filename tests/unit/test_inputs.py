@@ -13,6 +13,7 @@ import pytest
 from nearlift import catalogue
 from nearlift.errors import ManifestError
 from nearlift.fit import gum, heights, inputs
+from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
@@ -94,9 +95,7 @@ def test_an_input_widens_u_by_what_it_moves():
     [line] = [a for a in lines if a.component == "rotor_radius"]
     # known exactly, what is left is the fit without it; declared, the fit may lean away from it,
     # but never below that
-    assert gum.u_without(wide)["rotor_radius"] == pytest.approx(
-        [alone.estimates["K_b"].u], rel=1e-3
-    )
+    assert u_without(wide)["rotor_radius"] == pytest.approx([alone.estimates["K_b"].u], rel=1e-3)
     assert (
         alone.estimates["K_b"].u
         < wide.estimates["K_b"].u

@@ -11,7 +11,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.fit import least_squares
-from nearlift.likelihood import noise
+from nearlift.likelihood import noise, variance_components
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.loop.setting import derive
 from nearlift.results import Noise, Observations
@@ -86,7 +86,7 @@ def dense(data, slope, sizes, unknown, free, y):
         (0.002 * np.median(data.lift_N), 1),
         (1e-4, 2),
         (2e-3, 0.25),
-        *noise.DRIFT_PRIORS,
+        *variance_components.DRIFT_PRIORS,
     ]
     for s, (c, nu) in zip(sizes, scales, strict=False):
         value += (nu + 1) * np.log(1 + s**2 / (nu * c**2)) - 2 * np.log(s)
@@ -101,7 +101,7 @@ def test_the_likelihood_and_its_slope_are_those_of_the_dense_calculation():
         0.01 * rng.standard_normal(data.n),
     )
     slope = height_slope(MODEL, data, VALUES)
-    model = noise._Components.of(data, slope, unknown, 5, 0.0)
+    model = variance_components.Components.of(data, slope, unknown, 5, 0.0)
     assert list(model.priors) == [
         "relative",
         "force_N",
@@ -135,7 +135,7 @@ def test_what_others_say_of_a_trial_is_what_leaving_it_out_says():
     rng = np.random.default_rng(3)
     mean, y = np.eye(len(data.levels))[data.level], 0.01 * rng.standard_normal(data.n)
     slope = height_slope(MODEL, data, VALUES)
-    model = noise._Components.of(data, slope, mean, len(data.levels), 0.0)
+    model = variance_components.Components.of(data, slope, mean, len(data.levels), 0.0)
     x = np.log([0.004, 3e-4, 2e-4, 0.001, 0.002, 0.003][: len(model.priors)])
     found = model.at(x, y[model.order])
     sizes = np.exp(x) * np.array([1, np.median(data.lift_N), 1, 1, 1, 1])[: len(x)]
@@ -262,7 +262,9 @@ def test_trials_whose_order_nobody_knows_have_no_drift_and_may_stand_in_any():
 def test_a_part_of_a_campaign_has_the_drift_of_the_whole():
     data = derive(campaign(4, visits=4), np.ones(4))
     some = np.flatnonzero(data.visit % 3 > 0)
-    assert np.array_equal(noise.ages(data.take(some)), noise.ages(data)[some])
+    assert np.array_equal(
+        variance_components.ages(data.take(some)), variance_components.ages(data)[some]
+    )
 
 
 def test_trials_that_share_no_visit_have_nothing_in_common():
@@ -280,10 +282,14 @@ def test_priors_are_weak(factor, monkeypatch):
     data = campaign(4, visits=4)
     usual = least_squares.fit(MODEL, data).estimates["K_b"].u
     monkeypatch.setattr(
-        noise, "PRIORS", {name: (factor * scale, nu) for name, (scale, nu) in noise.PRIORS.items()}
+        variance_components,
+        "PRIORS",
+        {name: (factor * scale, nu) for name, (scale, nu) in variance_components.PRIORS.items()},
     )
     monkeypatch.setattr(
-        noise, "DRIFT_PRIORS", tuple((factor * scale, nu) for scale, nu in noise.DRIFT_PRIORS)
+        variance_components,
+        "DRIFT_PRIORS",
+        tuple((factor * scale, nu) for scale, nu in variance_components.DRIFT_PRIORS),
     )
     assert least_squares.fit(MODEL, data).estimates["K_b"].u == pytest.approx(usual, rel=0.2)
 

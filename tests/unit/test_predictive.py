@@ -9,8 +9,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from nearlift import catalogue
-from nearlift.fit import gum, heights, predictive
+from nearlift.fit import heights, predictive
 from nearlift.fit.least_squares import fit
+from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
@@ -43,7 +44,7 @@ def brute(found, left_out):
     """The predictive density of the visit's trials given all others, by dense matrices;
     coefficients and levels free (flat).
     """
-    problem, offset, slope = gum.linearised(found)
+    problem, offset, slope = linear_problem(found)
     data, covariance = problem.data, problem.covariance.dense()
     x = np.eye(len(data.levels))[data.level]
     if len(found.theta):

@@ -11,7 +11,9 @@ from nearlift.declare import FloatArray
 from nearlift.effects.air_density import STANDARD, density
 from nearlift.fit import assumption_text as text
 from nearlift.fit import collapse, gum, held_quantity, rotor
-from nearlift.fit.least_squares import Fit, minimise
+from nearlift.fit.least_squares import Fit
+from nearlift.fit.linearised import linear_problem, stand_in
+from nearlift.fit.minimum import minimise
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.manifest.campaign import Campaign
@@ -44,7 +46,7 @@ def check(
     # the exponent trades places with the coefficients: it rests on what they rest on
     quantile = student.quantile(0.95, fitted.effective[0]) if len(theta) else NORMAL90
     held = held_quantity.examine(problem, theta, fitted.dof_of_all) if len(theta) else None
-    parts, slope = (*fitted.parts, *fitted.plan.shared), gum.linearised(fitted)[2]
+    parts, slope = (*fitted.parts, *fitted.plan.shared), linear_problem(fitted)[2]
 
     def freedom(g: FloatArray) -> FloatArray:
         return gum.freedom(problem, g, parts, fitted.noise, slope)
@@ -65,7 +67,7 @@ def linearised(fitted: Fit) -> tuple[Problem, FloatArray]:
     about which the slope does carry it. The declared distribution is moved there too, which matters
     little: only what the trials tell well is carried so.
     """
-    problem, over = gum.stand_in(fitted), fitted.marginal
+    problem, over = stand_in(fitted), fitted.marginal
     if over is None:
         return problem, fitted.theta
     about = replace(problem, shift=0.0)

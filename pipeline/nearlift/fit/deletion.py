@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.fit import gum
+from nearlift.fit.linearised import linear_problem
 from nearlift.results import IntArray, Observations
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def visits(fit: Fit) -> tuple[Deletion, ...]:
     Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the
     other visits as far as those tell.
     """
-    problem, offset, slope = gum.linearised(fit)
+    problem, offset, slope = linear_problem(fit)
     return visits_of(problem, fit.theta, _free(fit), offset, slope)
 
 

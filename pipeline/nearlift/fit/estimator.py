@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fit import deletion, gum, held_quantity, inputs
+from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import Fit
+from nearlift.fit.linearised import about, linear_problem
 from nearlift.likelihood import student
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import Problem
@@ -87,7 +89,7 @@ class Estimator:
     @classmethod
     def of(cls, fit: Fit) -> Estimator:
         """A base fit's."""
-        problem, offset, slope = gum.linearised(fit)
+        problem, offset, slope = linear_problem(fit)
         estimates = fit.estimates.values()
         return cls(
             problem=problem,
@@ -95,7 +97,7 @@ class Estimator:
             u=np.array([e.u for e in estimates]),
             dof=fit.effective,
             lines=gum.of(fit)[0] if len(fit.theta) else (),
-            without=gum.u_without(fit) if len(fit.theta) else {},
+            without=u_without(fit) if len(fit.theta) else {},
             parts=(*fit.parts, *fit.plan.shared),
             offset_m=offset,
             slope=slope,
@@ -229,7 +231,7 @@ class Estimator:
         """Condition, value and u of the first coefficient with the ratio raised to a power other
         than 1.
         """
-        problem = gum.about(self.problem, self.offset_m, self.slope)
+        problem = about(self.problem, self.offset_m, self.slope)
         n, u_n, _ = held_quantity.free_exponent(problem, self.theta)
         if np.isfinite(n):
             found = held_quantity.at_exponents(

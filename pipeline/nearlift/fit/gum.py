@@ -9,17 +9,19 @@ and the shares add to one for the very estimator that was used.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood import budget, noise, semiseparable, student
+from nearlift.fit.linearised import linear_problem
+from nearlift.likelihood import semiseparable, student
 from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups
-from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance, group_sums
+from nearlift.likelihood.covariance import group_sums
 from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.variance_components import ages
 from nearlift.results import Noise, Observations
 
 if TYPE_CHECKING:
@@ -88,11 +90,11 @@ def gain(problem: Problem, theta: FloatArray, offset_m: float = 0.0) -> FloatArr
     jacobian = problem.jacobian(theta, offset_m)
     white = problem.project(jacobian.T)
     return np.asarray(
-        _inverse_information(white) @ problem.covariance.unwhiten(white), dtype=np.float64
+        inverse_information(white) @ problem.covariance.unwhiten(white), dtype=np.float64
     )
 
 
-def _inverse_information(white: FloatArray) -> FloatArray:
+def inverse_information(white: FloatArray) -> FloatArray:
     """Covariance (p, p) of the coefficients from their whitened Jacobian (p, n)."""
     size = np.linalg.norm(white, axis=1)
     scale = np.where(size > 0, size, 1.0)
@@ -113,7 +115,7 @@ def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
     if over is None:
         found = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
         return found, total(found, fit.noise, p)
-    wider, offset, slope = linearised(fit)
+    wider, offset, slope = linear_problem(fit)
     g = gain(wider, fit.theta, offset)
     found = (
         *lines(wider, g, fit.parts, fit.noise, fit.slope),
@@ -130,140 +132,6 @@ def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
         for a in found
     )
     return found, total(found, fit.noise, p)
-
-
-def u_without(fit: Fit) -> dict[str, FloatArray]:
-    """`without_each` of a fit, its shared height errors among the sources."""
-    problem, offset, slope = linearised(fit)
-    parts = [
-        *((part, fit.slope) for part in fit.parts),
-        *((part, slope) for part in fit.plan.shared),
-    ]
-    return without_each(
-        problem,
-        problem.jacobian(fit.theta, offset),
-        fit.noise,
-        parts,
-        np.sqrt(np.diag(fit.covariance)),
-    )
-
-
-def without_each(
-    problem: Problem,
-    jacobian: FloatArray,
-    scatter: Noise,
-    parts: Sequence[tuple[Component, FloatArray]],
-    u: FloatArray,
-    further: Mapping[str, slice] | None = None,
-) -> dict[str, FloatArray]:
-    """Standard uncertainty of each coefficient, (p,), were one source of error known exactly; by
-    the budget's names of sources.
-
-    What is known exactly leaves the covariance, and the trials are weighted anew. Sources are
-    correlated through the fit, so this is not what a source's part of the variance suggests: a
-    datum that adds little may set how much another source can do.
-
-    Parameters
-    ----------
-    problem : Problem
-    jacobian : (n, p)
-        Of its log ratio.
-    scatter : Noise
-    parts : sequence of (Component, (n,))
-        Declared errors in the order in which they stand in the covariance, each with the slope that
-        carries heights.
-    u : (p,)
-        What it all comes to: the answers are in its scale.
-    further : mapping of str to slice
-        Sources that are columns of the covariance's shared unknowns, beyond those of `parts`.
-    """
-
-    def spread(covariance: Covariance) -> FloatArray:
-        white = replace(problem, covariance=covariance).project(jacobian.T)
-        return np.asarray(
-            np.sqrt(np.maximum(np.diag(_inverse_information(white)), 0.0)), dtype=np.float64
-        )
-
-    whole = spread(problem.covariance)
-    scale = u / np.where(whole > 0, whole, 1.0)
-    return {
-        name: scale * spread(covariance)
-        for name, covariance in _lacking(problem, scatter, parts, further or {})
-    }
-
-
-def _lacking(
-    problem: Problem,
-    scatter: Noise,
-    parts: Sequence[tuple[Component, FloatArray]],
-    further: Mapping[str, slice],
-) -> Iterator[tuple[str, Covariance]]:
-    """The covariance without each source in turn."""
-    data, whole = problem.data, problem.covariance
-    trial_by_trial = {
-        RECORD: (data.u_lift_N / data.lift_N) ** 2,
-        NAMES["relative"]: np.full(data.n, scatter.relative**2),
-        NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
-    }
-    trial_by_trial |= {
-        part.name: _independent(data, part, carried)
-        for part, carried in parts
-        if part.scope not in GROUPED
-    }
-    for name, variance in trial_by_trial.items():
-        yield name, replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
-    yield NAMES["height_m"], replace(whole, per_visit=np.zeros(data.n))
-    yield NAMES["common"], replace(whole, common=0.0)
-    yield NAMES["drift"], replace(whole, drift=np.zeros(len(scatter.drift)))
-    first = 0
-    for part, _ in parts:
-        width = int(groups(data, part.scope).max()) + 1 if part.scope in GROUPED else 0
-        if width:
-            yield (
-                part.name,
-                replace(
-                    whole, shared=np.delete(whole.shared, np.s_[first : first + width], axis=1)
-                ),
-            )
-        first += width
-    for name, columns in further.items():
-        yield name, replace(whole, shared=np.delete(whole.shared, columns, axis=1))
-
-
-def linearised(fit: Fit) -> tuple[Problem, float, FloatArray]:
-    """The fit's likelihood with every height error in its covariance, the height at which it
-    stands, and the slope there, (n,).
-
-    The same as the fit's own unless a shared height error was integrated over.
-    """
-    if fit.marginal is None:
-        return fit.problem, 0.0, fit.slope
-    offset = fit.marginal.offset()[0]
-    slope = fit.problem.height_slope(fit.theta, offset)
-    own = fit.problem.covariance
-    more = budget.shared(fit.problem.data, fit.plan.shared, slope)
-    return (
-        replace(fit.problem, covariance=replace(own, shared=np.hstack([own.shared, more]))),
-        offset,
-        slope,
-    )
-
-
-def stand_in(fit: Fit) -> Problem:
-    """The fit's likelihood in its coefficients alone: an integrated height error is carried by the
-    slope about the height found.
-    """
-    return about(*linearised(fit))
-
-
-def about(problem: Problem, offset_m: float, slope: FloatArray) -> Problem:
-    """A likelihood moved to the height `offset_m` at which it stands, about which `slope` (n,)
-    carries the height error.
-    """
-    if not offset_m:
-        return problem
-    data = replace(problem.data, z_hat=problem.data.z_hat + offset_m / problem.data.radius_m)
-    return replace(problem, data=data, shift=problem.shift - slope * offset_m)
 
 
 def lines(
@@ -286,7 +154,7 @@ def lines(
     ]
     # the floor under a variance of zero, where nothing scatters at all
     own = problem.covariance.variance - sum(
-        (_independent(data, part, slope) for part in parts), _own(data, scatter)
+        (independent(data, part, slope) for part in parts), _own(data, scatter)
     )
     if np.any(own > 1e-3 * problem.covariance.variance):
         found.append(
@@ -319,7 +187,7 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
         record_dof = own.sum(axis=1) ** 2 / (own**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
     visit = np.unique(data.visit, return_inverse=True)[1]
     by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
-    age = noise.ages(data)
+    age = ages(data)
     drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
     rms = float(np.sqrt(np.mean(record**2)))
 
@@ -431,7 +299,7 @@ def further(name: str, kind: Literal["A", "B"], moved: FloatArray) -> Line:
     return _line(name, kind, "", "", 1.0, "", moved @ moved.T, np.full(len(moved), np.inf))
 
 
-def _independent(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
+def independent(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
     """Variance that a component adds to each trial by itself, (n,)."""
     if part.scope in GROUPED:
         return np.zeros(data.n)
@@ -445,7 +313,7 @@ def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatAr
     grouped = part.scope in GROUPED
     size = g * part.sensitivity(data, slope)
     shared = group_sums(size, groups(data, part.scope)) if grouped else np.zeros((len(g), 0))
-    covariance = shared @ shared.T + (g * _independent(data, part, slope)) @ g.T
+    covariance = shared @ shared.T + (g * independent(data, part, slope)) @ g.T
     line = _line(
         part.name,
         "B",

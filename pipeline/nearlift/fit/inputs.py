@@ -24,6 +24,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.fit import gum
+from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood.budget import INPUTS, Component
 from nearlift.likelihood.problem import Problem, need
 from nearlift.results import Observations
@@ -102,7 +103,7 @@ def _scaled(data: Observations, part: Component, factor: float) -> Observations:
 
 def undeclared(fit: Fit) -> tuple[UndeclaredInput, ...]:
     """`undeclared_in` of a fit."""
-    problem, offset, slope = gum.linearised(fit)
+    problem, offset, slope = linear_problem(fit)
     return undeclared_in(
         problem,
         fit.theta,

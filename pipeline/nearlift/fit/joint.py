@@ -17,7 +17,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused
-from nearlift.fit.least_squares import Fit, assemble, interval90, minimise, parameter_covariance
+from nearlift.fit.least_squares import Fit, assemble, interval90, parameter_covariance
+from nearlift.fit.minimum import minimise
 from nearlift.likelihood import budget
 from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.problem import Problem, usable

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift import isolation
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fit import batched, gum, heights, inputs
+from nearlift.fit import gum, heights, inputs
 from nearlift.fit.degeneracy import degeneracies
+from nearlift.fit.minimum import minimise
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.results import Estimate, IntArray, Noise, Observations
@@ -73,114 +72,6 @@ class Fit:
         has none.
         """
         return max(float(self.effective.min(initial=np.inf)), gum.LEAST_DOF)
-
-
-def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
-    """The theta of least chi2 within the parameters' bounds.
-
-    Raises
-    ------
-    NotConverged
-        lmfit stopped for another reason than convergence, or the model has no value for some trial
-        wherever it may start.
-    """
-    # it imports matplotlib
-    lmfit = isolation.library("lmfit")
-    declared = problem.model.parameters
-    if not declared:
-        return np.zeros(0)
-    first = _first(problem, None if start is None else np.asarray(start, dtype=float))
-    parameters = lmfit.Parameters()
-    for p, value in zip(declared, first, strict=True):
-        inset = 1e-9 * (p.bounds[1] - p.bounds[0])
-        parameters.add(
-            p.name,
-            value=float(np.clip(value, p.bounds[0] + inset, p.bounds[1] - inset)),
-            min=p.bounds[0],
-            max=p.bounds[1],
-        )
-
-    def at(values: Any) -> FloatArray:
-        return np.array([values[n].value for n in problem.names])
-
-    def residuals(values: Any) -> FloatArray:
-        r = problem.residuals(at(values))
-        # a step over a pole must cost more than any real misfit, or the optimiser would stop there
-        return np.where(np.isfinite(r), r, 1e3)
-
-    def derivatives(values: Any) -> FloatArray:
-        return _finite_derivatives(problem, at(values)).T
-
-    scale = np.array(
-        [
-            max(
-                abs(p.value),
-                0.05 * (min(p.bounds[1], p.value + 10) - max(p.bounds[0], p.value - 10)),
-            )
-            for p in declared
-        ]
-    )
-    stop = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12, "max_nfev": 2000}
-    found = lmfit.minimize(
-        residuals, parameters, method="least_squares", jac=derivatives, x_scale=scale, **stop
-    )
-    if not found.success:
-        raise NotConverged(
-            f"fit of {problem.model.name}",
-            f"lmfit stopped: {found.message}",
-            "look at the residuals, or tighten the parameters' bounds",
-        )
-    bounds = np.array([p.bounds[0] for p in declared]), np.array([p.bounds[1] for p in declared])
-    best: FloatArray = batched.settled(
-        lambda theta, rows: problem.linearised(theta), at(found.params)[None], bounds
-    )[0]
-    return best
-
-
-def _finite_derivatives(problem: Problem, theta: FloatArray) -> FloatArray:
-    """Of the residuals (p, n), 0 where the model has none."""
-    return np.nan_to_num(problem.derivatives(theta), posinf=0.0, neginf=0.0)
-
-
-def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
-    """Where to start: as given if the model has a value there for all trials, else at its declared
-    values, else at what the bounds hold.
-
-    Raises
-    ------
-    NotConverged
-        It has none at any of these; the remedy depends on which trials are to blame.
-    """
-    declared = problem.model.parameters
-    low, high = (np.array([p.bounds[end] for p in declared]) for end in (0, 1))
-    usual: FloatArray = np.array([p.value for p in declared], dtype=np.float64)
-    inner: list[FloatArray] = [
-        usual + share * (end - usual)
-        for end in (low, high)
-        for share in (0.05, 0.2, 0.5)
-        if np.isfinite(end).all()
-    ]
-    for first in ([] if start is None else [start]) + [usual, *inner]:
-        if np.isfinite(problem.chi2(first)):
-            return first
-    at = ", ".join(
-        f"{n} = {v:g}"
-        for n, v in zip(problem.names, usual if start is None else start, strict=True)
-    )
-    bad, z_hat = ~np.isfinite(problem.log_ratio(usual)), problem.data.z_hat
-    if bad.all() or z_hat[bad].max() > z_hat[~bad].min():
-        remedy = "choose another model: the trials to blame are not those nearest to the boundary"
-    else:
-        remedy = (
-            f"leave out the {bad.sum()} trials nearest to the boundary (z_hat up to"
-            f" {z_hat[bad].max():.3g}), or choose another model"
-        )
-    raise NotConverged(
-        f"fit of {problem.model.name}",
-        f"the model has no value at its start, {at}, for some of the {problem.data.n} trials, nor"
-        " elsewhere",
-        remedy,
-    )
 
 
 def assemble(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import gum
+from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
 from nearlift.results.fit import Halving, Remedy, Repeats
@@ -86,7 +86,7 @@ def of(fit: Fit) -> dict[str, Halving]:
 
 
 def _unknowns(fit: Fit, known: list[int]) -> _Unknowns:
-    problem, offset, slope = gum.linearised(fit)
+    problem, offset, slope = linear_problem(fit)
     data, levels = problem.data, problem.data.levels
     blocks = [problem.jacobian(fit.theta, offset)[:, known], np.eye(len(levels))[data.level]]
     groups: list[tuple[str, float, str, tuple[int, ...]]] = [

@@ -10,126 +10,28 @@ one that was not.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import Effect, FloatArray, LiftModel, Parameter
-from nearlift.fit import inputs
-from nearlift.likelihood import budget
-from nearlift.likelihood.noise import trial_covariance
-from nearlift.likelihood.problem import usable
+from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
-from nearlift.loop.admission import admit, could_act
-from nearlift.loop.candidate import SESSION_SPREADS, Candidate, moments
+from nearlift.loop.candidate import SESSION_SPREADS, Candidate
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, RIVAL_MAX_2LNB, Linearised
-from nearlift.loop.noise_floor import prepare
-from nearlift.loop.search_problem import FORM_SD, SILENT, Options, SearchProblem, visibility
-from nearlift.loop.setting import derive
+from nearlift.loop.handle import Contest, Handle, Power
+from nearlift.loop.search_problem import FORM_SD, SILENT, SearchProblem, visibility
 from nearlift.randomness import generator
-from nearlift.results import Noise, Observations
-from nearlift.results.diagnosis import UntestableEffect
 
 #: Draws of the noise; a chance of 80 % is then known to 1.3 %.
 DRAWS = 1000
-#: A detection limit is the size seen with this chance.
-LIMIT_POWER = 0.8
-#: Campaigns drawn to learn how the noise floor of a plan would come out.
-REHEARSALS = 3
 #: A power curve has so many sizes, up to so many times the one whose visible part has a length of
 #: four standard deviations.
 STEPS, REACH = 16, 3.0
 VISIBLE_LENGTH = 4.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Handle:
-    """One way to turn an effect up: which of its sizes, with which shape. `shape` maps shape
-    parameters to values.
-    """
-
-    effect: Effect
-    parameter: Parameter
-    shape: Mapping[str, float]
-
-    @property
-    def plausible(self) -> float:
-        """The size that physics leads one to expect: the prior's standard deviation."""
-        return moments(self.parameter)[1]
-
-    @property
-    def largest(self) -> float:
-        """How far from its null the parameter may go."""
-        low, high = self.parameter.bounds
-        return max(high - self.parameter.value, self.parameter.value - low)
-
-    @property
-    def direction(self) -> float:
-        """The side of the null that leaves more room."""
-        low, high = self.parameter.bounds
-        return 1.0 if high - self.parameter.value >= self.parameter.value - low else -1.0
-
-
-def handles(effect: Effect) -> tuple[Handle, ...]:
-    """One for each size of the effect, with the shape nearest to what its prior expects."""
-    shape = {
-        p.name: min(p.grid, key=lambda g, p=p: abs(g - moments(p)[0]))  # type: ignore[misc]
-        for p in effect.parameters
-        if p.grid
-    }
-    return tuple(
-        Handle(effect=effect, parameter=p, shape=shape) for p in effect.parameters if not p.grid
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Power:
-    """Chances against size (away from the null, in the parameter's unit); arrays (m,).
-
-    `seen`: the test of everything exceeds its threshold. `within`: the effect is then among the
-    names or their rivals; `first`: it is the one named; `alone`: named without a rival. All before
-    the confirmation on held-out visits.
-    """
-
-    size: FloatArray
-    seen: FloatArray
-    within: FloatArray
-    first: FloatArray
-    alone: FloatArray
-
-    def limit(self, of: str = "seen", at: float = LIMIT_POWER) -> float | None:
-        """The size that reaches the chance `at`; None if the largest one here does not."""
-        chance = np.maximum.accumulate(getattr(self, of))
-        if chance[-1] < at:
-            return None
-        above = int(np.argmax(chance >= at))
-        if above == 0:
-            return float(self.size[0])
-        low, high = chance[above - 1], chance[above]
-        return float(
-            self.size[above - 1]
-            + (at - low) / (high - low) * (self.size[above] - self.size[above - 1])
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contest:
-    """What an effect of one size would be taken for. Chances before the confirmation on held-out
-    visits.
-
-    `rivals`: every other candidate's chance to be named or a rival, given that structure is seen.
-    """
-
-    seen: float
-    within: float
-    first: float
-    alone: float
-    rivals: Mapping[str, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -442,91 +344,3 @@ def _standard(draw: FloatArray) -> FloatArray:
     rms = np.sqrt(np.mean(centred**2, axis=-1, keepdims=True))
     result: FloatArray = centred / np.where(rms > 0, rms, 1.0)
     return result
-
-
-def planned(
-    data: Observations,
-    base: LiftModel,
-    parts: tuple[budget.Component, ...],
-    noise: Noise,
-    options: Options,
-    theta: FloatArray,
-    effects: tuple[Effect, ...] | None = None,
-) -> tuple[Foresight, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
-    """What trials that are only planned could see.
-
-    The noise floor is rehearsed on drawn campaigns: a component that a plan can hardly tell from
-    nothing is not taken for nothing, so the floor comes out a little higher than the noise is, and
-    the loop sees a little less.
-
-    Parameters
-    ----------
-    data : Observations
-        Their `lift_N` is L_inf of the throttle; it becomes what `base` predicts at `theta`.
-    base, parts, options, effects
-        As for `loop.set_up`.
-    noise : Noise
-        Expected.
-    theta : (p,)
-        Expected coefficients.
-
-    Returns
-    -------
-    Foresight, testable effects, and the untestable ones with what to log.
-    """
-    kept = data.take(usable(base, data))
-    admit(f"design of the {data.boundary}", kept, base)
-    levels = np.array([np.median(kept.lift_N[kept.throttle == t]) for t in kept.levels])
-    kept = derive(kept, levels)
-    known, untestable = could_act(kept, base, effects)
-    between = tuple(e for e in known if not e.within_trial)
-    log_ratio = Candidate(base=base, effects=(), data=kept).log_ratio(theta)
-    kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
-    log_lift = np.log(kept.lift_N)
-    parts = inputs.acting(parts, base, theta)
-    stage = SearchProblem(
-        data=kept,
-        base=base,
-        effects=between,
-        parts=parts,
-        noise=noise,
-        log_lift=log_lift,
-        theta=theta,
-        options=options,
-    )
-    return _rehearsed(stage), known, untestable
-
-
-def _rehearsed(stage: SearchProblem) -> Foresight:
-    """The stage at the noise floor that its own drawn campaigns would be given; its sizes the
-    rehearsals' mean squares.
-    """
-    root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
-    found, quiet = [], []
-    for i in range(REHEARSALS):
-        log_lift = stage.log_lift + root @ generator(
-            stage.options.seed, "rehearsal", str(i)
-        ).standard_normal(stage.data.n)
-        data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
-        drawn = prepare(data, stage.base, stage.effects, stage.parts, stage.theta, stage.options)
-        freedom = data.n - len(data.levels) - len(stage.theta)
-        found.append(drawn.noise)
-        quiet.append(drawn.base_fit.chi2 / freedom)
-
-    def typical(name: str) -> float:
-        return float(np.sqrt(np.mean([getattr(n, name) ** 2 for n in found])))
-
-    noise = dataclasses.replace(
-        stage.noise,
-        relative=typical("relative"),
-        force_N=typical("force_N"),
-        height_m=typical("height_m"),
-        common=typical("common"),
-        drift=tuple(np.sqrt(np.mean([np.square(n.drift) for n in found], axis=0)).tolist()),
-        dof=float(np.mean([n.dof for n in found])),
-    )
-    return Foresight(
-        stage=dataclasses.replace(stage, noise=noise),
-        seed=stage.options.seed,
-        quiet=float(np.sqrt(np.mean(quiet))),
-    )

@@ -12,7 +12,8 @@ import numpy as np
 from nearlift.declare import Effect
 from nearlift.loop import coefficients
 from nearlift.loop.absorption import unknowable
-from nearlift.loop.foresight import LIMIT_POWER, Foresight, Handle, handles
+from nearlift.loop.foresight import Foresight
+from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.proposals import Pair, changes
 from nearlift.loop.search_problem import SILENT, visibility
 from nearlift.results import Observations

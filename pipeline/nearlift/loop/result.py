@@ -11,6 +11,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import gum
 from nearlift.fit.estimator import Estimator, largest
+from nearlift.fit.known_sources import without_each
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
 from nearlift.loop.candidate_fit import Fitted
@@ -158,9 +159,7 @@ def _estimator(stage: SearchProblem, answer: Answer, found: Answers) -> Estimato
             for name, columns in unknowns.items()
         )
         parts = [(part, stage.slope) for part in stage.parts]
-        without = gum.without_each(
-            problem, problem.jacobian(value), stage.noise, parts, u, unknowns
-        )
+        without = without_each(problem, problem.jacobian(value), stage.noise, parts, u, unknowns)
     return Estimator(
         problem=problem,
         theta=value,

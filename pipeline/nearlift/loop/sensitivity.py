@@ -10,7 +10,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.loop.families import STEP, families
-from nearlift.loop.foresight import LIMIT_POWER, Foresight, Handle, handles
+from nearlift.loop.foresight import Foresight
+from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import DetectionLimit, Sensitivity
 from nearlift.rounding import plain

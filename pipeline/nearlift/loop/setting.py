@@ -11,7 +11,7 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.effects import STAND_INS
-from nearlift.likelihood.noise import elapsed_trials
+from nearlift.likelihood.variance_components import elapsed_trials
 from nearlift.results import Observations
 
 #: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute

@@ -40,7 +40,7 @@ class Noise:
         common.
     drift : tuple of float
         Standard deviations, in proportion to lift, of slow drifts between trials, one for each
-        length in `likelihood.noise.DRIFT_LENGTHS`.
+        length in `likelihood.variance_components.DRIFT_LENGTHS`.
     source : str
         What they were estimated from.
     dof : float

@@ -19,7 +19,8 @@ from nearlift.likelihood import budget
 from nearlift.loop import coefficients
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.few_visits import applies
-from nearlift.loop.foresight import DRAWS, LIMIT_POWER, Foresight, Handle, handles
+from nearlift.loop.foresight import DRAWS, Foresight
+from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import gum, posterior
+from nearlift.fit import posterior
 from nearlift.fit.density import Density
 from nearlift.fit.grid import grid
 from nearlift.fit.learnt import beside_fit, learnt
 from nearlift.fit.least_squares import Fit
+from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.products import POSTERIOR, TRIALS
 from nearlift.results.posterior import (
@@ -56,7 +57,7 @@ class Posteriors:
     def add(self, fitted: Fit, base: bool) -> tuple[LogEvidence, PosteriorSummary]:
         """Sample one model's posterior; of base models draws of L_inf are kept, too."""
         boundary, name = fitted.problem.data.boundary, fitted.model.name
-        density = Density(problem=gum.stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
+        density = Density(problem=stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
         checkpoint = Checkpoint(
             folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key
         )

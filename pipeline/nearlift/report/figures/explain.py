@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.loop.foresight import Handle
+from nearlift.loop.handle import Handle
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.report.evidence import Columns
 from nearlift.report.figures.design import SHOWN, size_text

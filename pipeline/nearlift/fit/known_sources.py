@@ -1,0 +1,118 @@
+"""What the uncertainty of a fit's coefficients would be were a source of error known exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood.budget import GROUPED, Component, groups
+from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
+from nearlift.likelihood.problem import Problem
+from nearlift.results import Noise
+
+if TYPE_CHECKING:
+    from nearlift.fit.least_squares import Fit
+from nearlift.fit.gum import NAMES, RECORD, independent, inverse_information
+from nearlift.fit.linearised import linear_problem
+
+
+def u_without(fit: Fit) -> dict[str, FloatArray]:
+    """`without_each` of a fit, its shared height errors among the sources."""
+    problem, offset, slope = linear_problem(fit)
+    parts = [
+        *((part, fit.slope) for part in fit.parts),
+        *((part, slope) for part in fit.plan.shared),
+    ]
+    return without_each(
+        problem,
+        problem.jacobian(fit.theta, offset),
+        fit.noise,
+        parts,
+        np.sqrt(np.diag(fit.covariance)),
+    )
+
+
+def without_each(
+    problem: Problem,
+    jacobian: FloatArray,
+    scatter: Noise,
+    parts: Sequence[tuple[Component, FloatArray]],
+    u: FloatArray,
+    further: Mapping[str, slice] | None = None,
+) -> dict[str, FloatArray]:
+    """Standard uncertainty of each coefficient, (p,), were one source of error known exactly; by
+    the budget's names of sources.
+
+    What is known exactly leaves the covariance, and the trials are weighted anew. Sources are
+    correlated through the fit, so this is not what a source's part of the variance suggests: a
+    datum that adds little may set how much another source can do.
+
+    Parameters
+    ----------
+    problem : Problem
+    jacobian : (n, p)
+        Of its log ratio.
+    scatter : Noise
+    parts : sequence of (Component, (n,))
+        Declared errors in the order in which they stand in the covariance, each with the slope that
+        carries heights.
+    u : (p,)
+        What it all comes to: the answers are in its scale.
+    further : mapping of str to slice
+        Sources that are columns of the covariance's shared unknowns, beyond those of `parts`.
+    """
+
+    def spread(covariance: Covariance) -> FloatArray:
+        white = replace(problem, covariance=covariance).project(jacobian.T)
+        return np.asarray(
+            np.sqrt(np.maximum(np.diag(inverse_information(white)), 0.0)), dtype=np.float64
+        )
+
+    whole = spread(problem.covariance)
+    scale = u / np.where(whole > 0, whole, 1.0)
+    return {
+        name: scale * spread(covariance)
+        for name, covariance in _lacking(problem, scatter, parts, further or {})
+    }
+
+
+def _lacking(
+    problem: Problem,
+    scatter: Noise,
+    parts: Sequence[tuple[Component, FloatArray]],
+    further: Mapping[str, slice],
+) -> Iterator[tuple[str, Covariance]]:
+    """The covariance without each source in turn."""
+    data, whole = problem.data, problem.covariance
+    trial_by_trial = {
+        RECORD: (data.u_lift_N / data.lift_N) ** 2,
+        NAMES["relative"]: np.full(data.n, scatter.relative**2),
+        NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
+    }
+    trial_by_trial |= {
+        part.name: independent(data, part, carried)
+        for part, carried in parts
+        if part.scope not in GROUPED
+    }
+    for name, variance in trial_by_trial.items():
+        yield name, replace(whole, variance=np.maximum(whole.variance - variance, LEAST_VARIANCE))
+    yield NAMES["height_m"], replace(whole, per_visit=np.zeros(data.n))
+    yield NAMES["common"], replace(whole, common=0.0)
+    yield NAMES["drift"], replace(whole, drift=np.zeros(len(scatter.drift)))
+    first = 0
+    for part, _ in parts:
+        width = int(groups(data, part.scope).max()) + 1 if part.scope in GROUPED else 0
+        if width:
+            yield (
+                part.name,
+                replace(
+                    whole, shared=np.delete(whole.shared, np.s_[first : first + width], axis=1)
+                ),
+            )
+        first += width
+    for name, columns in further.items():
+        yield name, replace(whole, shared=np.delete(whole.shared, columns, axis=1))

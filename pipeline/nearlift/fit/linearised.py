@@ -1,0 +1,51 @@
+"""A fit's likelihood with every height error carried by its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood import budget
+from nearlift.likelihood.problem import Problem
+
+if TYPE_CHECKING:
+    from nearlift.fit.least_squares import Fit
+
+
+def linear_problem(fit: Fit) -> tuple[Problem, float, FloatArray]:
+    """The fit's likelihood with every height error in its covariance, the height at which it
+    stands, and the slope there, (n,).
+
+    The same as the fit's own unless a shared height error was integrated over.
+    """
+    if fit.marginal is None:
+        return fit.problem, 0.0, fit.slope
+    offset = fit.marginal.offset()[0]
+    slope = fit.problem.height_slope(fit.theta, offset)
+    own = fit.problem.covariance
+    more = budget.shared(fit.problem.data, fit.plan.shared, slope)
+    return (
+        replace(fit.problem, covariance=replace(own, shared=np.hstack([own.shared, more]))),
+        offset,
+        slope,
+    )
+
+
+def stand_in(fit: Fit) -> Problem:
+    """The fit's likelihood in its coefficients alone: an integrated height error is carried by the
+    slope about the height found.
+    """
+    return about(*linear_problem(fit))
+
+
+def about(problem: Problem, offset_m: float, slope: FloatArray) -> Problem:
+    """A likelihood moved to the height `offset_m` at which it stands, about which `slope` (n,)
+    carries the height error.
+    """
+    if not offset_m:
+        return problem
+    data = replace(problem.data, z_hat=problem.data.z_hat + offset_m / problem.data.radius_m)
+    return replace(problem, data=data, shift=problem.shift - slope * offset_m)

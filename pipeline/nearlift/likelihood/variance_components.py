@@ -1,0 +1,285 @@
+"""The penalised restricted likelihood of a covariance that is linear in the squares of its sizes,
+with its gradient and average information in their logarithms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
+from nearlift.likelihood import semiseparable
+from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
+from nearlift.results import IntArray, Observations
+
+#: Trials over which the drifts forget; a drift is looked for where a boundary has four times as
+#: many.
+DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
+
+
+#: Scale and degrees of freedom of the half-t prior on each size: a fraction of lift, of the median
+#: lift, metres, a fraction of lift. Converters and propellers repeat to half a percent, screw
+#: traverses to a tenth of a millimetre. What else a stop brings (a settling flow, a cable) is
+#: likelier than a drift that fades within a stop and passes for it; the slow drifts of a bench's
+#: gain stay below a part in a thousand. A size far above its scale is pulled down as if so many
+#: more visits had shown none of it: that counts where visits are few, so `common` has a quarter.
+PRIORS = {
+    "relative": (5e-3, 1.0),
+    "force_N": (2e-3, 1.0),
+    "height_m": (1e-4, 2.0),
+    "common": (2e-3, 0.25),
+}
+
+
+DRIFT_PRIORS = ((2e-4, 2.0), (2e-4, 2.0), (6e-4, 1.0), (6e-4, 1.0))
+
+
+CLIP = 3.5
+
+
+#: A trial that keeps less than this part of its precision beside what is free cannot be foretold
+#: from the rest.
+DETERMINED = 1e-8
+
+
+#: Steps of the search for the likeliest sizes at most.
+MOST_STEPS = 40
+#: Revisits that tell what visits share beside distance, and visits that tell it from a drift.
+ENOUGH = 20
+
+
+def elapsed_trials(order: FloatArray) -> FloatArray:
+    """Time since the first trial in units of the median spacing of trials, from start times or any
+    other order (n,).
+    """
+    spacing = float(np.median(np.diff(np.sort(order)))) if len(order) > 1 else 0.0
+    return (order - order.min()) / spacing if spacing > 0 else np.arange(len(order), dtype=float)
+
+
+def ages(data: Observations) -> FloatArray:
+    """When each trial was run, in units of the time over which each drift forgets, (n, drifts)."""
+    known = data.covariates
+    if "elapsed_trials" in known:
+        # of the whole campaign, where these trials are a part of it
+        elapsed = known["elapsed_trials"]
+    else:
+        start = known.get("start_s", np.full(data.n, np.nan))
+        elapsed = elapsed_trials(
+            start if np.isfinite(start).all() else np.arange(data.n, dtype=float)
+        )
+    lengths: FloatArray = np.array(DRIFT_LENGTHS)
+    return elapsed[:, None] / lengths
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizesAt:
+    """The penalised restricted likelihood at given sizes.
+
+    `weighed` is P y, and `precision` P's diagonal, infinite where the other trials do not say what
+    a trial should be; (n,).
+    """
+
+    deviance: float
+    gradient: FloatArray
+    curvature: FloatArray
+    weighed: FloatArray
+    precision: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Components:
+    """A covariance linear in the squares of its sizes: `own` + sum of size^2 times a diagonal, or
+    times what trials pass on.
+
+    `unknown` (n, q + k) are columns of the mean (q, free) and of structure (k, unit variance).
+    """
+
+    priors: dict[str, tuple[float, float]]
+    own: FloatArray
+    diagonals: list[FloatArray]
+    amplitude: FloatArray
+    memory: FloatArray
+    order: IntArray
+    unknown: FloatArray
+    free: int
+
+    @classmethod
+    def of(
+        cls,
+        data: Observations,
+        slope: FloatArray,
+        unknown: FloatArray,
+        free: int,
+        extra: FloatArray | float,
+    ) -> Components:
+        """The components that these trials can show."""
+        priors = {name: PRIORS[name] for name in ("relative", "force_N")}
+        per_visit, common, drifts = np.zeros(data.n), 0.0, 0
+        if np.any(slope):
+            priors["height_m"], per_visit = PRIORS["height_m"], slope
+        if len(np.unique(data.visit)) < data.n:
+            priors["common"], common = PRIORS["common"], 1.0
+        if data.ordered and len(np.unique(data.visit)) >= ENOUGH:
+            drifts = sum(length <= data.n / 4 for length in DRIFT_LENGTHS)
+            priors |= {f"drift{k}": DRIFT_PRIORS[k] for k in range(drifts)}
+        # of unit sizes: what there is of the rest is set by the sizes
+        whole = Covariance(
+            variance=np.ones(data.n),
+            visit=data.visit,
+            per_visit=per_visit,
+            shared=np.zeros((data.n, 0)),
+            common=common,
+            drift=np.ones(drifts),
+            age=ages(data)[:, :drifts],
+        )
+        amplitude, memory = whole.processes
+        order = whole.order
+        own = np.maximum((data.u_lift_N / data.lift_N) ** 2 + extra, LEAST_VARIANCE)
+        # force in units of the median lift: no lift is too small for a square
+        diagonals = [
+            np.ones(data.n),
+            (np.median(data.lift_N) / data.lift_N) ** 2,
+            *(amplitude**2).T,
+        ]
+        return cls(
+            priors=priors,
+            own=own[order],
+            diagonals=[diagonals[0], diagonals[1][order], *diagonals[2:]],
+            amplitude=amplitude,
+            memory=memory,
+            order=order,
+            unknown=np.ascontiguousarray(unknown[order]),
+            free=free,
+        )
+
+    def at(self, x: FloatArray, y: FloatArray) -> SizesAt:
+        """Minus twice the log posterior of the sizes (up to a constant), its gradient and curvature
+        in their logarithms; y in `order`.
+        """
+        size2 = np.exp(2 * x)
+        variance = self.own + size2[0] * self.diagonals[0] + size2[1] * self.diagonals[1]
+        amplitude = np.ascontiguousarray(self.amplitude * np.sqrt(size2[2:]))
+        d, w = semiseparable.factor(variance, amplitude, self.memory)
+        parts = (d, w, amplitude, self.memory)
+        both = semiseparable.forward(
+            *parts, np.ascontiguousarray(np.column_stack([self.unknown, y]))
+        )
+        white, y_white = np.ascontiguousarray(both[:, :-1]), both[:, -1]
+        information = white.T @ white
+        information[
+            np.arange(self.free, len(information)), np.arange(self.free, len(information))
+        ] += 1.0
+        try:
+            triangle = np.linalg.cholesky(information)
+        except np.linalg.LinAlgError as fault:
+            what = (
+                "the variances of trials differ by a factor of"
+                f" {variance.max() / variance.min():.0e} and more: beside some, others count for"
+                " nothing"
+            )
+            raise NotConverged(
+                "noise floor",
+                what,
+                "look for lifts in another unit, near zero, or with a wrong standard error",
+            ) from fault
+        from scipy.linalg import solve_triangular
+
+        explained = solve_triangular(triangle, white.T @ y_white, lower=True, check_finite=False)
+        value = float(
+            np.log(d).sum()
+            + 2 * np.log(np.diag(triangle)).sum()
+            + y_white @ y_white
+            - explained @ explained
+        )
+        scale2, nu = (
+            np.array(v) for v in zip(*((s**2, nu) for s, nu in self.priors.values()), strict=True)
+        )
+        share = size2 / (nu * scale2 + size2)
+        value += float(np.sum((nu + 1) * np.log1p(size2 / (nu * scale2)) - 2 * x))
+        u = solve_triangular(triangle, white.T, lower=True, check_finite=False)
+        weighed_white = y_white - explained @ u
+        back = semiseparable.backward(
+            *parts, np.ascontiguousarray(np.column_stack([u.T, weighed_white]))
+        )
+        taken, weighed = np.ascontiguousarray(back[:, :-1]), back[:, -1]
+        precision = semiseparable.near_inverse(*parts, np.zeros(len(d), dtype=np.int64))[:, 0]
+        count = len(x)
+        trace, acted = np.zeros(count), np.zeros((len(d), count))
+        left = np.sum(taken**2, axis=1)
+        for i in range(2):
+            trace[i] = self.diagonals[i] @ (precision - left)
+            acted[:, i] = self.diagonals[i] * weighed
+        for i in range(2, count):
+            one, memory = (
+                np.ascontiguousarray(self.amplitude[:, i - 2 : i - 1]),
+                np.ascontiguousarray(self.memory[:, i - 2 : i - 1]),
+            )
+            # the determinant's derivative by a step along the imaginary axis, which cancels nothing
+            turned = amplitude.astype(complex)
+            turned[:, i - 2] *= 1 + 1e-30j
+            log_det_slope = (
+                float(
+                    np.log(
+                        semiseparable.factor(
+                            variance.astype(complex), turned, self.memory.astype(complex)
+                        )[0]
+                    )
+                    .sum()
+                    .imag
+                )
+                * 1e30
+            )
+            together = semiseparable.product(one, memory, back)
+            trace[i] = log_det_slope / (2 * size2[i]) - float(np.vdot(together[:, :-1], taken))
+            acted[:, i] = together[:, -1]
+        quadratic = weighed @ acted
+        of_acted = semiseparable.forward(*parts, np.ascontiguousarray(acted))
+        along = u @ of_acted
+        average = 0.5 * (of_acted.T @ of_acted - along.T @ along)
+        slope = size2 * (trace - quadratic)
+        # twice: by the logarithm of a size, of minus twice the logarithm
+        gradient = 2 * slope + 2 * ((nu + 1) * share - 1)
+        curvature = 2 * (4 * np.outer(size2, size2) * average)
+        prior = 4 * (nu + 1) * share * (1 - share)
+        # below its likeliest size the likelihood is flat, and above it as steep as its gradient
+        # says
+        curvature[np.diag_indices(count)] += prior + 2 * np.maximum(2 * slope, 0)
+        left = np.where(precision - left > DETERMINED * precision, precision - left, np.inf)
+        return SizesAt(
+            deviance=value,
+            gradient=gradient,
+            curvature=0.5 * curvature,
+            weighed=weighed,
+            precision=left,
+        )
+
+    def maximise(self, x: FloatArray, y: FloatArray, last: float) -> tuple[FloatArray, SizesAt]:
+        """The likeliest sizes by average-information steps from `x` until one is smaller than
+        `last`, y as the trials stand.
+        """
+        y = y[self.order]
+        here = self.at(x, y)
+        for _ in range(MOST_STEPS):
+            step = -np.linalg.solve(here.curvature, here.gradient) / 2
+            step *= min(1.0, 2.0 / np.abs(step).max())
+            for _ in range(12):
+                there = self.at(x + step, y)
+                if there.deviance <= here.deviance + 1e-9 * abs(here.deviance):
+                    break
+                step = step / 2
+            x, here = x + step, there
+            if np.abs(step).max() < last:
+                break
+        back = np.argsort(self.order)
+        return x, replace(here, weighed=here.weighed[back], precision=here.precision[back])
+
+
+def pulled_in(y: FloatArray, at: SizesAt) -> FloatArray:
+    """The data with trials that stand beyond `CLIP` standard deviations from what all others say of
+    them moved to it.
+    """
+    root = np.sqrt(at.precision)
+    z = at.weighed / root
+    return y - (z - np.clip(z, -CLIP, CLIP)) / root

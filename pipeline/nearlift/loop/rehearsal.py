@@ -1,0 +1,115 @@
+"""The foresight of trials that are only planned, at the noise floor that campaigns drawn from the
+plan would be given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray, LiftModel
+from nearlift.fit import inputs
+from nearlift.likelihood import budget
+from nearlift.likelihood.noise import trial_covariance
+from nearlift.likelihood.problem import usable
+from nearlift.loop.admission import admit, could_act
+from nearlift.loop.candidate import Candidate
+from nearlift.loop.foresight import Foresight
+from nearlift.loop.noise_floor import prepare
+from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.loop.setting import derive
+from nearlift.randomness import generator
+from nearlift.results import Noise, Observations
+from nearlift.results.diagnosis import UntestableEffect
+
+#: Campaigns drawn to learn how the noise floor of a plan would come out.
+REHEARSALS = 3
+
+
+def planned(
+    data: Observations,
+    base: LiftModel,
+    parts: tuple[budget.Component, ...],
+    noise: Noise,
+    options: Options,
+    theta: FloatArray,
+    effects: tuple[Effect, ...] | None = None,
+) -> tuple[Foresight, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
+    """What trials that are only planned could see.
+
+    The noise floor is rehearsed on drawn campaigns: a component that a plan can hardly tell from
+    nothing is not taken for nothing, so the floor comes out a little higher than the noise is, and
+    the loop sees a little less.
+
+    Parameters
+    ----------
+    data : Observations
+        Their `lift_N` is L_inf of the throttle; it becomes what `base` predicts at `theta`.
+    base, parts, options, effects
+        As for `loop.set_up`.
+    noise : Noise
+        Expected.
+    theta : (p,)
+        Expected coefficients.
+
+    Returns
+    -------
+    Foresight, testable effects, and the untestable ones with what to log.
+    """
+    kept = data.take(usable(base, data))
+    admit(f"design of the {data.boundary}", kept, base)
+    levels = np.array([np.median(kept.lift_N[kept.throttle == t]) for t in kept.levels])
+    kept = derive(kept, levels)
+    known, untestable = could_act(kept, base, effects)
+    between = tuple(e for e in known if not e.within_trial)
+    log_ratio = Candidate(base=base, effects=(), data=kept).log_ratio(theta)
+    kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
+    log_lift = np.log(kept.lift_N)
+    parts = inputs.acting(parts, base, theta)
+    stage = SearchProblem(
+        data=kept,
+        base=base,
+        effects=between,
+        parts=parts,
+        noise=noise,
+        log_lift=log_lift,
+        theta=theta,
+        options=options,
+    )
+    return _rehearsed(stage), known, untestable
+
+
+def _rehearsed(stage: SearchProblem) -> Foresight:
+    """The stage at the noise floor that its own drawn campaigns would be given; its sizes the
+    rehearsals' mean squares.
+    """
+    root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
+    found, quiet = [], []
+    for i in range(REHEARSALS):
+        log_lift = stage.log_lift + root @ generator(
+            stage.options.seed, "rehearsal", str(i)
+        ).standard_normal(stage.data.n)
+        data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
+        drawn = prepare(data, stage.base, stage.effects, stage.parts, stage.theta, stage.options)
+        freedom = data.n - len(data.levels) - len(stage.theta)
+        found.append(drawn.noise)
+        quiet.append(drawn.base_fit.chi2 / freedom)
+
+    def typical(name: str) -> float:
+        return float(np.sqrt(np.mean([getattr(n, name) ** 2 for n in found])))
+
+    noise = dataclasses.replace(
+        stage.noise,
+        relative=typical("relative"),
+        force_N=typical("force_N"),
+        height_m=typical("height_m"),
+        common=typical("common"),
+        drift=tuple(np.sqrt(np.mean([np.square(n.drift) for n in found], axis=0)).tolist()),
+        dof=float(np.mean([n.dof for n in found])),
+    )
+    return Foresight(
+        stage=dataclasses.replace(stage, noise=noise),
+        seed=stage.options.seed,
+        quiet=float(np.sqrt(np.mean(quiet))),
+    )
