@@ -23,6 +23,7 @@ from nearlift.loop import (
 from nearlift.loop import diagnose as loop
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import fit as candidate_fit
+from nearlift.loop.candidate_fit import search as candidate_search
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.findings import partial
 from nearlift.loop.search import pair_gains, run
@@ -482,7 +483,7 @@ def test_leaving_out_every_visit_at_once_is_leaving_out_each(names):
     )
     stage = dataclasses.replace(set_up(data, GROUND, (), Options())[0], independent=True)
     effects = tuple(catalogue.effect(n) for n in names)
-    whole = search.search(
+    whole = candidate_search(
         stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector
     )
     vectors, left = few_visits.without_each(stage, whole), few_visits.left_out(stage, effects)
