@@ -68,7 +68,7 @@ def stands(data: bytes) -> None:
     path = _file(data)
     for module in (rcbenchmark, flight_stand, crazyflie):
         try:
-            module.contents(path, {}, None)
+            module.READER.format.contents(path, {}, None)
         except NearliftError:
             continue
 

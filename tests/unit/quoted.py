@@ -15,6 +15,46 @@ from nearlift.run.job import Job
 HALF_90, OTHERS = 1.6449, {68: 0.9945, 95: 1.96}
 
 
+#: What every block of diagnosis.json has, of a boundary where nothing was found.
+EMPTY_BLOCK: Mapping[str, Any] = {
+    "base_model": "",
+    "false_alarm_rate": 0.05,
+    "verdict": "adequate",
+    "effects": [],
+    "p_value": 1.0,
+    "threshold_log10_p": -3.0,
+    "structure": [],
+    "rounds": [],
+    "noise_floor": {
+        **dict.fromkeys(("relative", "force_N", "height_m", "common", "drift"), 0.0),
+        "drift_by_length": [],
+        "source": "declared",
+        "dof": None,
+    },
+    "shifts": [],
+    "limits": [],
+    "within_trial": None,
+    "untestable": [],
+    "silent": [],
+    "next_experiment": [],
+}
+
+
+def diagnosis(boundaries: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """diagnosis.json with these blocks, of which a test says only what it is about."""
+    blocks = {}
+    for boundary, block in boundaries.items():
+        coefficients = {"before": {}, "after": {}, "carried": [], **block.get("coefficients", {})}
+        effects = [{"rivals": [], **e} for e in block.get("effects", [])]
+        blocks[boundary] = {
+            **EMPTY_BLOCK,
+            **block,
+            "coefficients": coefficients,
+            "effects": effects,
+        }
+    return {"schema": DIAGNOSIS.schema, "false_alarm_rate": 0.05, "boundaries": blocks}
+
+
 def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[str, Any]:
     """`fitted` is the file that `fit` wrote, `boundaries` are blocks of diagnosis.json."""
     whole: dict[str, Any] = copy.deepcopy(dict(fitted))

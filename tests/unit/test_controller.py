@@ -59,7 +59,7 @@ def job(remake):
         "effects": [effect],
         "coefficients": {"after": {"alpha": {"value": 0.1, "lo90": 0.09, "hi90": 0.11}}},
     }
-    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "boundaries": {"ceiling": found}})
+    job.write_json(DIAGNOSIS, quoted.diagnosis({"ceiling": found}))
     quoted.write(job, {"ceiling": found})
     return job
 

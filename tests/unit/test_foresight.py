@@ -566,9 +566,9 @@ def test_a_visit_holds_one_distance_always_and_that_is_no_finding(foresight):
     visits.
     """
     stage = foresight.stage
-    assert unknowable(stage, stage.base_fit) == []
+    assert unknowable(stage, stage.base_fit) == ()
     data = stage.data
     first = data.take(np.isin(data.visit, np.unique(data.visit)[:15]))
     few, _, _ = planned(first, GROUND, (), NOISE, Options(), np.array([2.0]))
-    texts = [f.get("text", "") for f in unknowable(few.stage, few.stage.base_fit)]
+    texts = [f.text for f in unknowable(few.stage, few.stage.base_fit)]
     assert any("A gain of its own for every visit" in t for t in texts)

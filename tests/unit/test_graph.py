@@ -126,7 +126,7 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
             "[trials]",
             '[trials]\norder = "unknown"',
             "ingest",
-            ["ingest", "fit", "diagnose", "ledger", "report"],
+            ["ingest", "reduce", "fit", "diagnose", "ledger", "report"],
         ),
     ],
     ids=["style", "comment", "budget", "rivals", "false alarms", "quality", "spacing", "order"],

@@ -23,6 +23,7 @@ from nearlift.fit.least_squares import fit
 from nearlift.fit.snooker import SnookerMove
 from nearlift.likelihood.stations import Stations
 from nearlift.results import Noise
+from nearlift.results.posterior import SamplerCheck
 
 NOISE = Noise(relative=0.005, force_N=3e-4, height_m=1e-4)
 
@@ -314,7 +315,7 @@ def test_a_tail_is_worth_less_than_the_bulk_where_the_spread_is_slow():
 
 
 def test_judges_that_cannot_judge_do_not():
-    check = agreement.Check(by="grid", apart=50.0, where="somewhere", unfit="too coarse")
+    check = SamplerCheck(by="grid", apart=50.0, where="somewhere", unfit="too coarse")
     assert not check.failed
     agreement.insist("m", "emcee", [check], "")
     with pytest.raises(

@@ -422,7 +422,7 @@ def test_the_manifest_decides_what_run_includes(remake):
 
 def diagnosed(job, boundary, **found):
     blocks = {boundary: {"coefficients": {}, "effects": [], **found}}
-    job.write_json(DIAGNOSIS, {"schema": DIAGNOSIS.schema, "boundaries": blocks})
+    job.write_json(DIAGNOSIS, quoted.diagnosis(blocks))
     quoted.write(job, blocks)
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from nearlift.errors import ManifestError
+from nearlift.results.quotation import Results
+from nearlift.results.serial import decode
 from nearlift.run import graph
 from nearlift.run import watch as watching
 from nearlift.run.watch import Round, watch
@@ -156,8 +158,9 @@ def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
 def test_what_the_round_says_is_what_is_quoted(tmp_path):
     compared.write(tmp_path, "a", 0.125, 0.01)
     content = json.loads((tmp_path / "processed" / "a" / "results.json").read_text())
-    assert next(watching._headlines(content, {})) == "ground K_b = 0.125 ± 0.010"
-    assert list(watching._headlines({}, {})) == []
+    said = watching._headlines(decode(Results, content), {})
+    assert next(said) == "ground K_b = 0.125 ± 0.010"
+    assert list(watching._headlines(Results(boundaries={}), {})) == []
 
 
 def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):

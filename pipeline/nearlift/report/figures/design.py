@@ -150,14 +150,12 @@ def _boundary(at: dict[str, Any]) -> list[str]:
         )
         lines += _wrap(f"Bias of {first} by what this plan would not see: {told}.")
     for limit in at["limits"]:
-        lines += _wrap(limit["text"])
+        lines += _wrap(limit.text)
     for group in at["groups"]:
         lines += _wrap(f"Not told apart: {', '.join(group)}.")
     for lacking in at["untestable"]:
-        if lacking["log_next_time"]:
-            lines += _wrap(
-                f"Untestable: {lacking['effect']}; log {', '.join(lacking['log_next_time'])}."
-            )
+        if lacking.log_next_time:
+            lines += _wrap(f"Untestable: {lacking.effect}; log {', '.join(lacking.log_next_time)}.")
     lines += _changes(at["changes"])
     return lines
 

@@ -160,7 +160,7 @@ def _boundary(at: dict[str, Any], found: dict[str, Any]) -> list[str]:
         return lines + _wrap(
             "It acts within a record and leaves no mark on trial means. "
             + (
-                f"A mean change of {100 * w['limit']:.2g} % of lift over a record would be seen"
+                f"A mean change of {100 * w.limit:.2g} % of lift over a record would be seen"
                 " with 80 % chance."
                 if w
                 else "Records are unknown here."
