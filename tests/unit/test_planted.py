@@ -29,19 +29,13 @@ DRIVER = """
 import json, shutil, sys
 from nearlift.cli import main
 from nearlift.loop import foresight
-from nearlift.report.figures import encoding
+from nearlift.report import registry
 from nearlift.synthetic import demo
 
 if __name__ == "__main__":
     raw, commands = json.loads(sys.argv[1])
     demo.write_demo = lambda folder: shutil.copytree(raw, folder)
-    real, drawn, codes = encoding.render, [], {}
-
-    def draw(*what):
-        drawn[:] = drawn or [real(*what)]
-        return drawn[0]
-
-    encoding.render, foresight.DRAWS = draw, 50
+    registry.FIGURES, foresight.DRAWS, codes = registry.FIGURES[:1], 50, {}
     for words in commands:
         try:
             codes[words[0]] = main(words, standalone_mode=False) or 0
