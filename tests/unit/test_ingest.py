@@ -18,6 +18,7 @@ from nearlift.run import executors
 from nearlift.run.job import Job
 from nearlift.run.store import sha256
 from nearlift.stages import ingest
+from nearlift.stages.rows import Task, reduce_piece
 
 from .bench_campaign import (
     HEAD,
@@ -247,17 +248,17 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
     the run.
     """
     given = manifest(**GIVEN)
-    task = ingest.Task(
+    task = Task(
         root=root,
         campaign=given,
         piece=csv_trial.READER.plan(given, root, ["t00", "t01", "t02"]).pieces[0],
         tare_after_N={},
         inputs={},
     )
-    whole = ingest.reduce_piece(task)
+    whole = reduce_piece(task)
     (root / "trials" / "t01.csv").write_bytes(b"force\n1\n\x1b[2J\n")
     with executors.open_executor(text) as executor:
-        [rows] = executors.ordered(executor, ingest.reduce_piece, [task])
+        [rows] = executors.ordered(executor, reduce_piece, [task])
     assert [row.trial for row in rows] == ["t00", "t01", "t02"]
     assert (rows[0], rows[2]) == (whole[0], whole[2])
     assert rows[1].reduced.codes == ("MALFORMED",)
@@ -280,7 +281,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
     root: Path, monkeypatch: pytest.MonkeyPatch, fault: BaseException, row: bool
 ) -> None:
     given = manifest(**GIVEN)
-    task = ingest.Task(
+    task = Task(
         root=root,
         campaign=given,
         piece=csv_trial.READER.plan(given, root, ["t00", "t01"]).pieces[0],
@@ -295,11 +296,11 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
 
     monkeypatch.setattr(rows_of_records, "reduce_record", reduced)
     if row:
-        assert [r.reduced.codes for r in ingest.reduce_piece(task)] == [("MALFORMED",)] * 2
+        assert [r.reduced.codes for r in reduce_piece(task)] == [("MALFORMED",)] * 2
         assert len(calls) == 2
     else:
         with pytest.raises(type(fault)):
-            ingest.reduce_piece(task)
+            reduce_piece(task)
 
 
 def test_an_unknown_reader_is_refused(root: Path, tmp_path: Path) -> None:

@@ -1,0 +1,165 @@
+"""What only the whole campaign shows of its trials: quality codes beyond a record's own, refusals
+and notes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.manifest.campaign import Campaign
+from nearlift.readers.schedule import Schedule
+from nearlift.reduction import outliers, plausibility, quality
+from nearlift.run import store
+from nearlift.stages.rows import Rows
+
+
+def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
+    """The columns of trials.parquet in run order, with the codes that need no other trial and those
+    of length.
+    """
+    codes = [list(own) for own in rows.codes]
+    if campaign.records.reader != "means":
+        cell = campaign.load_cell
+        planned = None
+        if cell.record and cell.sample_rate:
+            planned = round(cell.record * cell.sample_rate)
+            plausibility.planned_length(
+                rows.samples, cell.record, cell.sample_rate, campaign.quality.missing
+            )
+        plausibility.lengths(rows.n, codes, campaign.quality.missing, rows.samples, planned)
+        _duplicates(rows, codes)
+    if schedule.reached_m is not None:
+        off = (
+            np.abs(schedule.reached_m - schedule.z_m)
+            > campaign.quality.height * campaign.vehicle.rotor_radius
+        )
+        for own, lost in zip(codes, off, strict=True):
+            own += ["HEIGHT"] if lost else []
+    for i, trial in enumerate(schedule.trial):
+        if trial in campaign.quality.exclude:
+            codes[i].append(quality.EXCLUDED)
+            rows.fault[i] = "; ".join(
+                filter(None, (rows.fault[i], campaign.quality.exclude[trial]))
+            )
+    texts = [quality.joined(c) for c in codes]
+    return {
+        "trial": schedule.trial,
+        "boundary": schedule.boundary,
+        "z_hat": schedule.z_hat,
+        "z_m": schedule.z_m,
+        "throttle": schedule.throttle,
+        **rows.real,
+        "n": rows.n,
+        "quality": np.array(texts, dtype=object),
+        "visit": schedule.visit,
+        "source_sha256": rows.source_sha256,
+        "source": rows.source,
+        "samples": rows.samples,
+        "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
+        "fault": rows.fault,
+        **schedule.covariates,
+    }
+
+
+def _duplicates(rows: Rows, codes: Sequence[list[str]]) -> None:
+    """Reject a trial whose file is that of an earlier one; trials of one long table are told apart
+    by their numbers.
+    """
+    seen: set[tuple[str, float, float]] = set()
+    for i in np.flatnonzero(rows.n).tolist():
+        key = (rows.source_sha256[i], float(rows.real["lift_N"][i]), float(rows.real["sd_N"][i]))
+        if key in seen:
+            codes[i].append("DUPLICATE")
+        seen.add(key)
+
+
+def _same(table: store.Table) -> list[str]:
+    """Whose record each duplicate is."""
+    notes: list[str] = []
+    first: dict[tuple[str, float], str] = {}
+    for trial, sha, lift, text in zip(
+        table["trial"],
+        table["source_sha256"],
+        table["lift_N"].tolist(),
+        table["quality"],
+        strict=True,
+    ):
+        owner = first.setdefault((sha, lift), trial)
+        if "DUPLICATE" in text.split():
+            notes.append(f"the record of {trial} is that of {owner}, byte for byte")
+    return notes
+
+
+def _mark(table: store.Table, name: str, found: NDArray[np.bool_]) -> None:
+    """Add a quality code to the trials found."""
+    table["quality"] = np.array(
+        [
+            quality.joined([*text.split(), name]) if f else text
+            for text, f in zip(table["quality"], found, strict=True)
+        ],
+        dtype=object,
+    )
+
+
+def unit_of(campaign: Campaign) -> tuple[str, str]:
+    """The unit that forces were read in, and the key where it stands."""
+    series = campaign.records.force
+    return (
+        (series.unit, "records.force.unit")
+        if series is not None
+        else (campaign.trials.units.get("lift", "N"), "trials.units.lift")
+    )
+
+
+def judge(table: store.Table, campaign: Campaign) -> list[str]:
+    """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
+    weight = campaign.vehicle.mass * campaign.rig.gravity
+    unit, key = unit_of(campaign)
+    plausibility.against_weight(table, weight, unit, key)
+    _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
+    _mark(table, "NO_LIFT", plausibility.without_lift(table))
+    _mark(table, "other_throttle", plausibility.other_throttle(table))
+    notes = [
+        *_same(table),
+        *plausibility.odd_weight(table, weight, unit, key),
+        *plausibility.mostly_unsettled(table),
+    ]
+    notes += plausibility.overstated(table, campaign)
+    for side in dict.fromkeys(table["boundary"].tolist()):
+        notes += _outlying(table, side)
+    for side, lower, upper, below, above in plausibility.not_rising(table):
+        here = (table["boundary"] == side) & (table["throttle"] == upper)
+        far = here & (table["z_hat"] == table["z_hat"][here].max())
+        table["quality"][far] = [
+            quality.joined([*text.split(), "not_rising"]) for text in table["quality"][far]
+        ]
+        place = f"far from the {side}" if side != "none" else "in free air"
+        step = f"{below:.4g} N at {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} %"
+        notes.append(
+            f"{place} the lift does not rise with throttle: {step} (battery, order of the sweep, or"
+            " a wrong label?)"
+        )
+    return notes
+
+
+def _outlying(table: store.Table, side: str) -> list[str]:
+    """Mark the trials at one boundary that repeats and neighbours contradict, and say of each how
+    far off it is.
+    """
+    mine = np.flatnonzero(
+        (table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0)
+    )
+    z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
+    found = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
+    mask = np.zeros(len(table["quality"]), dtype=bool)
+    mask[mine[found.outlying]] = True
+    _mark(table, "outlying", mask)
+    return [
+        f"{table['trial'][mine[i]]} lifts {100 * np.expm1(found.departure[i]):+.3g} % against its"
+        f" repeats and neighbours, {abs(found.sigmas[i]):.0f} times their scatter: noise does not"
+        " reach so far; look at its record and its row"
+        for i in np.flatnonzero(found.outlying)
+    ]

@@ -1,0 +1,186 @@
+"""Records to rows: what one worker is sent, what it answers for each trial, and the answers of all
+workers column by column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nearlift import readers
+from nearlift.errors import InputRefused, NearliftError
+from nearlift.manifest.campaign import Campaign
+from nearlift.readers.files import source_of
+from nearlift.readers.row import Row, row_of
+from nearlift.readers.seam import Piece
+from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.record import Reduced
+from nearlift.run import store
+
+#: Characters of a fault that are kept.
+LONGEST_FAULT = 300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What one worker is sent: a piece of the plan, and what it needs to reduce it."""
+
+    root: Path
+    campaign: Campaign
+    piece: Piece
+    tare_after_N: Mapping[str, float]
+    inputs: Mapping[str, str]
+
+
+class Rows:
+    """The answers for n trials, column by column in run order, so that a trial's memory is that of
+    its numbers.
+
+    A trial without an answer is MISSING.
+    """
+
+    def __init__(self, n: int) -> None:
+        self.real = {
+            name: np.full(n, np.nan)
+            for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")
+        }
+        self.n, self.samples = (np.zeros(n, dtype=np.int64) for _ in range(2))
+        self.codes: list[tuple[str, ...]] = [("MISSING",)] * n
+        self.source_sha256, self.source, self.fault = (
+            np.full(n, "", dtype=object) for _ in range(3)
+        )
+        #: Each remark with the number of records that it is about, and the first of them.
+        self.notes: dict[str, tuple[int, str]] = {}
+
+    def put(self, i: int, row: Row) -> None:
+        """The answer for trial i."""
+        for name, column in self.real.items():
+            column[i] = getattr(row.reduced, name)
+        self.n[i], self.samples[i] = row.reduced.n, row.samples
+        self.codes[i] = row.reduced.codes
+        self.source_sha256[i], self.source[i], self.fault[i] = (
+            row.source_sha256,
+            row.source,
+            row.fault,
+        )
+        for note in row.notes:
+            count, first = self.notes.get(note, (0, row.source))
+            self.notes[note] = count + 1, first
+
+    def reject(self, faults: Mapping[str, str]) -> None:
+        """Make the trials of these files MALFORMED, with what is wrong with each."""
+        for i, source in enumerate(self.source.tolist() if faults else ()):
+            if source in faults:
+                self.codes[i] = tuple(dict.fromkeys((*self.codes[i], "MALFORMED")))
+                self.fault[i] = faults[source]
+
+
+def reduce_piece(task: Task) -> list[Row]:
+    """Read and reduce the trials of one piece; runs in any thread or process.
+
+    Whatever a record holds, its trial has a row: what is raised over one makes it MALFORMED, and
+    the next is read.
+
+    Raises
+    ------
+    NearliftError
+        The manifest is at fault.
+    OSError, MemoryError
+        The machine is at fault.
+    """
+    piece, digests = task.piece, dict(task.inputs)
+    rows: list[Row] = []
+    while len(rows) < len(task.piece.trials):
+        try:
+            # damaged numbers may be anything
+            with np.errstate(over="ignore", invalid="ignore"):
+                for row in _rows(task, piece, digests):
+                    rows.append(row)
+            break
+        except Exception as fault:
+            if len(rows) == len(task.piece.trials) or not _of_the_record(fault):
+                raise
+            rows.append(_malformed(task, len(rows), fault, digests))
+        piece = _behind(task.piece, len(rows))
+    return rows
+
+
+def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
+    """The rows of a piece, by the process that reads it; `digests` grows by those of its files."""
+    campaign, choice = task.campaign, task.campaign.quality
+    conditions = Conditions(
+        rate_Hz=campaign.load_cell.sample_rate or 1.0,
+        tare_s=campaign.tare_s,
+        settle_s=campaign.load_cell.settle,
+        limits=Limits(
+            drift=choice.drift,
+            missing=choice.missing,
+            out_of_range=choice.out_of_range,
+            range_N=campaign.load_cell.range,
+        ),
+    )
+    reader = readers.reader(campaign.records.reader)
+    if reader.reduce_piece is not None:
+        for row in reader.reduce_piece(campaign, task.root, piece, conditions, task.tare_after_N):
+            yield replace(row, source_sha256=_digest(task, row.source, digests))
+        return
+    for record in reader.read_piece(campaign, task.root, piece):
+        if record.sha256 and record.source not in digests:
+            digests[record.source] = record.sha256()
+        row = row_of(
+            record,
+            conditions,
+            task.tare_after_N.get(record.trial, np.nan),
+            _digest(task, record.source, digests),
+        )
+        yield row
+
+
+def _digest(task: Task, source: str, digests: dict[str, str]) -> str:
+    if source not in digests:
+        digests[source] = store.sha256(task.root / source)
+    return digests[source]
+
+
+def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> Row:
+    """The row of trial i of a piece, over whose record `fault` was raised."""
+    path = task.piece.paths[i if len(task.piece.paths) > 1 else 0]
+    source = source_of(task.root, path)
+    if source not in digests:
+        digests[source] = store.sha256(path)
+    what = (
+        f"{fault.where}: {fault.what}"
+        if isinstance(fault, NearliftError)
+        else f"{source}: {type(fault).__name__}: {fault}"
+    )
+    text = " ".join(what.replace(f"{task.root}/", "").split())[:LONGEST_FAULT]
+    return Row(
+        trial=task.piece.trials[i],
+        reduced=Reduced(codes=("MALFORMED",)),
+        source_sha256=digests[source],
+        source=source,
+        fault="".join(c if c.isprintable() else "?" for c in text),
+        refusal=fault if isinstance(fault, InputRefused) else None,
+    )
+
+
+def _of_the_record(fault: Exception) -> bool:
+    """Whether the bytes of a record are to blame, and not the manifest or the machine (libraries
+    call damage an OSError without a number).
+    """
+    if isinstance(fault, OSError):
+        return fault.errno is None
+    return isinstance(fault, InputRefused) or not isinstance(fault, (NearliftError, MemoryError))
+
+
+def _behind(piece: Piece, done: int) -> Piece:
+    """What is left of a piece behind so many of its trials."""
+    return replace(
+        piece,
+        trials=piece.trials[done:],
+        paths=piece.paths[done:] if len(piece.paths) == len(piece.trials) else piece.paths,
+        rows=piece.rows[done:],
+    )
