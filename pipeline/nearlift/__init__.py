@@ -24,3 +24,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(study, name)
     raise AttributeError(f"module 'nearlift' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -23,7 +23,8 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from nearlift import __version__  # noqa: E402
-from nearlift.commands import HELP  # noqa: E402
+from nearlift.commands import GROUPS, everything  # noqa: E402
+from nearlift.errors import did_you_mean  # noqa: E402
 from nearlift.run.registry import ORDER, STAGES  # noqa: E402
 
 
@@ -46,12 +47,24 @@ def _freeze() -> None:
     gc.freeze()
 
 
+def _meant(word: str) -> str:
+    """What somebody may mean who calls a command by this word: an option of a stage's command, or a
+    name like it.
+    """
+    for stage in STAGES:
+        asked = stage.question.options if stage.question else ()
+        if option := next((o for o in (*stage.options, *asked) if o.name == word), None):
+            value = option.metavar or option.name.upper()
+            return f"try 'nearlift {stage.name} CAMPAIGN {option.flag} {value}'"
+    return did_you_mean(word, everything())
+
+
 class Commands(click.Group):
     """The commands by name, each loaded when it is called or its own help is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Every name."""
-        return sorted((*HELP, *ORDER))
+        return list(everything())
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """The command of that name."""
@@ -60,22 +73,32 @@ class Commands(click.Group):
             from nearlift.run.registry import stage
 
             return command_of(stage(name))
-        if name not in HELP:
+        if name not in everything():
             return None
         with no_garbage():
             module = importlib.import_module(f"nearlift.commands.{name.replace('-', '_')}")
         command: click.Command = module.command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that is meant; where none has that name, what may be meant is proposed."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as refusal:
+            hint = _meant(args[0])
+            told = f"{refusal.message.rstrip('.')}: {hint}" if hint else refusal.message
+            raise click.UsageError(told, ctx) from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Every name with the first sentence of its help."""
-        helps = HELP | {stage.name: stage.help for stage in STAGES}
-        names = self.list_commands(ctx)
-        limit = formatter.width - 6 - max(map(len, names))
-        with formatter.section("Commands"):
-            formatter.write_dl(
-                [(n, click.Command(n, help=helps[n]).get_short_help_str(limit)) for n in names]
-            )
+        """Every name with its summary, under its group."""
+        listed = everything()
+        for group in GROUPS:
+            with formatter.section(group):
+                formatter.write_dl(
+                    [(f"{n:<12}", a.summary) for n, a in listed.items() if a.group == group]
+                )
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names that begin so, then this group's options."""

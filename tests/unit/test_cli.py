@@ -10,7 +10,10 @@ import json
 import math
 import os
 import re
+import shlex
 import shutil
+import subprocess
+import sys
 import time
 import weakref
 from pathlib import Path
@@ -18,14 +21,17 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from nearlift import console
 from nearlift.cli import main, no_garbage
-from nearlift.commands import HELP
+from nearlift.commands import ABOUT, GROUPS, About, everything
+from nearlift.commands.common import SETTINGS
 from nearlift.errors import ManifestError
 from nearlift.manifest import campaign as manifests
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.run import graph, store
+from nearlift.run.registry import ORDER
 from nearlift.stages import fit
 
 from . import small_run
@@ -102,7 +108,7 @@ def test_raw_is_never_touched(raw, tmp_path):
     """Content and times of every file, and no new one, whatever is run."""
     before, folders = state(raw), {p: p.stat().st_mtime_ns for p in (raw, raw / "trials")}
     for command in ("plan", "ingest", "reduce", "fit", "run", "report"):
-        assert nearlift(command, raw, "--out", tmp_path, "--executor", "serial").exit_code == 0
+        assert nearlift(command, raw, "--out", tmp_path).exit_code == 0
     assert state(raw) == before
     assert {p: p.stat().st_mtime_ns for p in folders} == folders
 
@@ -194,7 +200,7 @@ def test_2_for_usage(raw, tmp_path, words, text):
         *(w.format(raw=raw) for w in words),
         *(
             ()
-            if words[0] in ("fly", "run", "new") and len(words) < 2
+            if words[0] in ("fly", "describe", "new") or len(words) < 2
             else ("--out", tmp_path / "out")
         ),
     )
@@ -412,14 +418,100 @@ def test_describe_knows_models_effects_products_and_symbols(name, text):
     assert f"`{name}`" in nearlift("describe").stdout
 
 
-def test_every_command_of_the_contract_has_a_help_text():
-    for name in {*HELP, *(s.name for s in graph.STAGES)} - {"data", "completion"}:
-        command = main.get_command(click.Context(main), name)
-        found = nearlift(name, "--help")
-        assert found.exit_code == 0
-        assert (command.help or "")[:20] in found.stdout
+# ---- help, of every command
+
+
+def commands() -> list[tuple[str, click.Command, About]]:
+    """Every command by its whole name."""
+    context, found = click.Context(main), []
+    for name, about in everything().items():
+        command = main.get_command(context, name)
+        found.append((name, command, about))
+        for inner, own in getattr(command, "commands", {}).items():
+            found.append((f"{name} {inner}", own, ABOUT[f"{name} {inner}"]))
+    return found
+
+
+def test_every_summary_stands_whole_in_a_list_of_80_columns():
+    listed = CliRunner(env={"COLUMNS": "80"}).invoke(main, ["--help"]).stdout
+    assert listed.count("...") == listed.count("[ARGS]...")
+    assert max(map(len, listed.splitlines())) <= 80
+    for name, about in everything().items():
+        assert re.search(rf"^  {name} +{re.escape(about.summary)}$", listed, re.M), name
+    assert [line[:-1] for line in listed.splitlines() if line[:-1] in GROUPS] == list(GROUPS)
+    inner = CliRunner(env={"COLUMNS": "80"}).invoke(main, ["data", "--help"]).stdout
+    assert inner.count("...") == inner.count("[ARGS]...")
+
+
+def test_every_command_has_a_page_with_an_example_that_can_be_said():
+    for name, _, about in commands():
+        page = CliRunner(env={"COLUMNS": "80"}).invoke(main, [*name.split(), "--help"])
+        assert page.exit_code == 0
+        assert about.summary + "." in " ".join(page.stdout.split())
+        assert "For example:" in page.stdout
+        for line in about.example.splitlines():
+            assert f"  nearlift {line}" in page.stdout
+            context, words = click.Context(main), shlex.split(line)
+            command = main
+            while isinstance(command, click.Group):
+                _, command, words = command.resolve_command(context, words)
+            command.make_context(command.name, words)
+
+
+def test_options_stand_where_they_do_something():
+    """All that open a campaign take --out; what computes takes an executor and a seed; what only
+    answers takes none of these.
+    """
+    for name, command, about in commands():
+        if name in ("data", "completion"):
+            continue
         options = {o for p in command.params if isinstance(p, click.Option) for o in p.opts}
-        assert {"--out", "--executor", "--seed", "--json", "-q", "-v"} <= options
+        assert {"--json", "-q"} <= options
+        given = {name for name in SETTINGS if f"--{name}" in options}
+        assert given == set(about.settings), name
+        opens = any(p.name in ("campaign", "campaigns") for p in command.params)
+        assert not opens or "out" in given, name
+        computes = name in (*ORDER, "run", "demo")
+        assert ({"executor", "seed"} <= given) == computes, name
+    for name in ("new", "inspect", "describe", "compare-runs", "data list", "data get"):
+        assert not ABOUT[name].settings
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"),
+    [
+        ("explain", "try 'nearlift diagnose CAMPAIGN --explain EFFECT'"),
+        ("ratio", "try 'nearlift detect CAMPAIGN --ratio RATIO'"),
+        ("inspct", "did you mean 'inspect'?"),
+        ("plam", "did you mean 'plan'?"),
+    ],
+)
+def test_a_word_that_is_no_command_gets_what_may_be_meant(word, hint):
+    found = nearlift(word, "x")
+    assert found.exit_code == 2
+    assert f"No such command '{word}': {hint}" in found.stderr
+
+
+def test_quiet_is_quiet_everywhere(raw):
+    for words in (("describe",), ("plan", raw), ("inspect", raw / "trials.csv"), ("data", "list")):
+        found = nearlift(*words, "-q")
+        assert (found.exit_code, found.output) == (0, "")
+
+
+def test_the_package_shows_what_there_is_and_imports_it_when_asked():
+    told = (
+        "import sys, nearlift; print(dir(nearlift)); "
+        "print([m for m in sys.modules if m.startswith('nearlift.')]); "
+        "print(nearlift.load.__module__, nearlift.Study.__name__)"
+    )
+    lines = subprocess.run(
+        [sys.executable, "-c", told], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    assert lines == [
+        "['Study', '__version__', 'load']",
+        "[]",
+        "nearlift.study.study Study",
+    ]
 
 
 # ---- the demo

@@ -6,47 +6,193 @@ A new command is one more entry and a file of its name, with `command` in it.
 
 from __future__ import annotations
 
-#: Each command's help.
-HELP = {
-    "compare": (
-        "One coefficient over many finished campaigns: table, forest plot, population mean and"
-        " spread."
+from dataclasses import dataclass
+
+from nearlift.run.registry import STAGES
+from nearlift.run.stage import Stage
+
+#: Headings of the list of commands, in its order.
+GROUPS = ("Begin", "Run", "Single stages, in the order of a run", "Afterwards", "Look up")
+BEGIN, RUN, SINGLE, AFTERWARDS, LOOK_UP = GROUPS
+#: Settings of whatever opens a campaign, and of what computes something.
+OPENS = ("out", "seed", "verbose")
+COMPUTES = ("out", "executor", "seed", "verbose")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class About:
+    """What the help of a command says.
+
+    Attributes
+    ----------
+    group : str
+        One of `GROUPS`.
+    summary : str
+        Its line in the list of commands; without a full stop, at most 60 letters.
+    text : str
+        What else its own page says.
+    example : str
+        The words behind ``nearlift`` of a call that makes sense; several, a line each.
+    settings : tuple of str
+        Those of `common.SETTINGS` that do something here.
+    """
+
+    group: str
+    summary: str
+    text: str = ""
+    example: str
+    settings: tuple[str, ...] = ()
+
+    @property
+    def page(self) -> str:
+        """The text above the options."""
+        return f"{self.summary}.\n\n{self.text}".rstrip()
+
+    @property
+    def epilog(self) -> str:
+        """The text below them."""
+        calls = (f"  nearlift {line}" for line in self.example.splitlines())
+        return "\b\n" + "\n".join(("For example:", *calls))
+
+
+#: Each command that is no stage.
+ABOUT = {
+    "compare": About(
+        group=AFTERWARDS,
+        summary="One coefficient over many campaigns, with a forest plot",
+        text="Table, plot, population mean and spread over finished campaigns; without names, all.",
+        example="compare rig-a rig-b",
+        settings=("out",),
     ),
-    "compare-runs": (
-        "What changed between two finished runs of a campaign: inputs, options, versions, numbers."
-        "\n\n"
-        "A and B are folders with provenance.json (processed/CAMPAIGN), or workspaces with one"
-        " finished campaign each."
+    "compare-runs": About(
+        group=AFTERWARDS,
+        summary="What changed between two finished runs of a campaign",
+        text=(
+            "Inputs, options, versions, numbers. A and B are folders with provenance.json"
+            " (processed/CAMPAIGN), or workspaces with one finished campaign each."
+        ),
+        example="compare-runs processed/my-rig ../before/processed/my-rig",
     ),
-    "completion": (
-        "The script that completes nearlift's words in SHELL: put its output where the shell looks,"
-        " e.g. ~/.bash_completion."
+    "completion": About(
+        group=LOOK_UP,
+        summary="The script that completes nearlift's words in a shell",
+        text="Put its output where the shell looks, such as ~/.bash_completion.",
+        example="completion bash",
     ),
-    "data": "Public measured data: what there is, and how to get it as a campaign.",
-    "demo": ("The embedded, simulated campaign, end to end; needs nothing but the package."),
-    "describe": "A model, effect, product or symbol; without a name, the catalogue.",
-    "design": (
-        "Before CAMPAIGN is run: what its plan could see, what it would confuse, what to change;"
-        " draws a random schedule."
-        "\n\n"
-        "The plan is the folder's schedule, or the manifest's [design]."
+    "data": About(
+        group=BEGIN,
+        summary="Public measured data: what there is, fetched as a campaign",
+        example="data list\ndata get pitt-ras-2017",
     ),
-    "doctor": "Whether this machine is fit to run nearlift; ends with 2 where it is not.",
-    "export": "What was fitted, in forms that other programs read. Stage fit must have run.",
-    "inspect": ("What FILE holds, channel by channel, and the [records] block for a manifest."),
-    "new": (
-        "A campaign folder to fill in, with a commented manifest."
-        "\n\n"
-        "With --from FILES, the folder of a campaign whose records are FILES: those in the folder"
-        " stay, others are copied into it."
+    "data list": About(
+        group=BEGIN,
+        summary="What there is: name, what was measured, licence, size",
+        example="data list",
     ),
-    "plan": "What is stale and why; runs nothing.",
-    "run": (
-        "Every stage of CAMPAIGN that is stale; of several campaigns, one after the other, or side"
-        " by side with processes:N."
+    "data get": About(
+        group=BEGIN,
+        summary="Fetch NAME and make it a campaign",
+        text="It is made in DIR (default: raw/NAME). What the cache holds is not fetched again.",
+        example="data get pitt-ras-2017",
     ),
-    "verify": (
-        "Hash every input and product anew and hold them against provenance.json; exit code 4 where"
-        " one differs."
+    "demo": About(
+        group=BEGIN,
+        summary="A simulated campaign, end to end",
+        text="It is written to demo-campaign/ and run; it needs nothing but the package.",
+        example="demo",
+        settings=COMPUTES,
+    ),
+    "describe": About(
+        group=LOOK_UP,
+        summary="A model, effect, product or symbol; or the catalogue",
+        example="describe\ndescribe sanchez_cuevas",
+    ),
+    "design": About(
+        group=BEGIN,
+        summary="What a planned campaign could see, and a random schedule",
+        text=(
+            "Before CAMPAIGN is run: what its plan could see, what it would confuse, what to"
+            " change. The plan is the folder's schedule, or the manifest's [design]."
+        ),
+        example="design raw/my-rig --write raw/my-rig/planned.csv",
+        settings=OPENS,
+    ),
+    "doctor": About(
+        group=LOOK_UP,
+        summary="Whether this machine is fit to run nearlift",
+        text="Ends with 2 where it is not.",
+        example="doctor",
+        settings=("out",),
+    ),
+    "export": About(
+        group=AFTERWARDS,
+        summary="What was fitted, in forms that other programs read",
+        text="Stage fit must have run.",
+        example="export raw/my-rig --c --netcdf",
+        settings=("out", "verbose"),
+    ),
+    "inspect": About(
+        group=BEGIN,
+        summary="What a file holds, and the lines for the manifest",
+        text=(
+            "Channel by channel, with the tables of a manifest that read it: [records] of a record,"
+            " [piv] of a velocity grid, the schedule's units of a table of means."
+        ),
+        example="inspect logs/run-1.csv",
+    ),
+    "new": About(
+        group=BEGIN,
+        summary="A campaign folder to fill in, empty or from records",
+        text=(
+            "With --from FILES, the folder of a campaign whose records are FILES: those in the"
+            " folder stay, others are copied into it. What no file says is marked FILL IN."
+        ),
+        example="new raw/my-rig\nnew raw/my-rig --from logs/*.csv",
+    ),
+    "plan": About(
+        group=RUN,
+        summary="What is stale and why; runs nothing",
+        example="plan raw/my-rig",
+        settings=OPENS,
+    ),
+    "run": About(
+        group=RUN,
+        summary="Every stage of a campaign that is stale",
+        text="Of several campaigns, one after the other, or side by side with processes:N.",
+        example="run raw/my-rig\nrun raw/a raw/b --executor processes:2",
+        settings=COMPUTES,
+    ),
+    "verify": About(
+        group=AFTERWARDS,
+        summary="Whether inputs and products are what they were",
+        text="Hashes them anew; ends with 4 where one differs from provenance.json.",
+        example="verify raw/my-rig",
+        settings=("out",),
     ),
 }
+
+
+def about_stage(stage: Stage) -> About:
+    """The same of a stage's command."""
+    written = ", ".join(product.file for product in stage.writes)
+    parts = (
+        f"Writes {written}." if written else "",
+        stage.help,
+        "Runs even if it is up to date; earlier stages must have run.",
+    )
+    asked = f"\n{stage.name} raw/my-rig {stage.question.example}" if stage.question else ""
+    return About(
+        group=SINGLE,
+        summary=stage.summary[0].upper() + stage.summary[1:],
+        text=" ".join(filter(None, parts)),
+        example=f"{stage.name} raw/my-rig{asked}",
+        settings=COMPUTES,
+    )
+
+
+def everything() -> dict[str, About]:
+    """Every command of the first level by name: a run's stages in their order, all others by
+    name.
+    """
+    stages = {stage.name: about_stage(stage) for stage in STAGES}
+    return {name: ABOUT[name] for name in sorted(ABOUT) if " " not in name} | stages

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from nearlift.commands import HELP
+from nearlift.commands import ABOUT, About
 from nearlift.errors import INTERRUPTED, NearliftError
 from nearlift.run.workspace import spare_raw, workspace
 
@@ -31,42 +31,45 @@ DIALECT = click.option(
         ' decimal = ",", encoding = "latin-1"\'.'
     ),
 )
-OPTIONS = (
-    click.Option(
+#: Settings that a command takes where they do something.
+SETTINGS = {
+    "out": click.Option(
         ["--out"],
         type=click.Path(path_type=Path, file_okay=False),
         show_default="the current folder, within raw/ the one that holds it",
         help="Folder that holds processed/ and reports/.",
     ),
-    click.Option(
+    "executor": click.Option(
         ["--executor"],
         default="threads:2",
         show_default=True,
         help="serial, threads:N, processes:N or dask:ADDRESS.",
     ),
-    click.Option(
+    "seed": click.Option(
         ["--seed"], type=int, default=0, show_default=True, help="Seed of everything random."
     ),
+    "verbose": click.Option(["-v", "--verbose"], is_flag=True, help="Say more."),
+}
+EVERYWHERE = (
     click.Option(
         ["--json", "as_json"], is_flag=True, help="One JSON object on stdout instead of text."
     ),
     click.Option(["-q", "--quiet"], is_flag=True, help="Say nothing but errors."),
-    click.Option(["-v", "--verbose"], is_flag=True, help="Say more."),
 )
 
 
 @dataclass(kw_only=True)
 class Call:
-    """The options that every command takes, and by them what the user hears: progress on a
-    terminal, plain lines elsewhere, nothing when quiet.
+    """The settings of a command, and by them what the user hears: progress on a terminal, plain
+    lines elsewhere, nothing when quiet.
     """
 
-    out: Path
-    executor: str
-    seed: int
-    as_json: bool
-    quiet: bool
-    verbose: bool
+    out: Path = Path()
+    executor: str = "serial"
+    seed: int = 0
+    as_json: bool = False
+    quiet: bool = False
+    verbose: bool = False
     status: Any = None
 
     @property
@@ -146,19 +149,20 @@ def declared(name: str) -> Callable[[Callable[..., None]], click.Command]:
     """Make a function the command of that name."""
 
     def made(function: Callable[..., None]) -> click.Command:
-        return command(function, name, HELP[name])
+        return command(function, name, ABOUT[name])
 
     return made
 
 
-def command(function: Callable[..., None], name: str, text: str) -> click.Command:
-    """A command that ends with the contract's exit codes; the function gets the options that every
-    command takes as ``call``.
+def command(function: Callable[..., None], name: str, about: About) -> click.Command:
+    """A command that ends with the contract's exit codes; the function gets its settings as
+    ``call``.
     """
+    settings = [SETTINGS[key] for key in about.settings] + list(EVERYWHERE)
 
     @functools.wraps(function)
     def guarded(**given: Any) -> None:
-        call = Call(**{key: given.pop(key) for key in Call.__annotations__ if key != "status"})
+        call = Call(**{str(option.name): given.pop(str(option.name)) for option in settings})
         try:
             if call.out is None:
                 one = [given["campaign"]] if "campaign" in given else []
@@ -183,8 +187,8 @@ def command(function: Callable[..., None], name: str, text: str) -> click.Comman
             failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
             _end(call, failed, failed.exit_code, f"error: {failed}")
 
-    made = click.command(name, help=text)(guarded)
-    made.params.extend(OPTIONS)
+    made = click.command(name, help=about.page, epilog=about.epilog)(guarded)
+    made.params.extend(settings)
     return made
 
 

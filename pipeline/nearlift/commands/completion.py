@@ -5,10 +5,10 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from nearlift.commands import HELP
+from nearlift.commands import ABOUT
 
 
-@click.command("completion", help=HELP["completion"])
+@click.command("completion", help=ABOUT["completion"].page, epilog=ABOUT["completion"].epilog)
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def command(shell: str) -> None:
     """Print it."""

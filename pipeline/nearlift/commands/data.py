@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from nearlift.commands import HELP, common
+from nearlift.commands import ABOUT, common
 from nearlift.commands.common import Call
 
 REGISTRY = click.option(
@@ -18,7 +17,7 @@ REGISTRY = click.option(
 )
 
 
-@click.group("data", help=HELP["data"])
+@click.group("data", help=ABOUT["data"].page, epilog=ABOUT["data"].epilog)
 def command() -> None:
     """Two commands."""
 
@@ -29,9 +28,7 @@ def _list(call: Call, registry: Path | None) -> None:
     from nearlift.run.lock import size
 
     found = datasets(registry or OWN)
-    if call.as_json:
-        click.echo(json.dumps([item.model_dump() for item in found]))
-        return
+    lines = []
     for item in found:
         held = (
             "size unknown"
@@ -40,14 +37,15 @@ def _list(call: Call, registry: Path | None) -> None:
         )
         files = f"{len(item.file)} file{'s' if len(item.file) > 1 else ''}, {held}"
         unchecked = "its digest is not known: wants --trust" if item.unknown else ""
-        lines = (
+        about = (
             item.title,
             f"{files}; licence: {item.licence}",
             item.citation,
             item.note,
             unchecked,
         )
-        click.echo("\n".join([item.name, *(f"  {line}" for line in lines if line)]))
+        lines += [item.name, *(f"  {line}" for line in about if line)]
+    call.answer([item.model_dump() for item in found], "\n".join(lines))
 
 
 @click.argument("name")
@@ -84,14 +82,5 @@ def _get(
     )
 
 
-command.add_command(
-    common.command(_list, "list", "What there is: name, what was measured, licence, size.")
-)
-command.add_command(
-    common.command(
-        _get,
-        "get",
-        "Fetch NAME and make it a campaign in DIR (default: raw/NAME). What the cache holds is not"
-        " fetched again.",
-    )
-)
+command.add_command(common.command(_list, "list", ABOUT["data list"]))
+command.add_command(common.command(_get, "get", ABOUT["data get"]))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
 from nearlift.commands.common import Call, declared
@@ -16,4 +14,4 @@ def command(call: Call, name: str | None) -> None:
     from nearlift.describe import describe
 
     text = describe(name)
-    click.echo(json.dumps({"name": name, "text": text}) if call.as_json else text)
+    call.answer({"name": name, "text": text}, text)

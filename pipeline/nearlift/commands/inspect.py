@@ -381,4 +381,4 @@ def as_json(found: Found) -> dict[str, Any]:
 def command(call: Call, file: Path, dialect: str) -> None:
     """Channels, sparklines and the block to paste."""
     found = inspect(file, dialect_of(dialect))
-    click.echo(json.dumps(as_json(found)) if call.as_json else described(found).rstrip("\n"))
+    call.answer(as_json(found), described(found))

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-
-import click
 
 from nearlift.cli import no_garbage
 from nearlift.commands.common import CAMPAIGN, Call, declared
@@ -20,9 +17,6 @@ def command(call: Call, campaign: Path) -> None:
 
     with call.job(campaign) as job:
         steps = [(stage.name, why) for stage, why in graph.plan(job)]
-    if call.as_json:
-        stages = [{"stage": name, "stale": bool(why), "why": why} for name, why in steps]
-        click.echo(json.dumps({"campaign": job.campaign.name, "stages": stages}))
-    else:
-        for name, why in steps:
-            click.echo(f"{name:<9}{'run: ' + why if why else 'up to date'}")
+    stages = [{"stage": name, "stale": bool(why), "why": why} for name, why in steps]
+    lines = (f"{name:<9}{'run: ' + why if why else 'up to date'}" for name, why in steps)
+    call.answer({"campaign": job.campaign.name, "stages": stages}, "\n".join(lines))

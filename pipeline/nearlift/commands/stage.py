@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from nearlift.cli import no_garbage
+from nearlift.commands import about_stage
 from nearlift.commands.common import CAMPAIGN, Call, command, end_politely
 from nearlift.errors import SOME_TRIALS_REJECTED
 from nearlift.run.stage import Option, Stage
@@ -35,8 +36,7 @@ def command_of(stage: Stage) -> click.Command:
 
     for option in reversed((*stage.options, *asked)):
         run = _click_option(option)(run)
-    text = f"{stage.help} Runs even if it is up to date; earlier stages must have run."
-    return command(CAMPAIGN(run), stage.name, text)
+    return command(CAMPAIGN(run), stage.name, about_stage(stage))
 
 
 def _click_option(option: Option) -> Any:

@@ -37,11 +37,13 @@ class Option:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
     """What a stage's command answers in place of running the stage, where one of these options is
-    given: by `module`'s function ``answer(campaign, given, settings)``.
+    given: by `module`'s function ``answer(campaign, given, settings)``; `example` is such a call's
+    options.
     """
 
     module: str
     options: tuple[Option, ...]
+    example: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,9 +75,9 @@ class Stage:
     name : str
         Also its command's, and its declaration's file's.
     summary : str
-        What is said when it begins.
+        What is said when it begins, and its line in the list of commands; at most 60 letters.
     help : str
-        First paragraph of its command's help.
+        What its command's help says besides, such as when it runs.
     reads, writes : tuple of Product
         A `report` reads every product.
     sections : tuple of str
@@ -96,7 +98,7 @@ class Stage:
 
     name: str
     summary: str
-    help: str
+    help: str = ""
     reads: tuple[Product, ...] = ()
     writes: tuple[Product, ...] = ()
     sections: tuple[str, ...] = ()

@@ -58,16 +58,14 @@ PROXIMITY_PRODUCTS = (DETECTION, PROXIMITY)
 STAGE = Stage(
     name="detect",
     summary="how far away a boundary shows in lift",
-    help=(
-        "How far away a boundary shows in lift, and where it is (detection.parquet,"
-        " proximity.json)."
-    ),
+    help="Only where the manifest has [detect].",
     reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
     writes=PROXIMITY_PRODUCTS,
     sections=("vehicle", "rig", "detect"),
     where="detect",
     question=Question(
         module="nearlift.commands.reading",
+        example="--boundary ground --ratio 1.12 --u '1 percent'",
         options=(
             Option(
                 flag="--boundary",

@@ -44,16 +44,16 @@ LOOP_RESIDUALS = Product(
 STAGE = Stage(
     name="diagnose",
     summary="the residual, traced to what the model lacks",
-    help="The residual traced to a named effect, or not (diagnosis.json).",
     reads=(TRIALS, FIT),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit", "diagnose"),
     question=Question(
         module="nearlift.commands.explain",
+        example="--explain supply_sag",
         options=(
             Option(
                 flag="--explain",
-                metavar="NAME",
+                metavar="EFFECT",
                 help=(
                     "Instead: one effect, what it is, what this campaign could see of it, and what"
                     " it is confused with."

@@ -72,7 +72,6 @@ POSTERIOR = Product(
 STAGE = Stage(
     name="fit",
     summary="lift models by least squares, and their posteriors",
-    help="Lift models by least squares and as posteriors (fit.json, posterior.parquet).",
     reads=(TRIALS,),
     writes=(FIT, PROFILES, POSTERIOR, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit"),

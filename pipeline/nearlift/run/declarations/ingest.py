@@ -89,7 +89,6 @@ TRIALS = Product(
 STAGE = Stage(
     name="ingest",
     summary="raw records to one row per trial",
-    help="Raw records to one row per trial (trials.parquet).",
     writes=(TRIALS,),
     sections=(
         "name",

@@ -11,10 +11,7 @@ JOINT = Product(file="joint.json", title="Lift and downwash fitted together", ro
 STAGE = Stage(
     name="joint",
     summary="lift and downwash informing one coefficient",
-    help=(
-        "Base models fitted to lift and downwash together, where [fit.<boundary>] downwash = true"
-        " (joint.json)."
-    ),
+    help="Only where the manifest has [fit.<boundary>] downwash = true.",
     reads=(TRIALS, DOWNWASH),
     writes=(JOINT,),
     sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit", "piv"),

@@ -16,8 +16,7 @@ QUALITY = Product(
 )
 STAGE = Stage(
     name="ledger",
-    summary="every trial from raw byte to figure, and what its exclusion is worth",
-    help="Every trial from raw byte to figure, and what its exclusion is worth (quality.json).",
+    summary="every trial's path, and what leaving it out is worth",
     reads=(TRIALS, FIT),
     writes=(QUALITY,),
     sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit"),

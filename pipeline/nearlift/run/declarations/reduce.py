@@ -48,7 +48,6 @@ LIFT_COVARIANCE = Product(
 STAGE = Stage(
     name="reduce",
     summary="trials to Delta L per cell, with its covariance",
-    help="Trials to Delta L per cell with its covariance (lift.parquet).",
     reads=(TRIALS,),
     writes=(LIFT, LIFT_COVARIANCE),
     sections=("vehicle", "quality"),

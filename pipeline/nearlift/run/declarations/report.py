@@ -7,7 +7,6 @@ from nearlift.run.stage import Stage
 STAGE = Stage(
     name="report",
     summary="figures, tables and index.html",
-    help="Figures, tables and index.html.",
     sections=(
         "name",
         "simulated",

@@ -183,10 +183,7 @@ SIMULATION_PRODUCTS = (CRASH_RATES, FLIGHTS, CRASH_MAP, SAFETY, ROUTES)
 STAGE = Stage(
     name="simulate",
     summary="crash rates and energy near ground and ceiling",
-    help=(
-        "Flights near ground and ceiling: crash rates, energy, what they mean (crash_rates.parquet,"
-        " safety.json)."
-    ),
+    help="Only where the manifest has [simulate].",
     reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
     writes=SIMULATION_PRODUCTS,
     sections=("vehicle", "rig", "simulate"),
