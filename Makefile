@@ -4,16 +4,25 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 EXECUTOR ?= processes
 READY  := $(VENV)/.ready
+TOOLS  := $(VENV)/.tools
+# what Python needs to run nearlift, and what tests, linters and the site need besides
+RUN_LOCK  := requirements.lock
+DEV_LOCK  := requirements-dev.lock
+# MB on the disk, measured on Linux; Python compiles what it imports, and nothing else is compiled
+RUN_SIZE  := 640 MB
+DEV_SIZE  := 1100 MB
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+packages = $$(sed -n 's/==.*//p' $(1) | sort -u | wc -l) packages
 
 .PHONY: demo test lint check mutate bench calibrate docs clean
 
 demo: $(READY)            ## the main job on the embedded, simulated campaign; ends with the path of the report
 	$(BIN)/nearlift demo
 
-test: $(READY)            ## all tests but the slow calibration
+test: $(TOOLS)            ## all tests but the slow calibration
 	$(BIN)/pytest -n auto
 
-lint: $(READY)            ## format, lint, types, layers
+lint: $(TOOLS)            ## format, lint, types, layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -22,28 +31,33 @@ lint: $(READY)            ## format, lint, types, layers
 check: lint              ## the inner loop, a minute on two cores: lint, and the quick tests of the core
 	$(BIN)/pytest -q -n 2 --core
 
-mutate: $(READY)          ## sixty seeded mutants of the core, and which of them the tests kill
+mutate: $(TOOLS)          ## sixty seeded mutants of the core, and which of them the tests kill
 	nice $(BIN)/python -m tests.mutation --save
 
-bench: $(READY)           ## every benchmark beside its peer
+bench: $(TOOLS)           ## every benchmark beside its peer
 	$(BIN)/python -m benchmarks
 
-calibrate: $(READY)       ## the statistical promises, at record level; hours on a laptop, so EXECUTOR=dask:ADDRESS may spread them
+calibrate: $(TOOLS)       ## the statistical promises, at record level; hours on a laptop, so EXECUTOR=dask:ADDRESS may spread them
 	$(BIN)/pytest -m calibration --executor $(EXECUTOR) --durations=0
 
-docs: $(READY)            ## the reference pages from the declarations, and the site, into site/; a warning is an error
+docs: $(TOOLS)            ## the reference pages from the declarations, and the site, into site/; a warning is an error
 	$(BIN)/python docs/build_reference.py
 	$(BIN)/python docs/draw_architecture.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-# pip compiles what it installs, but not what it leaves in its place
-$(READY): requirements.lock pyproject.toml
+$(READY): $(RUN_LOCK) pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "nearlift needs Python 3.11 or newer; say make PYTHON=python3.11")'
+	@echo "installs $(call packages,$(RUN_LOCK)), $(RUN_SIZE), into $(VENV)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(INSTALL) --require-hashes --requirement $(RUN_LOCK)
+	$(INSTALL) --no-deps --no-build-isolation --editable .
 	$(BIN)/python -m compileall -q pipeline/nearlift
 	touch $(READY)
+
+$(TOOLS): $(DEV_LOCK) $(READY)
+	@echo "adds $(call packages,$(DEV_LOCK)), $(DEV_SIZE), to $(VENV): what tests need besides"
+	$(INSTALL) --require-hashes --requirement $(RUN_LOCK) --requirement $(DEV_LOCK)
+	touch $(TOOLS)
 
 clean:                    ## the environment, the caches and the demo; never a campaign's products
 	rm -rf $(VENV) demo-campaign processed/demo reports/demo .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

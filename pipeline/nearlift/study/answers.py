@@ -13,6 +13,7 @@ from nearlift.results.diagnosis import BoundaryDiagnosis, NotDiagnosed
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.study import display
+from nearlift.study.frames import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,9 +67,7 @@ class Drawing:
     @property
     def data(self) -> pd.DataFrame:
         """What is drawn, a row each."""
-        import pandas as pd
-
-        return pd.DataFrame(dict(self.table))
+        return frame(dict(self.table))
 
     def save(self, path: str | Path) -> Path:
         """Write it as ``.png`` or ``.pdf``, by the name's suffix; `UsageError` for another."""
@@ -209,10 +208,8 @@ class Finished(Answered):
 
 def _quoted(quoted: Mapping[Boundary, BoundaryResult]) -> pd.DataFrame:
     """A coefficient a row."""
-    import pandas as pd
-
     keys = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit", "holds")
-    return pd.DataFrame(
+    return frame(
         [
             {
                 "boundary": boundary,

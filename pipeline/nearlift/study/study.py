@@ -15,6 +15,7 @@ from nearlift.study.answers import (
     Fit,
     Reduction,
 )
+from nearlift.study.frames import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -185,8 +186,6 @@ class Study:
         ProductError
             It is missing or damaged.
         """
-        import pandas as pd
-
         from nearlift.products import PRODUCTS
         from nearlift.run import store
 
@@ -204,7 +203,7 @@ class Study:
                     f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}",
                 )
             product = tables[product]
-        return pd.DataFrame(store.read_table(self._whole(product.file), product))
+        return frame(store.read_table(self._whole(product.file), product))
 
     def _quoted(self) -> dict[Boundary, BoundaryResult]:
         from nearlift.results.quotation import Results
