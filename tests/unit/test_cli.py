@@ -100,6 +100,9 @@ def test_a_second_run_does_nothing(raw, finished):
     assert found.exit_code == 0
     assert re.findall(r"^(\w+) +up to date$", found.stderr, re.M) == ALWAYS
     assert found.stdout == f"{finished}/reports/small/index.html\n"
+    summary = (finished / "reports/small/summary.txt").read_text()
+    assert "[[Ground]] " in summary
+    assert found.stderr.endswith(f"\n{summary}\n")
     assert state(finished) == before
 
 

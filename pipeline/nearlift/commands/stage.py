@@ -114,5 +114,7 @@ def execute(
         }
         click.echo(json.dumps(content))
     elif report.is_file() and not call.quiet and wanted[-1].report:
+        if (summary := report.with_name("summary.txt")).is_file():
+            call.line("\n" + summary.read_text(encoding="utf-8"))
         click.echo(str(report))
     sys.exit(code)

@@ -1,4 +1,4 @@
-"""report: every figure as .pdf, .png and .csv, tables for papers, and index.html. matplotlib is
+"""report: every figure as .pdf, .png and .csv, documents for papers, and index.html. matplotlib is
 imported only here.
 """
 
@@ -29,7 +29,7 @@ def run(job: Job) -> Outcome:
     """Make the whole report anew. A figure whose products are missing is not made, and what an
     earlier run left of it is removed.
     """
-    from nearlift.report.documents import methods, tables
+    from nearlift.report.documents import methods, summary, tables
     from nearlift.report.documents.latex import coefficients, table
     from nearlift.report.figures.encoding import render
     from nearlift.report.figures.style import style
@@ -65,6 +65,7 @@ def run(job: Job) -> Outcome:
         job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
         job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
     for name, written in (
+        ("summary.txt", summary.summary),
         ("methods.md", methods.markdown),
         ("methods.tex", methods.tex),
         ("references.bib", methods.references),

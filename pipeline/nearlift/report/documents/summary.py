@@ -1,0 +1,72 @@
+"""summary.txt: a campaign's answer on one screen of 80 columns."""
+
+from __future__ import annotations
+
+import textwrap
+
+import nearlift
+from nearlift.nomenclature import letter
+from nearlift.products import TRIALS
+from nearlift.reduction.quality import rejected
+from nearlift.report.documents.brief import Brief, briefs
+from nearlift.report.evidence import Evidence
+from nearlift.results.quotation import CoefficientResult
+from nearlift.rounding import like, plain, plus_minus
+
+WIDTH = 80
+INDENT = " " * 11
+#: A space at which no line ends.
+FIRM = "\u00a0"
+
+
+def summary(evidence: Evidence) -> bytes:
+    """A block for each boundary, beneath a line that says what ± and the columns mean."""
+    out = rejected(evidence.table(TRIALS)["quality"])
+    count = f"{len(out)} trials, {int(out.sum()) or 'none'} left out"
+    simulated = " (simulated records)" if evidence.campaign.simulated else ""
+    lines = [
+        *_wrapped(f"{evidence.campaign.name}{simulated}: {count}; nearlift {nearlift.__version__}"),
+        "+/- is one standard uncertainty u (k = 1)",
+    ]
+    for brief in briefs(evidence):
+        lines += ["", *_block(brief)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _block(brief: Brief) -> list[str]:
+    coefficients = brief.quoted.coefficients
+    names = {name: letter(name) for name in coefficients}
+    lines = _wrapped(f"[[{brief.boundary.capitalize()}]] {brief.verdict}", "    ")
+    if not coefficients:
+        lines.append("    its model has no coefficient that is free")
+    values = {name: _value(c) for name, c in coefficients.items()}
+    width = max((len(v) for v in values.values()), default=0)
+    for name, c in coefficients.items():
+        ends = f"90 %: {like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
+        bound = ", at a bound" if c.at_bound else ""
+        lines.append(f"    {names[name]:<6} {values[name]:<{width}}   {ends}{bound}")
+    for label, text in (
+        ("error", brief.error),
+        ("budget", brief.sources),
+        ("doubt", brief.doubts[0] if brief.doubts else ""),
+        ("leans", brief.influence),
+        ("next", brief.next),
+    ):
+        if text:
+            lines += _wrapped(f"    {label:<6} {text}", INDENT)
+    return [line.rstrip() for line in lines]
+
+
+def _value(c: CoefficientResult) -> str:
+    """``1.98 +/- 0.03 (1.8 %)``."""
+    part = (
+        f" ({plain(100 * abs(c.u / c.value), 2)} %)" if c.value and 0 < c.u < abs(c.value) else ""
+    )
+    return plus_minus(c.value, c.u).replace("±", "+/-") + part
+
+
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    """Lines of at most `WIDTH` columns, all after the first indented."""
+    whole = text.replace(" %", f"{FIRM}%").replace(" = ", f"{FIRM}={FIRM}")
+    lines = textwrap.wrap(whole, WIDTH, subsequent_indent=indent, break_on_hyphens=False)
+    return [line.replace(FIRM, " ") for line in lines]
