@@ -184,7 +184,7 @@ def test_new_from_files_writes_what_they_say_and_marks_the_rest(tmp_path):
     assert made["load_cell"]["sample_rate"] == "1000 Hz"
     assert "FILL IN" in made["rig"]["gravity"]
     rows = (tmp_path / "camp\u00e4gne" / "trials.csv").read_text().splitlines()
-    assert rows[1:] == [f"run {i},FILL IN,FILL IN,FILL IN,,," for i in range(3)]
+    assert rows[1:] == [f"run {i},FILL IN,FILL IN,FILL IN" for i in range(3)]
     assert (tmp_path / "camp\u00e4gne" / "trials" / "run 2.lvm").read_bytes() == paths[
         2
     ].read_bytes()

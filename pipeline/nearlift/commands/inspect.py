@@ -1,12 +1,12 @@
-"""What a file holds: format, channels with unit, rate, range and a sparkline, and the [records]
-block to paste into a manifest.
+"""What a file holds: format, channels with unit, rate, range and a sparkline, and the tables of a
+manifest for it: those of a record, of a velocity grid, of a table of means.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,49 +14,32 @@ import click
 import numpy as np
 
 from nearlift import readers
+from nearlift.commands import grids, meaning, tables
 from nearlift.commands.common import DIALECT, Call, declared
+from nearlift.commands.grids import Grid
+from nearlift.commands.tables import Table
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError, UsageError, brief
 from nearlift.manifest import toml
 from nearlift.readers import child, csv_trial
-from nearlift.readers.channel import (
-    AS_FORCE,
-    FORCE_UNITS,
-    Channel,
-    Contents,
-    Malformed,
-    fold,
-    split_unit,
-)
+from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, Contents, Malformed
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
-from nearlift.readers.text import TEXT, with_rate
+from nearlift.readers.text import TEXT
 from nearlift.run.lock import size
 
 BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 WIDTH = 24
-#: Words that a force channel is called by, the surest first.
-FORCE_WORDS = (
-    "thrust",
-    "force fz",
-    "lift",
-    "load cell",
-    "loadcell",
-    "weight",
-    "force",
-    "kraft",
-    "schub",
-    "cell",
-    "fz",
-)
-CLOCK_UNITS = ("s", "ms", "us")
 HEAD = 1 << 16
+#: [records] of a table of means.
+MEANS = '[records]\nreader = "means"                     # mean lifts in the schedule, no samples\n'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
     """One file's contents, the reader that reads it, and what may be the force and its clock;
-    `columns` of a text that names none.
+    `columns` of a text that names none; `grid` where it is a velocity grid, `table` where it is a
+    table of means.
     """
 
     path: Path
@@ -67,10 +50,19 @@ class Found:
     bytes: int
     columns: int = 0
     dialect: Mapping[str, Any] = field(default_factory=dict)
+    grid: Grid | None = None
+    table: Table | None = None
+
+    @property
+    def doubt(self) -> str:
+        """Why the rate of the force cannot be meant; empty where it can, or is not known."""
+        rate = None if self.force is None else self.force.rate_Hz
+        return meaning.doubtful_rate(rate, self.clock) if rate else ""
 
 
-def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
-    """What a file holds; `dialect` as ``[records] dialect`` takes it.
+def inspect(path: Path, dialect: Mapping[str, Any] | None = None, *, record: bool = False) -> Found:
+    """What a file holds; `dialect` as ``[records] dialect`` takes it; `record`: it is no velocity
+    grid.
 
     Raises
     ------
@@ -93,6 +85,16 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
         raise InputRefused(str(path), "is empty", "it was never written, or the disk was full")
     with path.open("rb") as file:
         head = file.read(HEAD)
+    if not (said or record) and (grid := grids.grid_of(path)) is not None:
+        return Found(
+            path=path,
+            reader="",
+            contents=grid.contents,
+            force=None,
+            clock=None,
+            bytes=length,
+            grid=grid,
+        )
     columns = 0
     form = recognised(head, path.name)
     try:
@@ -103,13 +105,22 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
         contents = _contents(
             form, path, {**said, "columns": [f"column {i + 1}" for i in range(columns)]}
         )
-    force = likely_force(contents)
-    clock = likely_clock(contents, force)
+    channels = tuple(
+        c if c.unit else replace(c, unit=meaning.named(c.name)[1]) for c in contents.channels
+    )
+    force = meaning.likely_force(channels)
+    clock = meaning.likely_clock(channels, force)
+    if all(c.rate_Hz is None for c in channels):
+        rate = meaning.clock_rate(clock)
+        channels = tuple(replace(c, rate_Hz=rate) for c in channels)
+        force = None if force is None else next(c for c in channels if c.name == force.name)
+    contents = replace(contents, channels=channels)
     reader = (
         csv_trial.READER.name
-        if form is TEXT and not said and _plain_csv(path, force or contents.channels[0], clock)
+        if form is TEXT and not said and _plain_csv(path, force or channels[0], clock)
         else form.name
     )
+    table = tables.table_of(path, said) if form is TEXT and not columns else None
     return Found(
         path=path,
         reader=reader,
@@ -119,6 +130,7 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None) -> Found:
         bytes=length,
         columns=columns,
         dialect=said,
+        table=table if table is not None and table.means else None,
     )
 
 
@@ -174,37 +186,7 @@ def _contents(form: Format, path: Path, dialect: Mapping[str, Any]) -> Contents:
         raise InputRefused(
             str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
         )
-    return with_rate(found) if form is TEXT else found
-
-
-def likely_force(contents: Contents) -> Channel | None:
-    """The channel that may be the load cell: in a unit of force, or called so."""
-
-    def rank(channel: Channel) -> int:
-        plain = fold(split_unit(channel.name)[0])
-        word = next((len(FORCE_WORDS) - i for i, w in enumerate(FORCE_WORDS) if w in plain), 0)
-        if channel.unit in FORCE_UNITS:
-            return 100 + word
-        # a gram is a force only to what is called one
-        return word if word and channel.unit in ("", "count", *AS_FORCE) else 0
-
-    best = max(contents.channels, key=rank, default=None)
-    if best is not None and rank(best):
-        return best
-    return contents.channels[0] if len(contents.channels) == 1 else None
-
-
-def likely_clock(contents: Contents, force: Channel | None) -> Channel | None:
-    """The channel that may be the clock of the force."""
-    group = force.name.rpartition(".")[0] if force is not None and "." in force.name else ""
-    clocks = [
-        c
-        for c in contents.channels
-        if c.unit in ("", *CLOCK_UNITS)
-        and fold(split_unit(c.name)[0].rsplit(".", 1)[-1]) in ("t", "time", "x_value", "zeit")
-    ]
-    own = [c for c in clocks if c.name.rpartition(".")[0] == group]
-    return next(iter(own or clocks), None)
+    return found
 
 
 def sparkline(values: FloatArray, width: int = WIDTH) -> str:
@@ -267,7 +249,32 @@ def described(found: Found) -> str:
         )
     if "dead_speed" in found.contents.codes:
         lines.append("note: a rotor's speed reads zero while there is lift")
-    return "\n".join(line.rstrip() for line in lines) + "\n\n" + records_block(found)
+    if found.doubt:
+        lines.append(f"note: {found.doubt}")
+    return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(found)
+
+
+def block(found: Found) -> str:
+    """The tables of a manifest for the file."""
+    if found.grid is not None:
+        return grids.piv_block(found.grid, found.path)
+    if found.table is not None:
+        return means_block(found.table)
+    return records_block(found)
+
+
+def means_block(table: Table) -> str:
+    """[records] and [trials] of a table of means, and how its columns are to be called."""
+    _, section = table.schedule(table.own_ids(), means=True)
+    other = [
+        f"{table.names[place]} -> {name}"
+        for name, (place, _) in table.meant.items()
+        if table.names[place] != name
+    ]
+    if "trial" not in table.meant:
+        other.append("a column trial")
+    how = f"# `nearlift new DIR --from FILE` writes trials.csv from it ({', '.join(other)})\n"
+    return f"{MEANS}\n{how if other else ''}{section}"
 
 
 def records_block(found: Found, files: str | None = None) -> str:
@@ -284,12 +291,13 @@ def records_block(found: Found, files: str | None = None) -> str:
     }
     rate = rates.pop() if len(rates) == 1 else None
     why = "the file does not say" if rates <= {None} else "that of the force: the channels differ"
+    doubt = found.doubt
     lines = [
         "[load_cell]",
         (
             f'sample_rate = "{rate:.6g} Hz"'
-            if rate
-            else f'sample_rate = "FILL IN Hz"           # {why}'
+            if rate and not doubt
+            else f'sample_rate = "FILL IN Hz"           # {doubt or why}'
         ),
     ]
     lines += [
@@ -336,7 +344,8 @@ def records_block(found: Found, files: str | None = None) -> str:
             f"dialect = {{ {items} }}"
             + ("   # the file names none: FILL IN what they are" if named else "")
         )
-    if found.clock is not None and found.clock is not found.force:
+    if found.clock is not None and found.clock is not found.force and not doubt:
+        # a clock whose unit cannot be right is left out
         lines.append(
             f"time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit ="
             f' "{found.clock.unit or "FILL IN"}" }}'
@@ -371,7 +380,9 @@ def as_json(found: Found) -> dict[str, Any]:
             for c in found.contents.channels
         ],
         "force": found.force.name if found.force else None,
-        "records": records_block(found),
+        "piv": None if found.grid is None else found.grid.format,
+        "means": found.table is not None,
+        "records": block(found),
     }
 
 

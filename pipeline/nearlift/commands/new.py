@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -12,9 +13,11 @@ from typing import Any
 import click
 
 from nearlift.commands.common import DIALECT, Call, declared
-from nearlift.commands.inspect import dialect_of, inspect, records_block
+from nearlift.commands.inspect import MEANS, Found, dialect_of, inspect, records_block
+from nearlift.commands.tables import Table, table_of, trials_section
 from nearlift.errors import InputRefused, UsageError
-from nearlift.readers import csv_trial
+from nearlift.manifest.campaign import BLANK
+from nearlift.readers import csv_trial, parquet
 from nearlift.readers.text import TEXT
 
 MANIFEST = """\
@@ -24,25 +27,21 @@ name   = "{name}"                    # a slug; names the folders under processed
 
 [vehicle]
 name          = "FILL IN"
-rotors        = 4                    # 1 for an isolated rotor
+rotors        = "FILL IN"            # a number, without quotes; 1 for an isolated rotor
 rotor_radius  = "FILL IN mm"
-rotor_spacing = "FILL IN mm"         # ADJACENT axes; the opposite spacing is sqrt(2) times it unless rotor_diagonal is given
-# throttle_map = {{ points = [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]] }}   # for C_L, where no rpm is logged
+rotor_spacing = "FILL IN mm"         # ADJACENT axes; the opposite spacing is sqrt(2) times it unless rotor_diagonal is given; one rotor: delete
 mass          = "FILL IN g"
+# throttle_map = {{ points = [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]] }}   # for C_L, where no rpm is logged
 
 [rig]
-held            = "throttle"         # throttle | voltage | rpm | power: what a trial holds constant
-distance_datum  = "rotor plane"      # rotor plane | airframe | blade tip | rotor axis: what `distance` is measured from
-distance_offset = "0 mm"             # datum to rotor plane, ADDED to every recorded distance
-arena           = "FILL IN m"        # largest room dimension; bounds every distance
-gravity         = "9.80665 m/s^2"
+held            = "FILL IN"          # throttle | voltage | rpm | power: what a trial holds constant
+distance_datum  = "FILL IN"          # rotor plane | airframe | blade tip | rotor axis: what `distance` is measured from
+distance_offset = "FILL IN mm"       # datum to rotor plane, ADDED to every recorded distance
+gravity         = "FILL IN m/s^2"    # 9.80665 m/s^2 is the standard one
+arena           = "FILL IN m"        # largest room dimension; bounds every distance; unknown: delete
 
-{records}[trials]
-file = "trials.csv"                  # one row per trial, in the order in which they were run
-[trials.units]
-distance = "mm"
-throttle = "percent"
-start    = "s"
+{records}{trials}# Further columns, all optional, each with its unit: start, session, approach, supply, current, rpm, power, temperature,
+# pressure, humidity, tilt, orientation. What is logged can be found guilty; what is not is listed as untestable.
 
 # A plan to weigh before it is run: `nearlift design` says what it could see, and draws a schedule.
 # [design]
@@ -59,38 +58,64 @@ start    = "s"
 # value = "0.2 mm"                   # standard uncertainty
 # scope = "boundary"                 # sample | trial | distance | throttle | session | boundary | campaign
 """
+CELL = """\
+# settle    = "0.5 s"                # discarded after the tare
+range       = "FILL IN kgf"          # where the cell saturates; unknown: delete
+accuracy    = "FILL IN gf"           # half-width of the cell's departure from a straight line; never averages down; unknown: delete
+"""
 RECORDS = """\
 [load_cell]
-sample_rate = "1000 Hz"
-tare        = "2 s"                  # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows
-settle      = "0 s"                  # discarded after the tare
-range       = "FILL IN kgf"
-accuracy    = "FILL IN gf"           # half-width of the cell's departure from a straight line; never averages down
-
+sample_rate = "FILL IN Hz"
+tare        = "FILL IN s"            # rotors-stopped head of every record; "0 s": already tared; "none": nobody knows
+{cell}
 [records]
 reader = "csv"                       # csv: one file per trial | parquet: one long table with a `trial` column | means: no records
-files  = "trials/{trial}.csv"
-force  = { column = "force", unit = "mN", sign = 1 }   # sign = -1 where lift pulls the cell negative
-
+files  = "trials/{{trial}}.csv"
+force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # sign = -1 where lift pulls the cell negative
 """
-CELL = """\
-settle      = "0 s"                  # discarded after the tare
-range       = "FILL IN kgf"
-accuracy    = "FILL IN gf"           # half-width of the cell's departure from a straight line; never averages down
-"""
-SCHEDULE = "trial,boundary,distance,throttle,start,session,approach\n"
+SCHEDULE = "trial,boundary,distance,throttle"
+BLANK_TRIALS = trials_section({"distance": "", "throttle": ""}, (), ordered=True)
 
 
-def write_template(folder: Path) -> list[Path]:
+def write_template(folder: Path) -> tuple[list[Path], list[str]]:
     """Write campaign.toml, trials.csv and an empty trials/ into a new folder; returns what was
-    written.
+    written, and what is left to fill in.
     """
     (folder / "trials").mkdir(parents=True)
-    (folder / "campaign.toml").write_text(
-        MANIFEST.format(name=slug(folder), records=RECORDS), encoding="utf-8"
-    )
-    (folder / "trials.csv").write_text(SCHEDULE, encoding="utf-8")
-    return [folder / "campaign.toml", folder / "trials.csv", folder / "trials"]
+    written, left = _written(folder, RECORDS.format(cell=CELL), BLANK_TRIALS, SCHEDULE)
+    return [*written, folder / "trials"], [*left, "trials.csv: a line for each trial"]
+
+
+def _written(
+    folder: Path, records: str, trials: str, schedule: str
+) -> tuple[list[Path], list[str]]:
+    """Write the manifest, and the schedule unless it is there; what was written, and what is left
+    to fill in.
+
+    Raises
+    ------
+    UsageError
+        Another schedule is there.
+    """
+    made = schedule.rstrip("\n") + "\n"
+    path = folder / "trials.csv"
+    if path.exists():
+        header = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()[:1]
+        if sorted(",".join(header).split(",")) != sorted(made.splitlines()[0].split(",")):
+            raise _there(path)
+    folder.mkdir(parents=True, exist_ok=True)
+    text = MANIFEST.format(name=slug(folder), records=records + "\n", trials=trials + "\n")
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    written = [folder / "campaign.toml"]
+    if not path.exists():
+        path.write_text(made, encoding="utf-8")
+        written.append(path)
+    left = [
+        f"campaign.toml, line {i}: {line.split('#')[0].strip()}"
+        for i, line in enumerate(text.splitlines(), 1)
+        if BLANK in line
+    ]
+    return written, left
 
 
 def slug(folder: Path) -> str:
@@ -106,13 +131,14 @@ def slug(folder: Path) -> str:
 def write_from(
     folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] | None = None
 ) -> tuple[list[Path], list[str]]:
-    """Write a campaign for records that are there: the manifest with what the files say, a schedule
-    with a line for each.
+    """Write a campaign for what is there: the manifest with what the files say, a schedule with a
+    line for each trial.
 
-    A folder among `files` stands for all plain files in it, hidden ones aside.
-    `dialect` is how to read them, as ``[records] dialect`` takes it. Files inside the folder stay
-    where they are; others are copied into ``trials/``. Returns what was written, and what is left
-    to fill in.
+    `files` are records, one for each trial, and perhaps the schedule: a table of which a column
+    holds their names; or one long table of Parquet; or one table of means. A folder among them
+    stands for all plain files in it, hidden ones aside. `dialect` is how to read them, as
+    ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied
+    into it. Returns what was written, and what is left to fill in.
 
     Raises
     ------
@@ -122,18 +148,71 @@ def write_from(
     InputRefused
         A file cannot be read, or the files are not of one kind.
     """
-    for name in ("campaign.toml", "trials.csv"):
-        if (folder / name).exists():
-            raise UsageError(
-                str(folder / name),
-                "is there already",
-                "name a new folder; nothing is ever overwritten",
-            )
+    if (folder / "campaign.toml").exists():
+        raise _there(folder / "campaign.toml")
     files = [file for path in files for file in (_within(path) if path.is_dir() else (path,))]
-    found = [inspect(path, dialect) for path in files]
+    own = folder / "trials.csv"
+    beside = own.exists() and own not in files
+    records, table = _parted([*files, own] if beside else files, dialect or {})
+    if beside and own in records:
+        raise _there(own)
+    found = [inspect(path, dialect, record=i > 0) for i, path in enumerate(records)]
+    first = found[0]
+    if first.grid is not None:
+        raise UsageError(
+            str(first.path),
+            f"is a {first.contents.kind}, and no record of force",
+            f"`nearlift inspect {shlex.quote(str(first.path))}` prints its [piv] section, for the"
+            " manifest of a campaign of forces",
+        )
+    means = first.table if len(found) == 1 else None
+    if means is None and own in records:
+        raise UsageError(
+            str(own),
+            "lists trials, and neither lifts nor the names of the files beside it",
+            "name the records, or the folder that they are in: nearlift new DIR --from FILES",
+        )
+    copies: dict[Path, Path] = {}
+    if means is not None:
+        block, trials, table = MEANS, means.own_ids(), means
+    else:
+        _of_one_kind(found)
+        block, trials, copies = _records(folder, found)
+    if table is None:
+        lines = [f"{cell(trial)},FILL IN,FILL IN,FILL IN" for trial in trials]
+        schedule, section = "\n".join([SCHEDULE, *lines]), BLANK_TRIALS
+        more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
+    else:
+        ids = trials if means is not None else table.ids(trials) or trials
+        (schedule, section), more = table.schedule(ids, means=means is not None), []
+    written, left = _written(folder, block, section, schedule)
+    for copy, path in copies.items():
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, copy)
+    return [*written, *copies], [*left, *more]
+
+
+def _there(path: Path) -> UsageError:
+    return UsageError(
+        str(path), "is there already", "name a new folder; nothing is ever overwritten"
+    )
+
+
+def _parted(files: Sequence[Path], dialect: Mapping[str, Any]) -> tuple[list[Path], Table | None]:
+    """The records, and the table that lists them where one of the files is that."""
+    for path in files:
+        others = [other for other in files if other is not path]
+        table = table_of(path, dialect) if others and path.is_file() else None
+        if table is not None and table.ids({trial_of(other.name) for other in others}):
+            return others, table
+    return list(files), None
+
+
+def _of_one_kind(found: list[Found]) -> None:
+    """See that one reader reads all, with the same channels."""
     if {f.reader for f in found} == {csv_trial.READER.name, TEXT.name}:
-        # one reader for all: the one that reads plain CSV as well
-        found = [replace(f, reader=TEXT.name) for f in found]
+        # the one that reads plain CSV as well
+        found[:] = [replace(f, reader=TEXT.name) for f in found]
     for other in found[1:]:
         if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {
             c.name for c in found[0].contents.channels
@@ -141,49 +220,42 @@ def write_from(
             raise InputRefused(
                 str(other.path),
                 f"is {other.contents.kind} with other channels than {found[0].path.name}",
-                "make a campaign of files of one kind",
+                "make a campaign of files of one kind, and of one table that lists them in a column",
             )
-    root = folder.resolve()
-    inside = all(path.resolve().is_relative_to(root) for path in files)
-    targets = [
-        path.resolve().relative_to(root).as_posix() if inside else f"trials/{path.name}"
-        for path in files
-    ]
-    before, after = _around(targets)
-    trials = [
-        target[len(before) : len(target) - len(after) if after else None] for target in targets
-    ]
-    if len(set(targets)) != len(targets) or found[0].reader == "parquet":
-        what = (
-            "takes one long table: write the manifest by hand"
-            if found[0].reader == "parquet"
-            else "two files have one name"
+    if found[0].reader == parquet.READER.name and len(found) > 1:
+        raise UsageError(
+            "--from", f"names {len(found)} tables", "a campaign takes one long table of Parquet"
         )
-        raise UsageError("--from", what, "`nearlift inspect FILE` prints its [records] block")
-    written = [folder / "campaign.toml", folder / "trials.csv"]
-    if not inside:
-        (folder / "trials").mkdir(parents=True, exist_ok=True)
-        for path, target in zip(files, targets, strict=True):
-            shutil.copyfile(path, folder / target)
-            written.append(folder / target)
-    block = records_block(found[0], f"{before}{{trial}}{after}")
-    text = MANIFEST.format(
-        name=slug(folder), records=block.replace("\n[records]", CELL + "\n[records]") + "\n"
-    )
-    for known in ('= "throttle"    ', '= "rotor plane" ', '"0 mm"   ', '"9.80665 m/s^2"'):
-        # no file says how the rig stood
-        unit = known.split()[-1].strip('"') if known[0] == '"' else ""
-        marked = f'"FILL IN{" " + unit if unit else ""}"' if known[0] == '"' else '= "FILL IN" '
-        text = text.replace(known, marked.ljust(len(known)), 1)
-    (folder / "campaign.toml").write_text(text, encoding="utf-8")
-    lines = SCHEDULE + "".join(f"{cell(trial)},FILL IN,FILL IN,FILL IN,,,\n" for trial in trials)
-    (folder / "trials.csv").write_text(lines, encoding="utf-8")
-    left = [
-        f"campaign.toml, line {i}: {line.split('#')[0].strip()}"
-        for i, line in enumerate(text.splitlines(), 1)
-        if "FILL IN" in line
+
+
+def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict[Path, Path]]:
+    """[load_cell] and [records] of the records, their trials, and where which is to be copied."""
+    root = folder.resolve()
+    paths = [f.path for f in found]
+    inside = all(path.resolve().is_relative_to(root) for path in paths)
+    long = found[0].reader == parquet.READER.name
+    targets = [
+        path.resolve().relative_to(root).as_posix()
+        if inside
+        else path.name
+        if long
+        else f"trials/{path.name}"
+        for path in paths
     ]
-    return written, [*left, f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
+    if len(set(targets)) != len(targets):
+        raise UsageError("--from", "two files have one name", "rename one of them")
+    if long:
+        files, trials = targets[0], parquet.trials(paths[0])
+    else:
+        before, after = _around(targets)
+        files = f"{before}{{trial}}{after}"
+        trials = [target[len(before) : len(target) - len(after)] for target in targets]
+    block = records_block(found[0], files).replace("\n[records]", CELL + "\n[records]")
+    return (
+        block,
+        trials,
+        {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)},
+    )
 
 
 def _within(folder: Path) -> list[Path]:
@@ -201,18 +273,23 @@ def _around(targets: Sequence[str]) -> tuple[str, str]:
     """What stands before and behind the trial's id in every name: the folder, and the suffix; more
     only if all names agree in it.
     """
-    folder = PurePosixPath(targets[0]).parent.as_posix()
-    before = "" if folder == "." else folder + "/"
-    suffix = PurePosixPath(targets[0]).suffix
+    name = PurePosixPath(targets[0]).name
+    before, after = targets[0].removesuffix(name), name.removeprefix(trial_of(name))
     if all(
-        t.startswith(before) and t.endswith(suffix) and "/" not in t[len(before) :] for t in targets
+        t.startswith(before) and t.endswith(after) and "/" not in t[len(before) :] for t in targets
     ):
-        return before, suffix
+        return before, after
     raise UsageError(
         "--from",
         "the files lie in different folders, or have different suffixes",
         "put them into one folder",
     )
+
+
+def trial_of(name: str) -> str:
+    """A file's name without its suffix, and without that of its compression."""
+    plain = name.removesuffix(".gz")
+    return plain.removesuffix(PurePosixPath(plain).suffix)
 
 
 def cell(text: str) -> str:
@@ -228,8 +305,8 @@ def cell(text: str) -> str:
     "given",
     is_flag=True,
     help=(
-        "FILES follow: records that are there already, or their folders. The manifest says what"
-        " they say."
+        "FILES follow, or their folders: records that are there already, and the table that lists"
+        " them; or one table of means. The manifest says what they say."
     ),
 )
 @DIALECT
@@ -243,15 +320,18 @@ def command(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dial
         )
     if given:
         made, left = write_from(folder, files, dialect_of(dialect))
-        lines = [*map(str, made[:2]), "still to fill in:", *(f"  {item}" for item in left)]
-        content = {"written": [str(path) for path in made], "fill_in": left}
-        call.answer(content, "\n".join(lines))
-        return
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(
             str(folder),
             "is not empty" if folder.is_dir() else "is a file",
             "name a new folder; nothing is ever overwritten",
         )
-    written = [str(path) for path in write_template(folder)]
-    call.answer({"written": written}, "\n".join(written))
+    else:
+        made, left = write_template(folder)
+    copied = [path for path in made if path.parent != folder]
+    lines = [str(path) for path in made if path.parent == folder]
+    if copied:
+        lines.append(f"{copied[0].parent}: {len(copied)} file{'s' * (len(copied) > 1)}")
+    lines += ["still to fill in:", *(f"  {item}" for item in left)]
+    lines.append(f"then: nearlift run {shlex.quote(str(folder))}")
+    call.answer({"written": [str(path) for path in made], "fill_in": left}, "\n".join(lines))

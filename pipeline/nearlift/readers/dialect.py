@@ -156,7 +156,14 @@ def _tried(
                     failed.append((unfit.lines, unfit.refusal))
         if fits:
             break
-    return fits, failed
+    return [fit for fit in fits if not any(_numbers_of(fit[0], other[0]) for other in fits)], failed
+
+
+def _numbers_of(layout: Layout, other: Layout) -> bool:
+    """Whether the other reads numbers where this one, cut alike, reads texts: ``0,5`` is no text
+    where a decimal comma makes a number of it on every line.
+    """
+    return layout.cells.separator == other.cells.separator and set(other.texts) < set(layout.texts)
 
 
 class _Unfit(Exception):

@@ -51,6 +51,12 @@ def _asked(path: Path, request: dict[str, Any]) -> Iterator[Answer]:
         ) from None
 
 
+def trials(path: Path) -> list[str]:
+    """The trials of a long table, in its order; raises `InputRefused` where it is none."""
+    ((answer, _),) = _asked(path, {"table": "spans", "columns": []})
+    return [str(trial) for trial in answer["trials"]]
+
+
 def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
     path, spec = _path(campaign, root), ChannelSpec.of(campaign)
     if not path.is_file():

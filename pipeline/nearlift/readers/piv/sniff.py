@@ -90,6 +90,15 @@ def read(
             yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
 
 
+def first_raw(path: Path, of: Dialect) -> Raw:
+    """The first field of a file as it stands there; raises `InputRefused` as `read` does."""
+    with contextlib.ExitStack() as own:
+        found = _fields(own.enter_context(Child()), of.name, path) if of.child else of.read(path)
+        for raw in found:
+            return raw
+    raise InputRefused(str(path), "holds no velocity field", "export it again")
+
+
 def _fields(child: Child, dialect: str, path: Path) -> Iterator[Raw]:
     """The velocity fields of one file, one in memory at a time.
 

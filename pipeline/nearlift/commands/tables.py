@@ -1,0 +1,149 @@
+"""A table of a spreadsheet as a schedule: which of its columns are those of trials.csv, in which
+units, and the same table as trials.csv wants it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nearlift import units
+from nearlift.commands import meaning
+from nearlift.errors import InputRefused
+from nearlift.manifest.campaign import BLANK
+from nearlift.readers import text
+from nearlift.readers.columns import BY_NAME
+from nearlift.readers.dialect import sniff
+from nearlift.readers.schedule import MEANS, REQUIRED
+from nearlift.units import NUMBER
+
+#: A schedule is written by hand, or by a spreadsheet.
+MOST_BYTES = 4 << 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A text table: names and cells as they stand, decimal points, and the place of each of the
+    schedule's columns that was recognised, with its unit.
+    """
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    meant: Mapping[str, tuple[int, str]]
+
+    @property
+    def means(self) -> bool:
+        """Whether it may be a table of mean lifts: lift by distance, and no clock."""
+        return {"lift", "distance"} <= self.meant.keys() and not any(
+            map(meaning.is_clock, self.names)
+        )
+
+    def ids(self, wanted: Collection[str]) -> list[str] | None:
+        """The trial of every row, from the column that holds all these ids, or all these files'
+        names; None where none does.
+        """
+        for cells in zip(*self.rows, strict=True):
+            ids = [Path(cell).stem if Path(cell).suffix else cell for cell in cells]
+            for own in (list(cells), ids):
+                if set(wanted) <= set(own):
+                    return own
+        return None
+
+    def own_ids(self) -> list[str]:
+        """The trial of every row, from the column of that name, else counted."""
+        if "trial" in self.meant:
+            cells = [row[self.meant["trial"][0]] for row in self.rows]
+            if len(set(cells)) == len(cells) and all(cells):
+                return cells
+        return [str(i) for i in range(1, len(self.rows) + 1)]
+
+    def schedule(self, ids: list[str], means: bool) -> tuple[str, str]:
+        """The table as trials.csv, and the [trials] section that goes with it; `means`: with the
+        columns of mean lifts.
+        """
+        left_out = () if means else MEANS
+        names = {
+            place: name
+            for name, (place, _) in self.meant.items()
+            if name != "trial" and name not in left_out
+        }
+        places = sorted(names) + [
+            i for i, name in enumerate(self.names) if i not in names and name not in BY_NAME
+        ]
+        out = io.StringIO()
+        write = csv.writer(out, lineterminator="\n")
+        write.writerow(["trial", *(names.get(i, self.names[i]) for i in places)])
+        write.writerows(
+            [trial, *(row[i] for i in places)] for trial, row in zip(ids, self.rows, strict=True)
+        )
+        return out.getvalue(), trials_section(
+            {n: u for n, (_, u) in self.meant.items() if n in names.values()},
+            [n for n in REQUIRED[1:] if n not in self.meant],
+            ordered=not means or "start" in self.meant,
+        )
+
+
+def trials_section(given: Mapping[str, str], lacking: Collection[str], *, ordered: bool) -> str:
+    """[trials] of a schedule with these columns and units; what every trial needs and no column
+    says is a constant to fill in.
+    """
+    lines = ["[trials]", 'file = "trials.csv"                  # one row per trial']
+    if not ordered:
+        lines.append(
+            f'order = "{BLANK}"                    # "run": rows stand as they were run; "unknown":'
+            " a published table"
+        )
+    lines.append("[trials.units]")
+    for name, unit in given.items():
+        if BY_NAME[name].kind == "quantity":
+            remark = "" if unit else _remark(name)
+            lines.append(f'{name:<8} = "{unit or BLANK}"{remark}')
+    if lacking:
+        lines.append("[trials.constants]                   # the same for every trial")
+        lines += [f'{name:<8} = "{BLANK}"' for name in lacking]
+    return "\n".join(lines) + "\n"
+
+
+def _remark(name: str) -> str:
+    """What to fill in for a column's unit."""
+    usual = units.USUAL.get(BY_NAME[name].dimension, (units.SI[BY_NAME[name].dimension],))
+    more = "; of a pulse width in us: convert it" if name == "throttle" else ""
+    return f"{'':<11}# {' | '.join(usual)}{more}"
+
+
+def table_of(path: Path, dialect: Mapping[str, Any]) -> Table | None:
+    """A file as such a table; None where it is none, or is too large for one."""
+    if path.stat().st_size > MOST_BYTES:
+        return None
+    content = path.read_bytes()
+    try:
+        layout = sniff(content, str(path), text.given(dialect))
+        lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
+        rows = tuple(_rows(lines, layout.cells, len(layout.names)))
+    except (InputRefused, UnicodeDecodeError, csv.Error):
+        return None
+    if not rows or any(len(row) != len(layout.names) for row in rows):
+        return None
+    meant: dict[str, tuple[int, str]] = {}
+    for place, name in enumerate(layout.names):
+        unit = layout.units[place]
+        known, unit = meaning.schedule_column(
+            f"{name} ({unit})" if unit and not meaning.named(name)[1] else name
+        )
+        if known == "start" and not NUMBER.fullmatch(rows[0][place]):
+            # a time of day needs no unit
+            unit = "s"
+        if known and known not in meant:
+            meant[known] = (place, unit)
+    return Table(names=layout.names, rows=rows, meant=meant)
+
+
+def _rows(lines: Collection[str], cells: Any, width: int) -> Iterator[tuple[str, ...]]:
+    for line in lines:
+        if line.strip() and line.strip() not in cells.ignore:
+            row = cells.split(line)[: width if cells.trailing else None]
+            yield tuple(c.replace(",", ".") if cells.decimal == "," else c for c in row)
