@@ -5,6 +5,7 @@ settings.
 from __future__ import annotations
 
 import io
+from functools import partial
 
 import matplotlib
 import numpy as np
@@ -13,7 +14,7 @@ from PIL import Image
 
 from nearlift.errors import ManifestError
 from nearlift.products import FIT, LIFT, POSTERIOR, TRIALS
-from nearlift.report.figures import style
+from nearlift.report.figures import drawers, style
 from nearlift.report.figures.encoding import PAGE_WIDTH, render
 from nearlift.report.figures.fig2 import drawing as draw_fig2
 from nearlift.report.figures.fig2 import table as fig2
@@ -113,7 +114,7 @@ def test_the_same_table_gives_the_same_bytes(small_job, spec):
     assert first["pdf"].startswith(b"%PDF")
     picture = Image.open(io.BytesIO(first["png"]))
     assert "Software" not in picture.info
-    assert picture.width == pytest.approx(6.75 * 600, abs=1)
+    assert picture.width == pytest.approx(6.75 * 300, abs=1)
     assert Image.open(io.BytesIO(first["page"])).width == min(PAGE_WIDTH, picture.width)
 
 
@@ -141,7 +142,7 @@ def test_hostile_labels_are_set_as_text(table, label):
 
 def test_residuals_fill_a_grid_or_columns(small_job, make_job):
     three = drawn(draw_residuals.draw, residuals.summarise(gather(small_job)))
-    assert [ax.get_title() for ax in three.axes[:3]] == ["ground", "ceiling", "sidewall"]
+    assert [ax.get_title(loc="left") for ax in three.axes[:3]] == ["ground", "ceiling", "sidewall"]
     one = drawn(draw_residuals.draw, residuals.summarise(gather(make_job(boundaries=("ground",)))))
     labels = [ax.get_xlabel() for ax in one.axes if ax.axison]
     assert labels == [
@@ -160,3 +161,23 @@ def test_residuals_fill_a_grid_or_columns(small_job, make_job):
 def test_an_unknown_covariate_keeps_its_name():
     assert style.quantity("rig_$_colour") == r"rig \$ colour"
     assert style.quantity("tilt_rad") == r"tilt $\theta$ (rad)"
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_drawers_answer_in_order_whoever_drew(count):
+    tasks = [partial(style.quantity, name) for name in ("tilt_rad", "supply_V", "power_W", "z_hat")]
+    with drawers.drawers(count) as others:
+        assert list(drawers.drawn(tasks, others)) == [task() for task in tasks]
+
+
+def test_what_a_drawer_cannot_do_is_drawn_here():
+    """What cannot be sent, what fails, and a drawer that is gone."""
+    with drawers.drawers(1) as (ask,):
+        assert ask(dict) is None
+        assert ask(partial(style.quantity, "tilt_rad")) == style.quantity("tilt_rad")
+        assert ask(partial(style.style, "no such style")) is None
+        assert ask(partial(style.quantity, "tilt_rad")) is None
+        tasks = [lambda: {"pdf": b"1"}, lambda: {"pdf": b"2"}]
+        assert [f["pdf"] for f in drawers.drawn(tasks, [ask])] == [b"1", b"2"]
+        with pytest.raises(ManifestError, match="no style"):
+            list(drawers.drawn([partial(style.style, "no such style")], [ask]))

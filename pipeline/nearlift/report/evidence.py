@@ -20,6 +20,8 @@ from nearlift.results.serial import decode
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Columns = dict[str, NDArray[Any]]
+#: The same, to be read.
+Rows = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,6 +138,16 @@ def values(entry: dict[str, Any]) -> dict[str, float]:
 def stack(rows: list[Columns]) -> Columns:
     """Tables with the same columns, one below the other."""
     return {name: np.concatenate([r[name] for r in rows]) for name in rows[0]}
+
+
+def select(table: Rows, rows: Any) -> Columns:
+    """The rows of a mask."""
+    return {name: column[rows] for name, column in table.items()}
+
+
+def distinct(column: NDArray[Any]) -> list[Any]:
+    """The values of a column, in the order in which they come."""
+    return list(dict.fromkeys(column.tolist()))
 
 
 def text_column(value: str, n: int) -> NDArray[Any]:

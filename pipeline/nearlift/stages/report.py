@@ -4,8 +4,9 @@ imported only here.
 
 from __future__ import annotations
 
+import contextlib
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,11 @@ def run(job: Job) -> Outcome:
     """Make the whole report anew. A figure whose products are missing is not made, and what an
     earlier run left of it is removed.
     """
+    with _drawing(job) as drawn:
+        return _run(job, drawn)
+
+
+def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcome:
     from nearlift.report.documents import methods, summary, tables
     from nearlift.report.documents.latex import coefficients, table
     from nearlift.report.figures.encoding import render
@@ -49,16 +55,8 @@ def run(job: Job) -> Outcome:
         left_out += [spec.name] if _expected(job, spec) else []
         _remove(job, spec)
     job.say(f"report {len(made)} figures")
-    pictures = []
-    drawings = _drawn(job, [partial(render, spec.draw, rows, look) for spec, rows in made])
-    for (spec, rows), files in zip(made, drawings, strict=True):
-        for kind in ("pdf", "png"):
-            job.publish(f"{spec.name}.{kind}", files[kind])
-        job.publish(f"{spec.name}.csv", to_csv(rows))
-        caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
-        pictures.append(
-            Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"])
-        )
+    drawings = drawn([partial(render, spec.draw, rows, look) for spec, rows in made])
+    # what needs no picture is written while others draw
     job.publish("tables/coefficients.tex", table(evidence).encode())
     job.publish("tables/coefficients.csv", to_csv(coefficients(evidence)))
     for name in ("budget", "comparison"):
@@ -71,19 +69,33 @@ def run(job: Job) -> Outcome:
         ("references.bib", methods.references),
     ):
         job.publish(name, written(evidence))
+    pictures = []
+    for (spec, rows), files in zip(made, drawings, strict=True):
+        for kind in ("pdf", "png"):
+            job.publish(f"{spec.name}.{kind}", files[kind])
+        job.publish(f"{spec.name}.csv", to_csv(rows))
+        caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
+        pictures.append(
+            Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"])
+        )
     job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(
         notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)
     )
 
 
-def _drawn(job: Job, tasks: Sequence[Task]) -> Iterator[Files]:
-    """The files of each figure, drawn where the job's tasks run; in place of threads, processes."""
-    from nearlift.report.figures.drawers import drawn
+@contextlib.contextmanager
+def _drawing(job: Job) -> Iterator[Callable[[Sequence[Task]], Iterator[Files]]]:
+    """What draws figures where the job's tasks run; in place of threads, processes, which begin to
+    import while products are read.
+    """
+    from nearlift.report.figures import drawers
 
-    if isinstance(job.executor, Threads):
-        return drawn(tasks, job.executor.workers)
-    return ordered(job.executor, operator.call, tasks)
+    if not isinstance(job.executor, Threads):
+        yield lambda tasks: ordered(job.executor, operator.call, tasks)
+        return
+    with drawers.drawers(job.executor.workers - 1) as others:
+        yield partial(drawers.drawn, others=others)
 
 
 def gather(job: Job) -> Evidence:

@@ -258,9 +258,9 @@ def _excess_evidence(evidence: Evidence, boundary: str, name: str, base: str) ->
 
 def _half(own: dict[str, Any]) -> float:
     """Half of the 95 % interval of a difference of scores, over visits."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
-    return float(t.ppf(0.975, max(own["visits"] - 1, 1))) * float(own["u_d_elpd"])
+    return float(stdtrit(max(own["visits"] - 1, 1), 0.975)) * float(own["u_d_elpd"])
 
 
 def _difference(own: dict[str, Any]) -> str:

@@ -4,7 +4,6 @@ quantity, and C_L against speed; a row of panels per question, a column per boun
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,16 +14,13 @@ from matplotlib.ticker import MaxNLocator
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.products import FIT
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style
 from nearlift.rounding import plain
 
 PARTS = ("throttle", "exponent", "rotor")
 NUMBERS = ("x", "value", "lo90", "hi90", "lo90_apart", "hi90_apart")
-
-
-Rows = Mapping[str, Any]
 COLOUR = SERIES[0][0]
 
 
@@ -160,7 +156,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """The picture's numbers for those who do not see it."""
     parts = []
-    for boundary in dict.fromkeys(table["panel"].tolist()):
+    for boundary in distinct(table["panel"]):
         mine = table["panel"] == boundary
         for part, kind, what, unit in (
             ("throttle", "throttle", "per throttle", " %"),
@@ -180,7 +176,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """The grid; with one boundary its questions stand side by side."""
-    panels = list(dict.fromkeys(table["panel"].tolist()))
+    panels = distinct(table["panel"])
     parts = [p for p in DRAW if (table["part"] == p).any()]
     lone = len(panels) == 1
     rows, columns = (1, len(parts)) if lone else (len(parts), len(panels))
@@ -202,7 +198,7 @@ def draw(table: Rows, look: Style) -> Figure:
             ax.yaxis.set_major_locator(MaxNLocator(4))
             ax.set_ylabel(nomenclature.label(str(mine["label"][0])), labelpad=1)
             if i == 0 or lone:
-                ax.set_title(boundary, loc="left", fontsize=look.text_pt)
+                ax.set_title(boundary)
     return figure
 
 

@@ -4,7 +4,7 @@ known exactly; a panel per coefficient, a bar per source.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from nearlift.nomenclature import letter
 from nearlift.products import FIT
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, coefficient, plain_text
 from nearlift.results.quotation import BudgetLine, CoefficientResult
@@ -21,9 +21,6 @@ from nearlift.results.quotation import BudgetLine, CoefficientResult
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
 #: not drawn; what was declared always is.
 LEAST = 0.002
-
-
-Rows = Mapping[str, Any]
 LOOKS = {"A": (SERIES[0][0], ""), "B": (SERIES[1][0], "////")}
 MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
 
@@ -124,7 +121,7 @@ def draw(table: Rows, look: Style) -> Figure:
     panels = list(
         dict.fromkeys(zip(table["panel"].tolist(), table["parameter"].tolist(), strict=True))
     )
-    components = list(dict.fromkeys(table["component"].tolist()))
+    components = distinct(table["component"])
     height = min((0.19 * len(components) + 0.75) * look.text_pt / 8, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
     # names of sources reach to the figure's edge, and a printer's cut would take their first letter
@@ -155,7 +152,7 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_xlim(0, 124)
         ax.set_xticks([0, 50, 100])
         ax.tick_params(axis="y", length=0)
-        ax.set_title(f"{coefficient(parameter)}, {boundary}", fontsize=look.text_pt)
+        ax.set_title(f"{coefficient(parameter)}, {boundary}")
     figure.supxlabel(
         "fall of the standard uncertainty if the source were known exactly (%)",
         fontsize=look.text_pt,

@@ -4,13 +4,12 @@ parameters and one throttle's L_inf on the diagonal, regions of highest density 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
@@ -19,7 +18,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
 from nearlift.products import FIT, POSTERIOR
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, Style, plain_text
 from nearlift.rounding import plain
@@ -27,11 +26,8 @@ from nearlift.rounding import plain
 BINS, CELLS = 40, 26
 #: Shares of the draws between which an axis runs.
 SHOWN = (0.001, 0.999)
-
-
-Rows = Mapping[str, Any]
 #: Share of the posterior within a region, and its grey.
-REGIONS = ((0.5, "#555555"), (0.9, "#9A9A9A"), (1.0, "#DADADA"))
+REGIONS = {0.5: "#555555", 0.9: "#9A9A9A", 0.99: "#DADADA"}
 
 
 def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
@@ -41,7 +37,7 @@ def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
     table = evidence.table(POSTERIOR)
     model, _ = evidence.base(boundary)
     mine = (table["boundary"] == boundary) & (table["model"] == model.name)
-    names = list(dict.fromkeys(table["parameter"][mine].tolist()))
+    names = distinct(table["parameter"][mine])
     parameters = [n for n in names if not n.startswith("L_inf_N")]
     levels = [n for n in names if n.startswith("L_inf_N")]
     found = {
@@ -204,16 +200,14 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """A triangle of panels for each boundary."""
-    boundaries = list(dict.fromkeys(table["panel"].tolist()))
-    names = {
-        b: list(dict.fromkeys(table["x_name"][table["panel"] == b].tolist())) for b in boundaries
-    }
+    boundaries = distinct(table["panel"])
+    names = {b: distinct(table["x_name"][table["panel"] == b]) for b in boundaries}
     sizes = [max(len(names[b]), 1) for b in boundaries]
     side = min(look.double_in / sum(sizes), 1.7 * look.double_in / 6.75)
-    figure = Figure(figsize=(look.double_in, side * max(sizes) + 0.35), layout="constrained")
+    figure = Figure(figsize=(look.double_in, side * max(sizes) + 0.75), layout="constrained")
     blocks = figure.subfigures(1, len(boundaries), squeeze=False, width_ratios=sizes)[0]
     for panel, boundary, block in zip("abc", boundaries, blocks, strict=False):
-        chosen = _select(table, table["panel"] == boundary)
+        chosen = select(table, table["panel"] == boundary)
         block.suptitle(
             f"{panel}) {boundary}" if len(boundaries) > 1 else boundary,
             fontsize=look.text_pt,
@@ -221,6 +215,12 @@ def draw(table: Rows, look: Style) -> Figure:
             ha="left",
         )
         _triangle(block, chosen, names[boundary], max(sizes))
+    figure.legend(
+        handles=[Patch(color=c, label=f"{100 * share:g} %") for share, c in REGIONS.items()],
+        title="share of the posterior within",
+        loc="outside lower center",
+        ncols=len(REGIONS),
+    )
     return figure
 
 
@@ -232,17 +232,17 @@ def _triangle(block: Any, rows: Rows, names: list[str], height: int) -> None:
             if i >= len(names) or j > i:
                 ax.set_axis_off()
                 continue
-            mine = _select(rows, rows["x_name"] == x_name)
+            mine = select(rows, rows["x_name"] == x_name)
             if i == j:
-                _draw_histogram(ax, _select(mine, mine["kind"] == "histogram"))
+                _draw_histogram(ax, select(mine, mine["kind"] == "histogram"))
             else:
-                _draw_region(ax, _select(mine, mine["y_name"] == names[i]))
+                _draw_region(ax, select(mine, mine["y_name"] == names[i]))
                 if j == 0:
                     ax.set_ylabel(_label(names[i]))
                 else:
                     ax.tick_params(labelleft=False)
             ax.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
-            whole = _select(mine, mine["kind"] == "histogram")
+            whole = select(mine, mine["kind"] == "histogram")
             ax.set_xlim(whole["x_low"].min(), whole["x_high"].max())
             if i == len(names) - 1:
                 ax.set_xlabel(_label(x_name))
@@ -264,23 +264,17 @@ def _draw_histogram(ax: Axes, rows: Rows) -> None:
 
 
 def _draw_region(ax: Axes, rows: Rows) -> None:
-    below = 0.0
-    for share, colour in REGIONS:
-        mine = _select(rows, (rows["value"] > below) & (rows["value"] <= share))
-        below = share
-        corners = [
-            (mine[x], mine[y])
-            for x, y in (
-                ("x_low", "y_low"),
-                ("x_high", "y_low"),
-                ("x_high", "y_high"),
-                ("x_low", "y_high"),
-            )
-        ]
-        cells = np.moveaxis(np.array(corners), (0, 1, 2), (1, 2, 0))
-        ax.add_collection(
-            PolyCollection(list(cells), facecolor=colour, edgecolor=colour, linewidth=0.2)
-        )
+    middles, places = [], []
+    for low, high in (("x_low", "x_high"), ("y_low", "y_high")):
+        width = rows[high][0] - rows[low][0]
+        first = float(rows[low].min())
+        place = np.rint((rows[low] - first) / width).astype(int)
+        places.append(place)
+        middles.append(first + width * (np.arange(int(place.max()) + 1) + 0.5))
+    share = np.ones((len(middles[1]), len(middles[0])))
+    share[places[1], places[0]] = rows["value"]
+    levels, colours = zip(*REGIONS.items(), strict=True)
+    ax.contourf(*middles, share, levels=[0.0, *levels], colors=colours)
     ax.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
     ax.yaxis.set_major_formatter(_numbers())
     ax.set_ylim(rows["y_low"].min(), rows["y_high"].max())
@@ -293,10 +287,6 @@ def _label(name: str) -> str:
         return nomenclature.label(name)
     except UsageError:
         return plain_text(name)
-
-
-def _select(table: Rows, rows: Any) -> dict[str, Any]:
-    return {name: column[rows] for name, column in table.items()}
 
 
 FIGURE = FigureSpec(

@@ -4,20 +4,18 @@ spacing), with the contours of 10, 50 and 90 %; a row per boundary.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from nearlift import nomenclature
 from nearlift.flight.simulation.maps import PAIRS
 from nearlift.products import CRASH_MAP, SAFETY
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SEQUENTIAL, Style
+from nearlift.report.figures.style import SEQUENTIAL, Style, plain_log
 
 SHOWN = (
     "boundary",
@@ -33,9 +31,6 @@ SHOWN = (
     "lo90",
     "hi90",
 )
-
-
-Rows = Mapping[str, Any]
 #: Contours and their lines; numbers beside them would hide what is flown.
 LEVELS = {10.0: "dotted", 50.0: "solid", 90.0: "dashed"}
 WORDS = {
@@ -103,8 +98,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
-    for side in dict.fromkeys(table["boundary"].tolist()):
-        for name in dict.fromkeys(table["map"][table["boundary"] == side].tolist()):
+    for side in distinct(table["boundary"]):
+        for name in distinct(table["map"][table["boundary"] == side]):
             rate = 100 * table["rate"][(table["boundary"] == side) & (table["map"] == name)]
             parts.append(f"{side}, {name}: from {rate.min():.0f} to {rate.max():.0f} %")
     return "Maps of crash rate. " + "; ".join(parts) + "."
@@ -112,8 +107,8 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """A row for each boundary, a column for each pair of groups."""
-    sides = list(dict.fromkeys(table["boundary"].tolist()))
-    names = list(dict.fromkeys(table["map"].tolist()))
+    sides = distinct(table["boundary"])
+    names = distinct(table["map"])
     figure = Figure(
         figsize=(look.double_in, (0.08 + 0.27 * len(sides)) * look.double_in), layout="constrained"
     )
@@ -126,8 +121,8 @@ def draw(table: Rows, look: Style) -> Figure:
             if not mine.any():
                 ax.set_axis_off()
                 continue
-            mesh = _map(ax, {k: v[mine] for k, v in table.items()})
-            ax.set_title(f"{next(letters)}) {side}", loc="left", fontsize=look.text_pt)
+            mesh = _map(ax, select(table, mine))
+            ax.set_title(f"{next(letters)}) {side}")
     figure.colorbar(mesh, ax=list(axes.ravel()), label="crash rate (%)", pad=0.01, aspect=30)
     return figure
 
@@ -166,10 +161,8 @@ def _map(ax: Axes, own: Rows) -> Any:
         ax.plot(
             [0.06], [height], "<", color="white", markersize=5, transform=ax.get_yaxis_transform()
         )
-    for axis, (low, high) in ((ax.xaxis, (x[0], x[-1])), (ax.yaxis, (y[0], y[-1]))):
-        axis.set_major_locator(LogLocator(subs=(1.0,) if high > 20 * low else (1.0, 2.0, 3.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    for axis in (ax.xaxis, ax.yaxis):
+        plain_log(axis)
     for put, group in ((ax.set_xlabel, own["x_group"][0]), (ax.set_ylabel, own["y_group"][0])):
         word, symbol = WORDS[group]
         put(f"{word} {nomenclature.label(symbol)}")

@@ -5,23 +5,18 @@ and as text for the console.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from nearlift.report.evidence import Columns
-from nearlift.report.figures.style import SERIES, Style
+from nearlift.report.evidence import Columns, Rows, distinct, select
+from nearlift.report.figures.style import SERIES, Style, plain_log
 
 #: Displayed units of sizes that are small in SI.
 SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m", 1e3)}
-
-
-Rows = Mapping[str, Any]
 LOOKS = {
     "named": (SERIES[2][0], SERIES[2][1]),
     "seen, seldom named": (SERIES[4][0], SERIES[4][1]),
@@ -209,7 +204,7 @@ def _wrap(text: str) -> list[str]:
 
 def draw(rows: Rows, look: Style) -> Figure:
     """A line of two panels for each boundary."""
-    sides = list(dict.fromkeys(rows["boundary"].tolist()))
+    sides = distinct(rows["boundary"])
     count = [
         len(set(rows["effect"][(rows["boundary"] == s) & (rows["panel"] == "limits")].tolist()))
         for s in sides
@@ -226,7 +221,7 @@ def draw(rows: Rows, look: Style) -> Figure:
     )
     for line, side in zip(grid, sides, strict=True):
         mine = rows["boundary"] == side
-        part = {k: v[mine] for k, v in rows.items()}
+        part = select(rows, mine)
         _limits(line[0], part, side)
         _confused(line[1], part)
     return figure
@@ -264,14 +259,12 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
             )
     ax.set_xscale("log")
     ax.set_xlim(0.5 * min(low, 0.5), 12 * edge)
-    ax.xaxis.set_major_locator(LogLocator())
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
+    plain_log(ax.xaxis)
     ax.set_yticks(place, [str(n).replace("_", " ") for n in names])
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(-0.8, len(names) - 0.2)
     ax.set_xlabel("detection limit over plausible size", labelpad=1)
-    ax.set_title(f"{side}: what could be seen", loc="left")
+    ax.set_title(f"{side}: what could be seen")
     handles = [
         Line2D([], [], linestyle="none", marker=m, color=c, markersize=4)
         for k, (c, m) in LOOKS.items()
@@ -294,7 +287,7 @@ def _confused(ax: Axes, rows: Rows) -> None:
     if not mine.any():
         ax.set_axis_off()
         return
-    truth = list(dict.fromkeys(rows["effect"][mine].tolist()))
+    truth = distinct(rows["effect"][mine])
     taken = list(dict.fromkeys([*truth, *rows["series"][mine].tolist()]))
     taken = [t for t in taken if np.any((rows["series"] == t) & mine)]
     table = np.full((len(truth), len(taken)), np.nan)
@@ -317,4 +310,4 @@ def _confused(ax: Axes, rows: Rows) -> None:
     ax.set_yticks(np.arange(len(truth)) - 0.5, minor=True)
     ax.grid(which="minor", color="0.9", linewidth=0.4)
     ax.tick_params(which="minor", length=0)
-    ax.set_title("if this acts, this is named or a rival (%)", loc="left")
+    ax.set_title("if this acts, this is named or a rival (%)")

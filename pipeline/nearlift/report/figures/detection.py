@@ -4,25 +4,20 @@ distance; a column per boundary.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
 from nearlift.products import DETECTION, PROXIMITY
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log
 from nearlift.rounding import plain
 
 REAL = ("payload_percent", "voltage_percent", "x", "y", "lo90", "hi90")
-
-
-Rows = Mapping[str, Any]
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -147,7 +142,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     rows = evidence.table(DETECTION)
     parts = []
-    for side in dict.fromkeys(rows["boundary"].tolist()):
+    for side in distinct(rows["boundary"]):
         ranges = rows["range_z_hat"][rows["boundary"] == side]
         known = ranges[np.isfinite(ranges)]
         parts.append(
@@ -160,7 +155,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """Two panels for each boundary."""
-    sides = list(dict.fromkeys(table["panel"].tolist()))
+    sides = distinct(table["panel"])
     figure = Figure(
         figsize=(look.double_in if len(sides) > 1 else 1.2 * look.single_in, 0.68 * look.double_in),
         layout="constrained",
@@ -171,13 +166,10 @@ def draw(table: Rows, look: Style) -> Figure:
         for j, side in enumerate(sides):
             ax = axes[i, j]
             own, read = (
-                {
-                    k: column[(table["row"] == r) & (table["panel"] == side)]
-                    for k, column in table.items()
-                }
+                select(table, (table["row"] == r) & (table["panel"] == side))
                 for r in (row, "reading")
             )
-            ax.set_title(f"{next(letters)}) {side}", loc="left", fontsize=look.text_pt)
+            ax.set_title(f"{next(letters)}) {side}")
             if row == "range":
                 _range(ax, own)
             else:
@@ -223,9 +215,7 @@ def _range(ax: Any, own: Rows) -> None:
         )
     ax.set_ylim(bottom=0)
     nowhere = [
-        c
-        for c in dict.fromkeys(own["case"].tolist())
-        if not np.isfinite(own["y"][own["case"] == c]).any()
+        c for c in distinct(own["case"]) if not np.isfinite(own["y"][own["case"] == c]).any()
     ]
     if not np.isfinite(own["y"]).any():
         ax.set_ylim(0, 1)
@@ -243,7 +233,7 @@ def _range(ax: Any, own: Rows) -> None:
         )
     ax.set_xlim(own["x"].min() / 1.5, own["x"].max() * 1.5)
     ax.set_xlabel("averaging time (s)")
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    plain_log(ax.xaxis)
 
 
 def _located(ax: Any, own: Rows, read: Rows) -> None:
@@ -269,9 +259,7 @@ def _located(ax: Any, own: Rows, read: Rows) -> None:
         ax.axhspan(low, high, color=shade, alpha=0.25, linewidth=0)
         ax.axhline(y, color=shade, linewidth=0.8)
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+        plain_log(axis)
 
 
 FIGURE = FigureSpec(

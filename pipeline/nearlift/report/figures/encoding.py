@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -20,8 +21,6 @@ Draw = Callable[[Mapping[str, Any], Style], Figure]
 #: so a fifth of the bytes.
 PAGE_WIDTH = 1500
 COLOURS = 256
-#: Of what is a raster inside a PDF: clouds of thousands of dots.
-RASTER_DPI = 300
 
 
 def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes]:
@@ -30,15 +29,16 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
     """
     with context(look):
         figure = draw(table, look)
-        canvas: Any = FigureCanvasAgg(figure)
-        # laid out once: the files show the same picture, and none lays it out again
+        # laid out once, with the letters of the PDF, which are free of pixels
+        FigureCanvasPdf(figure)
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
             figure.set_layout_engine(None)
         pdf = io.BytesIO()
         nameless = {"CreationDate": None, "Producer": None, "Creator": None}
-        figure.savefig(pdf, format="pdf", dpi=RASTER_DPI, metadata=nameless)
+        figure.savefig(pdf, format="pdf", dpi=look.dpi, metadata=nameless)
         figure.set_dpi(look.dpi)
+        canvas: Any = FigureCanvasAgg(figure)
         canvas.draw()
         picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         return {

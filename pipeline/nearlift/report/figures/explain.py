@@ -5,7 +5,6 @@ what it is taken for; drawn, and as text for the console.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,15 +15,12 @@ from matplotlib.ticker import MaxNLocator
 
 from nearlift.loop.handle import Handle
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.report.evidence import Columns
+from nearlift.report.evidence import Columns, Rows, select
 from nearlift.report.figures.design import SHOWN, size_text
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, log_distance, quantity
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log, quantity
 
 #: What a session or a setting is called along the axis.
 OWN = ("z_hat", "throttle", "session")
-
-
-Rows = Mapping[str, Any]
 LOOKS = {
     "seen": (FITTED, "-", "structure seen"),
     "within": (SERIES[0][0], "--", "named or a rival"),
@@ -290,7 +286,7 @@ def draw(rows: Rows, look: Style) -> Figure:
     grid = figure.subplots(len(keys), 3, squeeze=False, width_ratios=(1.25, 1.1, 1))
     for line, (boundary, parameter) in zip(grid, keys, strict=True):
         mine = (rows["boundary"] == boundary) & (rows["parameter"] == parameter)
-        part = {k: v[mine] for k, v in rows.items()}
+        part = select(rows, mine)
         unit = str(part["unit"][0])
         size = f"{float(part['size'][0]):.3g}" + ("" if unit == "1" else f" {unit}")
         word = parameter.removesuffix("_m").removesuffix("_N").replace("_", " ")
@@ -327,13 +323,13 @@ def _signature(ax: Axes, rows: Rows, title: str) -> None:
     covariate = str(rows["covariate"][0])
     if covariate == "z_hat":
         ax.set_xscale("log")
-        log_distance(ax)
+        plain_log(ax.xaxis)
     else:
         ax.xaxis.set_major_locator(MaxNLocator(5, integer=covariate == "session"))
     ax.margins(x=0.05)
     ax.set_xlabel(r"throttle (%)" if covariate == "throttle" else quantity(covariate), labelpad=1)
     ax.set_ylabel("change of lift (%)")
-    ax.set_title(title, loc="left")
+    ax.set_title(title)
     handles = [
         Line2D(
             [], [], linestyle="none", marker=m, markersize=3, markerfacecolor=f, markeredgecolor=e

@@ -4,7 +4,6 @@ the downwash along the cut.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.flow_panels import (
     cut,
@@ -25,7 +24,6 @@ from nearlift.report.figures.flow_panels import (
     profile_rows,
     reduction_text,
     rows,
-    select,
     title,
 )
 from nearlift.report.figures.spec import FigureSpec
@@ -34,9 +32,6 @@ from nearlift.rounding import fixed, plain
 
 #: Distances of the paper's Figure 3, taken where the manifest names no cases.
 PAPER_Z_HAT = {"ground": 3.4, "ceiling": 2.0}
-
-
-Rows = Mapping[str, Any]
 X, Y = r"$x / r$", r"$y / r$"
 
 
@@ -114,7 +109,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """One colour scale for all fields, one velocity axis for all cross-sections."""
-    names = flow_panel.panels(table)
+    names = distinct(table["panel"])
     (x0, x1), (y0, y1) = flow_panel.limits(table)
     n = len(names)
     width = look.double_in if n > 1 else look.single_in
@@ -130,7 +125,7 @@ def draw(table: Rows, look: Style) -> Figure:
             upper.plot(x, y, color="black", linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=5)
         upper.set_xlim(x0, x1)
         upper.set_ylim(y0, y1)
-        upper.set_title(f"{letter}) {mine['label'][0]}", loc="left", fontsize=look.text_pt)
+        upper.set_title(f"{letter}) {mine['label'][0]}")
         _section(lower, mine)
         lower.set_xlabel(X)
     axes[0, 0].set_ylabel(Y)

@@ -4,7 +4,6 @@ colour scale per boundary.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import matplotlib
@@ -17,19 +16,16 @@ from nearlift.flow.contrast import difference
 from nearlift.flow.field import VelocityField
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig3 import X, Y
-from nearlift.report.figures.flow_panels import field_rows, manifest, nodes, origin, select, title
+from nearlift.report.figures.flow_panels import field_rows, manifest, nodes, origin, title
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import Style
 from nearlift.rounding import plain
 
 LEVEL = 1e-3
 ROWS = ("ceiling", "ground")
-
-
-Rows = Mapping[str, Any]
 
 
 def cases(evidence: Evidence) -> list[PivCase]:
@@ -93,7 +89,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """Panels in the order of the table, broken into rows where the boundary changes."""
-    names = flow_panel.panels(table)
+    names = distinct(table["panel"])
     labels = {n: table["label"][table["panel"] == n][0] for n in names}
     lines = [
         [n for n in names if labels[n].startswith(b)]

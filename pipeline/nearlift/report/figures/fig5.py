@@ -5,7 +5,6 @@ the stagnation zone, three panels to a row.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,16 +13,15 @@ from matplotlib.figure import Figure
 
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig3 import X, Y
 from nearlift.report.figures.fig4 import LEVEL
-from nearlift.report.figures.flow_panels import field_rows, manifest, origin, rows, select, title
+from nearlift.report.figures.flow_panels import field_rows, manifest, origin, rows, title
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed, plain
 
-Rows = Mapping[str, Any]
 ACROSS = 3
 ZONE = SERIES[1][0]
 
@@ -97,7 +95,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """One colour scale for all panels."""
-    names = flow_panel.panels(table)
+    names = distinct(table["panel"])
     across = min(ACROSS, len(names))
     down = -(-len(names) // across)
     (x0, x1), (y0, y1) = flow_panel.limits(table)
@@ -113,7 +111,7 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_axis_off()
     for letter, name, ax in zip("abcdefghijkl", names, axes.ravel(), strict=False):
         mine = select(table, table["panel"] == name)
-        shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm, density=0.85)
+        shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm, density=0.6)
         x, y, zone = flow_panel.grid(select(mine, mine["kind"] == "node"), "flag")
         if zone.max() > 0:
             ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)

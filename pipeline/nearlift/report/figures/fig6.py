@@ -4,7 +4,6 @@ the right, as the paper has them and with a converged time step.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import matplotlib
@@ -15,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from nearlift import catalogue, nomenclature
 from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SEQUENTIAL, SERIES, Style, plain_text
 
@@ -24,9 +23,6 @@ ROWS = ("histories", "paper", "converged")
 #: Of a sample flight so much is shown before and after the crash that it is about, s.
 BEFORE_S, AFTER_S = 20.0, 10.0
 REAL = ("exponent", "flight", "x", "y", "lo90", "hi90")
-
-
-Rows = Mapping[str, Any]
 LETTERS = "abcdefgh"
 NONE = "#000000"
 COST = {"cost_paper": (0, (4, 1.5)), "cost": (0, (1, 1.2))}
@@ -185,7 +181,7 @@ def draw(table: Rows, look: Style) -> Figure:
     rows = list(
         dict.fromkeys(r for r in ("histories", "paper", "converged") if (table["row"] == r).any())
     )
-    sides = list(dict.fromkeys(table["panel"].tolist()))
+    sides = distinct(table["panel"])
     height = min(look.double_in * 0.33 * len(rows) + 0.25, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
     axes = figure.subplots(len(rows), len(sides), squeeze=False)
@@ -193,17 +189,12 @@ def draw(table: Rows, look: Style) -> Figure:
     for i, row in enumerate(rows):
         for j, side in enumerate(sides):
             ax = axes[i, j]
-            own = {
-                name: column[(table["row"] == row) & (table["panel"] == side)]
-                for name, column in table.items()
-            }
+            own = select(table, (table["row"] == row) & (table["panel"] == side))
             if row == "histories":
                 _histories(ax, own, side)
             else:
                 _rates(ax, own, last=j == len(sides) - 1)
-            ax.set_title(
-                f"{next(letters)}) {side}, {TITLES[row]}", loc="left", fontsize=look.text_pt
-            )
+            ax.set_title(f"{next(letters)}) {side}, {TITLES[row]}")
     exponents = sorted(set(table["exponent"][table["kind"] == "crash"].tolist()))
     handles = [Line2D([], [], color=colour(e, exponents), linewidth=1.3) for e in exponents]
     names = [
@@ -233,7 +224,7 @@ def colour(exponent: float, exponents: list[float]) -> Any:
 
 
 def _histories(ax: Axes, own: Rows, side: str) -> None:
-    for label in dict.fromkeys(own["label"].tolist()):
+    for label in distinct(own["label"]):
         mine = own["label"] == label
         x, y = own["x"][mine], own["y"][mine]
         shade = NONE if label == "none" else SERIES[0][0]

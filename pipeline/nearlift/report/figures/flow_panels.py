@@ -5,7 +5,6 @@ colour and streamlines on an axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,14 +17,11 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, select, stack, text_column
 from nearlift.rounding import fixed
 
 #: Everything a node has; other rows leave most of it empty.
 NUMBERS = ("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag")
-
-
-Rows = Mapping[str, Any]
 UNOBSERVED = "0.80"
 LINES = "0.10"
 
@@ -76,7 +72,7 @@ def nodes(evidence: Evidence, name: str) -> Columns:
     table = evidence.table(FLOW_FIELDS)
     mine = table["case"] == name
     r = evidence.campaign.vehicle.rotor_radius
-    found = {k: v[mine] for k, v in table.items()}
+    found = select(table, mine)
     return found | {
         "x_hat": found["x_m"] / r,
         "y_hat": found["y_m"] / r,
@@ -188,16 +184,6 @@ def speeds() -> Colormap:
     return LinearSegmentedColormap.from_list("speeds", base(np.linspace(0.0, 0.78, 128)))
 
 
-def select(table: Rows, rows: Any) -> dict[str, Any]:
-    """The rows of a mask."""
-    return {name: column[rows] for name, column in table.items()}
-
-
-def panels(table: Rows) -> list[str]:
-    """Names of the panels in order."""
-    return list(dict.fromkeys(table["panel"].tolist()))
-
-
 def grid(node: Rows, name: str) -> tuple[Any, Any, Any]:
     """Axes and a masked map of one column of nodes; the axes are exactly even, as streamlines want
     them.
@@ -222,13 +208,17 @@ def field(
     cmap: Colormap,
     norm: Normalize,
     line_pt: float = 0.45,
-    density: float = 0.75,
+    density: float = 0.6,
 ) -> Any:
     """Draw one panel and hand back what a colour bar needs."""
     node = select(rows, rows["kind"] == "node")
     x, y, value = grid(node, "value_m_s")
     ax.set_facecolor(UNOBSERVED)
-    shade = ax.pcolormesh(x, y, value, cmap=cmap, norm=norm, shading="nearest", rasterized=True)
+    wide, high = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
+    ends = (x[0] - wide, x[-1] + wide, y[0] - high, y[-1] + high)
+    shade = ax.imshow(
+        value, cmap=cmap, norm=norm, extent=ends, origin="lower", interpolation="nearest", zorder=0
+    )
     _, _, vx = grid(node, "vx_m_s")
     _, _, vy = grid(node, "vy_m_s")
     ax.streamplot(

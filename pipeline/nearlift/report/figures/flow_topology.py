@@ -4,17 +4,14 @@ with its bootstrap interval.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
 from nearlift.report.figures import fig5
-from nearlift.report.figures.flow_panels import origin, panels, select
+from nearlift.report.figures.flow_panels import origin
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 
@@ -26,9 +23,6 @@ PANELS = (
     ("split", "split angle (deg)", (("split_angle_deg", ""),)),
     ("asymmetry", "asymmetry", (("asymmetry", ""),)),
 )
-
-
-Rows = Mapping[str, Any]
 ACROSS = 3
 
 
@@ -73,7 +67,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
-    for panel in dict.fromkeys(table["panel"].tolist()):
+    for panel in distinct(table["panel"]):
         values = table["value"][table["panel"] == panel]
         parts.append(f"{panel} from {values.min():.3g} to {values.max():.3g}".replace("-", "−"))
     return f"Numbers of the wake against tilt: {'; '.join(parts)}."
@@ -81,7 +75,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """A panel for each number."""
-    names = panels(table)
+    names = distinct(table["panel"])
     down = -(-len(names) // ACROSS)
     figure = Figure(figsize=(look.double_in, 1.55 * down + 0.2), layout="constrained")
     axes = figure.subplots(down, ACROSS, squeeze=False, sharex=True)
@@ -89,7 +83,7 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_axis_off()
     for i, (name, ax) in enumerate(zip(names, axes.ravel(), strict=False)):
         mine = select(table, table["panel"] == name)
-        labels = list(dict.fromkeys(mine["label"].tolist()))
+        labels = distinct(mine["label"])
         for shift, (colour, marker), label in zip((-0.12, 0.12), SERIES, labels, strict=False):
             own = select(mine, mine["label"] == label)
             bars = np.abs(np.stack([own["value"] - own["lo90"], own["hi90"] - own["value"]]))

@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from nearlift import nomenclature
 from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
-from nearlift.report.evidence import Columns
+from nearlift.report.evidence import Columns, Rows, select
 from nearlift.report.figures.style import BAND, SERIES, Style, plain_text
 from nearlift.rounding import like
 
@@ -24,9 +24,6 @@ from nearlift.rounding import like
 WIDTH_90 = 3.289707253902945
 TEXT = ("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict")
 REAL = ("value", "lo90", "hi90")
-
-
-Rows = Mapping[str, Any]
 LINE_IN = 0.17
 #: What the loop said of the campaign decides the symbol: only an open one has structure that nobody
 #: could name.
@@ -69,7 +66,7 @@ def _interval(estimate: Mapping[str, Any]) -> dict[str, float]:
     return {name: estimate[name] for name in ("value", "lo90", "hi90")}
 
 
-def select(table: Columns, boundary: str, coefficient: str) -> Columns:
+def panel_rows(table: Columns, boundary: str, coefficient: str) -> Columns:
     """The rows of one panel."""
     own = (table["panel"] == boundary) & (table["coefficient"] == coefficient)
     return {name: values[own] for name, values in table.items()}
@@ -102,7 +99,7 @@ def alt(table: Columns) -> str:
     for boundary, coefficient in dict.fromkeys(
         zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)
     ):
-        rows = select(table, boundary, coefficient)
+        rows = panel_rows(table, boundary, coefficient)
         told = "; ".join(f"{name} {interval(rows, i)}" for i, name in enumerate(rows["label"]))
         parts.append(f"{boundary.capitalize()}, {letter(coefficient)}: {told}.")
     return " ".join(parts)
@@ -113,7 +110,7 @@ def draw(table: Rows, look: Style) -> Figure:
     keys = list(
         dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True))
     )
-    panels = [_select(table, (table["panel"] == b) & (table["coefficient"] == c)) for b, c in keys]
+    panels = [select(table, (table["panel"] == b) & (table["coefficient"] == c)) for b, c in keys]
     lines = [len(rows["value"]) for rows in panels]
     height = min(LINE_IN * (sum(lines) + 3.2 * len(panels)) + 0.3, look.height_in)
     figure = Figure(figsize=(look.single_in * 1.25, height), layout="constrained")
@@ -122,7 +119,7 @@ def draw(table: Rows, look: Style) -> Figure:
     )[:, 0]
     for ax, (boundary, coefficient), rows in zip(axes, keys, panels, strict=True):
         _panel(ax, rows)
-        ax.set_title(boundary, loc="left", fontsize=look.text_pt)
+        ax.set_title(boundary)
         ax.set_xlabel(_label(coefficient, str(rows["unit"][0])), labelpad=1)
     _legend(figure, table)
     return figure
@@ -156,10 +153,6 @@ def _panel(ax: Axes, rows: Rows) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(6))
     ax.grid(axis="x", color="0.9", linewidth=0.4, zorder=0)
     ax.set_axisbelow(True)
-
-
-def _select(table: Rows, rows: Any) -> dict[str, Any]:
-    return {name: column[rows] for name, column in table.items()}
 
 
 def _label(coefficient: str, unit: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report.evidence import Columns
-from nearlift.report.figures.forest import interval, select
+from nearlift.report.figures.forest import interval, panel_rows
 from nearlift.report.page.chart import Chart, Choice, Control, Spec, View, column, frame, params
 
 LINE = 30
@@ -22,7 +22,7 @@ TOOLTIP = (
 def chart(table: Columns) -> Chart:
     """A view for each boundary and coefficient of `summaries.forest`."""
     keys = dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True))
-    views = tuple(_view(b, c, select(table, b, c)) for b, c in keys)
+    views = tuple(_view(b, c, panel_rows(table, b, c)) for b, c in keys)
     controls = (
         Control(
             signal="order",

@@ -4,7 +4,6 @@ the prior's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,16 +14,13 @@ from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import UsageError
 from nearlift.products import FIT, POSTERIOR
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, Style, plain_text
 from nearlift.rounding import plain
 
 #: Above this ratio of widths the prior still has a say; as `fit.learnt` has it.
 SHAPED = 0.3
-
-
-Rows = Mapping[str, Any]
 #: The axis runs this far beyond the prior's interval at most; what lies farther is marked at the
 #: edge.
 BEYOND = 0.6
@@ -106,7 +102,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """One panel per boundary, beneath one another, sharing the axis."""
-    panels = list(dict.fromkeys(table["panel"].tolist()))
+    panels = distinct(table["panel"])
     counts = [int((table["panel"] == p).sum()) for p in panels]
     height = min(0.2 * look.text_pt / 8 * sum(counts) + 0.45 * len(panels) + 0.4, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
@@ -114,10 +110,8 @@ def draw(table: Rows, look: Style) -> Figure:
     low = max(min(-0.05, float(table["low"].min()) - 0.05), -BEYOND)
     high = min(max(1.05, float(table["high"].max()) + 0.05), 1 + BEYOND)
     for letter, panel, ax in zip("abc", panels, axes, strict=False):
-        _panel(ax, {k: v[table["panel"] == panel] for k, v in table.items()}, low, high)
-        ax.set_title(
-            f"{letter}) {panel}" if len(panels) > 1 else panel, loc="left", fontsize=look.text_pt
-        )
+        _panel(ax, select(table, table["panel"] == panel), low, high)
+        ax.set_title(f"{letter}) {panel}" if len(panels) > 1 else panel)
     axes[0].annotate(
         "width ratio",
         (1, 1),

@@ -4,7 +4,6 @@ the parabola that a standard uncertainty stands for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from nearlift.nomenclature import letter
 from nearlift.products import FIT, PROFILES
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, select, stack, text_column
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, coefficient
 
@@ -23,9 +22,6 @@ TOP = 6.5
 LEVELS = (68, 90, 95)
 #: Halves of a 90 % interval that differ by more than this are called lopsided.
 LOPSIDED = 0.1
-
-
-Rows = Mapping[str, Any]
 COLUMNS = 4
 TOP = 6.5
 
@@ -152,10 +148,10 @@ def draw(table: Rows, look: Style) -> Figure:
             continue
         boundary, parameter = panels[i]
         mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
-        _panel(ax, {k: v[mine] for k, v in table.items()}, look)
+        _panel(ax, select(table, mine), look)
         unit = str(table["unit"][mine][0])
         ax.set_xlabel(coefficient(parameter) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
-        ax.set_title(boundary, fontsize=look.text_pt)
+        ax.set_title(boundary)
     for line in axes:
         line[0].set_ylabel(r"rise of $\chi^2$")
     handles, labels = axes.flat[0].get_legend_handles_labels()

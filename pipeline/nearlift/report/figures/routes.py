@@ -6,25 +6,31 @@ import itertools
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from nearlift.flight.simulation.corridor import BASES, BERTH
 from nearlift.flight.simulation.presets import TARGETS
 from nearlift.products import ROUTES, SAFETY
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import FITTED, SEQUENTIAL, SERIES, Style
+from nearlift.report.figures.style import FITTED, SERIES, Style, plain_log
 
 #: So many ways are drawn: the cheapest, the chosen, the safest, and some between.
 SHOWN = 5
+#: Lines where flights crashed, and where the risk is only a bound.
+SEEN: Any = "-"
+BOUND: Any = (0, (3, 1.5))
+#: Width of the chosen way's line in points, and markers along each way.
+BOLD, MARKS = 2.4, 4
+#: A risk of zero has no place on a logarithmic axis.
+LEAST = 1e-12
 
-
-Rows = Mapping[str, Any]
+#: Colour and marker of each way that is drawn.
+Looks = Mapping[int, tuple[str, str]]
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -98,9 +104,9 @@ def caption(evidence: Evidence, table: Columns) -> str:
     lowest = " and ".join(f"ẑ ≥ {z:.3g} from the {side}" for side, z in e["lowest_z_hat"].items())
     return (
         f"Ways through a corridor of {e['length_m']:g} by {e['height_m']:g} m at {e['speed_m_s']:g}"
-        f" m/s, from the fitted models near {' and '.join(e['boundaries'])}. Colours: risk of a"
-        " crash, solid where flights crashed, dashed where it is only a bound set by"
-        f" {e['flights']} flights a set-point. Bold, and square on the right: the cheapest way"
+        f" m/s, from the fitted models near {' and '.join(e['boundaries'])}. Solid where the risk"
+        " comes from flights that crashed, dashed where it is only a bound set by"
+        f" {e['flights']} flights a set-point. Bold: the cheapest way"
         f" whose risk is shown to be at most {e['risk_bound']:g} (dashed line); of its points' risk"
         f" rests {rests}. It takes {e['energy']:.3f} of the straight way's energy far from"
         f" boundaries, at a risk of {e['risk']:.2g} (90 %: {e['lo90']:.2g} to {e['hi90']:.2g}), and"
@@ -121,87 +127,98 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 
 def draw(table: Rows, look: Style) -> Figure:
-    """Corridor on the left, front on the right."""
-    figure = Figure(figsize=(look.double_in, 0.36 * look.double_in), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(2.1, 1.0))
-    front = {name: column[table["kind"] == "front"] for name, column in table.items()}
-    risk = {int(w): float(y) for w, y in zip(front["way"], front["y"], strict=True)}
-    least = max(min(risk.values()), 1e-12)
-    # at least a decade of colours, so that small differences look small
-    middle = np.sqrt(least * max(max(risk.values()), least))
-    norm = LogNorm(min(least, middle / np.sqrt(10)), max(*risk.values(), middle * np.sqrt(10)))
-    colours = matplotlib.colormaps[SEQUENTIAL]
+    """Corridor on the left, front on the right, one colour and marker for a way in both."""
+    figure = Figure(figsize=(look.double_in, 0.43 * look.double_in), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.9, 1.0))
+    front = select(table, table["kind"] == "front")
+    looks = dict(zip(distinct(table["way"][table["kind"] == "way"]), SERIES, strict=False))
+    _corridor(left, table, looks)
+    _front(right, front, looks, float(table["y"][table["kind"] == "bound"][0]))
+    handles, names = [], []
+    for way, (colour, marker) in looks.items():
+        (i,) = np.flatnonzero(front["way"] == way)
+        words = f"risk {front['y'][i]:.3g}, energy {front['x'][i]:.3f}"
+        names.append(f"{words}: chosen" if front["chosen"][i] else words)
+        width = BOLD if front["chosen"][i] else None
+        handles.append(
+            Line2D([], [], color=colour, marker=marker, markerfacecolor="white", linewidth=width)
+        )
+    for dashes, words in ((SEEN, "risk from flights that crashed"), (BOUND, "risk only a bound")):
+        if (table["seen"][table["kind"] == "way"] == (dashes == SEEN)).any():
+            handles.append(Line2D([], [], color="0.35", linestyle=dashes))
+            names.append(words)
+    figure.legend(handles, names, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _corridor(ax: Axes, table: Rows, looks: Looks) -> None:
     for i in np.flatnonzero(table["kind"] == "box"):
         x, y, x2, y2 = (float(table[k][i]) for k in ("x", "y", "x2", "y2"))
-        left.add_patch(
+        ax.add_patch(
             Rectangle((x, y), x2 - x, y2 - y, facecolor="0.8", edgecolor="0.4", linewidth=0.6)
         )
     room = int(np.flatnonzero(table["kind"] == "room")[0])
     for height in (0.0, float(table["y2"][room])):
-        left.axhline(height, color="0.35", linewidth=2.0)
-    for way in dict.fromkeys(table["way"][table["kind"] == "way"].tolist()):
+        ax.axhline(height, color="0.35", linewidth=2.0)
+    for way, (colour, marker) in looks.items():
         mine = (table["kind"] == "way") & (table["way"] == way)
-        bold = bool(table["chosen"][mine][0])
-        if bold:
-            left.plot(table["x"][mine], table["y"][mine], color="0.85", linewidth=3.4, zorder=3)
+        chosen = bool(table["chosen"][mine][0])
         x, y, seen = (table[k][mine] for k in ("x", "y", "seen"))
         # stretches of one kind, each with the first point of the next
         turns = [0, *(np.flatnonzero(np.diff(seen)) + 1).tolist(), len(x)]
         for a, b in itertools.pairwise(turns):
-            style = "-" if seen[a] else (0, (3, 1.5))
-            left.plot(
+            ax.plot(
                 x[a : b + 1],
                 y[a : b + 1],
-                color=colours(norm(max(risk[way], least))),
-                linewidth=1.3,
-                linestyle=style,
-                zorder=4 if bold else 2,
+                color=colour,
+                linewidth=BOLD if chosen else 1.1,
+                linestyle=SEEN if seen[a] else BOUND,
+                zorder=3 if chosen else 4,
             )
+        at = np.searchsorted(x, x[-1] * (np.arange(MARKS) + 0.5) / MARKS)
+        ax.plot(x[at], y[at], marker, color=colour, markerfacecolor="white", zorder=5)
     ends = table["kind"] == "end"
-    left.plot(
-        table["x"][ends], table["y"][ends], "o", color=FITTED, markerfacecolor="white", zorder=5
-    )
-    left.set_xlim(0, float(table["x2"][room]))
-    left.set_xlabel("along the corridor (m)")
-    left.set_ylabel("height of rotor plane (m)")
-    left.set_title("a) ways", loc="left", fontsize=look.text_pt)
-    figure.colorbar(
-        ScalarMappable(norm, colours), ax=left, label="risk of a crash", pad=0.02, aspect=20
-    )
-    right.set_yscale("log")
-    y, low, high = (np.maximum(front[k], 1e-12) for k in ("y", "x2", "y2"))
-    right.errorbar(
-        front["x"],
-        y,
-        yerr=(y - low, high - y),
-        color=FITTED,
-        marker=".",
-        markersize=3,
-        elinewidth=0.6,
-        capsize=1.2,
-    )
-    best = front["chosen"] == 1
-    right.plot(
-        front["x"][best],
-        front["y"][best],
-        SERIES[1][1],
-        color=SERIES[1][0],
-        markerfacecolor="white",
-        markersize=5,
-        zorder=4,
-    )
-    right.axhline(
-        float(table["y"][table["kind"] == "bound"][0]),
-        color="0.45",
-        linestyle=(0, (4, 2)),
-        linewidth=0.8,
+    ax.plot(table["x"][ends], table["y"][ends], "|", color=FITTED, markersize=9, zorder=6)
+    ax.set_xlim(0, float(table["x2"][room]))
+    ax.set_xlabel("along the corridor (m)")
+    ax.set_ylabel("height of rotor plane (m)")
+    ax.set_title("a) ways")
+
+
+def _front(ax: Axes, front: Rows, looks: Looks, bound: float) -> None:
+    ax.set_yscale("log")
+    y, low, high = (np.maximum(front[k], LEAST) for k in ("y", "x2", "y2"))
+    bars: Any = {"elinewidth": 0.6, "capsize": 1.2, "linestyle": "none"}
+    ax.plot(front["x"], y, color="0.6", linewidth=0.8, zorder=1)
+    for i, way in enumerate(front["way"].tolist()):
+        colour, marker = looks.get(way, ("0.6", "."))
+        reach = [[y[i] - low[i]], [high[i] - y[i]]]
+        ax.errorbar(
+            [front["x"][i]],
+            [y[i]],
+            yerr=reach,
+            color=colour,
+            marker=marker,
+            markerfacecolor="white",
+            **bars,
+        )
+    ax.axhline(bound, color="0.35", linestyle=BOUND, linewidth=0.8)
+    ax.annotate(
+        "highest risk allowed",
+        (0.03, bound),
+        (0, 2),
+        xycoords=("axes fraction", "data"),
+        textcoords="offset points",
+        fontsize="small",
+        color="0.25",
     )
     # an interval that reaches far below all risks leaves the frame
-    right.set_ylim(bottom=0.3 * least)
-    right.set_xlabel("relative energy")
-    right.set_ylabel("risk of a crash")
-    right.set_title("b) energy against risk", loc="left", fontsize=look.text_pt)
-    return figure
+    ax.set_ylim(0.3 * float(y.min()), 2.5 * max(bound, float(high.max())))
+    plain_log(ax.yaxis)
+    ax.margins(x=0.12)
+    ax.set_xlabel("energy over the straight way's far away")
+    ax.set_ylabel("risk of a crash")
+    ax.set_title("b) energy against risk")
 
 
 FIGURE = FigureSpec(

@@ -4,7 +4,6 @@ and power against risk.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from matplotlib.patches import Patch
 
 from nearlift import nomenclature
 from nearlift.products import CRASH_RATES, SAFETY
-from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.fig6 import SIDES, curve_rows
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, plain_text
@@ -23,9 +22,6 @@ from nearlift.rounding import plain
 
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
 FLOOR = 0.5
-
-
-Rows = Mapping[str, Any]
 COST = SERIES[1][0]
 PAPER = (0, (4, 1.5))
 PAPER_COLOUR = "#5C2400"
@@ -172,7 +168,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """Two panels for each boundary."""
-    sides = list(dict.fromkeys(table["panel"].tolist()))
+    sides = distinct(table["panel"])
     width = look.double_in if len(sides) > 1 else look.single_in * 1.3
     figure = Figure(figsize=(width, 0.72 * look.double_in), layout="constrained")
     axes = figure.subplots(2, len(sides), squeeze=False)
@@ -180,10 +176,7 @@ def draw(table: Rows, look: Style) -> Figure:
     for i, row in enumerate(("crash", "front")):
         for j, side in enumerate(sides):
             ax = axes[i, j]
-            own = {
-                name: column[(table["row"] == row) & (table["panel"] == side)]
-                for name, column in table.items()
-            }
+            own = select(table, (table["row"] == row) & (table["panel"] == side))
             (_crash if row == "crash" else _front)(ax, own)
             label = plain_text(str(own["label"][own["kind"] == "model"][0]))
             ax.set_title(f"{next(letters)}) {side}, {label}", loc="left", fontsize=look.text_pt)

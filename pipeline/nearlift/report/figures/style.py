@@ -15,7 +15,8 @@ from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.axis import Axis
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from nearlift import nomenclature
 from nearlift.errors import ManifestError, UsageError
@@ -23,7 +24,9 @@ from nearlift.errors import ManifestError, UsageError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """One look. Widths in inches, type in points, lines in points."""
+    """One look. Widths in inches, type in points, lines in points; `dpi` is that of the PNG and of
+    what is a raster in the PDF.
+    """
 
     name: str
     meaning: str
@@ -33,7 +36,7 @@ class Style:
     text_pt: float
     font: str
     mathtext: str
-    dpi: int
+    dpi: int = 300
     line_pt: float = 1.0
     marker_pt: float = 3.2
 
@@ -48,7 +51,6 @@ STYLES = (
         text_pt=8,
         font="STIXGeneral",
         mathtext="stix",
-        dpi=600,
     ),
     Style(
         name="elsevier",
@@ -59,7 +61,6 @@ STYLES = (
         text_pt=8,
         font="DejaVu Sans",
         mathtext="dejavusans",
-        dpi=600,
     ),
     Style(
         name="nature",
@@ -70,7 +71,6 @@ STYLES = (
         text_pt=7,
         font="DejaVu Sans",
         mathtext="dejavusans",
-        dpi=600,
         line_pt=0.8,
         marker_pt=2.8,
     ),
@@ -83,7 +83,6 @@ STYLES = (
         text_pt=8,
         font="STIXGeneral",
         mathtext="stix",
-        dpi=600,
     ),
     Style(
         name="screen",
@@ -121,6 +120,14 @@ REFERENCES = (
 FITTED = "#000000"
 BAND = "#C2C2C2"
 OVERLAYS = ("x", "+", "1", "2", "*")
+#: A cloud of more dots than this is a raster in the PDF.
+CLOUD = 3000
+#: Numbers in each decade of a logarithmic axis, by how many times its lower end the upper is.
+SUBS: tuple[tuple[float, tuple[float, ...]], ...] = (
+    (500.0, (1.0,)),
+    (20.0, (1.0, 2.0, 5.0)),
+    (0.0, (1.0, 2.0, 3.0, 5.0)),
+)
 #: Many levels of one quantity: even in lightness, also to colour-blind eyes.
 SEQUENTIAL = "cividis"
 
@@ -175,8 +182,9 @@ def settings(look: Style) -> dict[str, Any]:
         "ytick.minor.width": 0.4,
         "xtick.direction": "in",
         "ytick.direction": "in",
-        "xtick.top": True,
-        "ytick.right": True,
+        # no title has to make way for labels above a panel, so none is moved
+        "axes.titley": 1.0,
+        "axes.titlelocation": "left",
         "lines.linewidth": look.line_pt,
         "lines.markersize": look.marker_pt,
         "axes.unicode_minus": True,
@@ -189,14 +197,30 @@ def settings(look: Style) -> dict[str, Any]:
     }
 
 
-def log_distance(ax: Axes) -> None:
-    """Plain numbers along a logarithmic axis of distance: 0.1, 0.2, 0.5, 1, ..."""
-    low, high = ax.get_xlim()
-    ax.xaxis.set_major_locator(
-        LogLocator(subs=(1.0, 2.0, 5.0) if high > 20 * low else (1.0, 2.0, 3.0, 5.0))
+def plain_log(axis: Axis) -> None:
+    """Plain numbers along a logarithmic axis whose ends are set: 0.1, 0.2, 0.5, 1, ..."""
+    low, high = axis.get_view_interval()
+    subs = next(subs for span, subs in SUBS if high > span * low or span == 0)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    # ticks between decades show that the axis is logarithmic, unless their numbers do
+    axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)) if len(subs) == 1 else NullLocator())
+    axis.set_minor_formatter(NullFormatter())
+
+
+def dots(ax: Axes, x: Any, y: Any, colour: str = SERIES[0][0]) -> None:
+    """Trials as a cloud."""
+    ax.plot(
+        x,
+        y,
+        ".",
+        color=colour,
+        markersize=2.0,
+        markeredgewidth=0,
+        alpha=0.45,
+        zorder=1,
+        rasterized=len(x) > CLOUD,
     )
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def plain_text(text: str) -> str:

@@ -61,7 +61,7 @@ def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:
     for boundary, coefficient in dict.fromkeys(
         zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)
     ):
-        rows = forest.select(table, boundary, coefficient)
+        rows = forest.panel_rows(table, boundary, coefficient)
         lines = [
             {
                 "label": str(rows["label"][i]),

@@ -20,6 +20,7 @@ from nearlift import catalogue
 from nearlift.declare import FloatArray
 from nearlift.loop.families import cosines
 from nearlift.loop.setting import SCHEDULE_WORDS
+from nearlift.report.evidence import distinct
 from nearlift.report.figures.residuals.table import DISTINCT, bins
 from nearlift.results import Observations
 from nearlift.rounding import plain
@@ -151,7 +152,7 @@ def label(name: str, x: FloatArray, y: FloatArray, session: NDArray[Any]) -> NDA
 def _within(session: NDArray[Any], count: int) -> NDArray[np.int64]:
     own = np.zeros(len(session), dtype=np.int64)
     first = 0
-    for value in dict.fromkeys(session.tolist()):
+    for value in distinct(session):
         mine = np.flatnonzero(session == value)
         parts = max(round(count * len(mine) / len(session)), 1)
         own[mine] = first + np.arange(len(mine)) * parts // len(mine)

@@ -6,7 +6,7 @@ import numpy as np
 
 from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.search_problem import FORM_SD
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, distinct
 from nearlift.rounding import plain
 
 MEANINGS = {
@@ -63,7 +63,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
             " numbered, what they would be on a condition (an arrow where it leaves the axis, its"
             " ends in figures)."
         )
-    for boundary in dict.fromkeys(table["panel"].tolist()):
+    for boundary in distinct(table["panel"]):
         parts.append(_boundary(table, boundary))
     return " ".join(parts)
 
@@ -71,11 +71,11 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """The picture's numbers for those who do not see it."""
     parts = []
-    for boundary in dict.fromkeys(table["panel"].tolist()):
+    for boundary in distinct(table["panel"]):
         mine = table["panel"] == boundary
         means = mine & (table["kind"] == "bin")
         line = _boundary(table, boundary)
-        for when in dict.fromkeys(table["when"][means].tolist()):
+        for when in distinct(table["when"][means]):
             own = np.abs(table["value"][means & (table["when"] == when)])
             name = str(table["covariate"][means][0]).replace("_", " ")
             line += (
@@ -119,7 +119,7 @@ def _boundary(table: Columns, boundary: str) -> str:
 
 def _letters(table: Columns, part: str) -> str:
     """Letters of the panels of a part: ``a, b, f``, neighbours of three and more as ``a–d``."""
-    found: list[str] = list(dict.fromkeys(table["letter"][table["part"] == part].tolist()))
+    found: list[str] = distinct(table["letter"][table["part"] == part])
     runs: list[list[str]] = []
     for letter in found:
         if runs and ord(letter) == ord(runs[-1][-1]) + 1:

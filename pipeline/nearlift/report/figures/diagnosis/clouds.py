@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from nearlift.report.evidence import Rows, distinct
 from nearlift.report.figures.residuals import drawing as residuals
-from nearlift.report.figures.style import FITTED, SERIES, log_distance, plain_text
+from nearlift.report.figures.style import FITTED, SERIES, dots, plain_log, plain_text
 
-Rows = Mapping[str, Any]
 CLOUD = SERIES[0][0]
 #: Before and after, in colour and in symbol.
 LOOKS = {"before": SERIES[1], "after": SERIES[2]}
@@ -36,17 +35,9 @@ def residual(ax: Axes, rows: Rows, first: bool) -> None:
     if np.isfinite(floor):
         ax.axhspan(-floor, floor, color=FLOOR, linewidth=0, zorder=0)
     cloud, far = (kind == "trial"), (kind == "beyond")
-    names = list(dict.fromkeys(rows["series"][kind == "bin"].tolist()))
+    names = distinct(rows["series"][kind == "bin"])
     colour = CLOUD if len(names) == 1 else "0.55"
-    dots: dict[str, Any] = {
-        "color": colour,
-        "markersize": 2.0,
-        "markeredgewidth": 0,
-        "alpha": 0.4,
-        "zorder": 1,
-        "rasterized": True,
-    }
-    ax.plot(rows["x"][cloud], rows["value"][cloud], ".", **dots)
+    dots(ax, rows["x"][cloud], rows["value"][cloud], colour)
     ax.plot(
         rows["x"][far],
         0.965 * reach * np.sign(rows["value"][far]),
@@ -114,7 +105,7 @@ def _legend(ax: Axes, names: list[str], of: str) -> None:
 def _abscissa(ax: Axes, covariate: str, means: Any) -> None:
     if covariate in ("z_hat", "previous_z_hat"):
         ax.set_xscale("log")
-        log_distance(ax)
+        plain_log(ax.xaxis)
     elif len(means) <= DISCRETE:
         ax.set_xticks(means, [f"{x:.3g}".replace("-", "−") for x in means])
         ax.margins(x=0.12)

@@ -4,28 +4,24 @@ beneath them what follows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.diagnosis import clouds as loop_clouds
 from nearlift.report.figures.diagnosis import panels as loop_panels
 from nearlift.report.figures.style import Style, plain_text
 
-Rows = Mapping[str, Any]
 #: Heights in inches at 6.75 in of width.
 TALL, LOW = 3.15, 1.72
-#: Laid out at this resolution: at a screen's, letters are as much as 2 % off, and long names leave
-#: the page.
-LAYOUT_DPI = 300
 
 
 def draw(table: Rows, look: Style) -> Figure:
     """Blocks from top to bottom, no higher than the page."""
-    boundaries = list(dict.fromkeys(table["panel"].tolist()))
-    blocks = [_select(table, table["panel"] == b) for b in boundaries]
+    boundaries = distinct(table["panel"])
+    blocks = [select(table, table["panel"] == b) for b in boundaries]
     heights = [
         TALL if (b["part"] == "candidate").any() or len(_letters(b, "residual")) > 1 else LOW
         for b in blocks
@@ -33,13 +29,12 @@ def draw(table: Rows, look: Style) -> Figure:
     scale = look.double_in / 6.75
     figure = Figure(
         figsize=(look.double_in, min(scale * sum(heights), look.height_in)),
-        dpi=LAYOUT_DPI,
         layout="constrained",
     )
     figure.get_layout_engine().set(w_pad=0.04, h_pad=0.03, hspace=0.03, wspace=0.03)  # type: ignore[union-attr, call-arg]
     parts = figure.subfigures(len(blocks), 1, height_ratios=heights, squeeze=False)[:, 0]
     for part, boundary, block in zip(parts, boundaries, blocks, strict=True):
-        verdict = _select(block, block["part"] == "verdict")
+        verdict = select(block, block["part"] == "verdict")
         headline = plain_text(str(verdict["label"][0]).replace("_", " "))
         kind = str(verdict["kind"][0])
         part.suptitle(
@@ -107,16 +102,12 @@ def _residual_title(block: Rows, letter: str) -> str:
 
 
 def _title(ax: Axes, letter: str, text: str, look: Style) -> None:
-    ax.set_title(f"{letter}) {text}", loc="left", fontsize=look.text_pt, pad=3)
+    ax.set_title(f"{letter}) {text}", pad=3)
 
 
 def _letters(block: Rows, part: str) -> list[str]:
-    return list(dict.fromkeys(block["letter"][block["part"] == part].tolist()))
+    return distinct(block["letter"][block["part"] == part])
 
 
 def _of(block: Rows, letter: str) -> dict[str, Any]:
-    return _select(block, block["letter"] == letter)
-
-
-def _select(table: Rows, rows: Any) -> dict[str, Any]:
-    return {name: column[rows] for name, column in table.items()}
+    return select(block, block["letter"] == letter)

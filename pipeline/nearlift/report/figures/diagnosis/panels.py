@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from nearlift import nomenclature
 from nearlift.loop.evidence import RIVAL_MAX_2LNB
+from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.diagnosis.clouds import CLOUD, FLOOR, LOOKS
 from nearlift.report.figures.style import FITTED, plain_text
 
-Rows = Mapping[str, Any]
 #: Where the axis of evidence turns logarithmic.
 LINEAR = 10.0
 #: So many times the others' width, and an interval is cut off.
@@ -135,7 +134,7 @@ def error(ax: Axes, rows: Rows) -> None:
 
 def coefficients(ax: Axes, rows: Rows) -> Axes:
     """Each coefficient's intervals, one beside the other; the leftmost axes are handed back."""
-    names = list(dict.fromkeys(rows["label"].tolist()))
+    names = distinct(rows["label"])
     figure, place = ax.get_figure(), ax.get_subplotspec()
     axes = [ax]
     if len(names) > 1 and figure is not None and place is not None:
@@ -144,11 +143,11 @@ def coefficients(ax: Axes, rows: Rows) -> Axes:
         axes = [figure.add_subplot(inside[0, i]) for i in range(len(names))]
         for other in axes[1:]:
             other.tick_params(axis="y", labelleft=False)
-    conditions = list(dict.fromkeys(rows["note"][rows["kind"] == "doubt"].tolist()))
+    conditions = distinct(rows["note"][rows["kind"] == "doubt"])
     for own, name in zip(axes, names, strict=False):
         _coefficient(
             own,
-            {k: v[rows["label"] == name] for k, v in rows.items()},
+            select(rows, rows["label"] == name),
             name,
             conditions,
             lone=len(names) == 1,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import BOUNDARIES, Boundary
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, select, stack, text_column
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.report.figures.diagnosis.residual_table import residuals
 from nearlift.report.figures.fig2 import table as fig2
@@ -52,11 +52,7 @@ def summarise(evidence: Evidence) -> Columns:
         for word in against.chosen(own):
             drawn = residuals(evidence, boundary, own, word)
             for when in dict.fromkeys(drawn["when"].tolist() if drawn else []):
-                parts.append(
-                    _lettered(
-                        {k: v[drawn["when"] == when] for k, v in drawn.items()}, next(letters)
-                    )
-                )
+                parts.append(_lettered(select(drawn, drawn["when"] == when), next(letters)))
         for table in (
             candidates(boundary, own),
             errors(boundary, own),

@@ -6,7 +6,6 @@ near the boundary and the farthest station at once, without a break.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift import nomenclature
+from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.style import (
     BAND,
     FITTED,
@@ -27,11 +27,10 @@ from nearlift.report.figures.style import (
     SEQUENTIAL,
     SERIES,
     Style,
-    log_distance,
+    plain_log,
     plain_text,
 )
 
-Rows = Mapping[str, Any]
 Corner = Literal["upper right", "lower right"]
 
 
@@ -39,7 +38,7 @@ def draw(table: Rows, look: Style) -> Figure:
     """Panels for the boundaries present, the throttles' legend (or colour bar) once, a legend of
     curves in each panel.
     """
-    panels = list(dict.fromkeys(table["panel"].tolist()))
+    panels = distinct(table["panel"])
     width = look.single_in if len(panels) == 1 else look.double_in
     height = {1: 0.86, 2: 0.46, 3: 0.40}[len(panels)] * width
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -54,16 +53,12 @@ def draw(table: Rows, look: Style) -> Figure:
     for letter, boundary, ax in zip("abc", panels, axes, strict=False):
         _panel(
             ax,
-            _select(table, table["panel"] == boundary),
+            select(table, table["panel"] == boundary),
             throttles,
             shade,
             "lower right" if boundary == "sidewall" else "upper right",
         )
-        ax.set_title(
-            f"{letter}) {boundary}" if len(panels) > 1 else boundary,
-            loc="left",
-            fontsize=look.text_pt,
-        )
+        ax.set_title(f"{letter}) {boundary}" if len(panels) > 1 else boundary)
         ax.set_xlabel(nomenclature.label("z_hat"))
     axes[0].set_ylabel(nomenclature.label("delta_L", "%"))
     if shade is not None:
@@ -87,23 +82,19 @@ def draw(table: Rows, look: Style) -> Figure:
     return figure
 
 
-def _select(table: Rows, rows: Any) -> dict[str, Any]:
-    return {name: column[rows] for name, column in table.items()}
-
-
 def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, loc: Corner) -> None:
     ax.set_xscale("log")
     ax.axhline(0, color="0.6", linewidth=0.5, zorder=0)
     handles: list[Any] = []
     names: list[str] = []
-    curve = _select(rows, rows["kind"] == "band")
+    curve = select(rows, rows["kind"] == "band")
     banded = bool(np.isfinite(curve["lo90_percent"]).any())
-    for label in dict.fromkeys(curve["label"].tolist()):
+    for label in distinct(curve["label"]):
         handles += ax.plot(curve["z_hat"], curve["delta_L_percent"], color=FITTED, zorder=3)
         names.append(f"{plain_text(label)}, 90 %" if banded else plain_text(label))
-    data = _select(rows, rows["kind"] == "data")
+    data = select(rows, rows["kind"] == "data")
     for i, throttle in enumerate(throttles):
-        mine = _select(data, data["throttle_fraction"] == throttle)
+        mine = select(data, data["throttle_fraction"] == throttle)
         if shade is None:
             colour, marker = SERIES[i]
             # throttles often fall on one another: each next symbol is smaller, so that all can be
@@ -114,7 +105,7 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     for mark, label in zip(
         OVERLAYS, dict.fromkeys(rows["label"][rows["kind"] == "overlay"].tolist()), strict=False
     ):
-        mine = _select(rows, (rows["kind"] == "overlay") & (rows["label"] == label))
+        mine = select(rows, (rows["kind"] == "overlay") & (rows["label"] == label))
         handles.append(
             ax.errorbar(
                 mine["z_hat"],
@@ -141,8 +132,8 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     )
     if banded:
         handles[:1] = [(band, handles[0])]
-    fitted = _select(rows, rows["kind"] == "least squares")
-    for label in dict.fromkeys(fitted["label"].tolist()):
+    fitted = select(rows, rows["kind"] == "least squares")
+    for label in distinct(fitted["label"]):
         # thin, and in front of the band: the posterior's line is the one to read
         handles += ax.plot(
             fitted["z_hat"],
@@ -155,12 +146,12 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     for (colour, dashes), label in zip(
         REFERENCES, dict.fromkeys(rows["label"][rows["kind"] == "model"].tolist()), strict=False
     ):
-        theory = _select(rows, (rows["kind"] == "model") & (rows["label"] == label))
+        theory = select(rows, (rows["kind"] == "model") & (rows["label"] == label))
         handles += ax.plot(
             theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5
         )
         names.append(plain_text(label))
-    log_distance(ax)
+    plain_log(ax.xaxis)
     ax.legend(handles, names, loc=loc)
 
 

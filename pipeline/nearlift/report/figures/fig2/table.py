@@ -21,7 +21,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.nomenclature import letter
 from nearlift.products import LIFT, POSTERIOR
 from nearlift.report import curves, relative_lift
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, distinct, select, stack, text_column
 from nearlift.rounding import fixed, plain, plus_minus
 
 POINTS = 240
@@ -144,7 +144,7 @@ def summarise(evidence: Evidence) -> Columns:
         )
     table = stack(rows)
     keep = np.isfinite(table["delta_L_percent"]) & (table["z_hat"] > 0)
-    return {name: column[keep] for name, column in table.items()}
+    return select(table, keep)
 
 
 def by_fit(evidence: Evidence) -> bool:
@@ -262,7 +262,7 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
             "Solid line and shade: base model by least squares, with the pointwise 90 % band that"
             " the covariance of its parameters implies."
         )
-    apart = list(dict.fromkeys(table["panel"][table["kind"] == LEAST_SQUARES].tolist()))
+    apart = distinct(table["panel"][table["kind"] == LEAST_SQUARES])
     beside = (
         f"thin line: least squares, which parts from it visibly ({', '.join(apart)}), as where a"
         " prior still has a say"
@@ -385,7 +385,7 @@ def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
-    for boundary in dict.fromkeys(table["panel"].tolist()):
+    for boundary in distinct(table["panel"]):
         mine = (table["panel"] == boundary) & (table["kind"] == "data")
         z, delta = table["z_hat"][mine], table["delta_L_percent"][mine]
         if not len(z):

@@ -4,24 +4,21 @@ by side in columns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.report.figures.style import SERIES, Style, log_distance, quantity
+from nearlift.report.evidence import Rows, distinct, select
+from nearlift.report.figures.style import SERIES, Style, dots, plain_log, quantity
 
-Rows = Mapping[str, Any]
 COLUMNS = 3
 DISCRETE = 6
 
 
 def draw(table: Rows, look: Style) -> Figure:
     """A panel for every boundary and covariate, all with one residual axis per boundary."""
-    boundaries = list(dict.fromkeys(table["panel"].tolist()))
-    covariates = list(dict.fromkeys(table["covariate"].tolist()))
+    boundaries = distinct(table["panel"])
+    covariates = distinct(table["covariate"])
     grid = _grid(boundaries, covariates)
     rows, columns = len(grid), len(grid[0])
     height = min(1.25 * look.double_in / 6.75 * rows + 0.3, look.height_in)
@@ -35,7 +32,7 @@ def draw(table: Rows, look: Style) -> Figure:
             chosen = (
                 None
                 if place is None
-                else _select(table, (table["panel"] == place[0]) & (table["covariate"] == place[1]))
+                else select(table, (table["panel"] == place[0]) & (table["covariate"] == place[1]))
             )
             if place is None or chosen is None or not len(chosen["x"]):
                 ax.set_axis_off()
@@ -55,7 +52,7 @@ def draw(table: Rows, look: Style) -> Figure:
         )
     for j, boundary in enumerate(boundaries):
         if len(boundaries) > 1:
-            axes[0][j].set_title(boundary, fontsize=look.text_pt)
+            axes[0][j].set_title(boundary)
     figure.supylabel("relative residual (%)", fontsize=look.text_pt)
     return figure
 
@@ -69,28 +66,14 @@ def _grid(boundaries: list[str], covariates: list[str]) -> list[list[tuple[str, 
     return [cells[i : i + COLUMNS] for i in range(0, len(cells), COLUMNS)]
 
 
-def _select(table: Rows, rows: Any) -> dict[str, Any]:
-    return {name: column[rows] for name, column in table.items()}
-
-
 def _panel(ax: Axes, rows: Rows, covariate: str) -> Rows:
     """Dots and means; the rows of the noise band are handed back, to be drawn when all limits are
     known.
     """
     trials, means, noise = (
-        _select(rows, rows["kind"] == kind) for kind in ("trial", "bin", "noise")
+        select(rows, rows["kind"] == kind) for kind in ("trial", "bin", "noise")
     )
-    ax.plot(
-        trials["x"],
-        trials["residual_percent"],
-        ".",
-        color=SERIES[0][0],
-        markersize=2.0,
-        markeredgewidth=0,
-        alpha=0.45,
-        zorder=1,
-        rasterized=True,
-    )
+    dots(ax, trials["x"], trials["residual_percent"])
     ax.axhline(0, color="0.3", linewidth=0.6, zorder=2)
     ax.errorbar(
         means["x"],
@@ -106,7 +89,7 @@ def _panel(ax: Axes, rows: Rows, covariate: str) -> Rows:
     )
     if covariate == "z_hat":
         ax.set_xscale("log")
-        log_distance(ax)
+        plain_log(ax.xaxis)
     elif len(means["x"]) <= DISCRETE:
         ax.set_xticks(means["x"], [f"{x:.3g}".replace("-", "−") for x in means["x"]])
         ax.margins(x=0.12)
