@@ -5,6 +5,7 @@ settings.
 from __future__ import annotations
 
 import io
+import threading
 from functools import partial
 
 import matplotlib
@@ -173,7 +174,7 @@ def test_drawers_answer_in_order_whoever_drew(count):
 def test_what_a_drawer_cannot_do_is_drawn_here():
     """What cannot be sent, what fails, and a drawer that is gone."""
     with drawers.drawers(1) as (ask,):
-        assert ask(dict) is None
+        assert ask(partial(str, threading.Lock())) is None
         assert ask(partial(style.quantity, "tilt_rad")) == style.quantity("tilt_rad")
         assert ask(partial(style.style, "no such style")) is None
         assert ask(partial(style.quantity, "tilt_rad")) is None
