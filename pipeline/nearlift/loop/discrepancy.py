@@ -16,15 +16,10 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.loop.families import cosines, families, indicators, powers, times
+from nearlift.loop.families import MOVING, families, indicators, times
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.loop.structure import Structure
-from nearlift.results import Observations
-
-#: Smooth shapes of log distance, and of time, whose products may change the curve in the course of
-#: a campaign.
-SHAPES, TIMES = 2, 4
 
 
 def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
@@ -32,9 +27,11 @@ def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
     the covariates in which structure was found.
     """
     carried = [
-        f for f in families(stage.data) if SCHEDULE_WORDS.get(f.covariate, f.covariate) in flagged
+        f.columns
+        for f in families(stage.data)
+        if f.name == MOVING or SCHEDULE_WORDS.get(f.covariate, f.covariate) in flagged
     ]
-    shapes = [*(f.columns for f in carried), _moving(stage.data), _by_throttle(stage)]
+    shapes = [*carried, _by_throttle(stage)]
     return np.hstack([np.zeros((stage.data.n, 0)), *(_sized(stage, columns) for columns in shapes)])
 
 
@@ -52,13 +49,6 @@ def _by_throttle(stage: SearchProblem) -> FloatArray:
     coefficient that all share.
     """
     return times(stage.candidate().jacobian(stage.theta), indicators(stage.data.throttle))
-
-
-def _moving(data: Observations) -> FloatArray:
-    """Curves of distance that change with time."""
-    near = np.where(np.isfinite(data.z_hat), np.log(np.maximum(data.z_hat, 1e-3)), np.nan)
-    shapes = powers(np.where(np.isfinite(near), near, np.nanmax(near)), SHAPES)
-    return times(shapes, cosines(data.covariates["run_order"], TIMES))
 
 
 def _sized(stage: SearchProblem, family: FloatArray) -> FloatArray:

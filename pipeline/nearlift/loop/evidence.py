@@ -29,7 +29,8 @@ class Evidence:
     """How far the trials speak for an explanation, in natural logarithms.
 
     `log` is by unit information, so that no effect gains or loses by how wide its prior happens to
-    be declared: it decides who belongs. `over_none` is how far that exceeds the base model's.
+    be declared: it decides who belongs. `over_none` is how far that exceeds that of what has
+    no name: the base model's, or with a wander beside it (`wander`) if that is likelier.
     `plausibility` is by the priors: it ranks those that belong.
     """
 
@@ -122,15 +123,21 @@ class Linearised:
         """
         return self.integrated(scores, self.coefficients, self.free)
 
-    def log(self, scores: FloatArray) -> FloatArray:
-        """Log evidence by unit information, (m,): it decides who belongs. What differs by session
-        is one population, integrated over.
+    def by_unit_information(self, scores: FloatArray) -> Integrated:
+        """The scores with all projected out but what differs by session, which is one population,
+        integrated over.
         """
+        by_session = self.fitted.candidate.by_session[self.free]
+        single, session = self.free[~by_session], self.free[by_session]
+        return self.integrated(scores, np.r_[self.coefficients, single], session)
+
+    def log(self, scores: FloatArray) -> FloatArray:
+        """Log evidence by unit information, (m,): it decides who belongs."""
         candidate = self.fitted.candidate
         mean, sd = candidate.prior
         by_session = candidate.by_session[self.free]
         single, session = self.free[~by_session], self.free[by_session]
-        left = self.integrated(scores, np.r_[self.coefficients, single], session)
+        left = self.by_unit_information(scores)
         penalty = float(np.sum(((self.fitted.vector - mean)[single] / sd[single]) ** 2))
         unknowns = len(single) + (1 if len(session) else 0)
         price = penalty + unknowns * float(np.log(candidate.data.n))

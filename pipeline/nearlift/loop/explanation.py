@@ -6,15 +6,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from nearlift.declare import FloatArray
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import CREDIT, Evidence
 from nearlift.loop.structure import Structure
+from nearlift.loop.wander import waves
 
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """One candidate, its form uncertain by `form_sd`, with the evidence for it.
+    """One candidate, its form uncertain by `form_sd` and a gain that wanders by `wander` beside it
+    (see `wander`), with the evidence for it.
 
     `left` is the whole test run again on what it leaves; None where it could not be named whatever
     that says.
@@ -26,6 +30,7 @@ class Explanation:
 
     fitted: Fitted
     form_sd: float
+    wander: float = 0.0
     left: Structure | None
     gain: float
     evidence: Evidence
@@ -66,8 +71,12 @@ class Explanation:
 
     @property
     def tube(self) -> FloatArray:
-        """Columns (n, t) of its form's uncertainty."""
-        return self.fitted.candidate.tube(self.fitted.vector, self.form_sd)
+        """Unit-variance columns (n, t) of its form's uncertainty and of the wander beside it."""
+        candidate = self.fitted.candidate
+        form = candidate.tube(self.fitted.vector, self.form_sd)
+        if not self.wander:
+            return form
+        return np.hstack([form, self.wander * waves(candidate.data)])
 
     @property
     def name(self) -> str:

@@ -20,6 +20,8 @@ LARGEST_SHARE, LARGEST = 1 / 8, 256
 #: Positions at which a step in time is looked for.
 STEPS = 40
 STEP = "time, step"
+#: Curves of distance that change in the course of a campaign.
+MOVING = "distance x time"
 #: Covariates that have a family of their own below; any other numeric column gets a smooth one.
 SPOKEN_FOR = {
     "supply_V",
@@ -180,6 +182,7 @@ def families(data: Observations) -> tuple[Family, ...]:
                 columns=times(known["approach"][:, None], closeness),
             )
         )
+    found += _moving(data, smooth_z[:, :2], slow[:, :4], additive)
     if varies(data, "tilt_rad"):
         found.append(
             Family(
@@ -223,6 +226,31 @@ def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
     return [
         Family(name=STEP, covariate="start", columns=(order > a).astype(float)[:, None]) for a in at
     ]
+
+
+def _moving(
+    data: Observations, shape: FloatArray, slow: FloatArray, additive: FloatArray
+) -> list[Family]:
+    """Curves of distance that change with time, session, supply or temperature, and what hangs on
+    where the traverse came from: its last move as a direction and as a ratio of distances.
+    """
+    known = data.covariates
+    found = [Family(name=MOVING, covariate="start", columns=times(shape, slow))]
+    if 0 < data.session.max() < LARGEST // shape.shape[1]:
+        sessions = times(shape, indicators(data.session))
+        found.append(Family(name="distance x session", covariate="session", columns=sessions))
+    for name, covariate in (("supply_V", "supply"), ("temperature_K", "temperature")):
+        if varies(data, name):
+            bent = times(shape, powers(known[name], 1))
+            found.append(Family(name=f"distance x {covariate}", covariate=covariate, columns=bent))
+    before = known["previous_z_hat"]
+    moved = (before > 0) & (before != data.z_hat)
+    last = np.maximum.accumulate(np.where(moved, np.arange(data.n), -1))
+    origin = np.where(last >= 0, before[last], np.nan)
+    ratio = np.where(np.isfinite(origin + data.z_hat), np.log(data.z_hat / origin), 0.0)
+    move = np.stack([np.sign(ratio), ratio], axis=1)
+    columns = np.hstack([move, move * additive, move * shape[:, :1]])
+    return [*found, Family(name="last move", covariate="previous_distance", columns=columns)]
 
 
 def _previous(data: Observations, few_levels: bool) -> FloatArray:

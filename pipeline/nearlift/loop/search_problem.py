@@ -24,6 +24,7 @@ from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import STEP, families
 from nearlift.loop.setting import SCHEDULE_WORDS, varies
 from nearlift.loop.structure import Hypothesis, Null, Structure
+from nearlift.loop.wander import likeliest, waves
 from nearlift.results import Noise, Observations
 
 #: An effect whose columns keep less than this share of their energy beside theta and L_inf cannot
@@ -168,12 +169,22 @@ class SearchProblem:
             self.noise.dof,
         )
 
-    def linearised(self, fitted: Fitted, form_sd: float) -> tuple[Linearised, FloatArray]:
-        """A fit with its form uncertain by `form_sd`, and its residual as scores (d, 1), in a basis
-        that begins with that of the hypotheses and spans all that the fit moves along.
+    @cached_property
+    def waves(self) -> FloatArray:
+        """The columns of a wander, whitened, (n, k)."""
+        return self.space.project(waves(self.data).T).T
+
+    def linearised(
+        self, fitted: Fitted, form_sd: float, wander: float = 0.0
+    ) -> tuple[Linearised, FloatArray]:
+        """A fit with its form uncertain by `form_sd` and a `wander` beside it, and its residual as
+        scores (d, 1), in a basis that begins with that of the hypotheses and spans all that the fit
+        moves along.
         """
         _, basis = self.hypotheses
         tube = self.space.project(fitted.candidate.tube(fitted.vector, form_sd).T).T
+        if wander:
+            tube = np.hstack([tube, wander * self.waves])
         jacobian = fitted.jacobian
         both = np.hstack([jacobian, tube])
         outside = both - basis @ (basis.T @ both)
@@ -203,8 +214,18 @@ class SearchProblem:
         """The whole test on what an explanation leaves, made now if nobody asked before."""
         if e.left is not None:
             return e.left
-        here, scores = self.linearised(e.fitted, e.form_sd)
+        here, scores = self.linearised(e.fitted, e.form_sd, e.wander)
         return self.remaining(here.by_priors(scores))
+
+    def wander_beside(self, here: Linearised, scores: FloatArray) -> float:
+        """The likeliest wander beside a fit with these scores (d, 1); 0 where none is worth it."""
+        left = here.by_unit_information(scores)
+        known = self.hypotheses[1]
+        beyond = np.zeros((len(scores) - known.shape[1], self.waves.shape[1]))
+        columns = left.deform(np.vstack([known.T @ self.waves, beyond]))
+        return likeliest(
+            left.scores[:, 0], columns - left.removed @ (left.removed.T @ columns), self.data.n
+        )
 
     def explain(
         self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)
@@ -231,20 +252,23 @@ class SearchProblem:
         could then be named.
         """
         here, scores = self.linearised(fitted, form_sd)
+        if wander := self.wander_beside(here, scores):
+            here, scores = self.linearised(fitted, form_sd, wander)
         left = here.by_priors(scores)
         # what lies outside the basis, no unknown can change
         beyond = -0.5 * (fitted.chi2 - float(np.sum(scores**2)))
-        log = float(here.log(scores)[0]) + beyond
+        log = float(here.log(scores)[0]) + beyond - self.price(wander)
         gain = self.base_fit.chi2 - fitted.chi2
         explanation = Explanation(
             fitted=fitted,
             form_sd=form_sd,
+            wander=wander,
             left=None,
             gain=gain,
             needed=all(bool(self.greater_part(gain - g, self.excess - g)) for g in without),
             evidence=Evidence(
                 log=log,
-                over_none=log - self.nothing_added[1],
+                over_none=log - self.unnamed,
                 plausibility=float(left.log_likelihood[0]) + beyond,
             ),
         )
@@ -279,8 +303,8 @@ class SearchProblem:
         return (self.excess - e.gain) * BY_CHANCE / self.chance
 
     def straight_line(self, e: Explanation) -> float:
-        """Log evidence over no effect's of a straight line along the covariates of an explanation's
-        effects, in gain or in force; the larger.
+        """Log evidence of a straight line along the covariates of an explanation's effects, in gain
+        or in force, over that of what has no name; the larger.
 
         To first order, by unit information; minus infinity where no covariate of its own was
         logged.
@@ -299,7 +323,7 @@ class SearchProblem:
                     np.sum(white**2, axis=0), 1e-300
                 )
                 found = max(found, 0.5 * (float(gain.max()) - float(np.log(data.n))))
-        return found
+        return found - (self.unnamed - self.nothing_added[1])
 
     def dispersion(self, e: Explanation) -> float:
         """Variance along the families and effects that an explanation leaves, in units of the noise
@@ -320,6 +344,21 @@ class SearchProblem:
         columns = columns - self.absorbed @ (self.absorbed.T @ columns)
         along = columns.T @ (basis.T @ self.base_fit.residual)
         return float(np.max(along**2 / np.maximum(np.sum(columns**2, axis=0), 1e-12)))
+
+    def price(self, wander: float) -> float:
+        """What the size of a wander costs in log evidence."""
+        return 0.5 * float(np.log(self.data.n)) * (wander > 0)
+
+    @cached_property
+    def unnamed(self) -> float:
+        """Log evidence of what has no name: the base model, with a wander beside it if that is
+        likelier.
+        """
+        here, scores = self.linearised(self.base_fit, 0.0)
+        wander = self.wander_beside(here, scores)
+        here, scores = self.linearised(self.base_fit, 0.0, wander)
+        beyond = -0.5 * (self.base_fit.chi2 - float(np.sum(scores**2)))
+        return float(here.log(scores)[0]) + beyond - self.price(wander)
 
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:

@@ -1,0 +1,52 @@
+"""A gain that wanders at random in the course of a campaign: what stands against every name whose
+mark is a change with time.
+
+Its columns are cosines along the run order whose size falls as in the Karhunen-Loeve expansion of a
+random walk; one size for all, the likeliest, for which an explanation pays as for any unknown.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.likelihood.variance_components import ENOUGH
+from nearlift.loop.families import cosines
+from nearlift.results import Observations
+
+#: Cosines at most: the rest of a random walk is noise that neighbours share.
+WAVES = 40
+#: Sizes that are tried, as a fraction of lift: standard deviation of the slowest cosine.
+SIZES = np.geomspace(1e-4, 2e-2, 16)
+
+
+def waves(data: Observations) -> FloatArray:
+    """Columns (n, k) of log lift of unit size; none where the order of the trials is unknown or
+    visits are too few to tell.
+    """
+    visits = len(np.unique(data.visit))
+    if not data.ordered or visits < ENOUGH:
+        return np.zeros((data.n, 0))
+    count = min(WAVES, visits // 2)
+    return cosines(data.covariates["run_order"], count) / np.arange(1, count + 1)
+
+
+def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
+    """The likeliest size beside `n` trials; 0 where none is worth its price by unit information.
+
+    Parameters
+    ----------
+    scores : (d,)
+        What is left, unit noise.
+    columns : (d, k)
+        `waves` in the same space.
+    """
+    if not columns.shape[1]:
+        return 0.0
+    u, lengths, _ = np.linalg.svd(columns, full_matrices=False)
+    variance = np.square(np.outer(SIZES, lengths))
+    gain = 0.5 * np.sum(
+        (u.T @ scores) ** 2 * variance / (1 + variance) - np.log1p(variance), axis=1
+    )
+    best = int(np.argmax(gain))
+    return float(SIZES[best]) if gain[best] > 0.5 * np.log(n) else 0.0
