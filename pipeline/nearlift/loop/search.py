@@ -15,7 +15,7 @@ from nearlift.declare import Effect
 from nearlift.loop import structure
 from nearlift.loop.candidate import bends_along
 from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.evidence import CREDIT, RIVAL_MAX_2LNB
+from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
@@ -27,8 +27,8 @@ from nearlift.results.quotation import Verdict
 PAIRS = 40
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
 LARGE = 0.3
-#: What a single effect leaves does not refute it above this chance where a second effect is tried:
-#: one test in twenty finds what is not there.
+#: Where nothing else would do, what an explanation leaves refutes it below this chance only: one
+#: test in twenty finds what is not there.
 MARGINAL = 0.005
 #: An explanation that leaves something may still be named if it accounts for this share of the
 #: structure, and plainly (log evidence).
@@ -158,12 +158,10 @@ def contenders(
     of uncertain form can imitate two, and two one of strange form. What both leave is noise to that
     judgement, so the price grows with it.
     """
-    together = [e for e in pairs if e.accepted]
-    if together and not any(e.accepted for e in singles):
-        singles = tuple(
-            dataclasses.replace(e, confirmed=True) if marginal(e) else e for e in singles
-        )
-    alone = [e for e in singles if e.accepted]
+    singles = singles if any(e.accepted for e in singles) else tuple(map(forgiven, singles))
+    if not any(e.accepted for e in (*singles, *pairs)):
+        pairs = tuple(map(forgiven, pairs))
+    alone, together = [e for e in singles if e.accepted], [e for e in pairs if e.accepted]
     most = max((e.evidence.log for e in alone), default=-np.inf)
     ahead = {
         p.name: p.evidence.log - most - RIVAL_MAX_2LNB / 2 * (stage.dispersion(p) - 1)
@@ -197,15 +195,13 @@ def contenders(
     return tuple(rivals)
 
 
-def marginal(e: Explanation) -> bool:
-    """Whether what a single effect leaves would be found by chance once in a few dozen tests: a
-    second effect then has to be plainly likelier.
+def forgiven(e: Explanation) -> Explanation:
+    """The explanation, accepted where it is plainly likelier than none and what it leaves may be
+    chance.
     """
+    marginal = e.eligible and e.left is not None and e.left.p_value > MARGINAL
     return (
-        e.eligible
-        and e.left is not None
-        and e.left.p_value > MARGINAL
-        and e.evidence.over_none > CREDIT
+        dataclasses.replace(e, confirmed=True) if marginal and e.evidence.over_none > PLAIN else e
     )
 
 
