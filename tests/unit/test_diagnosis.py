@@ -617,7 +617,7 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
     assert listed((singles[0], standing(["warm_up"], -1.0, over_none=-0.5))) == [("supply_sag",)]
     # evidence says who is a rival, whatever it leaves; nobody is named who leaves something, nor
     # for less than the greater part
-    something = dataclasses.replace(nothing, log10_p=np.full(1, -9.0))
+    something = dataclasses.replace(nothing, log10_p=np.full(1, -9.0), p_value=1e-7)
     for left, needed in ((something, True), (nothing, False)):
         rival = standing(["warm_up"], 3.0, plausibility=1.0, left=left, needed=needed)
         assert listed((singles[0], rival)) == [("supply_sag",), ("warm_up",)]
@@ -634,7 +634,16 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         (2.0, [("supply_sag",), ("supply_sag", "tilt")]),
         (6.0, [("supply_sag", "tilt")]),
     ):
-        assert listed(singles[:1], (standing(["supply_sag", "tilt"], ahead),)) == expected
+        pair = standing(["supply_sag", "tilt"], ahead)
+        assert listed(singles[:1], (pair,)) == expected
+        # what the single effect leaves may be chance: a second one must be plainly likelier still
+        left = dataclasses.replace(something, p_value=0.02)
+        chance = standing(["supply_sag"], 0.0, left=left)
+        assert listed((chance,), (pair,)) == expected
+        assert listed((), (standing(["supply_sag", "tilt"], ahead, left=left),)) == [pair.effects]
+        # it is no chance, or what is explained is not plain either
+        assert listed((standing(["supply_sag"], 0.0, left=something),), (pair,)) == [pair.effects]
+        assert listed((standing(["supply_sag"], 0.0, left=left, over_none=9.0),)) == []
 
 
 def test_an_effect_that_no_fold_found_still_predicts():

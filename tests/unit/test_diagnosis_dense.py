@@ -128,11 +128,11 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
             np.hstack([slopes[:, session] * sd[session], e.tube]),
         )
         prior = np.sum(((e.fitted.vector - mean)[own] / sd[own]) ** 2)
-        # a size for each session is one unknown more: how much sessions differ
-        unknowns = len(own) + bool(len(session))
+        # one unknown more each: how much sessions differ, and how far the gain wanders
+        unknowns = len(own) + bool(len(session)) + bool(e.wander)
         expected = -0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n))
         assert e.evidence.log == pytest.approx(expected, rel=1e-6), e.name
-        assert e.evidence.over_none == pytest.approx(expected - nothing, rel=1e-6, abs=1e-5)
+        assert e.evidence.over_none == pytest.approx(expected - stage.unnamed, rel=1e-6, abs=1e-5)
         assert e.gain == pytest.approx(stage.base_fit.chi2 - e.fitted.chi2)
 
 

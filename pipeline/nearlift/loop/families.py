@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.likelihood.variance_components import ENOUGH
 from nearlift.loop.setting import varies
 from nearlift.results import Observations
 
@@ -182,7 +183,9 @@ def families(data: Observations) -> tuple[Family, ...]:
                 columns=times(known["approach"][:, None], closeness),
             )
         )
-    found += _moving(data, smooth_z[:, :2], slow[:, :4], additive)
+    if visits >= ENOUGH:
+        # fewer visits cannot tell such curves from what the trials of a visit share
+        found += _moving(data, smooth_z[:, :2], slow[:, :4], additive)
     if varies(data, "tilt_rad"):
         found.append(
             Family(

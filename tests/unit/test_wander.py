@@ -1,0 +1,91 @@
+"""A gain that wanders at random is no drift with a cause, and curves that move in time no effect
+that stays.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.loop import search
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.search_problem import Options
+from nearlift.loop.wander import SIZES, likeliest, waves
+
+from .simulated import RADIUS, campaign, sanchez_cuevas
+
+GROUND = catalogue.model("sanchez_cuevas")
+SEEDS = range(4)
+
+
+def walk(seed, rms):
+    """A random walk of the gain, of this root mean square about its mean."""
+
+    def gain(covariates):
+        steps = np.random.default_rng(100 + seed).normal(size=len(covariates["start_s"]))
+        path = np.cumsum(steps) - np.cumsum(steps).mean()
+        return 1 + rms * path / path.std()
+
+    return gain
+
+
+def drift(rms):
+    """A straight drift of the gain, of this root mean square about its mean."""
+    return lambda c: 1 + rms * (2 * c["start_s"] / c["start_s"].max() - 1) * np.sqrt(3)
+
+
+def answer(data):
+    return search.settle(set_up(data, GROUND, (), Options())[0])
+
+
+def test_a_walk_of_the_gain_gets_no_name_and_a_drift_does():
+    walks = [answer(campaign(s, visits=8, gain=walk(s, 3e-3))) for s in SEEDS]
+    assert sum(a.first.present for a in walks) >= 2
+    assert sum(bool(a.accepted) for a in walks) <= 1
+    drifts = [answer(campaign(s, visits=8, gain=drift(3e-3))) for s in SEEDS]
+    named = [a.accepted[0].effects for a in drifts if a.accepted]
+    assert named.count(("gain_drift",)) >= 3
+
+
+def test_an_effect_beside_a_walk_keeps_its_name_alone():
+    def gain(covariates):
+        return walk(1, 2.5e-3)(covariates) * (covariates["supply_V"] / 3.8) ** 0.5
+
+    found = answer(campaign(1, visits=8, gain=gain))
+    assert found.accepted[0].effects == ("supply_sag",)
+    assert found.accepted[0].wander > 0
+    assert found.accepted[0].tube.shape[1] > waves(found.stage.data).shape[1]
+
+
+def test_a_height_that_creeps_is_no_offset():
+    """The traverse loses height all day: an offset that stays is the nearest name, and wrong."""
+    data = campaign(0, visits=8, height=0.02e-3)
+    way = 4e-3 * (1 - data.visit / data.visit.max()) / RADIUS
+    moved = sanchez_cuevas(data.z_hat + way) / sanchez_cuevas(data.z_hat)
+    found = answer(dataclasses.replace(data, lift_N=data.lift_N * moved))
+    assert found.first.p_value < 1e-6
+    assert found.accepted == ()
+
+
+def test_the_likeliest_size_is_that_of_the_dense_likelihood():
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(60, 5)) * 200
+    scores = rng.normal(size=60) + columns @ rng.normal(0, 2e-3, 5)
+
+    def log(size):
+        whole = np.eye(60) + size**2 * columns @ columns.T
+        return -0.5 * (np.linalg.slogdet(whole)[1] + scores @ np.linalg.solve(whole, scores))
+
+    assert likeliest(scores, columns, 60) == max(SIZES, key=log)
+    assert likeliest(rng.normal(size=60), columns, 60) == 0.0
+    assert likeliest(scores, columns[:, :0], 60) == 0.0
+
+
+@pytest.mark.parametrize("lost", ["order", "visits"])
+def test_without_an_order_or_with_few_visits_nothing_wanders(lost):
+    data = set_up(campaign(0, visits=8), GROUND, (), Options())[0].data
+    data = (
+        dataclasses.replace(data, ordered=False) if lost == "order" else data.take(data.visit < 15)
+    )
+    assert waves(data).shape == (data.n, 0)
