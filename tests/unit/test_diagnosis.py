@@ -639,11 +639,15 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         # what the single effect leaves may be chance: a second one must be plainly likelier still
         left = dataclasses.replace(something, p_value=0.02)
         chance = standing(["supply_sag"], 0.0, left=left)
-        assert listed((chance,), (pair,)) == expected
-        assert listed((), (standing(["supply_sag", "tilt"], ahead, left=left),)) == [pair.effects]
-        # it is no chance, or what is explained is not plain either
-        assert listed((standing(["supply_sag"], 0.0, left=something),), (pair,)) == [pair.effects]
-        assert listed((standing(["supply_sag"], 0.0, left=left, over_none=9.0),)) == []
+        assert listed(*search.forgiven((chance,), (pair,))) == expected
+        both = standing(["supply_sag", "tilt"], ahead, left=left)
+        assert listed(*search.forgiven((), (both,))) == [pair.effects]
+        # where something else would do, where it is no chance, or where no effect is nearly as likely
+        assert listed(*search.forgiven((singles[0],), (both,)))[0] == ("supply_sag",)
+        lasting = standing(["supply_sag"], 0.0, left=something)
+        assert listed(*search.forgiven((lasting,), (pair,))) == [pair.effects]
+        faint = standing(["supply_sag"], 0.0, left=left, over_none=9.0)
+        assert listed(*search.forgiven((faint,), ())) == []
 
 
 def test_an_effect_that_no_fold_found_still_predicts():

@@ -129,6 +129,7 @@ def diagnose(
         explanations=tuple(e.effects for e in answer.accepted) or None,
         partial=partial(stage, answer) if answer.verdict == "unexplained" else None,
         contradicted=answer.contradicted or None,
+        wander=answer.wander or None,
         p_value=answer.first.p_value,
         threshold_log10_p=answer.first.threshold,
         structure=structure_tests(answer),

@@ -14,6 +14,10 @@ from nearlift.loop.evidence import CREDIT, Evidence
 from nearlift.loop.structure import Structure
 from nearlift.loop.wander import waves
 
+#: Where nothing else would do, what an explanation leaves refutes it below this chance only: one
+#: test in twenty finds what is not there.
+MARGINAL = 0.005
+
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
@@ -42,14 +46,20 @@ class Explanation:
         """Whether it may be named: nothing is left beyond the threshold, each name is `needed` and
         plainly likelier than none.
 
-        `confirmed` is set where something else decides: visits left out (`few_visits`), or nearly
-        all being accounted for (`second_look`).
+        `confirmed` is set where something else decides: visits left out (`few_visits`), nearly all
+        being accounted for (`second_look`), or nothing else that would do (`forgiven`).
         """
         if not self.eligible:
             return False
         if self.confirmed is not None:
             return self.confirmed
         return self.left is not None and not self.left.present and self.evidence.over_none > CREDIT
+
+    @property
+    def by_chance(self) -> bool:
+        """Whether the test finds something in what it leaves, and no more than chance may."""
+        left = self.left
+        return left is not None and left.present and left.p_value > MARGINAL
 
     @property
     def eligible(self) -> bool:

@@ -147,7 +147,9 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
         return tuple(_sweep(tried, answer) for tried in (answer.singles, answer.pairs) if tried)
     best = answer.accepted[0] if answer.accepted else None
     enough = "nothing is left beyond the threshold"
-    if best is not None and best.confirmed:
+    if best is not None and best.by_chance:
+        enough = f"what it leaves may be chance (p = {answer.stage.left_by(best).p_value:.2g})"
+    elif best is not None and best.confirmed:
         share = min(best.gain / answer.stage.excess, 1.0)
         enough = (
             f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the"
@@ -169,9 +171,16 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
         _round(
             _listing(answer.stage, answer.pairs, LISTED_PAIRS),
             f"accept {best.name}" if best is not None else "unexplained",
-            enough if best is not None else "no pair of declared effects does better",
+            enough if best is not None else _unnamed(answer),
         ),
     )
+
+
+def _unnamed(answer: Answer) -> str:
+    """Why nothing is named where pairs were tried."""
+    if answer.wander:
+        return f"a gain that wanders at random ({100 * answer.wander:.2g} % of lift) is as likely"
+    return "no pair of declared effects does better"
 
 
 def _round(candidates: tuple[TriedCandidate, ...], decision: str, reason: str) -> LoopRound:

@@ -21,15 +21,13 @@ from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.loop.structure import Structure
+from nearlift.loop.wander import rms
 from nearlift.results.quotation import Verdict
 
 #: Pairs that are tried.
 PAIRS = 40
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
 LARGE = 0.3
-#: Where nothing else would do, what an explanation leaves refutes it below this chance only: one
-#: test in twenty finds what is not there.
-MARGINAL = 0.005
 #: An explanation that leaves something may still be named if it accounts for this share of the
 #: structure, and plainly (log evidence).
 NEARLY_ALL = 0.8
@@ -96,6 +94,14 @@ class Answer:
         )
 
     @property
+    def wander(self) -> float:
+        """Root mean square, as a fraction of lift, of what the gain wanders beside the answer."""
+        if not self.first.present:
+            return 0.0
+        size = self.accepted[0].wander if self.accepted else self.stage.base_wander
+        return rms(self.stage.data, size)
+
+    @property
     def best(self) -> Fitted:
         """The model to predict with: the best explanation, else the base model."""
         return self.accepted[0].fitted if self.accepted else self.stage.base_fit
@@ -139,6 +145,7 @@ def run(stage: SearchProblem) -> Answer:
     )
     if not clean and not any(p.accepted for p in pairs):
         pairs = second_look(stage, pairs)
+    singles, pairs = forgiven(singles, pairs)
     return Answer(
         stage=stage,
         first=first,
@@ -158,9 +165,6 @@ def contenders(
     of uncertain form can imitate two, and two one of strange form. What both leave is noise to that
     judgement, so the price grows with it.
     """
-    singles = singles if any(e.accepted for e in singles) else tuple(map(forgiven, singles))
-    if not any(e.accepted for e in (*singles, *pairs)):
-        pairs = tuple(map(forgiven, pairs))
     alone, together = [e for e in singles if e.accepted], [e for e in pairs if e.accepted]
     most = max((e.evidence.log for e in alone), default=-np.inf)
     ahead = {
@@ -195,14 +199,22 @@ def contenders(
     return tuple(rivals)
 
 
-def forgiven(e: Explanation) -> Explanation:
-    """The explanation, accepted where it is plainly likelier than none and what it leaves may be
-    chance.
+def forgiven(
+    singles: tuple[Explanation, ...], pairs: tuple[Explanation, ...]
+) -> tuple[tuple[Explanation, ...], tuple[Explanation, ...]]:
+    """The explanations, those accepted that are plainly likelier than none and whose rest may be
+    chance: single effects where no other would do, pairs where nothing else would.
     """
-    marginal = e.eligible and e.left is not None and e.left.p_value > MARGINAL
-    return (
-        dataclasses.replace(e, confirmed=True) if marginal and e.evidence.over_none > PLAIN else e
-    )
+
+    def again(e: Explanation) -> Explanation:
+        plain = e.eligible and e.evidence.over_none > PLAIN
+        return dataclasses.replace(e, confirmed=True) if plain and e.by_chance else e
+
+    if not any(e.accepted for e in singles):
+        singles = tuple(map(again, singles))
+    if not any(e.accepted for e in (*singles, *pairs)):
+        pairs = tuple(map(again, pairs))
+    return singles, pairs
 
 
 def promising(

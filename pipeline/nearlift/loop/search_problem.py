@@ -24,7 +24,7 @@ from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import STEP, families
 from nearlift.loop.setting import SCHEDULE_WORDS, varies
 from nearlift.loop.structure import Hypothesis, Null, Structure
-from nearlift.loop.wander import likeliest, waves
+from nearlift.loop.wander import likeliest, price, waves
 from nearlift.results import Noise, Observations
 
 #: An effect whose columns keep less than this share of their energy beside theta and L_inf cannot
@@ -257,7 +257,7 @@ class SearchProblem:
         left = here.by_priors(scores)
         # what lies outside the basis, no unknown can change
         beyond = -0.5 * (fitted.chi2 - float(np.sum(scores**2)))
-        log = float(here.log(scores)[0]) + beyond - self.price(wander)
+        log = float(here.log(scores)[0]) + beyond - price(wander, self.data.n)
         gain = self.base_fit.chi2 - fitted.chi2
         explanation = Explanation(
             fitted=fitted,
@@ -345,20 +345,20 @@ class SearchProblem:
         along = columns.T @ (basis.T @ self.base_fit.residual)
         return float(np.max(along**2 / np.maximum(np.sum(columns**2, axis=0), 1e-12)))
 
-    def price(self, wander: float) -> float:
-        """What the size of a wander costs in log evidence."""
-        return 0.5 * float(np.log(self.data.n)) * (wander > 0)
+    @cached_property
+    def base_wander(self) -> float:
+        """The likeliest wander beside the base model alone."""
+        return self.wander_beside(*self.linearised(self.base_fit, 0.0))
 
     @cached_property
     def unnamed(self) -> float:
         """Log evidence of what has no name: the base model, with a wander beside it if that is
         likelier.
         """
-        here, scores = self.linearised(self.base_fit, 0.0)
-        wander = self.wander_beside(here, scores)
+        wander = self.base_wander
         here, scores = self.linearised(self.base_fit, 0.0, wander)
         beyond = -0.5 * (self.base_fit.chi2 - float(np.sum(scores**2)))
-        return float(here.log(scores)[0]) + beyond - self.price(wander)
+        return float(here.log(scores)[0]) + beyond - price(wander, self.data.n)
 
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:

@@ -31,8 +31,18 @@ def waves(data: Observations) -> FloatArray:
     return cosines(data.covariates["run_order"], count) / np.arange(1, count + 1)
 
 
+def rms(data: Observations, size: float) -> float:
+    """Root mean square of a wander of this size over the trials, a fraction of lift."""
+    return size * float(np.sqrt(np.mean(np.sum(waves(data) ** 2, axis=1))))
+
+
+def price(size: float, n: int) -> float:
+    """What a wander of this size costs in log evidence beside `n` trials, by unit information."""
+    return 0.5 * float(np.log(n)) * (size > 0)
+
+
 def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
-    """The likeliest size beside `n` trials; 0 where none is worth its price by unit information.
+    """The likeliest size beside `n` trials; 0 where none is worth its price.
 
     Parameters
     ----------
@@ -49,4 +59,4 @@ def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
         (u.T @ scores) ** 2 * variance / (1 + variance) - np.log1p(variance), axis=1
     )
     best = int(np.argmax(gain))
-    return float(SIZES[best]) if gain[best] > 0.5 * np.log(n) else 0.0
+    return float(SIZES[best]) if gain[best] > price(SIZES[best], n) else 0.0

@@ -310,6 +310,9 @@ class BoundaryDiagnosis:
         Of structure that is not explained.
     contradicted : tuple of str
         What speaks against a model that no test of structure rejects.
+    wander : float
+        Root mean square, as a fraction of lift, of what the gain wanders beside the answer, along
+        nothing that was logged.
     p_value, threshold_log10_p : float
         Of the largest of all tests, and what it needs.
     structure : tuple of StructureTest
@@ -332,6 +335,7 @@ class BoundaryDiagnosis:
     explanations: tuple[tuple[str, ...], ...] | None = optional()
     partial: tuple[PartialEffect, ...] | None = optional()
     contradicted: tuple[str, ...] | None = optional()
+    wander: float | None = optional()
     p_value: float
     threshold_log10_p: float
     structure: tuple[StructureTest, ...]
@@ -353,6 +357,16 @@ class BoundaryDiagnosis:
     def reason(self) -> str:
         """Why it could not be diagnosed: it was."""
         return ""
+
+    @property
+    def wandering(self) -> str:
+        """What is to be said of a wander; empty without one."""
+        if self.wander is None:
+            return ""
+        return (
+            f"the gain wanders by {100 * self.wander:.2g} % of lift in the course of the campaign,"
+            " along nothing that was logged"
+        )
 
     def stand_ins(self, effect: NamedEffect) -> list[str]:
         """What this design cannot tell from a named effect: single effects in its place, then two

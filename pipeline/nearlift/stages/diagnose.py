@@ -72,7 +72,11 @@ def run(job: Job) -> Outcome:
         )
         notes += [
             f"{boundary}: {told}"
-            for told in (*(found.findings.contradicted or ()), found.quoted.leaning)
+            for told in (
+                *(found.findings.contradicted or ()),
+                found.findings.wandering,
+                found.quoted.leaning,
+            )
             if told
         ]
         residuals.append(
