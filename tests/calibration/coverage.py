@@ -6,7 +6,7 @@ errors that repeats do not show: a gain per session and per throttle, one offset
 a load cell that bends. Its manifest declares what was put in, the library fits the trials, and the
 68, 90 and 95 % intervals on each coefficient hold the truth or do not.
 
-    nice python -m tests.calibration.coverage --n 250        writes docs/coverage.md
+    nice python -m tests.calibration.coverage --n 250        writes its section of docs/coverage.md
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Self
 import lmfit
 import numpy as np
 from scipy.stats import beta, binom, norm, t
-from tests.calibration import forms, spread
+from tests.calibration import forms, pages, spread
 from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
@@ -352,15 +352,15 @@ def clopper_pearson(count: int, n: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-PAGE = """# Coverage with shared errors: do the intervals hold the truth as often as they say?
+PAGE = """## Shared errors that are declared
 
     nice python -m tests.calibration.coverage --n {n} --rows out/coverage.jsonl
 
-wrote this page (0.1 s of one core for each campaign; `--rows` keeps finished ones, so an interrupted run goes on).
+wrote this section (0.1 s of one core for each campaign; `--rows` keeps finished ones, so an interrupted run goes on).
 `make calibrate` asserts what it says, `make test` a smaller version, and both assert that a likelihood that forgets
 what is shared fails the same test.
 
-## Assumptions
+### Assumptions
 
 {n} simulated campaigns of each boundary and each datum, by the referee of [calibration](calibration.md), whose forms
 share no code with the library: 10 stations from one radius (0.12 at the ceiling, 0.15 at the sidewall) to 25 (12), 4
@@ -378,14 +378,14 @@ all its trials:
 
 The manifest declares exactly these. Nothing else is wrong.
 
-## Algorithm
+### Algorithm
 
 Records, reduced by the library, are fitted in three ways: *nearlift* with the declared budget; *shared ignored*, the
 same likelihood and the same noise without the budget; *lmfit*, as it is commonly used: `lmfit.Model(...).fit` on
 Delta L per cell over the farthest station, each cell an error of its own, its standard error times normal quantiles.
 Seeds from {first} on are for reporting; others were used to try things out.
 
-## Measured
+### Measured
 
 Share of nearlift's intervals that hold the truth at either datum and at both, with its 95 % interval (Clopper and
 Pearson), and the other two ways' at both. By chance (99 %) a share of 68 % lies between {low68:.1%} and {high68:.1%}
@@ -446,10 +446,8 @@ def tables(rows: list[Row]) -> tuple[str, str]:
     return first, second
 
 
-#: Where the section of `tests.calibration.few` begins.
-FEW_VISITS = "<!-- few visits -->"
 REMARKS = """
-## What was found on the way
+### What was found on the way
 
 With a height error carried by the slope of the curve alone, a datum of 0.5 mm at the ceiling's nearest stations (2.8 mm
 from it) is no first-order matter: 15 campaigns gave pulls of mean -1.9 and standard deviation 2.6, and the 90 %
@@ -464,7 +462,7 @@ leave their bands by chance in one run of nine.
 
 
 def main() -> None:
-    """Run, and write the page."""
+    """Run, and write the section."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=250)
     parser.add_argument("--first", type=int, default=REPORTED)
@@ -486,10 +484,7 @@ def main() -> None:
     page = PAGE.format(
         n=given.n, first=given.first, table=shares, errors=errors, remarks=REMARKS, **bands
     )
-    # the section on few visits is measured by another run
-    before = given.out.read_text(encoding="utf-8") if given.out.exists() else ""
-    kept = before[before.index(FEW_VISITS) :] if FEW_VISITS in before else ""
-    given.out.write_text(f"{page}\n{kept}" if kept else page, encoding="utf-8")
+    pages.write(given.out, "shared errors", page)
     sys.stdout.write(shares + "\n" + errors)
 
 

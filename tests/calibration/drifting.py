@@ -7,14 +7,13 @@ nice python -m tests.calibration.drifting --n 14        writes its section of do
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from tests.calibration import forms, oracle, spread
+from tests.calibration import forms, oracle, pages, spread
 from tests.calibration.coverage import BASE, clopper_pearson, intervals
 from tests.calibration.simulator import Errors, Spec, simulate
 
@@ -73,8 +72,7 @@ def table(executor: Executor, n: int, first: int) -> str:
     return text
 
 
-SECTION = """<!-- drifting -->
-## Noise that drifts between trials
+SECTION = """## Noise that drifts between trials
 
     nice python -m tests.calibration.drifting --n {n}
 
@@ -83,7 +81,6 @@ are first-order from trial to trial. Ideal is generalised least squares with the
 from.
 
 {table}
-<!-- end of drifting -->
 """
 
 
@@ -98,13 +95,7 @@ def main() -> None:
     with spread.opened(given.executor) as executor:
         made = table(executor, given.n, given.first)
     section = SECTION.format(n=given.n, count=3 * given.n, table=made)
-    page = re.sub(
-        r"<!-- drifting -->.*<!-- end of drifting -->\n",
-        "",
-        given.out.read_text(encoding="utf-8"),
-        flags=re.DOTALL,
-    )
-    given.out.write_text(page.rstrip("\n") + "\n\n" + section, encoding="utf-8")
+    pages.write(given.out, "drifting", section)
     sys.stdout.write(made)
 
 

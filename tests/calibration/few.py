@@ -10,14 +10,13 @@ share, undeclared, on top of the usual scatter of trials, of force and of height
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tests.calibration import forms, spread
+from tests.calibration import forms, pages, spread
 from tests.calibration.coverage import BASE, LEVELS, Row, band, clopper_pearson, covered, intervals
 from tests.calibration.simulator import Shared, Spec, simulate
 
@@ -135,8 +134,7 @@ def table(rows: dict[str, list[Row]]) -> str:
     return text
 
 
-SECTION = """<!-- few visits -->
-## Few visits
+SECTION = """## Few visits
 
     nice python -m tests.calibration.few --n {n}
 
@@ -146,7 +144,6 @@ trials share a gain error of 0.5 % that no manifest declares. By chance (99 %) a
 {table}
 A handful of visits hardly tells what they share, nor how it is parted from the scatter of single trials: intervals hold a little less often
 than they say.
-<!-- end of few visits -->
 """
 
 
@@ -161,13 +158,7 @@ def main() -> None:
     with spread.opened(given.executor) as executor:
         made = table(run(executor, given.n, given.first))
     section = SECTION.format(n=given.n, low=band(given.n, 0.9, 0.99)[0] / given.n, table=made)
-    page = re.sub(
-        r"<!-- few visits -->.*<!-- end of few visits -->\n",
-        "",
-        given.out.read_text(encoding="utf-8"),
-        flags=re.DOTALL,
-    )
-    given.out.write_text(page.rstrip("\n") + "\n\n" + section, encoding="utf-8")
+    pages.write(given.out, "few visits", section)
     sys.stdout.write(made)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import beta, binom
-from tests.calibration.forms import NAMED, STRANGE
+from tests.calibration.forms import NAMED, STRANGE, UNNAMED
 from tests.calibration.kinds import KINDS, STRONG, Promise
 from tests.calibration.peers import PEERS
 
@@ -228,6 +228,24 @@ def by_verdict(rows: list[Row]) -> list[dict[str, Any]]:
     return table
 
 
+def by_structure(rows: list[Row]) -> list[dict[str, Any]]:
+    """What becomes of each structure outside the library: how often it is seen, is given a name, and
+    how often the interval to quote holds the coefficient where it is unexplained, and where the
+    verdict is adequate.
+    """
+    table = []
+    outside = [r for r in rows if r.get("failed") == "" and {*r["truth"]} & {*UNNAMED, *STRANGE}]
+    for name in [n for n in (*UNNAMED, *STRANGE) if any(n in r["truth"] for r in outside)]:
+        mine = [r for r in outside if name in r["truth"]]
+        line: dict[str, Any] = {"structure": name, "n": len(mine)}
+        line |= {w: sum(bool(r[w]) for r in mine) for w in ("claimed", "named")}
+        for verdict in ("unexplained", "adequate"):
+            held = [r["cover_quoted"] for r in mine if r["verdict"] == verdict]
+            line[f"{verdict}: interval holds"] = f"{sum(held)} of {len(held)}"
+        table.append(line)
+    return table
+
+
 def figures(rows: list[Row]) -> list[Figure]:
     """Every figure that these rows have something to say about."""
     done = [r for r in rows if r.get("failed") == ""]
@@ -250,7 +268,7 @@ def figures(rows: list[Row]) -> list[Figure]:
             "time",
             "CPU seconds per boundary with held-out folds: median",
             [r["cpu_s"] for r in done],
-            promise=Promise("<=", 10.0, 2.0),
+            promise=Promise("<=", 4.0, 2.0),
         ),
         *quantile("time_p95", "... 95th percentile", [r["cpu_s"] for r in done], 0.95),
     ]
@@ -291,10 +309,10 @@ def _single(weak: list[Row], one: list[Row]) -> Iterator[Figure]:
         "one effect, rho >= 0.2: best name right",
         one,
         "right",
-        Promise(">=", 0.80, 0.92),
+        Promise(">=", 0.86, 0.92),
     )
     yield from share(
-        "one_inside", "... truth within name + rivals", one, "inside", Promise(">=", 0.90, 0.97)
+        "one_inside", "... truth within name + rivals", one, "inside", Promise(">=", 0.97, 0.98)
     )
     yield from share(
         "one_equal",
@@ -307,7 +325,7 @@ def _single(weak: list[Row], one: list[Row]) -> Iterator[Figure]:
         "... one single name, and wrong",
         one,
         "single_wrong",
-        Promise("<=", 0.03, 0.01),
+        Promise("<=", 0.02, 0.01),
     )
     yield from share("own_right", "... own form: best name right", own, "right")
     yield from share("own_inside", "... own form: within the set", own, "inside")
@@ -348,7 +366,7 @@ def _several(two: list[Row], outside: list[Row], within: list[Row]) -> Iterator[
         "two effects, weaker rho 0.2 to 0.4: both within the set",
         two,
         "inside",
-        Promise(">=", 0.75, 0.90),
+        Promise(">=", 0.85, 0.90),
     )
     yield from share("two_right", "... both named first", two, "right")
     yield from share(
@@ -369,7 +387,7 @@ def _several(two: list[Row], outside: list[Row], within: list[Row]) -> Iterator[
         "outside the library, rho >= 0.4: given a name",
         loud,
         "named",
-        Promise("<=", 0.10, 0.03),
+        Promise("<=", 0.03, 0.01),
     )
     yield from share("outside_seen", "outside the library: seen at all", outside, "claimed")
     unnamed = [r for r in outside if r["verdict"] == "unexplained"]
@@ -457,7 +475,7 @@ def _coverage(null: list[Row], one: list[Row]) -> Iterator[Figure]:
         ("cover_null", "... null campaigns", null),
     ):
         for kind, title in intervals.items():
-            promise = Promise(">=", 0.85, 0.88) if (key, kind) == ("cover", "quoted") else NONE
+            promise = Promise(">=", 0.87, 0.88) if (key, kind) == ("cover", "quoted") else NONE
             yield from share(
                 f"{key}_{kind}",
                 f"{words}: {title}",
@@ -547,6 +565,7 @@ def markdown(rows: list[Row]) -> str:
         ("Per kind", by_kind(rows)),
         ("Per verdict", by_verdict(rows)),
         ("Per effect", by_effect(rows)),
+        ("Per structure outside the library", by_structure(rows)),
         ("Rival methods", peers),
     ):
         if table:

@@ -80,13 +80,20 @@ class Explanation:
         )
 
     @property
-    def tube(self) -> FloatArray:
-        """Unit-variance columns (n, t) of its form's uncertainty and of the wander beside it."""
+    def nuisances(self) -> dict[str, FloatArray]:
+        """Unit-variance columns (n, t) of its form's uncertainty and of a wander beside it, by what
+        they are.
+        """
         candidate = self.fitted.candidate
-        form = candidate.tube(self.fitted.vector, self.form_sd)
-        if not self.wander:
-            return form
-        return np.hstack([form, self.wander * waves(candidate.data)])
+        found = {f"form of {self.name}": candidate.tube(self.fitted.vector, self.form_sd)}
+        if self.wander:
+            found["gain that wanders"] = self.wander * waves(candidate.data)
+        return found
+
+    @property
+    def tube(self) -> FloatArray:
+        """All of them, side by side."""
+        return np.hstack([*self.nuisances.values()])
 
     @property
     def name(self) -> str:

@@ -194,7 +194,7 @@ def _with_unknowns(
         mine = candidate.of(effect.name)
         blocks.append((f"size of {effect.name}", jacobian[:, mine] * sd[mine]))
     if answer.accepted and not stage.independent:
-        blocks.append((f"form of {answer.accepted[0].name}", answer.accepted[0].tube))
+        blocks += answer.accepted[0].nuisances.items()
     if found.carried:
         blocks.append((f"what has no name along {' and '.join(found.carried)}", found.unnamed))
     blocks = [(name, columns) for name, columns in blocks if columns.shape[1]]
