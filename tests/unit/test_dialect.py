@@ -273,3 +273,57 @@ def test_a_cell_without_its_label_is_refused(tmp_path: Path) -> None:
 def test_a_line_of_another_kind_is_refused_with_what_would_read_it(line: str, remedy: str) -> None:
     with pytest.raises(InputRefused, match=re.escape(remedy)):
         table.row_of(line, "f, line 3", ["a", "b"], table.COMMAS)
+
+
+def steps(head: str, marker: str, tail: str = "") -> bytes:
+    """What an HX711's sketch writes: each throttle on a line of its own behind a marker."""
+    lines = [head]
+    for throttle in (1100, 1200, 1300):
+        force = [f"{throttle / 10 - 100 + 0.1 * (i % 7):.1f}" for i in range(20)]
+        lines += [marker, str(throttle), *force, *([tail] if tail else [])]
+    return ("\n".join(filter(None, lines)) + "\n").encode()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (steps("force", "THROTTLE"), {"ignore": ["THROTTLE"]}),
+        (steps("", "START", "STOP"), {"ignore": ["START", "STOP"], "columns": ["force"]}),
+        (steps("", "START", "STOP"), {"ignore": ["START", "STOP"], "columns": ["force", "n"]}),
+    ],
+)
+def test_throttles_among_forces_are_not_read_in_silence(tmp_path, content, said):
+    """What the advice to ignore the markers would do."""
+    if len(said.get("columns", ())) == 2:
+        content = b"\n".join(
+            line + b",7" if line[:1].isdigit() else line for line in content.split()
+        )
+        content += b"\n"
+    with pytest.raises(
+        InputRefused, match=r"another kind behind every ignored line: 1100, then 10"
+    ):
+        read(tmp_path, content, said, ("force",))
+
+
+def test_blocks_whose_first_number_is_of_their_kind_are_read(tmp_path):
+    lines = [b"START", *(b"%d" % (10 + i % 5) for i in range(20)), b"STOP"]
+    said = {"ignore": ["START", "STOP"], "columns": ["force"]}
+    once = read(tmp_path, b"\n".join([lines[0], b"900", *lines[1:]]) + b"\n", said, ("force",))
+    assert len(once.channels[0].values) == 21
+    assert len(read(tmp_path, b"\n".join(lines * 4) + b"\n", said).channels[0].values) == 80
+
+
+def test_labels_that_differ_are_no_text_column(tmp_path):
+    content = b"".join(
+        b"Throttle: %d\n" % (1000 + 100 * i) + b"Force: 10.1\n" * 9 for i in range(4)
+    )
+    with pytest.raises(InputRefused, match=r"labels its cells: 'Throttle: 1000'"):
+        read(tmp_path, content, {"columns": ["what", "force"]})
+    with pytest.raises(InputRefused, match="is labelled Force, not Throttle"):
+        read(tmp_path, content, {"labels": True})
+
+
+def test_a_text_column_may_have_decimal_commas_beside_it(tmp_path):
+    found = read(tmp_path, b"side;z;F\nground;5;1,5\nground;10;2,25\n")
+    assert [c.name for c in found.channels] == ["z", "F"]
+    assert found.channels[1].values.tolist() == [1.5, 2.25]

@@ -24,7 +24,7 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import child
 from nearlift.readers.channel import Malformed, fold, pick, split_unit, unit_word
 
-from . import written
+from . import small_run, written
 from .bench_campaign import manifest, write_schedule
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=40)
@@ -647,3 +647,10 @@ def test_half_written_trials_are_flagged_and_held_against_the_planned_length(
     assert "truncated" in table["quality"][1].split()
     assert list(table["completeness"]) == ["complete", "truncated", "truncated", "complete"]
     assert table["samples"][0] == HEAD + LIVE
+
+
+def test_a_log_before_versions_is_told_from_a_damaged_one(tmp_path):
+    path = written.put(tmp_path, "log00", b"\x03tick(I),acc.x(f),acc.y(f)," + bytes(64))
+    told = small_run.nearlift("inspect", path)
+    assert told.exit_code == 4
+    assert "of the form that had no version yet\n  convert it to CSV" in told.stderr

@@ -82,7 +82,7 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
         raise UsageError(
             str(home / missing[0]),
             f"is not fitted ({len(missing)} of {len(names)} campaigns)",
-            "`nearlift run` them first",
+            "`nearlift run CAMPAIGN` first, for each of them",
         )
     return [home / name for name in names]
 

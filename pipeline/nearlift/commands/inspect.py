@@ -38,8 +38,8 @@ MEANS = '[records]\nreader = "means"                     # mean lifts in the sch
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
     """One file's contents, the reader that reads it, and what may be the force and its clock;
-    `columns` of a text that names none; `grid` where it is a velocity grid, `table` where it is a
-    table of means.
+    `columns` of a text that names none; `grid` where it is a velocity grid, `table` where it
+    lists trials.
     """
 
     path: Path
@@ -130,7 +130,7 @@ def inspect(path: Path, dialect: Mapping[str, Any] | None = None, *, record: boo
         bytes=length,
         columns=columns,
         dialect=said,
-        table=table if table is not None and table.means else None,
+        table=table if table is not None and table.lists_trials else None,
     )
 
 
@@ -259,22 +259,23 @@ def block(found: Found) -> str:
     if found.grid is not None:
         return grids.piv_block(found.grid, found.path)
     if found.table is not None:
-        return means_block(found.table)
+        return trials_block(found.table)
     return records_block(found)
 
 
-def means_block(table: Table) -> str:
-    """[records] and [trials] of a table of means, and how its columns are to be called."""
-    _, section = table.schedule(table.own_ids(), means=True)
+def trials_block(table: Table) -> str:
+    """[trials] of a table of trials, [records] where it holds their mean lifts, and how its columns
+    are to be called.
+    """
+    _, section = table.schedule(table.own_ids(), means=table.means)
     other = [
         f"{table.names[place]} -> {name}"
         for name, (place, _) in table.meant.items()
         if table.names[place] != name
     ]
-    if "trial" not in table.meant:
-        other.append("a column trial")
-    how = f"# `nearlift new DIR --from FILE` writes trials.csv from it ({', '.join(other)})\n"
-    return f"{MEANS}\n{how if other else ''}{section}"
+    what = "FILE" if table.means else "RECORDS FILE"
+    how = f"# `nearlift new DIR --from {what}` makes trials.csv of it ({', '.join(other)})\n"
+    return f"{MEANS if table.means else ''}\n{how if other else ''}{section}".lstrip()
 
 
 def records_block(found: Found, files: str | None = None) -> str:
@@ -381,7 +382,7 @@ def as_json(found: Found) -> dict[str, Any]:
         ],
         "force": found.force.name if found.force else None,
         "piv": None if found.grid is None else found.grid.format,
-        "means": found.table is not None,
+        "means": found.table is not None and found.table.means,
         "records": block(found),
     }
 

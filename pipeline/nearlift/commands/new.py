@@ -165,7 +165,8 @@ def write_from(
             f"`nearlift inspect {shlex.quote(str(first.path))}` prints its [piv] section, for the"
             " manifest of a campaign of forces",
         )
-    means = first.table if len(found) == 1 else None
+    means = first.table if first.table is not None and first.table.means else None
+    means = means if len(found) == 1 else None
     if means is None and own in records:
         raise UsageError(
             str(own),

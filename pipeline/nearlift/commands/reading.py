@@ -17,12 +17,12 @@ def answer(campaign: Path, given: Mapping[str, Any], call: Call) -> None:
     from nearlift.results.serial import encode
     from nearlift.stages.detect import read
 
-    if "boundary" not in given:
-        raise UsageError(
-            "--boundary",
-            "is missing: a reading is one of ground, ceiling or sidewall",
-            "add --boundary ground",
-        )
+    for flag, example, why in (
+        ("boundary", "ground", "a reading is one of ground, ceiling or sidewall"),
+        ("u", "'1 percent'", "a reading has a standard uncertainty"),
+    ):
+        if flag not in given:
+            raise UsageError(f"--{flag}", f"is missing: {why}", f"add --{flag} {example}")
     fields = {name.removesuffix("_u"): value for name, value in given.items()}
     reading = validated(Reading, fields, "nearlift detect")
     with call.job(campaign) as job:

@@ -36,11 +36,19 @@ class Table:
     meant: Mapping[str, tuple[int, str]]
 
     @property
+    def lists_trials(self) -> bool:
+        """Whether it may be a schedule: a distance, what makes it one of trials, and no clock."""
+        other = {"trial", "boundary", "throttle", "lift"} & self.meant.keys()
+        return "distance" in self.meant and bool(other) and not self._clocked
+
+    @property
     def means(self) -> bool:
         """Whether it may be a table of mean lifts: lift by distance, and no clock."""
-        return {"lift", "distance"} <= self.meant.keys() and not any(
-            map(meaning.is_clock, self.names)
-        )
+        return self.lists_trials and "lift" in self.meant
+
+    @property
+    def _clocked(self) -> bool:
+        return any(map(meaning.is_clock, self.names))
 
     def ids(self, wanted: Collection[str]) -> list[str] | None:
         """The trial of every row, from the column that holds all these ids, or all these files'
@@ -102,9 +110,16 @@ def trials_section(given: Mapping[str, str], lacking: Collection[str], *, ordere
         if BY_NAME[name].kind == "quantity":
             remark = "" if unit else _remark(name)
             lines.append(f'{name:<8} = "{unit or BLANK}"{remark}')
-    if lacking:
+    spread = "lift" in given and "lift_sd" not in given
+    if spread:
+        lines.append(
+            f'# lift_sd = "{given["lift"] or "N"}"                  # standard deviation of a lift:'
+            " fewer than 45 rows want it"
+        )
+    if lacking or spread:
         lines.append("[trials.constants]                   # the same for every trial")
         lines += [f'{name:<8} = "{BLANK}"' for name in lacking]
+        lines += ["# lift_sd = 0.1"] if spread else []
     return "\n".join(lines) + "\n"
 
 

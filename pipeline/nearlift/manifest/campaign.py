@@ -209,9 +209,10 @@ def load(folder: Path) -> Campaign:
     """
     path = folder / "campaign.toml"
     if not path.is_file():
-        raise ManifestError(
-            str(folder), "holds no campaign.toml", "`nearlift new DIR` writes one to fill in"
-        )
+        what = "`nearlift new DIR` writes one to fill in"
+        if folder.is_dir() and any(folder.iterdir()):
+            what = "`nearlift new DIR --from FILES` writes one for the files that are there"
+        raise ManifestError(str(folder), "holds no campaign.toml", what)
     with path.open("rb") as file:
         return parse(toml.loads(file.read(toml.MOST_BYTES + 1), str(path)), str(path))
 

@@ -231,6 +231,17 @@ def _fit(
         )
     first = [_value(cell, cells) for cell in row[: len(names)]]
     texts = tuple(i for i, value in enumerate(first) if value is None)
+    if texts and row[texts[0]].endswith(":") and len(row) > texts[0] + 1:
+        # what the number beside it is differs from line to line
+        raise _Unfit(
+            len(lines),
+            InputRefused(
+                f"{where}, line {start + 1}",
+                f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}",
+                "such cells are read by dialect = { labels = true } under [records], where every"
+                " line has the same",
+            ),
+        )
     reading: list[tuple[float | None, ...]] = []
     for at in range(start, len(lines)):
         line = lines[at]

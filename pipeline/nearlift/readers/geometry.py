@@ -144,7 +144,10 @@ def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None
             raise InputRefused(
                 cells.at(i),
                 f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
-                f"{other[0]}?" if other else "throttle is a fraction of full throttle",
+                f"{other[0]}?"
+                if other
+                else "throttle is a part of full throttle; a pulse of 1000 to 2000 us is"
+                " (pulse - 1000) / 10 percent of it",
             )
     largest = int(np.argmax(throttle))
     if unit != "fraction" and 0 < throttle[largest] <= 0.01 + 1e-9:

@@ -118,7 +118,8 @@ def encoding_of(head: bytes, where: str) -> str:
         raise InputRefused(
             where,
             "is no text: it holds NUL bytes",
-            "it is damaged, or binary: `nearlift inspect FILE` says what it is",
+            "it is damaged, or binary of a format that is not read: docs/formats.md lists those"
+            " that are; export it as text",
         )
     try:
         # a character may be cut at the end of the head

@@ -9,7 +9,7 @@ called truncated.
 from __future__ import annotations
 
 import codecs
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -112,25 +112,68 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     chosen = _chosen(layout, names, where)
     blocks = Blocks(path, layout)
     parts: list[list[FloatArray]] = [[] for _ in chosen]
+    above = head.decode(layout.encoding, errors="replace").splitlines()[: layout.first - 1]
+    after = [0] if above and above[-1].strip() in layout.cells.ignore else []
+    rows = 0
     for first, body in blocks:
+        if layout.cells.ignore:
+            found, rows = _after_ignored(body, layout.cells.ignore, rows)
+            after += found
         for held, values in zip(
             parts, table.read(body, where, first, layout.names, chosen, layout.cells), strict=True
         ):
             held.append(values)
     spoken = layout.spoken()
+    channels = tuple(
+        Channel(
+            name=layout.names[i],
+            unit=layout.units[i],
+            values=np.concatenate(held) if held else np.empty(0),
+        )
+        for i, held in zip(chosen, parts, strict=True)
+    )
+    if names is not None or len(channels) == 1:
+        _of_one_kind(channels[0], after, where)
     return Contents(
-        channels=tuple(
-            Channel(
-                name=layout.names[i],
-                unit=layout.units[i],
-                values=np.concatenate(held) if held else np.empty(0),
-            )
-            for i, held in zip(chosen, parts, strict=True)
-        ),
+        channels=channels,
         kind="text" + (f": {spoken}" if spoken else ""),
         codes=("truncated",) if blocks.cut else (),
         notes=(f"text read as {spoken}",) if spoken else (),
     )
+
+
+def _after_ignored(body: bytes, ignore: Collection[str], rows: int) -> tuple[list[int], int]:
+    """Of the rows of a block, those that stand right behind an ignored line; and how many rows
+    there are by now.
+    """
+    found, behind = [], False
+    for line in map(str.strip, body.decode("utf-8", errors="replace").split("\n")):
+        if line in ignore and line:
+            behind = True
+        elif line:
+            found += [rows] if behind else []
+            rows, behind = rows + 1, False
+    return found, rows
+
+
+def _of_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
+    """See that the numbers behind ignored lines are of the kind of those that follow them.
+
+    A rig that writes THROTTLE, and its number on a line of its own, would else have throttles among
+    its forces.
+    """
+    parts = [p for p in np.split(channel.values, after)[1:] if len(p) > 3]
+    ends = [(p[0], np.nanmin(p[1:]), np.nanmax(p[1:])) for p in parts if np.isfinite(p[1:]).any()]
+    if len(ends) > 1 and all(
+        x < low - (high - low) or x > high + (high - low) for x, low, high in ends
+    ):
+        first, low, high = ends[0]
+        raise InputRefused(
+            where,
+            f"has a number of another kind behind every ignored line: {first:g}, then"
+            f" {low:g} to {high:g} in {channel.name!r}",
+            "take these lines out of the file, or write the number on the line that is ignored",
+        )
 
 
 def _without_tail(head: bytes, path: Path) -> bytes:

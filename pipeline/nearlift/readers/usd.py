@@ -10,6 +10,7 @@ event's clock ``event.time``.
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Mapping
@@ -43,6 +44,8 @@ TYPES = {
 #: Version to the clock's type and its unit in s.
 CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
 MOST_BYTES = 1 << 30
+#: How logs began before they had a version: the number of variables, then ``name(type),`` for each.
+OLDER = re.compile(rb"[\x01-\x1f](?:[\w.]{1,60}\([BbHhIiLlQqefd]\),){1,}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,6 +119,12 @@ def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
         magic, version, count = struct.unpack_from("<BHH", content, 0)
     except struct.error:
         raise Malformed(f"ends after {len(content)} bytes, within its head") from None
+    if OLDER.match(content):
+        raise InputRefused(
+            where,
+            "is a uSD log of the form that had no version yet",
+            "convert it to CSV with the decoder that came with that firmware, in tools/usdlog",
+        )
     if magic != MAGIC:
         raise Malformed(
             f"begins with 0x{magic:02X}, not 0x{MAGIC:02X}: it is no log of the uSD deck"
@@ -195,7 +204,8 @@ READER = reader_of(
         name="crazyflie-usd",
         title="binary logs of the Crazyflie's uSD deck, check sum verified",
         recognises=lambda head, name: (
-            len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16)
+            (len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16))
+            or OLDER.match(head) is not None
         ),
         contents=contents,
         options={"salvage": bool},
