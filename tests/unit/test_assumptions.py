@@ -61,12 +61,12 @@ def test_the_table_is_what_fit_json_says(small_job):
 def test_a_row_of_panels_per_question_and_a_column_per_boundary(small_job):
     figure = drawn(assumptions.summarise(gather(small_job)))
     assert [ax.get_title(loc="left") for ax in figure.axes] == [
-        "ground",
-        "ceiling",
-        "sidewall",
-        "",
-        "",
-        "",
+        "a) ground",
+        "b) ceiling",
+        "c) sidewall",
+        "d) ground",
+        "e) ceiling",
+        "f) sidewall",
     ]
     assert [ax.get_xlabel() for ax in figure.axes[::3]] == [
         "throttle (%)",

@@ -4,6 +4,7 @@ settings.
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import threading
 from functools import partial
@@ -11,14 +12,17 @@ from functools import partial
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import LayoutEngine
 from PIL import Image
 
 from nearlift.errors import ManifestError
 from nearlift.products import FIT, LIFT, POSTERIOR, TRIALS
-from nearlift.report.figures import drawers, style
+from nearlift.report.figures import corner, drawers, style
 from nearlift.report.figures.encoding import PAGE_WIDTH, render
 from nearlift.report.figures.fig2 import drawing as draw_fig2
 from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.figures.fig2.points import force_unit
 from nearlift.report.figures.residuals import drawing as draw_residuals
 from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.registry import FIGURES
@@ -62,10 +66,15 @@ def test_panels_are_labelled_with_units_and_curves_named(table):
         "b) ceiling",
         "c) sidewall",
     ]
-    assert figure.axes[0].get_ylabel() == r"$\Delta L$ (%)"
-    assert all(ax.get_xlabel() == r"$\hat{z}$" for ax in figure.axes)
+    assert figure.axes[0].get_ylabel() == r"$\Delta L$ from the fit's $L_\infty$ (%)"
+    assert all(ax.get_xlabel() == r"distance $\hat{z}$" for ax in figure.axes)
     named = [t.get_text() for t in figure.axes[0].get_legend().get_texts()]
-    assert named == ["S-C (posterior), 90 %", "C-B (theory)", "S-C (PQuad)"]
+    assert named == [
+        "S-C, fitted, 90 %",
+        "C-B (theory)",
+        "S-C (PQuad)",
+        r"$L_\infty$, $\pm 1\,u$",
+    ]
     assert [t.get_text() for t in figure.legends[0].get_texts()] == [
         "throttle:",
         "25 %",
@@ -162,6 +171,58 @@ def test_residuals_fill_a_grid_or_columns(small_job, make_job):
 def test_an_unknown_covariate_keeps_its_name():
     assert style.quantity("rig_$_colour") == r"rig \$ colour"
     assert style.quantity("tilt_rad") == r"tilt $\theta$ (rad)"
+
+
+def test_distances_in_millimetres_move_the_axis_and_nothing_else(small_job, table):
+    """The same picture over another axis: 23 mm a radius."""
+    over, far = style.style("aiaa"), dataclasses.replace(style.style("aiaa"), radius_mm=23.0)
+    for draw, rows in (
+        (draw_fig2.draw, table),
+        (draw_residuals.draw, residuals.summarise(gather(small_job))),
+    ):
+        with style.context(over):
+            one, other = draw(rows, over).axes[0], draw(rows, far).axes[0]
+        assert other.get_xlabel().endswith("$z$ (mm)")
+        np.testing.assert_allclose(np.multiply(23.0, one.get_xlim()), other.get_xlim())
+        assert one.get_ylim() == other.get_ylim()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("N", 1.0), ("mN", 1e3), ("gf", 1 / 9.80665e-3)])
+def test_forces_are_shown_in_the_unit_that_is_asked_for(make_job, unit, factor):
+    job = make_job(boundaries=("ground",), report={"units": {"force": unit}})
+    evidence = gather(job)
+    assert force_unit(evidence) == (pytest.approx(factor), unit)
+    level = [n for n in corner.draws(evidence, "ground") if n.startswith("L_inf_")]
+    assert [n.partition("[")[0] for n in level] == [f"L_inf_{unit}"]
+    shown = corner.draws(evidence, "ground")[level[0]]
+    draws = evidence.table(POSTERIOR)
+    mine = (draws["parameter"] == f"L_inf_N[{level[0].partition('[')[2]}") & (
+        draws["model"] == "sanchez_cuevas"
+    )
+    np.testing.assert_allclose(shown, factor * draws["value"][mine])
+
+
+def test_the_solvers_last_digits_are_not_in_the_file():
+    """A layout may differ in the fourteenth digit from run to run."""
+
+    class Unsteady(LayoutEngine):
+        _adjust_compatible = _colorbar_gridspec = True
+
+        def __init__(self, off):
+            super().__init__()
+            self.off = off
+
+        def execute(self, fig):
+            for ax in fig.axes:
+                ax.set_position((0.1234565 + 1e-9 + self.off, 0.2, 0.7, 0.7))
+
+    def draw(off, table, look):
+        figure = Figure(layout=Unsteady(off))
+        figure.subplots().plot([0, 1], [0, 1])
+        return figure
+
+    look = style.style("nature")
+    assert render(partial(draw, 0.0), {}, look) == render(partial(draw, 3e-13), {}, look)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])

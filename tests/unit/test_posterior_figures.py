@@ -1,9 +1,12 @@
 """Corner plot, prior against posterior, bands and words, from draws made up here."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from nearlift import catalogue
+from nearlift.manifest.campaign import Report
 from nearlift.products import FIT, POSTERIOR
 from nearlift.report import curves
 from nearlift.report.chapters import posterior as page
@@ -62,7 +65,10 @@ def evidence(K_b, levels=0.5):
         "base": {"ground": "sanchez_cuevas"},
         "boundaries": {"ground": {"sanchez_cuevas": fitted}},
     }
-    return Evidence(campaign=None, tables={POSTERIOR.file: table}, documents={FIT.file: content})
+    campaign = SimpleNamespace(report=Report())
+    return Evidence(
+        campaign=campaign, tables={POSTERIOR.file: table}, documents={FIT.file: content}
+    )
 
 
 def spread(seed=1, sd=0.3):

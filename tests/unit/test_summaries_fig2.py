@@ -17,9 +17,11 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, POSTERIOR, RESULTS
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import values
+from nearlift.report.figures.fig2 import caption as fig2_words
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.tidy import to_csv
+from nearlift.results.quotation import LargestShifts, Shift
 from nearlift.rounding import decimals, plus_minus, siunitx
 from nearlift.stages.report import gather
 
@@ -131,7 +133,7 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     # sixty trials a throttle, and the coefficient's slope beside the level
     assert noise / np.sqrt(60) < over.u_L_inf < 3 * noise / np.sqrt(60)
     assert fig2.named(made, "ground") == effects
-    assert ("whose part at each trial" in fig2._fit_note(made, "ground")) == bool(effects)
+    assert ("whose part at each trial" in fig2_words._fit_note(made, "ground")) == bool(effects)
 
 
 def test_theory_curves_take_the_published_values(table):
@@ -168,9 +170,10 @@ def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
         shifted["delta_L_percent"], 100 * (model(stood, **arguments) - 1), rtol=2e-3
     )
     assert shifted["delta_L_percent"][0] < 0.95 * plain["delta_L_percent"][0]
-    assert "0.2 mm farther than recorded" in fig2.caption(moved, again)
+    assert "0.2 mm farther than recorded" in fig2_words.caption(moved, again)
     assert (
-        "than recorded" not in fig2.caption(still, again).split("Sidewall:")[0].split("Ceiling:")[1]
+        "than recorded"
+        not in fig2_words.caption(still, again).split("Sidewall:")[0].split("Ceiling:")[1]
     )
 
 
@@ -223,29 +226,61 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
         & (line["delta_L_percent"] < line["hi90_percent"])
     ).all()
     assert (set(line["label"]), set(fitted["label"])) == (
-        {"S-C (posterior)"},
-        {"S-C (least squares)"},
+        {"S-C, fitted"},
+        {"S-C, least squares"},
     )
-    text = fig2.caption(moved, table)
+    text = fig2_words.caption(moved, table)
     assert "thin line: least squares, which parts from it visibly (ground)" in text
     own = moved.quoted("ground").coefficients["K_b"]
     assert f"(K_b = {plus_minus(own.value, own.u)}, k = 1)" in text
     told["lo90"], moved.base("ground")[1]["parameters"]["K_b"]["lo90"] = None, None
     endless = rows(fig2.summarise(moved), panel="ground", kind="band")
     assert np.isnan(endless["lo90_percent"]).all()
-    assert "No band (ground)" in fig2.caption(moved, fig2.summarise(moved))
+    assert "No band (ground)" in fig2_words.caption(moved, fig2.summarise(moved))
 
 
 def test_symbols_that_hang_on_a_few_visits_are_said_to(by_farthest, monkeypatch):
     evidence, table = by_farthest, fig2.summarise(by_farthest)
     data = evidence.observations["ground"]
     visits = len(np.unique(data.visit[data.z_hat == data.z_hat.max()]))
-    monkeypatch.setattr(fig2, "FEW_FAR", visits)
-    assert f"All throttles share the {visits} visits of that station" in fig2.caption(
+    monkeypatch.setattr(fig2_words, "FEW_FAR", visits)
+    assert f"All throttles share the {visits} visits of that station" in fig2_words.caption(
         evidence, table
     )
-    monkeypatch.setattr(fig2, "FEW_FAR", visits - 1)
-    assert "All throttles share" not in fig2._shared_far(evidence, "ground")
+    monkeypatch.setattr(fig2_words, "FEW_FAR", visits - 1)
+    assert "All throttles share" not in fig2_words._shared_far(evidence, "ground")
+
+
+def test_what_a_coefficient_hangs_on_is_ringed(evidence, monkeypatch):
+    """A trial that moves K_b by more than half its uncertainty marks its cell, one that moves it
+    less none.
+    """
+    own = evidence.quoted("ground")
+    trial = str(evidence.observations["ground"].trial[3])
+    u = own.coefficients["K_b"].u
+    for share, count in ((0.6, 1), (0.4, 0)):
+        leaning = LargestShifts(trial=Shift(id=trial, shift=-share * u))
+        told = {"K_b": dataclasses.replace(own.coefficients["K_b"], influence=leaning)}
+        moved = dataclasses.replace(own, coefficients=told)
+        monkeypatch.setattr(type(evidence), "quoted", lambda *_, moved=moved: moved)
+        ring = rows(fig2.summarise(evidence), panel="ground", kind="influence")
+        assert len(ring["z_hat"]) == count
+        if count:
+            assert ring["z_hat"][0] == evidence.observations["ground"].z_hat[3]
+            assert set(ring["label"]) == {f"trial {trial}: K_b by −0.6 u"}
+        text = fig2_words._influence_note(evidence, "ground")
+        assert ("Rings" in text) == bool(count)
+        assert ("more than 0.4 u" in text) == (not count)
+
+
+def test_the_table_says_what_the_symbols_are_referred_to(evidence, table, by_farthest):
+    fitted = rows(table, panel="ground", kind="L_inf")
+    far = rows(fig2.summarise(by_farthest), panel="ground", kind="L_inf")
+    known = relative_lift.relative_lift(evidence, "ground").u_L_inf
+    assert fitted["label"].tolist() == ["the fit's"]
+    assert fitted["u_delta_L_percent"][0] == pytest.approx(100 * known)
+    assert far["label"].tolist() == ["the farthest"]
+    assert np.isnan(far["u_delta_L_percent"][0])
 
 
 def test_no_curve_is_drawn_beyond_the_stations(table):
@@ -256,7 +291,7 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
 
 
 def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_farthest):
-    text = fig2.caption(evidence, table)
+    text = fig2_words.caption(evidence, table)
     for words in (
         "± 1 standard uncertainty",
         "central 90 %",
@@ -267,7 +302,7 @@ def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_
     ):
         assert words in text
     table = fig2.summarise(by_farthest)
-    text = fig2.caption(by_farthest, table)
+    text = fig2_words.caption(by_farthest, table)
     assert "farthest station" in text
     model, entry = evidence.base("ground")
     far = float(rows(table, panel="ground", kind="data")["z_hat"].max())
@@ -289,7 +324,7 @@ def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):
     )
     table = fig2.summarise(gather(job))
     assert set(table["label"][table["kind"] == "model"]) == {"C-B (theory)"}
-    assert "PQuad" not in fig2.caption(gather(job), table)
+    assert "PQuad" not in fig2_words.caption(gather(job), table)
 
 
 def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):

@@ -68,6 +68,15 @@ class Overlay(Section):
     boundary: Boundary
 
 
+class Units(Section):
+    """Units in which the report shows forces (`auto`: N or mN, as suits the vehicle) and distances
+    (`z_hat`: over rotor radius). Products and CSV files keep theirs.
+    """
+
+    force: Literal["auto", "N", "mN", "gf"] = "auto"
+    distance: Literal["z_hat", "mm"] = "z_hat"
+
+
 class Report(Section):
     """How figures look.
 
@@ -76,6 +85,7 @@ class Report(Section):
     """
 
     style: str = "aiaa"
+    units: Units = Units()
     reference: Literal["fit", "farthest"] = "fit"
     overlay: list[Overlay] = []
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import contextlib
 import operator
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,8 @@ def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcom
     from nearlift.report.tidy import to_csv
 
     look = style(job.campaign.report.style)
+    if job.campaign.report.units.distance == "mm":
+        look = replace(look, radius_mm=1e3 * job.campaign.vehicle.rotor_radius)
     evidence = gather(job)
     made: list[tuple[FigureSpec, Columns]] = []
     left_out = []

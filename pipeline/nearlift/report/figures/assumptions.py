@@ -4,6 +4,7 @@ quantity, and C_L against speed; a row of panels per question, a column per boun
 
 from __future__ import annotations
 
+import string
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.products import FIT
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style
 from nearlift.rounding import plain
@@ -184,26 +185,19 @@ def draw(table: Rows, look: Style) -> Figure:
     height = 0.36 * look.double_in if rows == 1 else 0.27 * look.double_in * rows
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
+    letters = iter(string.ascii_lowercase)
     for i, part in enumerate(parts):
         for j, boundary in enumerate(panels):
             ax = axes[0, i] if lone else axes[i, j]
-            mine = {
-                name: column[(table["panel"] == boundary) & (table["part"] == part)]
-                for name, column in table.items()
-            }
+            mine = select(table, (table["panel"] == boundary) & (table["part"] == part))
             if not len(mine["kind"]):
                 ax.set_axis_off()
                 continue
             DRAW[part](ax, mine)
             ax.yaxis.set_major_locator(MaxNLocator(4))
             ax.set_ylabel(nomenclature.label(str(mine["label"][0])), labelpad=1)
-            if i == 0 or lone:
-                ax.set_title(boundary)
+            ax.set_title(f"{next(letters)}) {boundary}")
     return figure
-
-
-def _select(rows: Rows, kind: str) -> dict[str, Any]:
-    return {name: column[rows["kind"] == kind] for name, column in rows.items()}
 
 
 def _bars(ax: Axes, rows: Rows, low: str, high: str, linewidth: float) -> None:
@@ -211,7 +205,7 @@ def _bars(ax: Axes, rows: Rows, low: str, high: str, linewidth: float) -> None:
 
 
 def _draw_throttles(ax: Axes, rows: Rows) -> None:
-    common, each = _select(rows, "common"), _select(rows, "throttle")
+    common, each = select(rows, rows["kind"] == "common"), select(rows, rows["kind"] == "throttle")
     ax.axhspan(common["lo90"][0], common["hi90"][0], color=BAND, linewidth=0, zorder=0)
     ax.axhline(common["value"][0], color=FITTED, zorder=1)
     _bars(ax, each, "lo90", "hi90", 0.7)
@@ -233,7 +227,9 @@ def _draw_throttles(ax: Axes, rows: Rows) -> None:
 
 
 def _draw_exponents(ax: Axes, rows: Rows) -> None:
-    curve, marks, supported = (_select(rows, kind) for kind in ("curve", "plausible", "supported"))
+    curve, marks, supported = (
+        select(rows, rows["kind"] == kind) for kind in ("curve", "plausible", "supported")
+    )
     if len(supported["x"]) == 2:
         ax.axvspan(*supported["x"], color=SERIES[5][0], alpha=0.3, linewidth=0, zorder=0)
     ax.fill_between(curve["x"], curve["lo90"], curve["hi90"], color=BAND, linewidth=0, zorder=1)
@@ -252,7 +248,7 @@ def _draw_exponents(ax: Axes, rows: Rows) -> None:
 
 
 def _draw_rotor(ax: Axes, rows: Rows) -> None:
-    points, law, paper = (_select(rows, kind) for kind in ("C_L", "law", "paper"))
+    points, law, paper = (select(rows, rows["kind"] == kind) for kind in ("C_L", "law", "paper"))
     ax.plot(law["x"], law["value"], color=FITTED, zorder=2)
     ax.axhline(paper["value"][0], color=REFERENCES[0][0], linestyle=REFERENCES[0][1], zorder=1)
     _bars(ax, points, "lo90", "hi90", 1.2)

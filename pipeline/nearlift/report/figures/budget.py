@@ -127,7 +127,7 @@ def draw(table: Rows, look: Style) -> Figure:
     # names of sources reach to the figure's edge, and a printer's cut would take their first letter
     figure.set_layout_engine("constrained", rect=(0.012, 0.0, 0.976, 1.0))
     axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-    for ax, (boundary, parameter) in zip(axes, panels, strict=True):
+    for place, ax, (boundary, parameter) in zip("abcdefghij", axes, panels, strict=False):
         mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
         for y, fall, kind in zip(
             range(len(components)), table["fall_percent"][mine], table["type"][mine], strict=True
@@ -152,7 +152,8 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_xlim(0, 124)
         ax.set_xticks([0, 50, 100])
         ax.tick_params(axis="y", length=0)
-        ax.set_title(f"{coefficient(parameter)}, {boundary}")
+        words = f"{coefficient(parameter)}, {boundary}"
+        ax.set_title(f"{place}) {words}" if len(panels) > 1 else words)
     figure.supxlabel(
         "fall of the standard uncertainty if the source were known exactly (%)",
         fontsize=look.text_pt,

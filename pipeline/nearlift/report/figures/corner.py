@@ -4,6 +4,7 @@ parameters and one throttle's L_inf on the diagonal, regions of highest density 
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
-from nearlift import nomenclature
+from nearlift import nomenclature, units
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
@@ -26,13 +27,15 @@ from nearlift.rounding import plain
 BINS, CELLS = 40, 26
 #: Shares of the draws between which an axis runs.
 SHOWN = (0.001, 0.999)
+#: L_inf of a throttle, with the unit in which it is shown.
+LEVEL = re.compile(r"L_inf_(\w+)\[(.+)\]")
 #: Share of the posterior within a region, and its grey.
 REGIONS = {0.5: "#555555", 0.9: "#9A9A9A", 0.99: "#DADADA"}
 
 
 def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
-    """Draws of the base model's parameters, and of L_inf in mN at the highest throttle,
-    (n,) each.
+    """Draws of the base model's parameters, and of L_inf at the highest throttle, (n,) each; in
+    mN unless the manifest asks for another unit.
     """
     table = evidence.table(POSTERIOR)
     model, _ = evidence.base(boundary)
@@ -43,7 +46,12 @@ def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
     found = {
         n: table["value"][mine & (table["parameter"] == n)] for n in (*parameters, *levels[-1:])
     }
-    return {n.replace("_N[", "_mN["): 1000 * x if n in levels else x for n, x in found.items()}
+    asked = evidence.campaign.report.units.force
+    unit = "mN" if asked == "auto" else asked
+    newtons, _ = units.to_si(unit, "force", "report.units.force")
+    return {
+        n.replace("_N[", f"_{unit}["): x / newtons if n in levels else x for n, x in found.items()
+    }
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -184,8 +192,8 @@ def _correlation(x: FloatArray, y: FloatArray) -> float:
 
 
 def _word(name: str) -> str:
-    if name.startswith("L_inf_mN["):
-        return f"L∞ at {100 * float(name[9:-1]):.3g} %"
+    if found := LEVEL.fullmatch(name):
+        return f"L∞ at {100 * float(found[2]):.3g} %"
     return letter(name)
 
 
@@ -281,8 +289,8 @@ def _draw_region(ax: Axes, rows: Rows) -> None:
 
 
 def _label(name: str) -> str:
-    if name.startswith("L_inf_mN["):
-        return rf"$L_\infty$ at {100 * float(name[9:-1]):.3g} % (mN)"
+    if found := LEVEL.fullmatch(name):
+        return rf"$L_\infty$ at {100 * float(found[2]):.3g} % ({found[1]})"
     try:
         return nomenclature.label(name)
     except UsageError:

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from PIL import Image
 
 from nearlift.report.figures.style import Style, context
@@ -21,6 +22,8 @@ Draw = Callable[[Mapping[str, Any], Style], Figure]
 #: so a fifth of the bytes.
 PAGE_WIDTH = 1500
 COLOURS = 256
+#: Decimal places of where a panel stands, as parts of the figure's width and height.
+PLACES = 6
 
 
 def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes]:
@@ -34,6 +37,7 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
         if (layout := figure.get_layout_engine()) is not None:
             layout.execute(figure)
             figure.set_layout_engine(None)
+            _settle(figure)
         pdf = io.BytesIO()
         nameless = {"CreationDate": None, "Producer": None, "Creator": None}
         figure.savefig(pdf, format="pdf", dpi=look.dpi, metadata=nameless)
@@ -46,6 +50,18 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
             "png": _png(picture, dpi=(look.dpi, look.dpi)),
             "page": light(picture),
         }
+
+
+def _settle(figure: Figure) -> None:
+    """Round the places of all panels: the solver's last digits depend on where in memory its
+    unknowns stand.
+    """
+    for part in figure.subfigs:
+        box: Any = part.bbox_relative
+        box.p0, box.p1 = np.round(box.p0, PLACES), np.round(box.p1, PLACES)
+    for ax in figure.axes:
+        place = ax.get_position(original=True)
+        ax.set_position(Bbox(np.round(place.get_points(), PLACES)))
 
 
 def _png(picture: Image.Image, **settings: Any) -> bytes:

@@ -16,7 +16,7 @@ from nearlift import catalogue, nomenclature
 from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SEQUENTIAL, SERIES, Style, plain_text
+from nearlift.report.figures.style import SERIES, Style, plain_text
 
 SIDES = ("ground", "ceiling")
 ROWS = ("histories", "paper", "converged")
@@ -140,7 +140,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
             "Below: share of flights that touch the boundary against set-point, for no model and"
             " for the model's ratio raised to powers,"
             f" {' or '.join(str(f) for f in sorted(flights))} flights a point with the same gusts"
-            " throughout; shade: 90 % binomial interval."
+            " throughout; shade: 90 % binomial interval, of the model itself and of none."
         ),
         (
             "Right axis: relative power to hover, (L/L∞)^(−3/2) as the paper has it (dashed) and"
@@ -198,28 +198,26 @@ def draw(table: Rows, look: Style) -> Figure:
     exponents = sorted(set(table["exponent"][table["kind"] == "crash"].tolist()))
     handles = [Line2D([], [], color=colour(e, exponents), linewidth=1.3) for e in exponents]
     names = [
-        "no model" if e == 0 else f"model$^{{\\,{e:g}}}$" if e != 1 else "model" for e in exponents
+        "no model ($L = L_\\infty$)"
+        if e == 0
+        else f"$(L/L_\\infty)^{{{e:g}}}$"
+        if e != 1
+        else "model, $L/L_\\infty$"
+        for e in exponents
     ]
     handles += [Line2D([], [], color=COST_COLOUR, linestyle=s) for s in COST.values()]
-    names += ["$(L/L_\\infty)^{-3/2}$", "$(L/L_\\infty)^{-1}$"]
-    figure.legend(
-        handles,
-        names,
-        loc="outside lower center",
-        ncols=len(names),
-        columnspacing=1.0,
-        handlelength=1.8,
-    )
+    names += ["power $(L/L_\\infty)^{-3/2}$", "power $(L/L_\\infty)^{-1}$"]
+    figure.legend(handles, names, loc="outside lower center", ncols=-(-len(names) // 2))
     return figure
 
 
 def colour(exponent: float, exponents: list[float]) -> Any:
-    """Black without a model, else even steps from dark to light."""
+    """Black without a model, else blue, the darker the higher the power."""
     powers = [e for e in exponents if e != 0]
     if exponent == 0:
         return NONE
-    return matplotlib.colormaps[SEQUENTIAL](
-        0.12 + 0.76 * powers.index(exponent) / max(len(powers) - 1, 1)
+    return matplotlib.colormaps["Blues"](
+        0.4 + 0.6 * powers.index(exponent) / max(len(powers) - 1, 1)
     )
 
 
@@ -258,14 +256,15 @@ def _rates(ax: Axes, own: Rows, last: bool) -> None:
     for e in exponents:
         mine = crash & (own["exponent"] == e)
         shade = colour(e, exponents)
-        ax.fill_between(
-            own["x"][mine],
-            100 * own["lo90"][mine],
-            100 * own["hi90"][mine],
-            color=shade,
-            alpha=0.25,
-            linewidth=0,
-        )
+        if e in (0, 1):
+            ax.fill_between(
+                own["x"][mine],
+                100 * own["lo90"][mine],
+                100 * own["hi90"][mine],
+                color=shade,
+                alpha=0.25,
+                linewidth=0,
+            )
         ax.plot(
             own["x"][mine], 100 * own["y"][mine], color=shade, linewidth=1.3 if e in (0, 1) else 0.8
         )

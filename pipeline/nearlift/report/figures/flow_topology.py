@@ -17,13 +17,20 @@ from nearlift.report.figures.style import SERIES, Style
 
 #: Panel, its axis label, and the quantities in it with what the legend calls them.
 PANELS = (
-    ("vortices", "vortices", (("vortices_ccw", "counter-clockwise"), ("vortices_cw", "clockwise"))),
-    ("area", "stagnation area / $r^2$", (("stagnation_area_hat2", ""),)),
-    ("height", "stagnation height / $r$", (("stagnation_height_hat", ""),)),
+    ("vortices", "number", (("vortices_ccw", "counter-clockwise"), ("vortices_cw", "clockwise"))),
+    ("area", "area / $r^2$", (("stagnation_area_hat2", ""),)),
+    ("height", "height / $r$", (("stagnation_height_hat", ""),)),
     ("split", "split angle (deg)", (("split_angle_deg", ""),)),
-    ("asymmetry", "asymmetry", (("asymmetry", ""),)),
+    ("asymmetry", "momentum asymmetry", (("asymmetry", ""),)),
 )
 ACROSS = 3
+TITLES = {
+    "vortices": "standing vortices",
+    "area": "stagnation zone, area",
+    "height": "stagnation zone, height",
+    "split": "where the wake splits",
+    "asymmetry": "right less left",
+}
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -77,11 +84,12 @@ def draw(table: Rows, look: Style) -> Figure:
     """A panel for each number."""
     names = distinct(table["panel"])
     down = -(-len(names) // ACROSS)
-    figure = Figure(figsize=(look.double_in, 1.55 * down + 0.2), layout="constrained")
-    axes = figure.subplots(down, ACROSS, squeeze=False, sharex=True)
+    figure = Figure(figsize=(look.double_in, 1.75 * down + 0.2), layout="constrained")
+    axes = figure.subplots(down, ACROSS, squeeze=False)
+    ends = table["tilt_deg"].min(), table["tilt_deg"].max()
     for ax in axes.ravel()[len(names) :]:
         ax.set_axis_off()
-    for i, (name, ax) in enumerate(zip(names, axes.ravel(), strict=False)):
+    for letter, name, ax in zip("abcdef", names, axes.ravel(), strict=False):
         mine = select(table, table["panel"] == name)
         labels = distinct(mine["label"])
         for shift, (colour, marker), label in zip((-0.12, 0.12), SERIES, labels, strict=False):
@@ -99,14 +107,14 @@ def draw(table: Rows, look: Style) -> Figure:
                 label=label or None,
             )
         if len(labels) > 1:
-            ax.legend(loc="best")
-            ax.margins(y=0.3)
+            ax.legend(loc="upper left")
+            ax.margins(y=0.35)
             ax.yaxis.set_major_locator(MaxNLocator(integer=True))
         ax.axvline(0, color="0.8", linewidth=0.5, zorder=0)
+        ax.set_xlim(ends[0] - 0.5, ends[1] + 0.5)
         ax.set_ylabel(mine["axis"][0])
-        if i + ACROSS >= len(names):
-            ax.set_xlabel(r"tilt $\theta$ (deg)")
-            ax.tick_params(labelbottom=True)
+        ax.set_xlabel(r"tilt $\theta$ (deg)")
+        ax.set_title(f"{letter}) {TITLES[name]}")
     return figure
 
 

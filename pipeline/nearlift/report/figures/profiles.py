@@ -4,6 +4,7 @@ the parabola that a standard uncertainty stands for.
 
 from __future__ import annotations
 
+import string
 from typing import Any
 
 import numpy as np
@@ -151,7 +152,7 @@ def draw(table: Rows, look: Style) -> Figure:
         _panel(ax, select(table, mine), look)
         unit = str(table["unit"][mine][0])
         ax.set_xlabel(coefficient(parameter) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
-        ax.set_title(boundary)
+        ax.set_title(f"{string.ascii_lowercase[i]}) {boundary}" if len(panels) > 1 else boundary)
     for line in axes:
         line[0].set_ylabel(r"rise of $\chi^2$")
     handles, labels = axes.flat[0].get_legend_handles_labels()

@@ -25,7 +25,7 @@ from nearlift.errors import ManifestError, UsageError
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
     """One look. Widths in inches, type in points, lines in points; `dpi` is that of the PNG and of
-    what is a raster in the PDF.
+    what is a raster in the PDF. Distances are shown in millimetres if `radius_mm` is given.
     """
 
     name: str
@@ -39,6 +39,7 @@ class Style:
     dpi: int = 300
     line_pt: float = 1.0
     marker_pt: float = 3.2
+    radius_mm: float | None = None
 
 
 STYLES = (
@@ -195,6 +196,13 @@ def settings(look: Style) -> dict[str, Any]:
         "path.simplify": True,
         "hatch.linewidth": 0.35,
     }
+
+
+def distance(look: Style) -> tuple[float, str]:
+    """Factor from distance over rotor radius to what is shown, and the label of its axis."""
+    if look.radius_mm is None:
+        return 1.0, r"$\hat{z}$"
+    return look.radius_mm, "$z$ (mm)"
 
 
 def plain_log(axis: Axis) -> None:

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from nearlift.report.evidence import Rows, distinct
 from nearlift.report.figures.residuals import drawing as residuals
-from nearlift.report.figures.style import FITTED, SERIES, dots, plain_log, plain_text
+from nearlift.report.figures.style import FITTED, SERIES, Style, dots, plain_log, plain_text
 
 CLOUD = SERIES[0][0]
 #: Before and after, in colour and in symbol.
@@ -20,12 +20,11 @@ FLOOR = "0.88"
 DISCRETE = 6
 LABELS = {
     "previous_throttle_percent": "previous throttle (%)",
-    "previous_z_hat": r"previous $\hat{z}$",
     "order_in_visit": "order within a visit",
 }
 
 
-def residual(ax: Axes, rows: Rows, first: bool) -> None:
+def residual(ax: Axes, rows: Rows, look: Style, first: bool) -> None:
     """Cloud, means over bins with their standard error, the noise floor as a shade; trials beyond
     the axis as ticks at its edge.
     """
@@ -71,14 +70,14 @@ def residual(ax: Axes, rows: Rows, first: bool) -> None:
     line = kind == "curve"
     ax.plot(rows["x"][line], rows["value"][line], color=FITTED, linewidth=1.0, zorder=3)
     ax.set_ylim(-reach, reach)
-    _abscissa(ax, covariate, np.unique(rows["x"][kind == "bin"]))
+    _abscissa(ax, covariate, np.unique(rows["x"][kind == "bin"]), look)
     if len(names) > 1:
-        _legend(ax, names, str(rows["note"][0]))
+        _legend(ax, names, str(rows["note"][0]), look)
     if first:
         ax.set_ylabel("relative residual (%)")
 
 
-def _legend(ax: Axes, names: list[str], of: str) -> None:
+def _legend(ax: Axes, names: list[str], of: str, look: Style) -> None:
     """Series in one line, headed by what they are levels of."""
     handles = [
         Line2D([], [], color=c, marker=m, markersize=2.8)
@@ -88,7 +87,7 @@ def _legend(ax: Axes, names: list[str], of: str) -> None:
     if of != "approach":
         handles, words = (
             [Line2D([], [], linestyle="none"), *handles],
-            [residuals.label(of).partition(" $")[0].partition(" (")[0] + ":", *words],
+            [residuals.label(of, look).partition(" $")[0].partition(" (")[0] + ":", *words],
         )
     ax.legend(
         handles,
@@ -102,8 +101,8 @@ def _legend(ax: Axes, names: list[str], of: str) -> None:
     )
 
 
-def _abscissa(ax: Axes, covariate: str, means: Any) -> None:
-    if covariate in ("z_hat", "previous_z_hat"):
+def _abscissa(ax: Axes, covariate: str, means: Any, look: Style) -> None:
+    if covariate in residuals.DISTANCES:
         ax.set_xscale("log")
         plain_log(ax.xaxis)
     elif len(means) <= DISCRETE:
@@ -112,4 +111,4 @@ def _abscissa(ax: Axes, covariate: str, means: Any) -> None:
     else:
         ax.xaxis.set_major_locator(MaxNLocator(5))
         ax.margins(x=0.03)
-    ax.set_xlabel(LABELS.get(covariate) or residuals.label(covariate), labelpad=1)
+    ax.set_xlabel(LABELS.get(covariate) or residuals.label(covariate, look), labelpad=1)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure, SubFigure
 from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.diagnosis import clouds as loop_clouds
 from nearlift.report.figures.diagnosis import panels as loop_panels
+from nearlift.report.figures.residuals.drawing import in_units
 from nearlift.report.figures.style import Style, plain_text
 
 #: Heights in inches at 6.75 in of width.
@@ -20,6 +21,7 @@ TALL, LOW = 3.15, 1.72
 
 def draw(table: Rows, look: Style) -> Figure:
     """Blocks from top to bottom, no higher than the page."""
+    table = in_units(table, look)
     boundaries = distinct(table["panel"])
     blocks = [select(table, table["panel"] == b) for b in boundaries]
     heights = [
@@ -74,7 +76,7 @@ def _block(part: SubFigure, block: Rows, look: Style) -> None:
         )[0]
         upper, lower = row[: len(above)], row[len(above) :]
     for ax, letter in zip(upper, above, strict=False):
-        loop_clouds.residual(ax, _of(block, letter), first=ax is upper[0])
+        loop_clouds.residual(ax, _of(block, letter), look, first=ax is upper[0])
         _title(ax, letter, _residual_title(block, letter), look)
     for ax, letter in zip(lower, beneath, strict=True):
         own = _of(block, letter)

@@ -55,7 +55,7 @@ def summarise(evidence: Evidence) -> Columns:
                 parts.append(_lettered(select(drawn, drawn["when"] == when), next(letters)))
         for table in (
             candidates(boundary, own),
-            errors(boundary, own),
+            errors(evidence, boundary, own),
             coefficients(evidence, boundary, own),
         ):
             if len(table["panel"]):
@@ -132,21 +132,18 @@ def _why_not(candidate: Mapping[str, Any]) -> str:
     )
 
 
-def errors(boundary: str, found: Mapping[str, Any]) -> Columns:
-    """Held-out errors in percent of lift, before and (where an effect was named) after, and the
-    noise floor.
+def errors(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any]) -> Columns:
+    """Held-out errors in percent of lift as results.json has them, before and (where an effect was
+    named) after, with their 90 %, and the noise floor.
     """
-    error = found.get("error")
-    if not error:
+    error, told = found.get("error"), evidence.quoted(boundary).error
+    if not error or told is None:
         return rows(boundary, label=[])
     whens = ("before", "after") if found["verdict"] == "effect" else ("before",)
-    columns = [
-        rows(boundary, part="error", kind="floor", value=100 * error["noise_floor"], unit="%")
-    ]
+    columns = [rows(boundary, part="error", kind="floor", value=100 * told.noise_floor, unit="%")]
     for when in whens:
         own = {
-            k: np.nan if error[when][k] is None else 100 * error[when][k]
-            for k in ("held_out_rmse", "lo90", "hi90")
+            k: np.nan if error[when][k] is None else 100 * error[when][k] for k in ("lo90", "hi90")
         }
         columns.append(
             rows(
@@ -154,7 +151,7 @@ def errors(boundary: str, found: Mapping[str, Any]) -> Columns:
                 part="error",
                 kind="rmse",
                 when=when,
-                value=own["held_out_rmse"],
+                value=100 * (told.after if when == "after" else told.before),
                 lo90=own["lo90"],
                 hi90=own["hi90"],
                 unit="%",

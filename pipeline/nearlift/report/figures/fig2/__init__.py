@@ -1,7 +1,7 @@
 """Figure 2: Delta L against distance at each boundary, on paper and as an interactive chart."""
 
 from nearlift.products import FIT, LIFT, TRIALS
-from nearlift.report.figures.fig2 import chart, drawing, table
+from nearlift.report.figures.fig2 import caption, chart, drawing, table
 from nearlift.report.figures.spec import FigureSpec
 
 FIGURE = FigureSpec(
@@ -10,7 +10,7 @@ FIGURE = FigureSpec(
     needs=(TRIALS, LIFT, FIT),
     summarise=table.summarise,
     draw=drawing.draw,
-    caption=table.caption,
-    alt=table.alt,
+    caption=caption.caption,
+    alt=caption.alt,
     chart=chart.chart,
 )

@@ -16,7 +16,6 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from nearlift import nomenclature
 from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.style import (
     BAND,
@@ -27,11 +26,14 @@ from nearlift.report.figures.style import (
     SEQUENTIAL,
     SERIES,
     Style,
+    distance,
     plain_log,
     plain_text,
 )
 
 Corner = Literal["upper right", "lower right"]
+#: About zero: how well L_inf is known.
+UNSURE = "#CFE3F3"
 
 
 def draw(table: Rows, look: Style) -> Figure:
@@ -39,6 +41,8 @@ def draw(table: Rows, look: Style) -> Figure:
     curves in each panel.
     """
     panels = distinct(table["panel"])
+    factor, label = distance(look)
+    table = {**table, "z_hat": factor * table["z_hat"]}
     width = look.single_in if len(panels) == 1 else look.double_in
     height = {1: 0.86, 2: 0.46, 3: 0.40}[len(panels)] * width
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -58,9 +62,12 @@ def draw(table: Rows, look: Style) -> Figure:
             shade,
             "lower right" if boundary == "sidewall" else "upper right",
         )
-        ax.set_title(f"{letter}) {boundary}" if len(panels) > 1 else boundary)
-        ax.set_xlabel(nomenclature.label("z_hat"))
-    axes[0].set_ylabel(nomenclature.label("delta_L", "%"))
+        without = table["label"][(table["panel"] == boundary) & (table["kind"] == "without")]
+        words = ", without ".join([boundary, *([" and ".join(without)] if len(without) else [])])
+        ax.set_title(f"{letter}) {words}" if len(panels) > 1 else words)
+        ax.set_xlabel(f"distance {label}")
+    (reference, *_) = table["label"][table["kind"] == "L_inf"]
+    axes[0].set_ylabel(rf"$\Delta L$ from {reference} $L_\infty$ (%)")
     if shade is not None:
         figure.colorbar(shade, ax=axes.tolist(), label="throttle (%)", pad=0.02, aspect=30)
     else:
@@ -84,7 +91,7 @@ def draw(table: Rows, look: Style) -> Figure:
 
 def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, loc: Corner) -> None:
     ax.set_xscale("log")
-    ax.axhline(0, color="0.6", linewidth=0.5, zorder=0)
+    zero = ax.axhline(0, color="0.6", linewidth=0.5, zorder=0.1)
     handles: list[Any] = []
     names: list[str] = []
     curve = select(rows, rows["kind"] == "band")
@@ -151,6 +158,23 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
             theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5
         )
         names.append(plain_text(label))
+    ring = select(rows, rows["kind"] == "influence")
+    if len(ring["z_hat"]):
+        handles += ax.plot(
+            ring["z_hat"],
+            ring["delta_L_percent"],
+            "o",
+            color=FITTED,
+            markerfacecolor="none",
+            markersize=2.6 * rcParams["lines.markersize"],
+            markeredgewidth=0.8,
+            zorder=5,
+        )
+        names.append("influential")
+    (u,) = rows["u_delta_L_percent"][rows["kind"] == "L_inf"]
+    if np.isfinite(u):
+        handles.append((ax.axhspan(-u, u, color=UNSURE, linewidth=0, zorder=0), zero))
+        names.append(r"$L_\infty$, $\pm 1\,u$")
     plain_log(ax.xaxis)
     ax.legend(handles, names, loc=loc)
 

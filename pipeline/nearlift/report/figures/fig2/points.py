@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift import units
 from nearlift.declare import Boundary
 from nearlift.products import LIFT, TRIALS
 from nearlift.reduction.quality import rejected
@@ -24,10 +25,11 @@ MILLI_BELOW_N = 2.0
 
 
 def force_unit(evidence: Evidence) -> tuple[float, str]:
-    """Factor from newtons, and the unit, that suit this vehicle."""
-    return (
-        (1.0, "N") if float(np.max(evidence.table(LIFT)["lift_N"])) > MILLI_BELOW_N else (1e3, "mN")
-    )
+    """Factor from newtons, and the unit, that the manifest asks for or that suit this vehicle."""
+    unit: str = evidence.campaign.report.units.force
+    if unit == "auto":
+        unit = "N" if float(np.max(evidence.table(LIFT)["lift_N"])) > MILLI_BELOW_N else "mN"
+    return 1.0 / units.to_si(unit, "force", "report.units.force")[0], unit
 
 
 def throttle_key(throttle: float) -> str:

@@ -4,19 +4,22 @@ by side in columns.
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.report.evidence import Rows, distinct, select
-from nearlift.report.figures.style import SERIES, Style, dots, plain_log, quantity
+from nearlift.report.figures.style import SERIES, Style, distance, dots, plain_log, quantity
 
 COLUMNS = 3
+DISTANCES = ("z_hat", "previous_z_hat")
 DISCRETE = 6
 
 
 def draw(table: Rows, look: Style) -> Figure:
     """A panel for every boundary and covariate, all with one residual axis per boundary."""
+    table = in_units(table, look)
     boundaries = distinct(table["panel"])
     covariates = distinct(table["covariate"])
     grid = _grid(boundaries, covariates)
@@ -37,7 +40,7 @@ def draw(table: Rows, look: Style) -> Figure:
             if place is None or chosen is None or not len(chosen["x"]):
                 ax.set_axis_off()
                 continue
-            shades.append((ax, _panel(ax, chosen, place[1])))
+            shades.append((ax, _panel(ax, chosen, place[1], look)))
     for ax, noise in shades:
         # the trials decide the limits; a noise model gone astray is cut off rather than hiding them
         ax.set_ylim(ax.get_ylim())
@@ -66,7 +69,7 @@ def _grid(boundaries: list[str], covariates: list[str]) -> list[list[tuple[str, 
     return [cells[i : i + COLUMNS] for i in range(0, len(cells), COLUMNS)]
 
 
-def _panel(ax: Axes, rows: Rows, covariate: str) -> Rows:
+def _panel(ax: Axes, rows: Rows, covariate: str, look: Style) -> Rows:
     """Dots and means; the rows of the noise band are handed back, to be drawn when all limits are
     known.
     """
@@ -95,12 +98,20 @@ def _panel(ax: Axes, rows: Rows, covariate: str) -> Rows:
         ax.margins(x=0.12)
     else:
         ax.xaxis.set_major_locator(MaxNLocator(5))
-    ax.set_xlabel(label(covariate), labelpad=1)
+    ax.set_xlabel(label(covariate, look), labelpad=1)
     return noise
 
 
-def label(covariate: str) -> str:
+def in_units(table: Rows, look: Style) -> Rows:
+    """The table with distances as they are shown."""
+    far = np.isin(table["covariate"], DISTANCES)
+    return {**table, "x": np.where(far, distance(look)[0], 1.0) * table["x"]}
+
+
+def label(covariate: str, look: Style) -> str:
     """Axis label of a covariate of the table."""
+    if covariate in DISTANCES:
+        return covariate.removesuffix("z_hat").replace("_", " ") + distance(look)[1]
     if covariate == "throttle_percent":
         return quantity("throttle", "%")
     if covariate == "run_order":

@@ -1,0 +1,228 @@
+"""Caption and alternative text of Figure 2, from the table that is drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.declare import Boundary
+from nearlift.nomenclature import letter
+from nearlift.products import LIFT, POSTERIOR
+from nearlift.report import curves, relative_lift
+from nearlift.report.evidence import Columns, Evidence, distinct
+from nearlift.report.figures.fig2 import table as fig2
+from nearlift.rounding import fixed, plain, plus_minus
+
+#: A departure of this much at the farthest station can be seen in the figure, and is explained.
+VISIBLE = 0.002
+#: Up to so many visits of the station that gives L_inf are said to move all symbols of a panel
+#: together.
+FEW_FAR = 6
+#: What other spacings would be plausible, for the caption.
+PQUAD_RANGE = (2.5, 4.0)
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What the reader must know to read the figure, numbers included."""
+    parts = ["Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius."]
+    parts.append(
+        "Symbols: cell means over the fit's L∞; bars: ± 1 standard uncertainty from the scatter of"
+        " trials and visits, without L∞'s own (shade about zero), which moves a throttle's symbols"
+        " together."
+        if fig2.by_fit(evidence)
+        else (
+            "Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which"
+            " a throttle's cells share through L∞."
+        )
+    )
+    parts.append(_line_note(evidence, table))
+    drawn = {r.label for b in evidence.boundaries for r in fig2.references(evidence, b)}
+    if "C-B (theory)" in drawn:
+        parts.append("C-B: Cheeseman and Bennett, one rotor.")
+    if "S-C (PQuad)" in drawn:
+        model, near = catalogue.model("sanchez_cuevas"), np.array([1.0])
+        ratios = [float(curves.ratio(model, near, fig2.pquad(d))[0]) for d in PQUAD_RANGE]
+        ends = [f"{100 * (ratio - 1):.1f} %" for ratio in ratios]
+        parts.append(
+            "S-C (PQuad): Sanchez-Cuevas et al. with r = 120 mm and K_b = 2; its rotor spacing is"
+            f" not published, drawn for adjacent axes {fig2.PQUAD_SPACING_HAT:g} r ="
+            f" {fig2.PQUAD_SPACING_HAT * 120:.0f} mm apart (assumed; from {PQUAD_RANGE[0]:g} r to"
+            f" {PQUAD_RANGE[1]:g} r the curve at ẑ = 1 goes from {ends[0]} to {ends[1]})."
+        )
+    if "H-C (theory)" in drawn:
+        parts.append("H-C: Hsiao and Chirarattananon with α = 0.125.")
+    for boundary in evidence.boundaries:
+        parts.append(_reference_note(evidence, boundary, table))
+    return " ".join(p for p in parts if p)
+
+
+def _line_note(evidence: Evidence, table: Columns) -> str:
+    """What line and shade are, and where least squares would be another line."""
+    if not evidence.has(POSTERIOR):
+        return (
+            "Solid line and shade: base model by least squares, with the pointwise 90 % band that"
+            " the covariance of its parameters implies."
+        )
+    apart = distinct(table["panel"][table["kind"] == fig2.LEAST_SQUARES])
+    beside = (
+        f"thin line: least squares, which parts from it visibly ({', '.join(apart)}), as where a"
+        " prior still has a say"
+        if apart
+        else "least squares falls on the same line"
+    )
+    plainly = [b for b in evidence.boundaries if fig2.named(evidence, b)]
+    beside += (
+        f"; {', '.join(plainly)}: the quoted coefficients', with the band of their uncertainties"
+        if plainly
+        else ""
+    )
+    endless = [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]
+    none = (
+        f" No band ({', '.join(endless)}): the intervals of the coefficients have no end."
+        if endless
+        else ""
+    )
+    return (
+        "Solid line and shade: base model, its posterior's pointwise median and central 90 %;"
+        f" {beside}.{none}"
+    )
+
+
+def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
+    """What the line is of, what was taken out of the symbols, and how well L_inf is known."""
+    model, entry = evidence.base(boundary)
+    told = ", ".join(
+        f"{letter(n)} = {plus_minus(c.value, c.u)}"
+        for n, c in evidence.quoted(boundary).coefficients.items()
+    )
+    effects = fig2.named(evidence, boundary)
+    out = ""
+    if effects:
+        out = (
+            f"; line and symbols are without {' and '.join(effects)}, whose part at each trial is"
+            " taken out of its lift"
+        )
+    stood = curves.height_found_m(entry)
+    side = f"{abs(1e3 * stood):.2g} mm {'farther' if stood > 0 else 'nearer'}"
+    moved = (
+        f" The fit finds the rotor {side} than recorded; its line is drawn for there."
+        if stood and not effects
+        else ""
+    )
+    u = 100 * relative_lift.relative_lift(evidence, boundary).u_L_inf
+    return (
+        f"{boundary.capitalize()}: {model.title}{f' ({told}, k = 1)' if told else ''}{out}; L∞ is"
+        f" known to {plain(u, 2)} %, by the scatter.{moved}{_influence_note(evidence, boundary)}"
+    )
+
+
+def _influence_note(evidence: Evidence, boundary: Boundary) -> str:
+    """What a ring is about, or that no single trial or visit deserves one."""
+    found = fig2.influential(evidence, boundary)
+    marked = [
+        f"{kind} {which} ({letter(name)} by {fixed(shift, 1)} u)"
+        for name, kind, which, shift in found
+        if abs(shift) >= fig2.INFLUENTIAL
+    ]
+    if marked:
+        return f" Rings: {', '.join(marked)} if left out."
+    if not found:
+        return ""
+    most = max(abs(shift) for *_, shift in found)
+    return f" No single trial or visit moves a coefficient by more than {fixed(most, 1)} u."
+
+
+def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> str:
+    if fig2.by_fit(evidence):
+        return _fit_note(evidence, boundary)
+    model, entry = evidence.base(boundary)
+    quoted = evidence.quoted(boundary)
+    told = ", ".join(
+        f"{letter(n)} = {plus_minus(c.value, c.u)}" for n, c in quoted.coefficients.items()
+    )
+    beyond = (
+        f", with {' and '.join(quoted.effects)} in the model, which the line is without"
+        if quoted.effects
+        else ""
+    )
+    of = f" ({told}, k = 1{beyond})" if told else ""
+    mine = (table["panel"] == boundary) & (table["kind"] == "data")
+    if not mine.any():
+        return ""
+    found = curves.height_found_m(entry)
+    stood = f"{abs(1e3 * found):.2g} mm {'farther' if found > 0 else 'nearer'}"
+    moved = (
+        f" The fit finds the rotor {stood} than recorded; its line is drawn for there."
+        if found
+        else ""
+    )
+    if np.isinf(evidence.observations[boundary].z_hat).any():
+        return (
+            f"{boundary.capitalize()}: {model.title}{of}; L∞ of the data from trials in free"
+            f" air.{moved}"
+        )
+    far = float(table["z_hat"][mine].max())
+    cells = evidence.table(LIFT)
+    lacking = cells["throttle"][
+        (cells["boundary"] == boundary) & np.isnan(np.asarray(cells["delta_L"], dtype=float))
+    ]
+    without = (
+        f" No trial far away at {', '.join(f'{100 * t:.3g} %' for t in np.unique(lacking))}"
+        " throttle, hence no ΔL."
+        if len(lacking)
+        else ""
+    )
+    there = float(curves.band(evidence, boundary, model, np.array([far])).middle[0])
+    apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
+    return (
+        f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station,"
+        f" ẑ = {plain(far, 3)}, where ΔL is 0 by construction and the fit stands at"
+        f" {fixed(100 * there, 2)} %{apart}.{_shared_far(evidence, boundary)}{without}{moved}"
+    )
+
+
+def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
+    """That the symbols hang on a few visits of one station, where they do."""
+    data = evidence.observations[boundary]
+    far = data.z_hat == data.z_hat.max()
+    visits = len(np.unique(data.visit[far]))
+    if (
+        visits > FEW_FAR
+        or len(data.levels) < 2
+        or len(np.unique(data.throttle[far])) < len(data.levels)
+    ):
+        return ""
+    return (
+        f" All throttles share {'one visit' if visits == 1 else f'the {visits} visits'} of that"
+        " station: what one visit has and others have not moves all symbols of the panel together,"
+        " and they stand off the curve as one."
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """What the picture shows, for those who do not see it."""
+    parts = []
+    for boundary in distinct(table["panel"]):
+        mine = (table["panel"] == boundary) & (table["kind"] == "data")
+        z, delta = table["z_hat"][mine], table["delta_L_percent"][mine]
+        if not len(z):
+            continue
+        top, levels = int(np.argmax(np.abs(delta))), len(set(table["label"][mine].tolist()))
+        parts.append(
+            f"Near the {boundary}, {levels} throttle{'s' if levels > 1 else ''}, ẑ from"
+            f" {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}: ΔL runs from"
+            f" {plain(float(delta.min()), 3)} % to {plain(float(delta.max()), 3)} %, strongest at ẑ"
+            f" = {plain(float(z[top]), 3)}."
+        )
+    lines = list(
+        dict.fromkeys(
+            table["label"][
+                np.isin(table["kind"], ["model", "band", fig2.LEAST_SQUARES, "overlay"])
+            ].tolist()
+        )
+    )
+    panels = f"{len(parts)} panel{'s' if len(parts) != 1 else ''}"
+    return (
+        f"Lift change against distance, {panels}. {' '.join(parts)} Drawn beside the data:"
+        f" {'; '.join(lines)}."
+    )
