@@ -30,7 +30,7 @@ def command(data: Path, verb: str) -> list[str]:
     if verb == "run":
         shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
-    return command_line(verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2")
+    return command_line(verb, str(campaign), "--out", str(out), "-q")
 
 
 def contestant(verb: str, title: str) -> Contestant:

@@ -28,7 +28,7 @@ def command(data: Path, verb: str, again: bool) -> list[str]:
     if not again:
         shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
-    return command_line(verb, str(campaign), "--out", str(out), "-q", "--executor", "threads:2")
+    return command_line(verb, str(campaign), "--out", str(out), "-q")
 
 
 def contestant(

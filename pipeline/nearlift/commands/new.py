@@ -185,7 +185,8 @@ def write_from(
         more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
     else:
         ids = trials if means is not None else table.ids(trials) or trials
-        (schedule, section), more = table.schedule(ids, means=means is not None), []
+        schedule, section = table.schedule(ids, means=means is not None)
+        more = table.wanted(means=means is not None)
     written, left = _written(folder, block, section, schedule)
     for copy, path in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)

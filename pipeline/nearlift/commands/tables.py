@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,6 +69,28 @@ class Table:
             if len(set(cells)) == len(cells) and all(cells):
                 return cells
         return [str(i) for i in range(1, len(self.rows) + 1)]
+
+    def wanted(self, means: bool) -> list[str]:
+        """What else a diagnosis wants, where the trials near some boundary are few."""
+        from nearlift.loop.admission import LEAST_TRIALS
+
+        def cells(name: str) -> list[str]:
+            return [row[self.meant[name][0]] if name in self.meant else "" for row in self.rows]
+
+        fewest = min(
+            n
+            for side, n in Counter(cells("boundary")).items()
+            if side != "none" or n == len(self.rows)
+        )
+        enough = LEAST_TRIALS + len(set(cells("throttle"))) + 1
+        if fewest >= enough or (means and "lift_sd" in self.meant):
+            return []
+        return [
+            f"trials.csv: lift_sd, if it is known: {fewest} rows without it give no diagnosis"
+            if means
+            else f"trials.csv: more trials, if there are any: {fewest} near a boundary give a"
+            f" coefficient, {enough} a diagnosis as well"
+        ]
 
     def schedule(self, ids: list[str], means: bool) -> tuple[str, str]:
         """The table as trials.csv, and the [trials] section that goes with it; `means`: with the
