@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
@@ -18,6 +19,8 @@ from nearlift.models import MODELS
 from nearlift.plugins import Named, gather
 
 T = TypeVar("T", bound=Named)
+#: Begins a title with a capital wherever the title stands.
+PROPER = ("Reynolds",)
 
 
 def models(boundary: Boundary | None = None) -> tuple[LiftModel, ...]:
@@ -38,6 +41,23 @@ def effects() -> tuple[Effect, ...]:
 def effect(name: str) -> Effect:
     """The effect of that name; `UsageError` with the nearest names if there is none."""
     return find(name, effects(), "effect")
+
+
+def titled(text: str) -> str:
+    """A text with every effect and model that it names by its title, as within a sentence."""
+    known, names = _titles()
+    return names.sub(lambda found: known[found[0]], text)
+
+
+@functools.cache
+def _titles() -> tuple[dict[str, str], re.Pattern[str]]:
+    known = {m.name: m.title for m in models() if "_" in m.name}
+    known |= {
+        e.name: e.title if e.title.startswith(PROPER) else e.title[:1].lower() + e.title[1:]
+        for e in effects()
+    }
+    every = "|".join(map(re.escape, sorted(known, key=len, reverse=True)))
+    return known, re.compile(rf"(?<![\w/#.])(?:{every})(?!\w)")
 
 
 def default_base(boundary: Boundary, rotors: int) -> str:

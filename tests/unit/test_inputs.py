@@ -18,7 +18,7 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
 from nearlift.manifest import campaign as manifest
-from nearlift.report.chapters import verdict
+from nearlift.report.chapters import doubts
 from nearlift.results import Noise
 
 from .conftest import raw_manifest
@@ -154,9 +154,10 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         return SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
 
     u = abs(float(listed["rotor_radius"].shift["K_b"])) / 4.4
-    [text] = verdict._undeclared(entry, quoted(u))
-    assert text.startswith("what was not declared could move K_b: 1 % of rotor radius by 4.4 u")
-    assert verdict._undeclared(entry, quoted(10 * u)) == []
+    [own] = doubts._undeclared("ground", entry, quoted(u))
+    assert own.text.startswith("what was not declared could move K_b: 1 % of rotor radius by 4.4 u")
+    assert own.remedy.startswith("measure the rotor radius, and declare")
+    assert doubts._undeclared("ground", entry, quoted(10 * u)) == []
 
 
 def parsed(**line):

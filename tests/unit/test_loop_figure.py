@@ -606,7 +606,7 @@ def test_the_report_makes_it_and_shows_it_before_the_words(job, monkeypatch):
         assert (job.reports / f"diagnosis.{kind}").stat().st_size > 1000
     text = (job.reports / "index.html").read_text()
     chapter = text[text.index('<section id="diagnosis"') :]
-    assert chapter.index("diagnosis.pdf") < chapter.index("<h3>")
+    assert chapter.index("diagnosis.pdf") < chapter.index("<h4>")
 
 
 def test_a_real_diagnosis_can_be_drawn(make_job):

@@ -10,7 +10,7 @@ import pytest
 import nearlift
 from nearlift.commands import compare
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED
-from nearlift.report.chapters import diagnosis, verdict
+from nearlift.report.chapters import diagnosis, doubts, verdict
 from nearlift.report.documents import methods
 from nearlift.stages import report
 
@@ -46,8 +46,8 @@ def test_the_product_has_a_block_with_the_reason(out: Path):
 
 def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     [card] = verdict.facts(evidence)["cards"]
-    assert card["verdict"] == f"not diagnosed: {REASON}"
-    assert any(REASON in doubt.text for doubt in verdict.doubts(evidence))
+    assert card["verdict"] == f"Not diagnosed: {REASON}."
+    assert any(REASON in doubt.text for doubt in doubts.doubts(evidence))
     assert diagnosis.facts(evidence)["not_diagnosed"] == {"ground": REASON}
 
 

@@ -53,8 +53,8 @@ def visible(page: str) -> str:
     """
     page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.S)
     page = re.sub(
-        r"<details><summary>(What it would be|The base fit’s coefficient at each"
-        r" exponent).*?</details>",
+        r"<details><summary>The base fit’s coefficient at each exponent.*?</details>"
+        r"|<caption>What it would be, and if what.*?</table>",
         " ",
         page,
         flags=re.S,

@@ -37,11 +37,11 @@ def job(make_job):
 def address(job):
     evidence = report.gather(job)
     dot = io.BytesIO()
-    Image.new("RGB", (1500, 600), "white").save(dot, "PNG")
+    Image.new("RGB", (1200, 600), "white").save(dot, "WEBP")
     file = job.reports / "index.html"
     file.parent.mkdir()
     pictures = [
-        render.Picture(name=n, title="t", caption="c", alt=f"{n} in words", png=dot.getvalue())
+        render.Picture(name=n, title="t", caption="c", alt=f"{n} in words", image=dot.getvalue())
         for n in ("fig2", "residuals")
     ]
     file.write_bytes(render.page(evidence, pictures, charts=charts(evidence)))
@@ -52,6 +52,15 @@ def address(job):
 def page(tmp_path_factory):
     with browser(tmp_path_factory.mktemp("browser")) as opened:
         yield opened
+
+
+def unfold(page, chapter):
+    """Open a chapter as its link does, and wait until what is in it is drawn."""
+    page.run(f"location.hash = ''; location.hash = '{chapter}'")
+    page.wait(
+        f"[...document.querySelectorAll('#{chapter} .view')].every(v => v.querySelector('svg.marks')"
+        " && v.querySelector('svg.marks').getBoundingClientRect().width > 100)"
+    )
 
 
 def marks(page, view):
@@ -81,9 +90,11 @@ def test_it_renders_without_a_word_and_asks_for_nothing(page, address, tmp_path,
 
 def test_the_whole_page_with_flow_and_flights_is_light_silent_and_asks_for_nothing(page, demo):
     file = demo / "reports" / "demo" / "index.html"
-    assert file.stat().st_size < 5_000_000
+    assert file.stat().st_size < 2_500_000
     page.open(file.as_uri())
     assert page.run("document.documentElement.dataset.charts") == "drawn"
+    for chapter in ("fig2", "residuals", "flow", "safety", "proximity"):
+        unfold(page, chapter)
     assert page.run(
         "['fig2', 'residuals', 'flow', 'safety', 'proximity'].every(id =>"
         " document.getElementById(id).querySelector('img, svg'))"
@@ -141,8 +152,11 @@ def test_switches_do_what_they_say(page, address):
     assert marks(page, "ceiling") > 0
 
     assert "ΔL (%)" in page.run(labels)
-    tick(page, "quantity", "force")
-    page.wait(f"({labels}).includes('lift (mN)')")
+    for unit in ("gf", "N", "mN"):
+        tick(page, "quantity", unit)
+        page.wait(f"({labels}).includes('lift ({unit})')")
+    tick(page, "distance", "mm")
+    page.wait(f"({labels}).includes('distance (mm)')")
 
     paths = (
         "document.querySelectorAll('[data-chart=fig2] [data-view=ground] .drawing .mark-area"
@@ -219,6 +233,7 @@ def test_residuals_are_every_trial_and_the_means_of_the_printed_figure(page, add
     has, with its numbers.
     """
     page.open(address)
+    unfold(page, "residuals")
     table = residuals.summarise(report.gather(job))
     for covariate, word in (
         ("supply_V", "supply (V)"),
@@ -253,6 +268,7 @@ def test_residuals_are_every_trial_and_the_means_of_the_printed_figure(page, add
 
 def test_a_residual_pointed_at_shows_its_trial_and_throttles_can_be_left_out(page, address, job):
     page.open(address)
+    unfold(page, "residuals")
     every = residual_marks(page, "trial")
     tick(page, "throttles", "0.25", chart=RESIDUALS)
     page.wait(
@@ -295,6 +311,7 @@ def test_a_residual_pointed_at_shows_its_trial_and_throttles_can_be_left_out(pag
 
 def test_keys_go_along_means_and_along_trials(page, address):
     page.open(address)
+    unfold(page, "residuals")
     page.run(f"document.querySelector('{RESIDUALS} [data-view=ceiling] .drawing').focus()")
     said = f"document.querySelector('{RESIDUALS} [data-view=ceiling] [aria-live]').textContent"
     page.press("ArrowRight")
@@ -324,23 +341,103 @@ def test_text_from_files_stays_text(page, address):
     assert any("Content Security Policy" in e for e in page.errors)
 
 
-def test_on_paper_stands_the_printed_figure(page, address):
+def test_on_paper_every_chapter_and_every_chart_stands(page, address):
     page.open(address, media="print")
-    shown = page.run(
-        "[...document.querySelectorAll('.instead')].map(e => getComputedStyle(e).display !=="
-        " 'none')"
-    )
-    assert shown == [True, True]
-    assert page.run(
-        "[...document.querySelectorAll('.chart')].map(e => getComputedStyle(e).display)"
-    ) == ["none", "none"]
-    folds = (
-        "[...document.querySelectorAll('main details')].filter(d => !d.closest('.chart')).map(d =>"
-        " d.open)"
-    )
+    page.wait("[...document.querySelectorAll('.view')].every(v => v.querySelector('svg.marks'))")
+    folds = "[...document.querySelectorAll('main details')].map(d => d.open)"
     before = page.run(folds)
     page.run("dispatchEvent(new Event('beforeprint'))")
-    assert sum(page.run(folds)) > sum(before)
+    assert page.run("[...document.querySelectorAll('details.chapter')].every(d => d.open)")
+    assert page.run(
+        "[...document.querySelectorAll('.view svg.marks')].every(s => s.getBoundingClientRect()"
+        ".width > 100)"
+    )
     page.run("dispatchEvent(new Event('afterprint'))")
     assert page.run(folds) == before
     assert page.pdf().startswith(b"%PDF")
+
+
+#: Words that can be read without opening anything: those of elements that are laid out, charts and
+#: what is for ears alone aside.
+OPEN_WORDS = """(() => {
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  let text = '';
+  while (walker.nextNode()) {
+    const own = walker.currentNode.parentElement;
+    if (own.closest('script, style, svg, .hidden, .skip') || !own.checkVisibility()) continue;
+    text += ' ' + walker.currentNode.textContent;
+  }
+  return text;
+})()"""
+
+
+@pytest.mark.parametrize(("width", "height", "screens"), [(1280, 800, 3), (390, 844, 8)])
+def test_the_page_is_read_in_two_minutes(page, demo, width, height, screens):
+    page.open((demo / "reports" / "demo" / "index.html").as_uri(), width=width)
+    words = re.findall(r"\w[^\s]*", page.run(OPEN_WORDS))
+    assert 200 < len(words) <= 900
+    for card in range(3):
+        own = f"document.querySelectorAll('.card')[{card}].innerText"
+        assert len(re.findall(r"\w[^\s]*", page.run(own))) <= 350
+    assert page.run("document.documentElement.scrollHeight") <= screens * height
+    assert page.run("document.documentElement.scrollWidth <= window.innerWidth")
+    assert "_" not in "".join(w for w in words if w != "K_b")
+
+
+def test_links_unfold_what_they_lead_to_and_the_contents_stay_in_view(page, address):
+    page.open(address)
+    assert not page.run("document.querySelector('#budget details').open")
+    page.run("document.querySelector('.card .headline a').click()")
+    page.wait("document.querySelector('#budget details').open")
+    # a part of one chapter is that chapter
+    page.run("document.querySelector('nav a[href=\"#origin\"]').click()")
+    page.wait("document.querySelector('#provenance details').open")
+    page.run("scrollTo(0, document.documentElement.scrollHeight)")
+    assert page.wait("Math.abs(document.querySelector('nav').getBoundingClientRect().top) < 2")
+
+
+def test_every_link_and_every_chapter_is_within_two_clicks(page, address):
+    page.open(address)
+    missing = (
+        "[...document.querySelectorAll('a[href^=\"#\"]')].map(a => a.hash.slice(1)).filter(h =>"
+        " !document.getElementById(h))"
+    )
+    assert page.run(missing) == []
+    deep = (
+        "[...document.querySelectorAll('main details')].filter(d => { let n = 0; for (let e = d; e;"
+        " e = e.parentElement?.closest('details')) n++; return n > 2; }).length"
+    )
+    assert page.run(deep) == 0
+
+
+def test_a_number_leads_to_its_file(page, address):
+    page.open(address)
+    page.run("location.hash = 'budget'")
+    page.wait("document.querySelector('#budget details').open")
+    page.run("document.querySelector('#budget td data').click()")
+    told = page.wait("document.getElementById('source').innerText")
+    assert "results.json /boundaries/ground/coefficients/K_b/budget/" in told
+    file = page.run("document.querySelector('#source a').href")
+    assert file.endswith("/processed/small/results.json")
+    page.run("document.querySelector('h1').click()")
+    assert page.run("document.getElementById('source').hidden")
+
+
+def test_a_keyboard_is_enough(page, address):
+    """The menu of a phone, a chapter, and a control, by keys alone."""
+    page.open(address, width=390)
+    page.run("document.querySelector('nav button').focus()")
+    page.ask("Input.dispatchKeyEvent", type="keyDown", key="Enter", code="Enter", text="\r")
+    page.ask("Input.dispatchKeyEvent", type="keyUp", key="Enter", code="Enter")
+    page.wait("document.querySelector('nav ul').checkVisibility()")
+    page.press("Escape")
+    page.wait("!document.querySelector('nav ul').checkVisibility()")
+    page.run("document.querySelector('#noise summary').focus()")
+    page.ask("Input.dispatchKeyEvent", type="keyDown", key="Enter", code="Enter", text="\r")
+    page.wait("document.querySelector('#noise details').open")
+    reached = page.run(
+        "[...document.querySelectorAll('a, button, summary, input, [tabindex]')].filter(e =>"
+        " e.checkVisibility() && e.tabIndex < 0).length"
+    )
+    assert reached == 0
+    assert page.errors == []

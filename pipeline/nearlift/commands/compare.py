@@ -223,7 +223,7 @@ def run(
         for name in rows["label"]
         if (out / "reports" / str(name) / "index.html").is_file()
     }
-    store.write_bytes(target / "index.html", comparison.page(rows, files["page"], own, said))
+    store.write_bytes(target / "index.html", comparison.page(rows, own, said))
     store.write_json(target / "comparison.json", content)
     return content
 

@@ -4,8 +4,40 @@ and what few trials could have seen.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+#: What the loop looks along, where its name is not the word for it.
+ALONG = {
+    "start": "time",
+    "approach": "the direction of approach",
+    "supply": "the supply voltage",
+    "previous_lift_N": "the lift of the trial before",
+    "previous_throttle": "the throttle of the trial before",
+    "previous_distance": "the distance of the trial before",
+    "order_in_visit": "the order within a visit",
+}
+
+
+def along(covariate: str) -> str:
+    """A covariate in words."""
+    return ALONG.get(covariate, covariate.replace("_", " "))
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+
+
+def to_log(found: Mapping[str, Any]) -> list[str]:
+    """What to record next time, once each."""
+    return list(
+        dict.fromkeys(
+            word
+            for u in found.get("untestable", [])
+            for word in u.get("log_next_time") or u.get("needs") or []
+        )
+    )
 
 
 def stand_ins(found: Mapping[str, Any], effect: Mapping[str, Any]) -> list[str]:

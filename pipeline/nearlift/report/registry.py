@@ -25,6 +25,7 @@ from nearlift.products import (
 from nearlift.report.chapters import (
     assumptions,
     diagnosis,
+    doubts,
     flow,
     ledger,
     models,
@@ -67,17 +68,23 @@ class Chapter:
     facts : callable or None
         Evidence to what the template prints; None where the chapter is its figures.
     needs : tuple of Product
+    part : str
+        Of `PARTS`.
     figures : tuple of FigureSpec
-        Shown beneath the text, those that were made; one that has a chart on paper only.
+        Shown beneath the text, those that were made: the chart of one that has a chart.
+    places : tuple of FigureSpec
+        Those whose chart the template itself places.
     pictures_lead : bool
         Whether the figures stand above the text instead of beneath it.
     """
 
     name: str
     title: str
+    part: str = "further"
     facts: Callable[[Evidence], dict[str, Any]] | None = None
     needs: tuple[Product, ...] = ()
     figures: tuple[FigureSpec, ...] = ()
+    places: tuple[FigureSpec, ...] = ()
     pictures_lead: bool = False
 
 
@@ -105,39 +112,49 @@ def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
     return tuple(found)
 
 
+#: What the contents list names, in order; the first part is the first screen.
+PARTS = {
+    "verdict": "Answer",
+    "why": "Why",
+    "number": "The number",
+    "data": "The data",
+    "others": "Other models",
+    "velocity": "Flow",
+    "flight": "Flight",
+    "further": "Further",
+    "paper": "Methods",
+    "origin": "Provenance",
+}
+
 CHAPTERS: tuple[Chapter, ...] = (
-    Chapter(name="verdict", title="Verdict", facts=verdict.facts, needs=(FIT,)),
     Chapter(
-        name="fig2",
-        title="Lift change near each boundary",
+        name="verdict",
+        title="Verdict",
+        part="verdict",
+        facts=verdict.facts,
         needs=(FIT,),
-        figures=(fig2.FIGURE,),
+        places=(fig2.FIGURE,),
     ),
     Chapter(
         name="diagnosis",
         title="What the residuals say",
+        part="why",
         facts=diagnosis.facts,
         needs=(DIAGNOSIS,),
         figures=(fig_diagnosis.FIGURE,),
         pictures_lead=True,
     ),
-    Chapter(name="models", title="Models compared", facts=models.comparison, needs=(FIT,)),
     Chapter(
-        name="prediction",
-        title="Models compared by prediction",
-        facts=uncertainty.held_out,
+        name="doubts",
+        title="What is doubtful, and what it would be if",
+        part="number",
+        facts=doubts.facts,
         needs=(FIT,),
-    ),
-    Chapter(
-        name="posterior",
-        title="What is believed after the data",
-        facts=posterior.facts,
-        needs=(FIT, POSTERIOR),
-        figures=(fig_corner.FIGURE, fig_prior_posterior.FIGURE),
     ),
     Chapter(
         name="budget",
         title="Uncertainty budget",
+        part="number",
         facts=uncertainty.budget,
         needs=(FIT,),
         figures=(fig_budget.FIGURE,),
@@ -146,13 +163,96 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(
         name="limits",
         title="What the data cannot say",
+        part="number",
         facts=uncertainty.limits,
         needs=(FIT,),
         figures=(fig_profiles.FIGURE,),
     ),
     Chapter(
+        name="posterior",
+        title="What is believed after the data",
+        part="number",
+        facts=posterior.facts,
+        needs=(FIT, POSTERIOR),
+        figures=(fig_corner.FIGURE, fig_prior_posterior.FIGURE),
+    ),
+    Chapter(
+        name="levels",
+        title="Lift far from the boundary",
+        part="number",
+        facts=models.levels,
+        needs=(FIT,),
+    ),
+    Chapter(
+        name="fig2",
+        title="Figure 2: lift change near each boundary",
+        part="data",
+        needs=(FIT,),
+        figures=(fig2.FIGURE,),
+    ),
+    Chapter(
+        name="residuals",
+        title="Residuals",
+        part="data",
+        needs=(FIT, TRIALS),
+        figures=(fig_residuals.FIGURE,),
+    ),
+    Chapter(
+        name="noise",
+        title="Noise and declared uncertainty",
+        part="data",
+        facts=models.noise,
+        needs=(FIT,),
+    ),
+    Chapter(
+        name="quality",
+        title="Quality ledger",
+        part="data",
+        facts=records.ledger,
+        needs=(TRIALS, FIT),
+    ),
+    Chapter(
+        name="ledger",
+        title="From raw byte to figure, and influence",
+        part="data",
+        facts=ledger.facts,
+        needs=(QUALITY,),
+    ),
+    Chapter(
+        name="assumptions",
+        title="What the ratio takes for granted",
+        part="data",
+        facts=assumptions.facts,
+        needs=(FIT,),
+        figures=(fig_assumptions.FIGURE,),
+    ),
+    Chapter(
+        name="models",
+        title="Models compared",
+        part="others",
+        facts=models.comparison,
+        needs=(FIT,),
+    ),
+    Chapter(
+        name="prediction",
+        title="Models compared by prediction",
+        part="others",
+        facts=uncertainty.held_out,
+        needs=(FIT,),
+    ),
+    Chapter(
+        name="flow",
+        title="Velocity fields and downwash",
+        part="velocity",
+        facts=flow.facts,
+        needs=(FIT, *FLOW_PRODUCTS),
+        figures=(fig3.FIGURE, fig4.FIGURE, fig5.FIGURE, fig_flow_topology.FIGURE),
+        pictures_lead=True,
+    ),
+    Chapter(
         name="safety",
         title="Safety",
+        part="flight",
         facts=safety.facts,
         needs=(SAFETY,),
         figures=(fig6.FIGURE, fig_safety.FIGURE, fig_crash_map.FIGURE, fig_routes.FIGURE),
@@ -161,39 +261,26 @@ CHAPTERS: tuple[Chapter, ...] = (
     Chapter(
         name="proximity",
         title="Proximity",
+        part="flight",
         facts=proximity.facts,
         needs=(DETECTION, PROXIMITY),
         figures=(fig_detection.FIGURE,),
         pictures_lead=True,
     ),
-    Chapter(
-        name="residuals",
-        title="Residuals",
-        needs=(FIT, TRIALS),
-        figures=(fig_residuals.FIGURE,),
-    ),
-    Chapter(
-        name="flow",
-        title="Flow",
-        facts=flow.facts,
-        needs=(FIT, *FLOW_PRODUCTS),
-        figures=(fig3.FIGURE, fig4.FIGURE, fig5.FIGURE, fig_flow_topology.FIGURE),
-        pictures_lead=True,
-    ),
     *declared(STAGES),
-    Chapter(name="levels", title="Lift far from the boundary", facts=models.levels, needs=(FIT,)),
     Chapter(
-        name="assumptions",
-        title="What the ratio takes for granted",
-        facts=assumptions.facts,
-        needs=(FIT,),
-        figures=(fig_assumptions.FIGURE,),
+        name="methods",
+        title="Methods, for a paper",
+        part="paper",
+        facts=methods.facts,
+        needs=(TRIALS, FIT),
     ),
-    Chapter(name="noise", title="Noise and declared uncertainty", facts=models.noise, needs=(FIT,)),
-    Chapter(name="quality", title="Quality ledger", facts=records.ledger, needs=(TRIALS, FIT)),
-    Chapter(name="ledger", title="From raw byte to figure", facts=ledger.facts, needs=(QUALITY,)),
-    Chapter(name="methods", title="Methods, for a paper", facts=methods.facts, needs=(TRIALS, FIT)),
-    Chapter(name="provenance", title="Provenance", facts=records.provenance),
+    Chapter(
+        name="provenance",
+        title="What made this page",
+        part="origin",
+        facts=records.provenance,
+    ),
 )
 
 FIGURES: tuple[FigureSpec, ...] = tuple(f for chapter in CHAPTERS for f in chapter.figures)

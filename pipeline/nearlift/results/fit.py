@@ -229,6 +229,13 @@ class ModelFit:
         return self.parameters
 
     @property
+    def p_value(self) -> float:
+        """Chance of a chi2 as large where the model is right and repeats scatter as estimated."""
+        from scipy.special import chdtrc
+
+        return float(chdtrc(self.dof, self.chi2))
+
+    @property
     def content(self) -> dict[str, Any]:
         """As it is written."""
         content: dict[str, Any] = encode(self)

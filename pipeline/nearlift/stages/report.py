@@ -79,7 +79,7 @@ def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcom
         job.publish(f"{spec.name}.csv", to_csv(rows))
         caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
         pictures.append(
-            Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, png=files["page"])
+            Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, image=files["page"])
         )
     job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(

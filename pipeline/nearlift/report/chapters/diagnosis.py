@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import BOUNDARIES
+from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.products import DIAGNOSIS
 from nearlift.report.chapters import loop_words
-from nearlift.report.chapters.verdict import WORDS
+from nearlift.report.documents import brief
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import could_have_seen
+from nearlift.report.findings import could_have_seen, to_log
 from nearlift.report.number import Number, chance, cite
 
 #: So many lines of structure, and of silent effects, are shown.
@@ -35,7 +35,7 @@ def facts(evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Any]:
+def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> dict[str, Any]:
     path = ("boundaries", boundary)
     coefficients = found.get("coefficients", {})
     structure = [
@@ -50,7 +50,7 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "boundary": boundary,
         "kind": found["verdict"],
         "carried": coefficients.get("carried", []),
-        "verdict": WORDS.get(found["verdict"], found["verdict"]),
+        "verdict": brief.verdict(evidence, boundary),
         "largest": loop_words.largest(evidence, boundary, found),
         "look": found.get("look", {}).get("text", ""),
         "effects": loop_words.effects(evidence, boundary, found),
@@ -100,7 +100,7 @@ def _section(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[s
         "sensitivity": found.get("sensitivity", {}),
         "could_have_seen": could_have_seen(found),
         "untestable": found.get("untestable", []),
-        "log": loop_words.to_log(found),
+        "log": to_log(found),
         "silent": _silent(evidence, boundary, found),
         "next_experiment": loop_words.proposals(evidence, boundary, found),
     }

@@ -186,17 +186,6 @@ def candidates(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list
     return rows
 
 
-def to_log(found: dict[str, Any]) -> list[str]:
-    """What to record next time, once each."""
-    return list(
-        dict.fromkeys(
-            word
-            for u in found.get("untestable", [])
-            for word in u.get("log_next_time") or u.get("needs") or []
-        )
-    )
-
-
 def proposals(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[dict[str, Any]]:
     """What to measure next, with the trials it takes and the evidence expected of them."""
     listed = []

@@ -10,8 +10,8 @@ from nearlift.fit.remedies import SCALES
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
 from nearlift.products import FIT
+from nearlift.report.chapters.doubts import reduced
 from nearlift.report.chapters.uncertainty import untold
-from nearlift.report.chapters.verdict import reduced
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Quoted, cite, headline, pointer, quote
 from nearlift.rounding import fixed, plain, signed

@@ -4,28 +4,23 @@ coefficients to quote, error, largest sources, the gravest doubt, influence, and
 
 from __future__ import annotations
 
-import functools
 import math
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.report.chapters.loop_words import to_log
+from nearlift.report.chapters.doubts import Reservation, doubts
 from nearlift.report.chapters.uncertainty import untold
-from nearlift.report.chapters.verdict import doubts
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
-from nearlift.report.findings import stand_ins
+from nearlift.report.findings import along, listed, stand_ins, to_log
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, plain, signed
 
 #: A source whose knowledge would lessen u by less than this part is no lead.
 LEAST_FALL, SOURCES = 0.05, 3
-#: Begins a title with a capital wherever the title stands.
-PROPER = ("Reynolds",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,32 +65,10 @@ def briefs(evidence: Evidence) -> list[Brief]:
             sources=_sources(own),
             doubts=tuple(titled(d.text) for d in held if b in d.boundaries or not d.boundaries),
             influence=_influence(own),
-            next=_next(evidence, b, own),
+            next=_next(evidence, b, own, [d for d in held if b in d.boundaries]),
         )
         for b in evidence.boundaries
     ]
-
-
-@functools.cache
-def _titles() -> tuple[dict[str, str], re.Pattern[str]]:
-    known = {e.name: within(e.title) for e in catalogue.effects()}
-    return known, re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, known))})(?!\w)")
-
-
-def titled(text: str) -> str:
-    """Text with every effect called by its title."""
-    known, names = _titles()
-    return names.sub(lambda found: known[found[0]], text)
-
-
-def within(title: str) -> str:
-    """A title as it stands within a sentence."""
-    return title if title.startswith(PROPER) else title[:1].lower() + title[1:]
-
-
-def listed(words: Sequence[str], last: str = "and") -> str:
-    """``a, b and c``."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
 def verdict(evidence: Evidence, boundary: Boundary) -> str:
@@ -117,8 +90,8 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
         apart = f"; this design cannot tell it from {listed([*others], 'or')}" if others else ""
         return f"What {model} leaves is explained by {named}{apart}."
     if quoted.verdict == "unexplained":
-        along = [s["covariate"] for s in found.get("structure", []) if s["significant"]]
-        where = f" along {along[0]}" if along else ""
+        found_in = [s["covariate"] for s in found.get("structure", []) if s.get("significant")]
+        where = f" along {along(found_in[0])}" if found_in else ""
         return f"{model} leaves structure{where} that no known effect explains."
     return f"Not diagnosed: {quoted.reason}."
 
@@ -170,13 +143,17 @@ def _influence(quoted: BoundaryResult) -> str:
     return f"{' or '.join(moves)} if left out" if moves and 0 < c.u < math.inf else ""
 
 
-def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:
-    """What to measure next: what would part rivals; else what leads the budget, and what to log."""
+def _next(
+    evidence: Evidence, boundary: Boundary, quoted: BoundaryResult, held: list[Reservation]
+) -> str:
+    """What to measure next: what would part rivals; else what nobody declared, or what leads the
+    budget, and what to log.
+    """
     found = evidence.diagnosed(boundary)
     if proposed := found.get("next_experiment"):
         return titled(str(proposed[0]["measure"]))
-    said = []
-    if quoted.headline:
+    said = [d.remedy for d in held if d.remedy][:1]
+    if quoted.headline and not said:
         own = {line.source: line for line in quoted.coefficients[quoted.headline].budget}
         for source, _ in leads(quoted.coefficients[quoted.headline]):
             # the form of an effect, and what has no name, are not measured

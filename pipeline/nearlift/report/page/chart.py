@@ -135,8 +135,19 @@ def embedded(charts: Sequence[Chart]) -> str:
     return text
 
 
-def _columns(table: Columns) -> dict[str, list[Any]]:
-    return {name: [_value(v) for v in column.tolist()] for name, column in table.items()}
+def _columns(table: Columns) -> dict[str, Any]:
+    return {name: _short([_value(v) for v in values.tolist()]) for name, values in table.items()}
+
+
+def _short(values: list[Any]) -> Any:
+    """A column in which few values return again and again as those values, and which of them each
+    row has.
+    """
+    keys = [json.dumps(v) for v in values]
+    of = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    at = [of[key] for key in keys]
+    worth = sum(map(len, of)) + len(json.dumps(at, separators=(",", ":"))) < sum(map(len, keys))
+    return {"of": [json.loads(key) for key in of], "at": at} if worth else values
 
 
 def _value(value: Any) -> Any:

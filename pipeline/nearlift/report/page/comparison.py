@@ -19,17 +19,13 @@ from nearlift.report.page.render import Picture, policy, scripts, templates
 TITLE = "Campaigns compared"
 
 
-def page(
-    table: Columns, png: bytes, reports: Collection[str] = (), remarks: Collection[str] = ()
-) -> bytes:
+def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str] = ()) -> bytes:
     """index.html of a comparison.
 
     Parameters
     ----------
     table : Columns
         Of `summaries.forest`.
-    png : bytes
-        The printed figure.
     reports : collection of str
         Campaigns whose own report stands beside this one, to be linked.
     remarks : collection of str
@@ -37,7 +33,7 @@ def page(
     """
     drawn = chart.chart(table)
     picture = Picture(
-        name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table), png=png
+        name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table), image=b""
     )
     run = scripts()
     text = (
@@ -45,7 +41,7 @@ def page(
         .get_template("comparison.html.j2")
         .render(
             title=TITLE,
-            chapter={"charts": (drawn,), "pictures": [picture]},
+            chapter={"charts": (drawn,), "pictures": [picture], "tabled": (drawn,)},
             groups=_groups(table, reports),
             remarks=list(remarks),
             policy=Markup(policy(run)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -13,27 +14,32 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from nearlift import catalogue
+from nearlift.nomenclature import letter
 from nearlift.report.evidence import Evidence
+from nearlift.report.findings import along
 from nearlift.report.page.chart import Chart, embedded
-from nearlift.report.registry import CHAPTERS, Chapter
+from nearlift.report.registry import CHAPTERS, PARTS, Chapter
 
+#: The part that stands open.
+FIRST = "verdict"
 NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure on the page."""
+    """A figure on the page; `image` is WebP."""
 
     name: str
     title: str
     caption: str
     alt: str
-    png: bytes
+    image: bytes
 
     @property
     def data(self) -> str:
         """The picture as a data address."""
-        return "data:image/png;base64," + base64.b64encode(self.png).decode()
+        return "data:image/webp;base64," + base64.b64encode(self.image).decode()
 
 
 @functools.cache
@@ -47,6 +53,17 @@ def scripts() -> tuple[str, str]:
     )
 
 
+def spoken(text: str) -> str:
+    """A text of a product as a page says it: titles for names, words for covariates, Greek letters;
+    a percent sign stays with its number.
+    """
+    text = re.sub(
+        r"\b(?:alpha|gamma|lambda_)(?!\w)", lambda m: letter(m[0]), catalogue.titled(text)
+    )
+    text = re.sub(r"\balong (\w+)", lambda m: f"along {along(m[1])}", text)
+    return text.replace("z_hat", "ẑ").replace(" %", "\N{NO-BREAK SPACE}%")
+
+
 def templates() -> jinja2.Environment:
     """The templates of all pages: text from files stays text, and a name that is not given is an
     error.
@@ -58,7 +75,11 @@ def templates() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
+    environment.filters |= {
+        "capfirst": lambda text: text[:1].upper() + text[1:],
+        "titled": spoken,
+        "along": along,
+    }
     return environment
 
 
@@ -82,13 +103,14 @@ def page(
     chapters: Sequence[Chapter] = CHAPTERS,
     charts: Sequence[Chart] = (),
 ) -> bytes:
-    """index.html. Chapters whose products are missing are left out; figures that no chapter names
-    come at the end.
+    """index.html: the first part open, every chapter of the others folded. Chapters whose products
+    are missing are left out; figures that no chapter names come at the end.
     """
     made = {p.name: p for p in pictures}
     drawn = {c.name: c for c in charts}
     shown: list[dict[str, Any]] = []
     for chapter in chapters:
+        placed = next((drawn.pop(f.name) for f in chapter.places if f.name in drawn), None)
         own = [made.pop(f.name) for f in chapter.figures if f.name in made]
         interactive = [drawn[f.name] for f in chapter.figures if f.name in drawn]
         if not evidence.has(*chapter.needs) or not (chapter.facts or own or interactive):
@@ -97,28 +119,39 @@ def page(
             {
                 "name": chapter.name,
                 "title": chapter.title,
+                "part": chapter.part,
                 "template": f"{chapter.name}.html.j2" if chapter.facts else "",
                 "facts": chapter.facts(evidence) if chapter.facts else {},
                 "pictures": own,
+                "placed": placed,
                 "charts": interactive,
+                "tabled": [c for c in charts if any(c.name == f.name for f in chapter.figures)],
                 "lead": chapter.pictures_lead,
             }
         )
     if made:
-        further = {"name": "further", "title": "Further figures", "pictures": list(made.values())}
-        shown.append({**further, "template": "", "facts": {}, "charts": [], "lead": False})
-    # without charts there is nothing to run
-    run = scripts() if any(c["charts"] for c in shown) else ()
+        bare = {"template": "", "facts": {}, "charts": [], "tabled": [], "lead": False}
+        further = {"name": "further", "title": "Further figures", "part": "further"}
+        shown.append({**bare, **further, "pictures": list(made.values())})
+    parts = [
+        {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
+        for name, title in PARTS.items()
+        if (chapters_of := [c for c in shown if c["part"] == name])
+    ]
+    every = [c for s in shown for c in (s.get("placed"), *s["charts"]) if c]
+    # without charts the page has only its own script
+    run = scripts()[0 if every else 1 :]
     text = (
         templates()
         .get_template("index.html.j2")
         .render(
             campaign=evidence.campaign,
-            chapters=shown,
+            parts=parts,
+            shown=[c["name"] for c in shown],
             names=NAMES,
             policy=Markup(policy(run)),
             scripts=[Markup(s) for s in run],
-            charts=Markup(embedded([c for s in shown for c in s["charts"]])),
+            charts=Markup(embedded(every)),
         )
     )
     return text.encode()

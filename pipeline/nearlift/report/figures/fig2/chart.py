@@ -14,6 +14,7 @@ from nearlift.products import FIT
 from nearlift.report import curves
 from nearlift.report.evidence import Columns, Evidence, values
 from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.figures.fig2.layers import layers
 from nearlift.report.figures.fig2.points import force_unit, points, throttle_key
 from nearlift.report.page.chart import (
     AREAS,
@@ -23,9 +24,7 @@ from nearlift.report.page.chart import (
     Chart,
     Choice,
     Control,
-    Spec,
     View,
-    axis,
     column,
     frame,
     params,
@@ -39,16 +38,9 @@ HEIGHT = 300
 APART = len(SERIES)
 #: The table beneath the chart holds so many points.
 TABLE = 400
+#: What lift is shown in, per newton.
+UNITS_PER_N = {"N": 1.0, "mN": 1e3, "gf": 1e3 / 9.80665}
 HEADS = ("boundary", "throttle", "ẑ", "ΔL", "lift", "trials", "quality")
-TOOLTIP = (
-    ("label", "throttle"),
-    ("at", "ẑ"),
-    ("delta_text", "ΔL"),
-    ("force_text", "lift"),
-    ("trials", "trials"),
-    ("names", "averaged"),
-    ("quality", "quality"),
-)
 
 
 def chart(evidence: Evidence) -> Chart:
@@ -63,8 +55,7 @@ def chart(evidence: Evidence) -> Chart:
         }
     )
     looks = {throttle_key(t): _look(i, len(throttles)) for i, (t, _) in enumerate(throttles)}
-    unit = force_unit(evidence)[1]
-    views = tuple(_view(evidence, b, p, looks, unit) for b, p in found.items())
+    views = tuple(_view(evidence, b, p, looks) for b, p in found.items())
     chosen = tuple(
         Choice(
             value=throttle_key(t),
@@ -82,12 +73,18 @@ def chart(evidence: Evidence) -> Chart:
             kind="one",
             choices=(
                 Choice(value="delta", label="ΔL"),
-                Choice(value="force", label=f"lift in {unit}", on=False),
+                *(Choice(value=u, label=f"lift in {u}", on=False) for u in UNITS_PER_N),
             ),
         ),
         Control(
-            signal="x_scale",
+            signal="distance",
             legend="Distance",
+            kind="one",
+            choices=(Choice(value="radii", label="ẑ"), Choice(value="mm", label="mm", on=False)),
+        ),
+        Control(
+            signal="x_scale",
+            legend="Scale",
             kind="one",
             choices=(
                 Choice(value="log", label="logarithmic"),
@@ -131,7 +128,6 @@ def _view(
     boundary: Boundary,
     cells: Columns,
     looks: dict[str, tuple[str, str, int]],
-    unit: str,
 ) -> View:
     for i, name in enumerate(("colour", "shape", "area")):
         cells[name] = column([looks[str(t)][i] for t in cells["throttle"]])
@@ -152,20 +148,33 @@ def _view(
             throttles=list(looks),
             models=on,
             quantity="delta",
+            field="delta",
+            per=1,
+            distance="radii",
+            reach=1,
             bands=True,
             levels=levels,
             low=0,
             high=1,
         ),
-        layers=[
-            layer for layer in _layers(span, unit) if layer["data"].get("name", "cells") in data
-        ],
+        layers=[layer for layer in layers(span) if layer["data"].get("name", "cells") in data],
     )
     return View(
         name=boundary,
         title=boundary.capitalize(),
         spec=spec,
         data=data,
+        follows={
+            "quantity": {"delta": {"field": "delta", "per": 1}}
+            | {
+                unit: {"field": "force", "per": per / force_unit(evidence)[0]}
+                for unit, per in UNITS_PER_N.items()
+            },
+            "distance": {
+                "radii": {"reach": 1},
+                "mm": {"reach": 1e3 * evidence.campaign.vehicle.rotor_radius},
+            },
+        },
         controls=(
             Control(signal="models", legend="Models", choices=tuple(c for c in choices if c.on)),
             Control(
@@ -295,138 +304,3 @@ def _overlays(evidence: Evidence, boundary: Boundary) -> Columns:
         if rows
         else {}
     )
-
-
-def _layers(span: list[float], unit: str) -> list[Spec]:
-    """From back to front: zero, bands, curves, bars, points, further data. Only the points decide
-    how far the ordinate reaches.
-    """
-    x: Spec = {
-        "field": "z_hat",
-        "type": "quantitative",
-        "scale": {"type": "$x_scale", "domain": [0.94 * span[0], 1.06 * span[1]], "nice": False},
-        "axis": axis("ẑ = distance / rotor radius", format="~g", labelOverlap=True),
-    }
-    titled = axis(f"ΔL (%), or lift ({unit})")
-    titled["title"] = {"expr": f"quantity == 'delta' ? 'ΔL (%)' : 'lift ({unit})'"}
-    y: Spec = {
-        "field": "y",
-        "type": "quantitative",
-        "scale": {"domain": [{"expr": "low"}, {"expr": "high"}], "nice": False, "zero": False},
-        "axis": titled,
-    }
-    shown: Spec = {"filter": "indexof(throttles, datum.throttle) >= 0"}
-    value = "100 * (datum.{0} - 1)", "levels[datum.model][datum.throttle] * datum.{0}"
-    spread: list[Spec] = [
-        {"filter": "indexof(models, datum.model) >= 0"},
-        {"calculate": "quantity == 'delta' ? ['all'] : throttles", "as": "throttle"},
-        {"flatten": ["throttle"]},
-        *(
-            {
-                "calculate": f"quantity == 'delta' ? {value[0].format(n)} : {value[1].format(n)}",
-                "as": to,
-            }
-            for n, to in (("ratio", "y"), ("lo", "y_lo"), ("hi", "y_hi"))
-        ),
-        {"filter": "isFinite(datum.y)"},
-    ]
-    mine: list[Spec] = [shown, {"calculate": "datum[quantity]", "as": "y"}]
-    bar: list[Spec] = [
-        {"calculate": f"datum[quantity] {sign} datum['u_' + quantity]", "as": f"y_{end}"}
-        for sign, end in (("-", "lo"), ("+", "hi"))
-    ]
-    raw: Spec = {"type": "nominal", "scale": None}
-    points_of: Spec = {
-        "tooltip": [
-            {"field": field, "type": "nominal", "title": title} for field, title in TOOLTIP
-        ],
-        "description": {"field": "words", "type": "nominal"},
-    }
-    return [
-        {
-            "data": {"values": [{"zero": 0}]},
-            "transform": [{"filter": "quantity == 'delta'"}],
-            "mark": {
-                "type": "rule",
-                "color": "var(--soft)",
-                "strokeWidth": 0.7,
-                "aria": False,
-                "clip": True,
-            },
-            "encoding": {"y": {**y, "field": "zero"}},
-        },
-        {
-            "data": {"name": "curves"},
-            "transform": [{"filter": "bands && datum.lo != null"}, *spread],
-            "mark": {
-                "type": "area",
-                "clip": True,
-                "aria": False,
-                "color": "var(--soft)",
-                "opacity": 0.3,
-            },
-            "encoding": {
-                "x": x,
-                "y": {**y, "field": "y_lo"},
-                "y2": {"field": "y_hi"},
-                "detail": [{"field": "model"}, {"field": "throttle"}],
-            },
-        },
-        {
-            "data": {"name": "curves"},
-            "transform": spread,
-            "mark": {"type": "line", "clip": True, "aria": False, "strokeWidth": 1.6},
-            "encoding": {
-                "x": x,
-                "y": y,
-                "detail": [{"field": "model"}, {"field": "throttle"}],
-                "stroke": {**raw, "field": "colour"},
-                "strokeDash": {**raw, "field": "dash"},
-            },
-        },
-        {
-            "data": {"name": "cells"},
-            "transform": [*mine, *bar],
-            "mark": {"type": "rule", "aria": False, "clip": True},
-            "encoding": {
-                "x": x,
-                "y": {**y, "field": "y_lo"},
-                "y2": {"field": "y_hi"},
-                "stroke": {**raw, "field": "colour"},
-            },
-        },
-        {
-            "data": {"name": "overlays"},
-            "transform": [
-                {"filter": "quantity == 'delta'"},
-                {"calculate": "datum.delta", "as": "y"},
-            ],
-            "mark": {"type": "point", "shape": "cross", "color": "var(--soft)", "clip": True},
-            "encoding": {
-                "x": x,
-                "y": y,
-                "tooltip": [{"field": "label", "type": "nominal", "title": "beside"}],
-            },
-        },
-        {
-            "data": {"name": "cells"},
-            "transform": mine,
-            "mark": {
-                "type": "point",
-                "filled": True,
-                "fill": "var(--paper)",
-                "fillOpacity": 1,
-                "strokeWidth": 1.7,
-                "opacity": 1,
-                "ariaRoleDescription": "cell",
-            },
-            "encoding": {
-                "x": x,
-                "y": y,
-                "stroke": {**raw, "field": "colour"},
-                "shape": {**raw, "field": "shape"},
-                "size": {**raw, "field": "area", "type": "quantitative"},
-                **points_of,
-            },
-        },
-    ]

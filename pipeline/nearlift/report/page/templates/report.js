@@ -2,11 +2,12 @@
 // Draws each chart of the page from the JSON that the page holds, and binds native inputs to its signals. Nothing is fetched.
 (() => {
   document.documentElement.classList.add("js");
-  const held = JSON.parse(document.getElementById("charts").textContent);
+  const held = JSON.parse(document.getElementById("charts")?.textContent ?? "{}");
   const live = new Map();
 
   const rows = columns => {
     const names = Object.keys(columns);
+    columns = Object.fromEntries(names.map(n => [n, columns[n].of ? columns[n].at.map(i => columns[n].of[i]) : columns[n]]));
     return names.length ? columns[names[0]].map((_, i) => Object.fromEntries(names.map(name => [name, columns[name][i]]))) : [];
   };
 
@@ -25,9 +26,9 @@
 
   // The ordinate reaches as far as the points shown, with their uncertainties.
   const limits = (cells, state) => {
-    const value = state.quantity, ends = cells.filter(c => state.throttles.includes(c.throttle));
+    const { field, per } = state, ends = cells.filter(c => state.throttles.includes(c.throttle));
     if (!ends.length) return {};
-    const low = Math.min(...ends.map(c => c[value] - c["u_" + value])), high = Math.max(...ends.map(c => c[value] + c["u_" + value]));
+    const low = per * Math.min(...ends.map(c => c[field] - c["u_" + field])), high = per * Math.max(...ends.map(c => c[field] + c["u_" + field]));
     const room = 0.05 * (high - low || 1);
     return { low: low - room, high: high + room };
   };
@@ -49,13 +50,14 @@
 
   const options = { mode: "vega-lite", ast: true, renderer: "svg", actions: false, defaultStyle: false, tooltip: { disableDefaultStyle: true } };
 
-  const draw = async place => {
+  const draw = async (place, width) => {
     const figure = place.closest("[data-chart]"), kept = held[figure.dataset.chart][place.dataset.view];
     const data = Object.fromEntries(Object.entries(kept.data).map(([name, columns]) => [name, rows(columns)]));
     const now = state(figure, place.dataset.view, data), text = written(kept.spec, now);
     live.get(place)?.result.finalize();
-    const result = await vegaEmbed(place.querySelector(".drawing"), specification(text, now, data), options);
-    live.set(place, { result, data, text, kept: kept.spec, names: kept.spec.params.map(p => p.name) });
+    const spec = specification(text, now, data), height = place.closest(".card") ? 215 : spec.height;
+    const result = await vegaEmbed(place.querySelector(".drawing"), { ...spec, height, ...(width && { width }) }, options);
+    live.set(place, { result, data, text, rough: Boolean(width), kept: kept.spec, names: kept.spec.params.map(p => p.name) });
   };
 
   const refresh = async place => {
@@ -117,17 +119,63 @@
     });
   }
 
+  // What a link leads to is unfolded: a chapter, the only one of a part, or whatever hides it.
+  const reveal = () => {
+    const found = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (!found) return;
+    const own = found.querySelectorAll("details.chapter");
+    if (own.length === 1) own[0].open = true;
+    for (let fold = found.closest("details"); fold; fold = fold.parentElement.closest("details")) fold.open = true;
+    found.scrollIntoView();
+  };
+  addEventListener("hashchange", reveal);
+  for (const link of document.querySelectorAll("a[href^='#']")) link.addEventListener("click", () => { if (link.hash === location.hash) reveal(); });
+
+  const menu = document.querySelector("nav button");
+  if (menu) {
+    const show = open => menu.setAttribute("aria-expanded", open);
+    menu.hidden = false;
+    menu.addEventListener("click", () => show(menu.getAttribute("aria-expanded") !== "true"));
+    menu.parentElement.addEventListener("click", event => { if (event.target.closest("a")) show(false); });
+    menu.parentElement.addEventListener("keydown", event => { if (event.key === "Escape") { show(false); menu.focus(); } });
+  }
+
+  // A number tells its product and key where it is pointed at, and leads to the file where it is clicked.
+  const told = document.getElementById("source");
+  addEventListener("pointerover", event => {
+    const number = event.target.closest?.("[data-source]");
+    if (number && !number.title) number.title = [number.dataset.source, number.dataset.how].filter(Boolean).join(", ");
+  });
+  addEventListener("click", event => {
+    const number = event.target.closest("[data-source]"), away = event.target.closest("#source");
+    if (!told || away || event.target.closest("a, summary")) return;
+    told.hidden = !number;
+    if (!number) return;
+    const file = number.dataset.source.split("#")[0], link = Object.assign(document.createElement("a"), { textContent: file, href: document.body.dataset.products + file });
+    told.replaceChildren(number.value ? `${number.value} ` : "", "from ", file.endsWith(".toml") ? file : link, ` ${number.dataset.source.slice(file.length + 1)} ${number.dataset.how ?? ""}`);
+  });
+
+  // A chart takes the width of its place, and is drawn anew when that is unfolded.
+  const all = [...document.querySelectorAll("[data-view].view")], lies = place => place.closest("details.chapter:not([open])");
+  const drawn = (places, width) => Promise.all(places.filter(p => !live.has(p) || (live.get(p).rough && !width)).map(p => draw(p, width)));
+  for (const fold of document.querySelectorAll("details.chapter")) {
+    fold.addEventListener("toggle", () => { if (fold.open) drawn(all.filter(p => fold.contains(p))); });
+  }
+
   // On paper nothing can be unfolded: what is short stands there, what is long stays a line that says how much there is.
   const unfolded = [];
   addEventListener("beforeprint", () => {
     for (const fold of document.querySelectorAll("main details:not([open])")) {
-      if (!fold.closest(".chart") && fold.querySelectorAll("tr, li").length <= 40) { fold.open = true; unfolded.push(fold); }
+      if (fold.matches(".chapter") || (!fold.closest("[data-chart]") && fold.querySelectorAll("tr, li").length <= 40)) { fold.open = true; unfolded.push(fold); }
     }
   });
   addEventListener("afterprint", () => { for (const fold of unfolded.splice(0)) fold.open = false; });
 
-  // A chart takes the width of its place; on paper that is another one.
-  const all = [...document.querySelectorAll("[data-view].view")];
   document.documentElement.dataset.charts = "drawing";
-  Promise.all(all.map(draw)).then(() => { document.documentElement.dataset.charts = "drawn"; });
+  reveal();
+  drawn(all.filter(p => !lies(p))).then(() => {
+    document.documentElement.dataset.charts = "drawn";
+    // paper shows what is folded, and does not wait for a drawing: each has one by then
+    (window.requestIdleCallback ?? setTimeout)(() => drawn(all, 340));
+  });
 })();

@@ -1,0 +1,229 @@
+"""What a reader should hold against the numbers of the first screen, and what they would be on
+other conditions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from nearlift import catalogue
+from nearlift.declare import Boundary
+from nearlift.likelihood.budget import components
+from nearlift.likelihood.noise import REPEATS
+from nearlift.nomenclature import letter
+from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS
+from nearlift.reduction.quality import rejected
+from nearlift.report.chapters.uncertainty import SCALES
+from nearlift.report.evidence import Evidence
+from nearlift.report.findings import along, listed, stand_ins
+from nearlift.report.number import LEAST_CHANCE, Number, cite, pointer, quote
+from nearlift.results.fit import ModelFit
+from nearlift.results.quotation import BoundaryResult
+from nearlift.results.serial import decode
+from nearlift.rounding import plain
+
+#: A base model whose chi2 is less likely than this by chance is called rejected.
+REJECTED = 1e-3
+INPUT_WORDS = {
+    "rotor_radius": "rotor radius",
+    "rotor_spacing": "rotor spacing",
+    "height": "distance datum",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reservation:
+    """One reason to doubt headlines: their boundaries (none where it concerns the campaign), the
+    text, and what would settle it, where something can be measured.
+    """
+
+    boundaries: tuple[str, ...]
+    text: str
+    remedy: str = ""
+
+
+def facts(evidence: Evidence) -> dict[str, Any]:
+    """Every doubt, every condition on which a coefficient would be another, and chi2."""
+    return {
+        "doubts": doubts(evidence),
+        "conditions": [
+            {"boundary": b, **row} for b in evidence.boundaries for row in conditions(evidence, b)
+        ],
+        "goodness": [
+            {
+                "boundary": b,
+                "reduced": reduced(evidence, b, evidence.base(b)[0].name),
+                "words": goodness(evidence, b)[1],
+            }
+            for b in evidence.boundaries
+        ],
+    }
+
+
+def doubts(evidence: Evidence) -> list[Reservation]:
+    """What a reader should hold against the numbers, the gravest first; nothing that is not in a
+    product.
+    """
+    merged: dict[str, Reservation] = {}
+    for own in (doubt for b in evidence.boundaries for doubt in of(evidence, b)):
+        # what is said of several boundaries is said once
+        before = merged.get(own.text)
+        merged[own.text] = (
+            replace(own, boundaries=before.boundaries + own.boundaries) if before else own
+        )
+    every = list(merged.values())
+    out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
+    if out:
+        trials = len(evidence.table(TRIALS)["quality"])
+        text = (
+            f"{out} of {trials} trials were left out; the quality ledger says why, and what they"
+            " are worth"
+        )
+        every.append(Reservation(boundaries=(), text=text))
+    if not components(evidence.campaign):
+        text = "the manifest declares no error that repeats share, so none is in these intervals"
+        every.append(Reservation(boundaries=(), text=text))
+    return every
+
+
+def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
+    """The doubts about one boundary, the gravest first."""
+    model, entry = evidence.base(boundary)
+    found, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
+    said = [quoted.leaning] if quoted.leaning else []
+    if reason := evidence.not_diagnosed(boundary):
+        said.append(f"not diagnosed, so an effect of any size may be in the coefficient: {reason}")
+    if look := found.get("look"):
+        said.append(f"the campaign is still growing: {look['text']}")
+    if goodness(evidence, boundary)[0]:
+        said.append(
+            f"cells stray from {model.title} by more than chance allows, so its interval is that of"
+            " a curve which is not the data's"
+        )
+    said += found.get("contradicted", [])
+    told = [Reservation(boundaries=(boundary,), text=text) for text in said]
+    if found.get("verdict") == "unexplained" and not found.get("contradicted"):
+        where = [f" along {along(str(line['covariate']))}" for line in found["structure"][:1]]
+        text = (
+            f"what the base model leaves{''.join(where)} has no name, and may be in the coefficient"
+            " too"
+        )
+        told.append(Reservation(boundaries=(boundary,), text=text))
+    further = [text for effect in found.get("effects", []) for text in _alike(found, effect)]
+    further += [str(s["text"]) for s in evidence.document(FIT)["influence"][boundary]["suspects"]]
+    further += [
+        f"{name} ends at a bound of its range"
+        for name, c in quoted.coefficients.items()
+        if c.at_bound
+    ]
+    if quoted.verdict == NOT_DIAGNOSED:
+        # by the noise of the fit; after the loop the conditions say it by the loop's
+        further += [str(d["text"]) for d in entry["degeneracies"][:1]]
+    told += [Reservation(boundaries=(boundary,), text=text) for text in further]
+    told += _undeclared(boundary, entry, quoted)
+    unseen = [catalogue.titled(str(u["effect"])) for u in found.get("untestable", [])]
+    if unseen:
+        text = f"nothing was logged that could tell of {listed(unseen)}"
+        told.append(Reservation(boundaries=(boundary,), text=text))
+    return told
+
+
+def _alike(found: dict[str, Any], effect: dict[str, Any]) -> list[str]:
+    """That a named effect has rivals: alone, and two together."""
+    others = stand_ins(found, effect)
+    alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
+    said = []
+    if alone:
+        said.append(
+            f"{effect['name']} and {listed(alone)} look alike in this design; which of them it is"
+            " rests on prior plausibility"
+        )
+    if together:
+        said.append(
+            f"{effect['name']} alone would do, but {listed(together, 'or')} is likelier, if not"
+            " plainly"
+        )
+    return said
+
+
+def _undeclared(
+    boundary: Boundary, entry: dict[str, Any], quoted: BoundaryResult
+) -> list[Reservation]:
+    """Inputs without a declared uncertainty whose plausible error would move the headline by more
+    than its u.
+    """
+    name = quoted.headline
+    u = quoted.coefficients[name].u if name else math.inf
+    if not (u > 0 and math.isfinite(u)):
+        return []
+    worth = [(abs(line["shift"][name]) / u, line) for line in entry.get("undeclared", [])]
+    moves = [(by, a) for by, a in sorted(worth, key=lambda pair: -pair[0]) if by > 1]
+    if not moves:
+        return []
+    told = ", ".join(
+        f"{plain(SCALES[a['unit']][0] * a['size'], 2)} {SCALES[a['unit']][1]} of"
+        f" {INPUT_WORDS[a['on']]} by {plain(by, 2)} u"
+        for by, a in moves
+    )
+    inputs = listed([INPUT_WORDS[a["on"]] for _, a in moves])
+    return [
+        Reservation(
+            boundaries=(boundary,),
+            text=f"what was not declared could move {letter(name)}: {told}",
+            remedy=f"measure the {inputs}, and declare how well it is known",
+        )
+    ]
+
+
+def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+    """What each coefficient would be, and what it takes to believe that."""
+    rows = []
+    for name, c in evidence.quoted(boundary).coefficients.items():
+        path = ("boundaries", boundary, "coefficients", name, "doubts")
+        rows += [
+            {"condition": d.condition, "quoted": quote(evidence, RESULTS, *path, str(i), name=name)}
+            for i, d in enumerate(c.doubts)
+        ]
+    return rows
+
+
+def reduced(evidence: Evidence, boundary: Boundary, model: str) -> Number:
+    """chi2 over its degrees of freedom."""
+    path = ("boundaries", boundary, model)
+    chi2, dof = (cite(evidence, FIT, *path, k).value for k in ("chi2", "dof"))
+    value = chi2 / dof if dof else math.nan
+    return Number(
+        text=f"{value:.2f}" if math.isfinite(value) else "–",
+        value=value,
+        source=pointer(FIT, *path, "chi2"),
+        how="over dof of the same model",
+    )
+
+
+def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
+    """Whether chi2 rejects the base model, and what that means in words."""
+    _, entry = evidence.base(boundary)
+    source = str(evidence.document(FIT)["noise"][boundary]["source"])
+    if not source.startswith(REPEATS):
+        return False, f"chi² says nothing here: the noise is the {source}"
+    p = decode(ModelFit, entry).p_value
+    if p < REJECTED:
+        chance = f"p = {plain(p, 1)}" if p > LEAST_CHANCE else "p < 10⁻¹²"
+        return (
+            True,
+            (
+                f"rejected: cells stray from the curve by more than repeats scatter ({chance}); the"
+                " interval holds only if the model did"
+            ),
+        )
+    blind = (
+        ""
+        if evidence.has(DIAGNOSIS)
+        else (
+            "; what moves the repeats themselves (sessions, supply, drift) shows only in the"
+            " residuals"
+        )
+    )
+    return False, f"cells stray from the curve no more than repeats scatter{blind}"

@@ -1,0 +1,159 @@
+"""What the chart of Figure 2 draws, from back to front, in Vega-Lite."""
+
+from __future__ import annotations
+
+from nearlift.report.page.chart import Spec, axis
+
+TOOLTIP = (
+    ("label", "throttle"),
+    ("at", "ẑ"),
+    ("delta_text", "ΔL"),
+    ("force_text", "lift"),
+    ("trials", "trials"),
+    ("names", "averaged"),
+    ("quality", "quality"),
+)
+
+
+def layers(span: list[float]) -> list[Spec]:
+    """From back to front: zero, bands, curves, bars, points, further data. Only the points decide
+    how far the ordinate reaches.
+    """
+    x: Spec = {
+        "field": "x",
+        "type": "quantitative",
+        "scale": {
+            "type": "$x_scale",
+            "domain": [{"expr": f"{end} * reach"} for end in (0.94 * span[0], 1.06 * span[1])],
+            "nice": False,
+        },
+        "axis": axis("", format="~g", labelOverlap=True)
+        | {"title": {"expr": "distance == 'mm' ? 'distance (mm)' : 'ẑ = distance / rotor radius'"}},
+    }
+    titled = axis("") | {
+        "title": {"expr": "quantity == 'delta' ? 'ΔL (%)' : 'lift (' + quantity + ')'"}
+    }
+    far: Spec = {"calculate": "datum.z_hat * reach", "as": "x"}
+    y: Spec = {
+        "field": "y",
+        "type": "quantitative",
+        "scale": {"domain": [{"expr": "low"}, {"expr": "high"}], "nice": False, "zero": False},
+        "axis": titled,
+    }
+    shown: Spec = {"filter": "indexof(throttles, datum.throttle) >= 0"}
+    value = "100 * (datum.{0} - 1)", "per * levels[datum.model][datum.throttle] * datum.{0}"
+    spread: list[Spec] = [
+        far,
+        {"filter": "indexof(models, datum.model) >= 0"},
+        {"calculate": "quantity == 'delta' ? ['all'] : throttles", "as": "throttle"},
+        {"flatten": ["throttle"]},
+        *(
+            {
+                "calculate": f"quantity == 'delta' ? {value[0].format(n)} : {value[1].format(n)}",
+                "as": to,
+            }
+            for n, to in (("ratio", "y"), ("lo", "y_lo"), ("hi", "y_hi"))
+        ),
+        {"filter": "isFinite(datum.y)"},
+    ]
+    mine: list[Spec] = [shown, far, {"calculate": "per * datum[field]", "as": "y"}]
+    bar: list[Spec] = [
+        {"calculate": f"per * (datum[field] {sign} datum['u_' + field])", "as": f"y_{end}"}
+        for sign, end in (("-", "lo"), ("+", "hi"))
+    ]
+    raw: Spec = {"type": "nominal", "scale": None}
+    points_of: Spec = {
+        "tooltip": [
+            {"field": field, "type": "nominal", "title": title} for field, title in TOOLTIP
+        ],
+        "description": {"field": "words", "type": "nominal"},
+    }
+    return [
+        {
+            "data": {"values": [{"zero": 0}]},
+            "transform": [{"filter": "quantity == 'delta'"}],
+            "mark": {
+                "type": "rule",
+                "color": "var(--soft)",
+                "strokeWidth": 0.7,
+                "aria": False,
+                "clip": True,
+            },
+            "encoding": {"y": {**y, "field": "zero"}},
+        },
+        {
+            "data": {"name": "curves"},
+            "transform": [{"filter": "bands && datum.lo != null"}, *spread],
+            "mark": {
+                "type": "area",
+                "clip": True,
+                "aria": False,
+                "color": "var(--soft)",
+                "opacity": 0.3,
+            },
+            "encoding": {
+                "x": x,
+                "y": {**y, "field": "y_lo"},
+                "y2": {"field": "y_hi"},
+                "detail": [{"field": "model"}, {"field": "throttle"}],
+            },
+        },
+        {
+            "data": {"name": "curves"},
+            "transform": spread,
+            "mark": {"type": "line", "clip": True, "aria": False, "strokeWidth": 1.6},
+            "encoding": {
+                "x": x,
+                "y": y,
+                "detail": [{"field": "model"}, {"field": "throttle"}],
+                "stroke": {**raw, "field": "colour"},
+                "strokeDash": {**raw, "field": "dash"},
+            },
+        },
+        {
+            "data": {"name": "cells"},
+            "transform": [*mine, *bar],
+            "mark": {"type": "rule", "aria": False, "clip": True},
+            "encoding": {
+                "x": x,
+                "y": {**y, "field": "y_lo"},
+                "y2": {"field": "y_hi"},
+                "stroke": {**raw, "field": "colour"},
+            },
+        },
+        {
+            "data": {"name": "overlays"},
+            "transform": [
+                {"filter": "quantity == 'delta'"},
+                far,
+                {"calculate": "datum.delta", "as": "y"},
+            ],
+            "mark": {"type": "point", "shape": "cross", "color": "var(--soft)", "clip": True},
+            "encoding": {
+                "x": x,
+                "y": y,
+                "tooltip": [{"field": "label", "type": "nominal", "title": "beside"}],
+            },
+        },
+        {
+            "data": {"name": "cells"},
+            "transform": mine,
+            "mark": {
+                "type": "point",
+                "filled": True,
+                "fill": "var(--paper)",
+                "fillOpacity": 1,
+                "strokeWidth": 1.7,
+                "opacity": 1,
+                "ariaRoleDescription": "cell",
+            },
+            "encoding": {
+                "x": x,
+                "y": y,
+                "stroke": {**raw, "field": "colour"},
+                "shape": {**raw, "field": "shape"},
+                "size": {**raw, "field": "area", "type": "quantitative"},
+                **points_of,
+            },
+        },
+    ]
