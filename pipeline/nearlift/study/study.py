@@ -172,7 +172,7 @@ class Study:
         files = render(spec.draw, rows, style(self.manifest.report.style))
         words = {"caption": spec.caption(evidence, rows), "alt": spec.alt(evidence, rows)}
         return Drawing(
-            name=name, title=spec.title, **words, png=files["page"], pdf=files["pdf"], table=rows
+            name=name, title=spec.title, **words, png=files["png"], pdf=files["pdf"], table=rows
         )
 
     def read(self, product: Product | str) -> pd.DataFrame:
