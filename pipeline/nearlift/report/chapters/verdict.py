@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.nomenclature import VERDICTS
 from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
@@ -29,7 +28,7 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, Any]:
     return {
         "boundary": boundary,
         "model": evidence.base(boundary)[0].title,
-        "kind": VERDICTS[quoted.verdict],
+        "kind": quoted.verdict.replace("_", " "),
         "verdict": brief.verdict,
         "headline": coefficients[0] if coefficients else None,
         "others": coefficients[1:],
