@@ -1,5 +1,5 @@
-"""Make again the figures of docs/closing-the-loop.md: ``python docs/worked/closing_the_loop.py OUT
-[PITT]``.
+"""Make again the figures of docs/closing-the-loop.md, and README's Figure 2:
+``python docs/worked/closing_the_loop.py OUT [PITT]``.
 
 Runs the demo, and the measured campaign pitt-ras-2017 if its folder PITT is given, into OUT,
 explains their effect, and puts reduced copies of the figures into docs/figures.
@@ -38,6 +38,7 @@ if __name__ == "__main__":
     nearlift("diagnose", out / "demo-campaign", "--out", out, "--explain", "supply_sag", "-q")
     nearlift("diagnose", out / "demo-campaign", "--out", out, "--explain", "height_offset", "-q")
     reports = out / "reports"
+    keep(reports / "demo/fig2.png", "fig2-demo")
     keep(reports / "demo/diagnosis.png", "loop-demo")
     keep(reports / "demo/explain/height_offset.png", "explain-height_offset")
     if len(sys.argv) > 2:

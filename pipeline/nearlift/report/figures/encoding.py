@@ -18,8 +18,9 @@ from PIL import Image
 from nearlift.report.figures.style import Style, context
 
 Draw = Callable[[Mapping[str, Any], Style], Figure]
-#: Width in pixels of the pictures in index.html, and their colours: what is drawn here has few, and
-#: so a tenth of the bytes.
+#: Colours of a PNG for print: what is drawn here has few, and so a third of the bytes.
+PRINT_COLOURS = 256
+#: Width in pixels of the pictures in index.html, and their colours: a tenth of the bytes.
 PAGE_WIDTH = 1200
 COLOURS = 32
 #: Decimal places of where a panel stands, as parts of the figure's width and height.
@@ -45,11 +46,9 @@ def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes
         canvas: Any = FigureCanvasAgg(figure)
         canvas.draw()
         picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-        return {
-            "pdf": pdf.getvalue(),
-            "png": _png(picture, dpi=(look.dpi, look.dpi)),
-            "page": light(picture),
-        }
+        png = io.BytesIO()
+        _few(picture, PRINT_COLOURS).save(png, "PNG", dpi=(look.dpi, look.dpi))
+        return {"pdf": pdf.getvalue(), "png": png.getvalue(), "page": light(picture)}
 
 
 def _settle(figure: Figure) -> None:
@@ -64,18 +63,15 @@ def _settle(figure: Figure) -> None:
         ax.set_position(Bbox(np.round(place.get_points(), PLACES)))
 
 
-def _png(picture: Image.Image, **settings: Any) -> bytes:
-    sink = io.BytesIO()
-    picture.save(sink, "PNG", **settings)
-    return sink.getvalue()
+def _few(picture: Image.Image, colours: int) -> Image.Image:
+    return picture.quantize(colours, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
 
 
 def light(picture: Image.Image) -> bytes:
     """The same picture for a page: at most `PAGE_WIDTH` wide, with a palette, as lossless WebP."""
     if picture.width > PAGE_WIDTH:
         size = PAGE_WIDTH, round(picture.height * PAGE_WIDTH / picture.width)
-        picture = picture.resize(size, Image.Resampling.LANCZOS, reducing_gap=2.0)
-    few = picture.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        picture = picture.resize(size, Image.Resampling.HAMMING)
     sink = io.BytesIO()
-    few.convert("RGB").save(sink, "WEBP", lossless=True, quality=40, method=4)
+    _few(picture, COLOURS).convert("RGB").save(sink, "WEBP", lossless=True, quality=40, method=4)
     return sink.getvalue()
