@@ -39,6 +39,7 @@ def test_the_same_run_twice_differs_in_nothing(runs, tmp_path):
     assert found["coefficients"]
     text = nearlift("compare-runs", folder / "a", tmp_path / "b").output
     assert "inputs: the same" in text
+    assert "manifest: the same values" in text
     assert "->" not in text
 
 
@@ -75,6 +76,35 @@ def test_what_changed_is_named_and_the_shift_is_in_units_of_u(runs, tmp_path):
     assert "seed: 0 -> 3" in text
     assert "ground K_b  " in text
     assert " u\n" in text
+    assert found["manifest_values"] == {"vehicle.mass": ["'27 g'", "'28 g'"]}
+    assert "  vehicle.mass: '27 g' -> '28 g'" in text
+    assert "inputs: 2 differ, 0 the same: campaign.toml, trials.csv (--digests)" in text
+    assert text.index("ground K_b") < text.index("vehicle.mass") < text.index("inputs:")
+    sha = found["inputs"]["trials.csv"][0][:12]
+    assert sha not in text
+    whole = nearlift("compare-runs", folder / "a", tmp_path / "b", "--digests").output
+    assert f"  trials.csv: {sha} -> " in whole
+    assert found["errors"] == {"ground": [None, None]}
+
+
+def test_a_kept_run_is_set_beside_a_finished_one(runs, tmp_path):
+    folder, _ = runs
+    shutil.copytree(folder / "a", tmp_path / "a")
+    (kept,) = (tmp_path / "a/processed/means/history").iterdir()
+    found = compare(kept, tmp_path / "a")
+    assert [c["shift"] for c in found["coefficients"]] == [0]
+    assert found["manifest_values"] == {}
+    assert found["inputs"] == {}
+    text = nearlift("compare-runs", kept, tmp_path / "a").output
+    assert "(kept)" in text
+    assert "a kept run has no digests" in text
+    shutil.rmtree(kept)
+    found = compare(folder / "a", tmp_path / "a")
+    assert found["manifest_values"] is None
+    (tmp_path / "a/processed/means/results.json").write_text('{"schema": "nearlift.results/1"')
+    damaged = nearlift("compare-runs", folder / "a", tmp_path / "a")
+    assert damaged.exit_code == 4
+    assert "is damaged" in damaged.output
 
 
 def test_a_folder_without_a_run_or_with_several_is_refused(runs, tmp_path):

@@ -103,3 +103,7 @@ def test_no_module_needs_more_than_the_demo_installs():
     for path in (ROOT / "pipeline" / "nearlift").rglob("*.py"):
         for package in outside(ast.parse(path.read_text(encoding="utf-8"))):
             assert {canonicalize_name(d) for d in homes[package]} & lock, (path, package)
+
+
+def test_make_tells_how_many_packages_it_installs():
+    assert f":= {len(names(locked(RUN)))} packages" in (ROOT / "Makefile").read_text()

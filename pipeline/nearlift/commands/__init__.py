@@ -68,8 +68,9 @@ ABOUT = {
         group=AFTERWARDS,
         summary="What changed between two finished runs of a campaign",
         text=(
-            "Inputs, options, versions, numbers. A and B are folders with provenance.json"
-            " (processed/CAMPAIGN), or workspaces with one finished campaign each."
+            "Numbers first, then the manifest's values, options, versions, digests. A and B are"
+            " folders with provenance.json (processed/CAMPAIGN), kept runs"
+            " (processed/CAMPAIGN/history/RUN), or workspaces with one finished campaign each."
         ),
         example="compare-runs processed/my-rig ../before/processed/my-rig",
     ),
@@ -131,6 +132,16 @@ ABOUT = {
         example="export raw/my-rig --c --netcdf",
         settings=("out", "verbose"),
     ),
+    "history": About(
+        group=AFTERWARDS,
+        summary="The kept runs of a campaign, each with its headline",
+        text=(
+            "Time, digest, and the first coefficient of each boundary as quoted then. The last 20"
+            " that found something new are kept, with their manifests."
+        ),
+        example="history raw/my-rig",
+        settings=("out",),
+    ),
     "inspect": About(
         group=BEGIN,
         summary="What a file holds, and the lines for the manifest",
@@ -161,6 +172,17 @@ ABOUT = {
         text="Of several campaigns, one after the other, or side by side with processes:N.",
         example="run raw/my-rig\nrun raw/a raw/b --executor processes:2",
         settings=COMPUTES,
+    ),
+    "undo": About(
+        group=AFTERWARDS,
+        summary="The manifest of the run before, back in its place",
+        text=(
+            "Only campaign.toml is restored, that of the last kept run which had another; what"
+            " stands there is kept first, and a second `undo` brings it back. Products are stale"
+            " then, until `nearlift run CAMPAIGN`."
+        ),
+        example="undo raw/my-rig\nundo raw/my-rig --to 3f9c",
+        settings=("out",),
     ),
     "verify": About(
         group=AFTERWARDS,

@@ -1,10 +1,11 @@
-"""compare-runs: two finished runs side by side: what went in, what made it, and by how much the
-numbers moved. Writes nothing.
+"""compare-runs: two runs side by side: the numbers that each quotes first, then the values of the
+manifest that differ, last what went in and what made it. Writes nothing.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,42 @@ import click
 from nearlift.commands.common import Call, declared
 from nearlift.errors import UsageError
 from nearlift.products import PROVENANCE, RESULTS
-from nearlift.results.quotation import Results
+from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.results.serial import encode
-from nearlift.rounding import fixed, like, plain
-from nearlift.run import store
+from nearlift.rounding import fixed, like, plain, plus_minus
+from nearlift.run import history, store
+from nearlift.run.transaction import Homes
 
 #: What of a run decides its numbers, and how a line of the table calls it.
 PARTS = ("inputs", "manifest", "options", "versions", "code", "products", "report")
+#: Those whose values are digests.
+DIGESTS = ("inputs", "manifest", "code", "products", "report")
+#: Names of digests that differ which a line lists.
+FEW = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Side:
+    """One of the two runs: its provenance (empty for one kept in history), what it quotes, and its
+    manifest where that was kept.
+    """
+
+    folder: Path
+    ledger: Mapping[str, Any]
+    quoted: Mapping[str, BoundaryResult]
+    manifest: bytes | None
+
+    @property
+    def about(self) -> dict[str, str]:
+        """What the comparison says of it."""
+        told = {key: str(self.ledger.get(key, "")) for key in ("campaign", "nearlift", "platform")}
+        return {"folder": str(self.folder), **told}
+
+    @property
+    def rejected(self) -> dict[str, str]:
+        """Reason by trial."""
+        stages = self.ledger.get("stages", {}).values()
+        return {t: r for stage in stages for t, r in stage["rejected"]}
 
 
 def run(a: Path, b: Path) -> dict[str, Any]:
@@ -28,59 +58,79 @@ def run(a: Path, b: Path) -> dict[str, Any]:
     Parameters
     ----------
     a, b : Path
-        Each a folder with provenance.json (``processed/<campaign>``), or a workspace with one
-        finished campaign in it.
+        Each a folder with provenance.json (``processed/<campaign>``), a workspace with one finished
+        campaign in it, or a kept run (``processed/<campaign>/history/...``).
 
     Returns
     -------
     dict
         ``schema``; ``runs``; for each of inputs, manifest, options, versions, code, products,
         report the entries that differ, as name -> [in A, in B] (None where absent; digests stand in
-        full); ``same``, how many do not; ``verdicts``; ``coefficients`` with ``shift`` (B less A)
-        and ``shift_in_u`` (over u of A: both runs may rest on the same data, so their uncertainties
-        do not add); ``trials``, the rejected ones that differ.
+        full; empty where one is a kept run, which has no digests); ``same``, how many do not;
+        ``verdicts``; ``errors``; ``coefficients`` with ``shift`` (B less A) and ``shift_in_u``
+        (over u of A: both runs may rest on the same data, so their uncertainties do not add);
+        ``manifest_values``, by key (None where a manifest was not kept); ``trials``, the rejected
+        ones that differ.
 
     Raises
     ------
     UsageError
-        Where a folder holds no finished run, or several.
+        Where a folder holds no run, or several.
     """
-    folders = [_finished(path) for path in (a, b)]
-    ledgers = [store.read_json(folder / PROVENANCE.file) for folder in folders]
+    one, two = (_side(path) for path in (a, b))
     content: dict[str, Any] = {
         "schema": "nearlift.run_comparison/1",
-        "runs": [
-            {
-                "folder": str(f),
-                "campaign": p["campaign"],
-                "nearlift": p["nearlift"],
-                "platform": p["platform"],
-            }
-            for f, p in zip(folders, ledgers, strict=True)
-        ],
+        "runs": [one.about, two.about],
         "same": {},
     }
     for part in PARTS:
-        one, two = (_part(p, part) for p in ledgers)
-        names = list(dict.fromkeys([*one, *two]))
-        content[part] = {n: [one.get(n), two.get(n)] for n in names if one.get(n) != two.get(n)}
-        content["same"][part] = len(names) - len(content[part])
-    found = [_numbers(folder) for folder in folders]
+        pair = [
+            _part(side.ledger, part) if one.ledger and two.ledger else {} for side in (one, two)
+        ]
+        content[part] = _differing(*pair)
+        content["same"][part] = len(pair[0].keys() | pair[1].keys()) - len(content[part])
+    numbers = [_numbers(side) for side in (one, two)]
     content["coefficients"] = [
-        _moved(key, found[0].get(key), found[1].get(key))
-        for key in dict.fromkeys([*found[0], *found[1]])
+        _moved(key, numbers[0].get(key), numbers[1].get(key))
+        for key in dict.fromkeys([*numbers[0], *numbers[1]])
     ]
-    said = [_verdicts(folder) for folder in folders]
-    content["verdicts"] = {
-        b: [said[0].get(b), said[1].get(b)] for b in dict.fromkeys([*said[0], *said[1]])
-    }
-    lost = [{t: r for s in p["stages"].values() for t, r in s["rejected"]} for p in ledgers]
-    content["trials"] = {
-        t: [lost[0].get(t), lost[1].get(t)]
-        for t in dict.fromkeys([*lost[0], *lost[1]])
-        if lost[0].get(t) != lost[1].get(t)
-    }
+    boundaries = dict.fromkeys([*one.quoted, *two.quoted])
+    content["verdicts"] = {b: [_verdict(s.quoted.get(b)) for s in (one, two)] for b in boundaries}
+    content["errors"] = {b: [_error(s.quoted.get(b)) for s in (one, two)] for b in boundaries}
+    content["manifest_values"] = (
+        None
+        if one.manifest is None or two.manifest is None
+        else {key: [x, y] for key, x, y in history.changes(one.manifest, two.manifest)}
+    )
+    content["trials"] = _differing(one.rejected, two.rejected)
     return content
+
+
+def _differing(one: Mapping[str, Any], two: Mapping[str, Any]) -> dict[str, list[Any]]:
+    return {
+        name: [one.get(name), two.get(name)]
+        for name in dict.fromkeys([*one, *two])
+        if one.get(name) != two.get(name)
+    }
+
+
+def _side(path: Path) -> Side:
+    if kept := history.read(path.resolve()):
+        file = path / RESULTS.file
+        quoted = store.load(file, Results).boundaries if kept.results else {}
+        return Side(folder=path, ledger={}, quoted=quoted, manifest=kept.manifest)
+    folder = _finished(path)
+    file = folder / RESULTS.file
+    results = file.read_bytes() if file.is_file() else b""
+    # where a run quotes nothing, or an older nearlift kept nothing, nobody knows
+    homes = Homes(processed=folder, reports=folder)
+    same = (run.manifest for run in history.runs(homes) if results and run.results == results)
+    return Side(
+        folder=folder,
+        ledger=store.read_json(folder / PROVENANCE.file),
+        quoted=store.load(file, Results).boundaries if results else {},
+        manifest=next(same, None),
+    )
 
 
 def _finished(path: Path) -> Path:
@@ -93,7 +143,7 @@ def _finished(path: Path) -> Path:
     remedy = (
         f"name one of them: {', '.join(str(f) for f in found)}"
         if found
-        else "name processed/CAMPAIGN, or the folder that was given as --out"
+        else "name processed/CAMPAIGN, a run in its history, or the folder that was given as --out"
     )
     raise UsageError(str(path), what, remedy)
 
@@ -125,13 +175,11 @@ def _part(ledger: Mapping[str, Any], part: str) -> dict[str, Any]:
 Key = tuple[str, str, str]
 
 
-def _numbers(folder: Path) -> dict[Key, dict[str, float]]:
-    """The coefficients that each run quotes: value, u and 90 % interval."""
-    path = folder / RESULTS.file
-    boundaries = store.load(path, Results).boundaries if path.is_file() else {}
+def _numbers(side: Side) -> dict[Key, dict[str, float]]:
+    """The coefficients that a run quotes: value, u and 90 % interval."""
     return {
         (boundary, own.base_model, name): {k: getattr(c, k) for k in ("value", "u", "lo90", "hi90")}
-        for boundary, own in boundaries.items()
+        for boundary, own in side.quoted.items()
         for name, c in own.coefficients.items()
     }
 
@@ -145,54 +193,80 @@ def _moved(key: Key, one: dict[str, float] | None, two: dict[str, float] | None)
     return {**names, "a": one, "b": two, "shift": shift, "shift_in_u": in_u}
 
 
-def _verdicts(folder: Path) -> dict[str, str]:
-    path = folder / RESULTS.file
-    found = store.load(path, Results).boundaries if path.is_file() else {}
-    return {
-        b: own.verdict + (f": {', '.join(own.effects)}" if own.effects else "")
-        for b, own in found.items()
-    }
+def _verdict(own: BoundaryResult | None) -> str | None:
+    if own is None:
+        return None
+    return own.verdict + (f": {', '.join(own.effects)}" if own.effects else "")
 
 
-def table(content: Mapping[str, Any]) -> list[str]:
-    """The comparison as lines of text: what differs, then the coefficients."""
+def _error(own: BoundaryResult | None) -> dict[str, float] | None:
+    if own is None or own.error is None:
+        return None
+    return {k: getattr(own.error, k) for k in ("before", "after", "noise_floor")}
+
+
+def table(content: Mapping[str, Any], digests: bool = False) -> list[str]:
+    """The comparison as lines of text; each digest that differs only where they are asked for."""
     lines = [
-        f"{letter}  {r['folder']}  (nearlift {r['nearlift']}, {r['campaign']})"
+        f"{letter}  {r['folder']}"
+        + (f"  (nearlift {r['nearlift']}, {r['campaign']})" if r["nearlift"] else "  (kept)")
         for letter, r in zip("AB", content["runs"], strict=True)
     ]
-    for part in PARTS:
-        changed = content[part]
-        same = content["same"][part]
-        lines.append(
-            f"{part}: {f'{len(changed)} differ, {same} the same' if changed else 'the same'}"
-        )
-        lines += [f"  {name}: {_side(one)} -> {_side(two)}" for name, (one, two) in changed.items()]
+    rows = [("", "A", "B", "shift, in u of A"), *_rows(content)]
+    wide = [max(len(row[i]) for row in rows) for i in range(3)]
+    lines += [
+        "  ".join((*(f"{cell:<{w}}" for cell, w in zip(row, wide, strict=False)), row[3])).rstrip()
+        for row in rows
+    ]
+    values = content["manifest_values"]
+    if values is not None:
+        lines.append("manifest:" if values else "manifest: the same values")
+        lines += history.lines(tuple((key, old, new) for key, (old, new) in values.items()))
     if content["trials"]:
         lines.append("trials rejected:")
         lines += [
             f"  {trial}: {one or 'accepted'} -> {two or 'accepted'}"
             for trial, (one, two) in content["trials"].items()
         ]
-    if content["verdicts"]:
-        lines.append("verdicts:")
-        lines += [
-            f"  {b}: {one or '-'}" + ("" if one == two else f" -> {two or '-'}")
-            for b, (one, two) in content["verdicts"].items()
-        ]
-    lines.append("coefficients (shift in u of A):")
-    rows = [
-        (f"{c['boundary']} {c['name']}", _estimate(c["a"]), _estimate(c["b"]), _shift(c))
-        for c in content["coefficients"]
-    ]
-    wide = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
-    lines += [
-        f"  {what:<{wide[0]}}  {one:<{wide[1]}}  {two:<{wide[2]}}  {shift}"
-        for what, one, two, shift in rows
-    ]
+    if not all(r["nearlift"] for r in content["runs"]):
+        return [*lines, "a kept run has no digests of inputs, code and products"]
+    for part in PARTS:
+        lines += _of_part(part, content[part], content["same"][part], digests)
     return lines
 
 
-def _side(value: Any) -> str:
+def _rows(content: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str]]:
+    """Verdict, coefficients and error of each boundary, in A and in B."""
+    for boundary, verdicts in content["verdicts"].items():
+        one, two = (verdict or "absent" for verdict in verdicts)
+        yield boundary, one, two, "the same" if one == two else ""
+        for c in content["coefficients"]:
+            if c["boundary"] == boundary:
+                sides = c["a"], c["b"]
+                yield f"{boundary} {c['name']}", *map(_estimate, sides), _shift(c)
+                yield "  90 %", *map(_interval, sides), ""
+        errors = content["errors"][boundary]
+        if any(errors):
+            for key, what in (("before", "error before"), ("after", "error after")):
+                yield f"{boundary} {what}", *(_percent(e, key) for e in errors), ""
+
+
+def _of_part(part: str, changed: Mapping[str, Any], same: int, digests: bool) -> list[str]:
+    what = "sections of the manifest" if part == "manifest" else part
+    if not changed:
+        return [f"{what}: the same"]
+    if part in DIGESTS and not digests:
+        names = [*changed][:FEW]
+        more = [f"and {len(changed) - FEW} more"] if len(changed) > FEW else []
+        told = ", ".join([*names, *more])
+        return [f"{what}: {len(changed)} differ, {same} the same: {told} (--digests)"]
+    listed = (
+        f"  {name}: {_side_of(one)} -> {_side_of(two)}" for name, (one, two) in changed.items()
+    )
+    return [f"{what}: {len(changed)} differ, {same} the same", *listed]
+
+
+def _side_of(value: Any) -> str:
     """A digest by its first letters, a version in full."""
     if value is None:
         return "absent"
@@ -200,10 +274,15 @@ def _side(value: Any) -> str:
 
 
 def _estimate(e: Mapping[str, float] | None) -> str:
-    if e is None:
-        return "absent"
-    value, low, high = (like(e[k], e["u"] or 0.0) for k in ("value", "lo90", "hi90"))
-    return f"{value} ({low} to {high})"
+    return "absent" if e is None else plus_minus(e["value"], e["u"])
+
+
+def _interval(e: Mapping[str, float] | None) -> str:
+    return "" if e is None else " to ".join(like(e[k], e["u"] or 0.0) for k in ("lo90", "hi90"))
+
+
+def _percent(error: Mapping[str, float] | None, key: str) -> str:
+    return "-" if error is None else f"{plain(100 * error[key], 3)} %"
 
 
 def _shift(c: Mapping[str, Any]) -> str:
@@ -219,7 +298,8 @@ def _shift(c: Mapping[str, Any]) -> str:
 @declared("compare-runs")
 @click.argument("a", type=click.Path(path_type=Path))
 @click.argument("b", type=click.Path(path_type=Path))
-def command(call: Call, a: Path, b: Path) -> None:
+@click.option("--digests", is_flag=True, help="List every digest that differs.")
+def command(call: Call, a: Path, b: Path, digests: bool) -> None:
     """What differs."""
     content = run(a, b)
-    call.answer(encode(content), "\n".join(table(content)))
+    call.answer(encode(content), "\n".join(table(content, digests)))

@@ -235,7 +235,7 @@ def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
     """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key, or
     what is still to be filled in.
     """
-    values = list(_values(raw))
+    values = list(leaves(raw))
     blank = [
         f"{key}: {value!r} is still to be filled in"
         for key, value in values
@@ -253,14 +253,14 @@ def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
     return validated(Campaign, raw, where)
 
 
-def _values(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     """Every text and number of parsed TOML with its key."""
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from _values(inner, f"{key}.{name}".lstrip("."))
+            yield from leaves(inner, f"{key}.{name}".lstrip("."))
     elif isinstance(value, list):
         for i, inner in enumerate(value):
-            yield from _values(inner, f"{key}.{i}")
+            yield from leaves(inner, f"{key}.{i}")
     else:
         yield key, value
 

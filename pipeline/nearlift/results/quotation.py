@@ -22,7 +22,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
+from nearlift.nomenclature import letter
 from nearlift.results.serial import Unbounded, keyed
+from nearlift.rounding import plus_minus
 
 #: Levels of the intervals, in percent.
 LEVELS = (68, 90, 95)
@@ -199,6 +201,19 @@ class BoundaryResult:
     def headline(self) -> str:
         """Name of the first coefficient; empty where the base model has none that is free."""
         return next(iter(self.coefficients), "")
+
+    @property
+    def claim(self) -> str:
+        """The named effects, or else the verdict."""
+        return " and ".join(self.effects) or self.verdict.replace("_", " ")
+
+    @property
+    def headline_text(self) -> str:
+        """``K_b = 2.06 ± 0.08``; empty where there is no headline."""
+        if not self.headline:
+            return ""
+        quoted = self.coefficients[self.headline]
+        return f"{letter(self.headline)} = {plus_minus(quoted.value, quoted.u)}"
 
     @property
     def leaning(self) -> str:

@@ -17,11 +17,9 @@ from typing import Any
 
 from nearlift.errors import NearliftError
 from nearlift.manifest import campaign as manifests
-from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results.quotation import Results
-from nearlift.rounding import plus_minus
 from nearlift.run import graph, store
 from nearlift.run.job import silent
 from nearlift.run.lock import Busy
@@ -128,7 +126,7 @@ def _round(
     pending = False
     try:
         with open_job(root, out, executor, seed, say) as job:
-            for step in graph.run(job, stages):
+            for step in graph.run(job, stages, keep=False):
                 ran += [step.stage.name] if step.why else []
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
@@ -151,9 +149,7 @@ def _headlines(quoted: Results, diagnosis: dict[str, Any]) -> Iterator[str]:
     """
     for boundary, own in quoted.boundaries.items():
         if own.headline:
-            c = own.coefficients[own.headline]
-            yield f"{boundary} {letter(own.headline)} = {plus_minus(c.value, c.u)}"
+            yield f"{boundary} {own.headline_text}"
         if own.verdict != NOT_DIAGNOSED:
             look = diagnosis.get("boundaries", {}).get(boundary, {}).get("look")
-            claim = " and ".join(own.effects) or own.verdict
-            yield f"{boundary} {claim} ({look['text']})" if look else f"{boundary} {claim}"
+            yield f"{boundary} {own.claim}" + (f" ({look['text']})" if look else "")
