@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import datetime
 import json
-import multiprocessing
 import shutil
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,7 @@ from nearlift.run.transaction import Homes
 from . import small_run
 from .faulty import Faulty
 from .small_run import nearlift
+from .test_lock import HOLD
 
 FITTED = ("ingest", "reduce", "fit")
 
@@ -295,28 +297,20 @@ def test_without_a_kept_run_undo_says_when_there_will_be_one(tmp_path):
     assert not (tmp_path / "processed").exists()
 
 
-def held(place: Path, ready, done) -> None:
-    with lock.locked(homes(place)):
-        ready.set()
-        done.wait(60)
-
-
 def test_undo_waits_for_no_run_that_is_at_work(two):
     place, _, second = two
-    spawn = multiprocessing.get_context("spawn")
-    ready, done = spawn.Event(), spawn.Event()
-    other = spawn.Process(target=held, args=(place, ready, done))
-    other.start()
-    try:
-        assert ready.wait(60)
-        code, words = undo(place)
-        assert code == 4
-        assert "another run works on these products" in words
-        assert (place / "raw" / "campaign.toml").read_bytes() == second
-        assert nearlift("history", place / "raw", "--out", place).exit_code == 0
-    finally:
-        done.set()
-        other.join()
+    words = [sys.executable, "-c", HOLD, str(homes(place).processed)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        try:
+            assert other.stdout.readline() == "held\n"
+            code, told = undo(place)
+            assert code == 4
+            assert "another run works on these products" in told
+            assert (place / "raw" / "campaign.toml").read_bytes() == second
+            assert nearlift("history", place / "raw", "--out", place).exit_code == 0
+        finally:
+            other.kill()
 
 
 def test_a_manifest_that_cannot_be_written_stays_and_is_kept(two, monkeypatch):

@@ -19,6 +19,7 @@ from nearlift.errors import INTERRUPTED, NearliftError
 from nearlift.run.workspace import spare_raw, workspace
 
 if TYPE_CHECKING:
+    from nearlift.commands.bar import Bar
     from nearlift.run.job import Job
 
 CAMPAIGN = click.argument("campaign", type=click.Path(path_type=Path))
@@ -70,7 +71,7 @@ class Call:
     as_json: bool = False
     quiet: bool = False
     verbose: bool = False
-    status: Any = None
+    bar: Bar | None = None
 
     @property
     def silent(self) -> bool:
@@ -82,24 +83,28 @@ class Call:
         if not self.silent:
             click.echo(text, err=True)
 
-    def progress(self, text: str) -> None:
-        """A passing remark: shown on a terminal, kept only with -v."""
-        if self.status is not None:
-            self.status.update(text)
+    def progress(self, text: str, share: float | None = None, /) -> None:
+        """A passing remark and the share that is done: shown on a terminal, the remark kept only
+        with -v.
+        """
+        if self.bar is not None:
+            self.bar.show(text, share)
         elif self.verbose:
             self.line(f"  {text}")
 
     @contextlib.contextmanager
     def busy(self, text: str) -> Iterator[None]:
-        """Show that something is going on, on a terminal only."""
+        """Show what is going on, for how long, and how long it will still take; on a terminal
+        only.
+        """
         if self.silent or not sys.stderr.isatty():
             yield
             return
-        from rich.console import Console
+        from nearlift.commands.bar import Bar
 
-        with Console(stderr=True).status(text) as self.status:
+        with Bar(text) as self.bar:
             yield
-        self.status = None
+        self.bar = None
 
     def answer(self, content: Any, text: str) -> None:
         """The command's answer on stdout: as JSON where asked for, else in words unless quiet."""

@@ -58,6 +58,9 @@ def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
         for end in many.run(campaigns, call.out, call.executor, call.seed):
             call.line(f"{end.campaign:<24}{end.words}")
             ends.append(end)
+            call.progress(
+                f"nearlift: {len(ends)} of {len(campaigns)} campaigns", len(ends) / len(campaigns)
+            )
     if call.as_json:
         click.echo(json.dumps({"campaigns": [asdict(end) for end in ends]}))
     sys.exit(many.gravest(ends))

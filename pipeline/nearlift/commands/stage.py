@@ -78,6 +78,8 @@ def execute(
                 else ""
             )
             call.line(f"{stage.name:<9}{stage.summary} ({why}{held})")
+            if call.bar is not None:
+                call.bar.show(stage.name)
 
         with call.busy(f"nearlift: {job.campaign.name}"):
             for step in graph.run(job, wanted, begin=begin, force=only is not None):

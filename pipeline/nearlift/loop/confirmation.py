@@ -49,6 +49,14 @@ class HeldOut:
         return np.isfinite(self.before) & np.isfinite(self.after)
 
 
+#: Hears which fold, from 0, of how many begins.
+Heard = Callable[[int, int], None]
+
+
+def unheard(fold: int, of: int) -> None:
+    """Nobody listens."""
+
+
 def blocks(data: Observations) -> IntArray:
     """What is left out together: a visit; a trial by itself where nobody knows which trials one
     visit held.
@@ -78,9 +86,10 @@ def held_out(
     stage: SearchProblem,
     again: Callable[[SearchProblem], Answer] = run,
     named: tuple[Effect, ...] = (),
+    heard: Heard = unheard,
 ) -> HeldOut:
     """Repeat the search in every fold by `again`, and predict what was left out; also by the
-    effects `named`, fitted to the fold.
+    effects `named`, fitted to the fold. `heard` is told of each fold as it begins.
     """
     data = stage.data
     before, after, by_name = (
@@ -89,7 +98,9 @@ def held_out(
         np.full(data.n, np.nan),
     )
     chosen = []
-    for test in folds(data):
+    masks = folds(data)
+    for i, test in enumerate(masks):
+        heard(i, len(masks))
         train = ~test
         # a throttle that only the held-out visits have cannot be predicted: its L_inf is unknown
         known = test & np.isin(data.throttle, data.throttle[train])

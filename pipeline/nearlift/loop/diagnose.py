@@ -30,6 +30,7 @@ from nearlift.loop import (
 )
 from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
+from nearlift.loop.confirmation import Heard, unheard
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
 from nearlift.loop.interim import InterimLook
@@ -67,6 +68,7 @@ def diagnose(
     effects: tuple[Effect, ...] | None = None,
     confirm: bool = True,
     look: InterimLook | None = None,
+    heard: Heard = unheard,
 ) -> Diagnosis:
     """Diagnose one boundary.
 
@@ -87,6 +89,8 @@ def diagnose(
     look : InterimLook or None
         Where trials are still to come: what is found is then claimed only beyond the look's
         boundary.
+    heard : callable
+        Hears which fold of how many begins.
 
     Raises
     ------
@@ -96,7 +100,7 @@ def diagnose(
     ground, library, untestable = set_up(data, base, parts, options, effects)
     declared = declared_sizes(parts, library)
     rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
-    decided = decide(ground, confirm, rate)
+    decided = decide(ground, confirm, rate, heard=heard)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
     stage = answer.stage
     residuals: dict[str, NDArray[Any]] = {
@@ -182,7 +186,11 @@ class Decided:
 
 
 def decide(
-    stage: SearchProblem, confirm: bool, rate: float, like: Decided | None = None
+    stage: SearchProblem,
+    confirm: bool,
+    rate: float,
+    like: Decided | None = None,
+    heard: Heard = unheard,
 ) -> Decided:
     """Search, and with `confirm` repeat it without part of the visits; not where the search finds
     what it found in `like`, which then tells.
@@ -205,7 +213,7 @@ def decide(
         named = answer.best.candidate.effects
         scored = (
             confirmation.held_out(
-                stage if few else answer.stage, few_visits.run if few else run, named
+                stage if few else answer.stage, few_visits.run if few else run, named, heard
             )
             if confirm
             else None

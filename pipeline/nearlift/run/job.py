@@ -6,7 +6,7 @@ import concurrent.futures
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from nearlift.manifest.campaign import Campaign
 from nearlift.run import store
@@ -17,8 +17,26 @@ from nearlift.run.transaction import Homes, Transaction
 PIV_INPUT = "[piv] "
 
 
-def silent(_: str) -> None:
+class Say(Protocol):
+    """Hears what is being done, as ``"ingest 120 of 3600 trials"``, and which share of all that its
+    first word stands for is done, where that is known.
+    """
+
+    def __call__(self, text: str, share: float | None = None, /) -> None:
+        """Take the text."""
+
+
+def silent(text: str, share: float | None = None, /) -> None:
     """Say nothing."""
+
+
+def part(say: Say, i: int, of: int) -> Say:
+    """What hears the `i`-th, from 0, of so many like parts of an activity."""
+
+    def heard(text: str, share: float | None = None, /) -> None:
+        say(text, (i + (share or 0.0)) / of)
+
+    return heard
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,8 +57,8 @@ class Job:
         or fresh (`inputs.digests`).
     seed : int
     executor : Executor
-    say : callable
-        Takes a short progress text, such as ``"ingest 120 of 3600 trials"``.
+    say : Say
+        Takes how far the stage is.
     announce : callable
         Takes a line that is to be read, and not only while it is so.
     overrides : mapping of str to value
@@ -58,7 +76,7 @@ class Job:
     inputs: Mapping[str, str] = field(default_factory=dict)
     stamps: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
-    say: Callable[[str], None] = silent
+    say: Say = silent
     announce: Callable[[str], None] = silent
     overrides: Mapping[str, Any] = field(default_factory=dict)
     change: Transaction | None = None

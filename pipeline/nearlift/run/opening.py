@@ -12,7 +12,7 @@ from nearlift.manifest import campaign as manifests
 from nearlift.run import provenance
 from nearlift.run.executors import open_executor, threads_of
 from nearlift.run.inputs import digests, remember
-from nearlift.run.job import Job, silent
+from nearlift.run.job import Job, Say, silent
 from nearlift.run.lock import settled
 from nearlift.run.transaction import Homes
 from nearlift.run.workspace import spare_raw
@@ -25,7 +25,7 @@ def open_job(
     out: Path,
     executor: str,
     seed: int,
-    say: Callable[[str], None] = silent,
+    say: Say = silent,
     keep: bool = True,
     announce: Callable[[str], None] = silent,
 ) -> Iterator[Job]:

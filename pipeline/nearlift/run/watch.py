@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results.quotation import Results
 from nearlift.run import graph, store
-from nearlift.run.job import silent
+from nearlift.run.job import Say, silent
 from nearlift.run.lock import Busy
 from nearlift.run.opening import open_job
 
@@ -66,7 +66,7 @@ def watch(
     executor: str,
     seed: int,
     period_s: float = PERIOD_S,
-    say: Callable[[str], None] = silent,
+    say: Say = silent,
     stages: Sequence[graph.Stage] = graph.STAGES,
 ) -> Iterator[Round]:
     """Rounds without end; one is yielded whenever something was run or refused, or need not wait
@@ -116,7 +116,7 @@ def _round(
     out: Path,
     executor: str,
     seed: int,
-    say: Callable[[str], None],
+    say: Say,
     stages: Sequence[graph.Stage],
 ) -> tuple[Round, bool]:
     """Run what is stale; the answer, and whether to look again although nothing changes (a record

@@ -67,8 +67,9 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
         "boundaries": {},
         "notes": [],
     }
-    for boundary in boundaries(made.table):
-        job.say(f"design {boundary}")
+    present = boundaries(made.table)
+    for i, boundary in enumerate(present):
+        job.say(f"design {boundary}", i / len(present))
         base, _ = choice(job.campaign, boundary)
         given = job.campaign.design.expected.get(boundary, {}) if job.campaign.design else {}
         unknown = sorted(given.keys() - {p.name for p in base.parameters})

@@ -4,6 +4,8 @@ is to be quoted to results.json.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from nearlift.declare import Boundary
@@ -18,7 +20,7 @@ from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotD
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
-from nearlift.run.job import Job, Outcome
+from nearlift.run.job import Job, Outcome, Say, part
 from nearlift.run.store import Table, stacked
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, interim_look, observe
@@ -36,8 +38,10 @@ def run(job: Job) -> Outcome:
     quoted: dict[Boundary, BoundaryResult] = {}
     fitted = job.load(FitResults)
     notes = []
-    for boundary in boundaries(trials):
-        job.say(f"diagnose {boundary}")
+    present = boundaries(trials)
+    for i, boundary in enumerate(present):
+        say = part(job.say, i, len(present))
+        say(f"diagnose {boundary}")
         data = observe(trials, job.campaign, boundary)
         expense.announce(
             job.announce,
@@ -49,7 +53,12 @@ def run(job: Job) -> Outcome:
         base, _ = choice(job.campaign, boundary)
         try:
             found = diagnose(
-                data, base, parts, options, look=interim_look(trials, job.campaign, boundary)
+                data,
+                base,
+                parts,
+                options,
+                look=interim_look(trials, job.campaign, boundary),
+                heard=functools.partial(_fold, say, boundary),
             )
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"
@@ -89,6 +98,11 @@ def run(job: Job) -> Outcome:
     job.save(DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries=findings))
     job.save(Results(boundaries=quoted))
     return Outcome(notes=tuple(notes))
+
+
+def _fold(say: Say, boundary: Boundary, fold: int, of: int) -> None:
+    # the search itself, and what follows the folds, take as long as one of them
+    say(f"diagnose {boundary}: fold {fold + 1} of {of}", (fold + 1) / (of + 2))
 
 
 def chosen(job: Job) -> Options:

@@ -56,8 +56,9 @@ def run(job: Job, name: str) -> dict[str, Any]:
     told: dict[str, Any] = {}
     pictures: list[Columns] = []
     refused = []
-    for boundary in boundaries(trials):
-        job.say(f"explain {name}: {boundary}")
+    present = boundaries(trials)
+    for i, boundary in enumerate(present):
+        job.say(f"explain {name}: {boundary}", i / len(present))
         base, _ = choice(job.campaign, boundary)
         try:
             stage, library, untestable = set_up(

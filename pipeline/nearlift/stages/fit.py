@@ -4,6 +4,7 @@ posterior, on trials.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -26,7 +27,7 @@ from nearlift.products import PROFILES, TRIALS
 from nearlift.results.fit import FitResults, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
-from nearlift.run.job import Job, Outcome
+from nearlift.run.job import Job, Outcome, part
 from nearlift.run.store import Table, stacked
 from nearlift.stages import screening
 from nearlift.stages.observe import boundaries, observe
@@ -85,16 +86,19 @@ def run(job: Job) -> Outcome:
     results, notes, rows = FitResults(), list[str](), list[Table]()
     quoted: dict[Boundary, BoundaryResult] = {}
     posteriors = Posteriors(job=job)
+    choices = {boundary: choice(job.campaign, boundary) for boundary in present}
+    count, done = sum(1 + len(rivals) for _, rivals in choices.values()), itertools.count()
     for boundary in present:
         data = observe(trials, job.campaign, boundary)
         expense.announce(job.announce, f"fit {boundary}", expense.FIT, data)
-        base, rivals = choice(job.campaign, boundary)
+        base, rivals = choices[boundary]
         fits, failed = dict[str, ModelFit](), dict[str, str]()
         held_out: dict[str, HeldOut] = {}
         scatter = slope = plan = None
         carried = parts
         for model in (base, *rivals):
-            job.say(f"fit {boundary}: {model.name}")
+            say = part(job.say, next(done), count)
+            say(f"fit {boundary}: {model.name}")
             try:
                 result = fit(model, data, carried, scatter, slope, plan)
             except NotConverged as fault:
@@ -114,7 +118,6 @@ def run(job: Job) -> Outcome:
             rows += [profile_rows(boundary, model.name, p) for p in profiled]
             held_out[model.name] = leave_visit_out(result)
             fits[model.name] = summary(result, profiled)
-            job.say(f"posterior {boundary}: {model.name}")
             if model is base:
                 (
                     results.throttle_collapse[boundary],
@@ -125,7 +128,7 @@ def run(job: Job) -> Outcome:
                 results.influence[boundary] = screened
                 notes += screening.notes(boundary, screened)
             try:
-                evidence, drawn = posteriors.add(result, base=model is base)
+                evidence, drawn = posteriors.add(result, model is base, say)
             except NotConverged as fault:
                 if model is base:
                     raise

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY, Product
 from nearlift.randomness import generator
 from nearlift.readers.piv.cases import Stream, files_of
-from nearlift.run.job import Job, Outcome
+from nearlift.run.job import Job, Outcome, part
 
 #: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
 #: only.
@@ -46,7 +47,10 @@ def run(job: Job) -> Outcome:
             "piv", "is missing", "list velocity grids under [piv], or leave this stage out"
         )
     first = sorted(piv.case, key=lambda c: c.name != piv.control)
-    cases = {c.name: _worked_out(job, piv, c) for c in first}
+    cases = {
+        c.name: _worked_out(replace(job, say=part(job.say, i, len(first))), piv, c)
+        for i, c in enumerate(first)
+    }
     control = cases[piv.control]
     reference = control.cuts["all"].value
     ordered = [cases[c.name].described(reference) for c in piv.case]
@@ -97,7 +101,7 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
         nonlocal read
         for one in stream:
             if read % 25 == 0:
-                job.say(f"flow {spec.name}: {read} of {len(files)} files")
+                job.say(f"flow {spec.name}: {read} of {len(files)} files", read / len(files))
             read += 1
             yield one
 

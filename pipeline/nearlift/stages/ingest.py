@@ -205,7 +205,7 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
         # one record is damaged, most of them are misdescribed
         if 2 * len(refusals) > recorded:
             raise refusals[0]
-        job.say(f"ingest {done} of {len(schedule)} trials")
+        job.say(f"ingest {done} of {len(schedule)} trials", done / len(schedule))
         # while others reduce
         store.ready()
     told = [

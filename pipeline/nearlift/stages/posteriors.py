@@ -13,6 +13,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
+from nearlift.fit.ensemble import BLOCK, Block
 from nearlift.fit.grid import grid
 from nearlift.fit.learnt import beside_fit, learnt
 from nearlift.fit.least_squares import Fit
@@ -28,7 +29,7 @@ from nearlift.results.posterior import (
 )
 from nearlift.run import store
 from nearlift.run.checkpoint import Checkpoint
-from nearlift.run.job import Job
+from nearlift.run.job import Job, Say
 from nearlift.run.store import Table
 
 
@@ -54,13 +55,22 @@ class Posteriors:
         material = Provenance.open(self.job).material(stage("fit"))
         return hashlib.sha256(json.dumps(material, sort_keys=True).encode()).hexdigest()
 
-    def add(self, fitted: Fit, base: bool) -> tuple[LogEvidence, PosteriorSummary]:
-        """Sample one model's posterior; of base models draws of L_inf are kept, too."""
+    def add(self, fitted: Fit, base: bool, say: Say) -> tuple[LogEvidence, PosteriorSummary]:
+        """Sample one model's posterior; of base models draws of L_inf are kept, too. `say` hears of
+        it as the second half of the model's part.
+        """
         boundary, name = fitted.problem.data.boundary, fitted.model.name
         density = Density(problem=stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
         checkpoint = Checkpoint(
             folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key
         )
+        what = f"fit {boundary}: posterior of {name}"
+
+        def keep(block: Block) -> None:
+            checkpoint.keep(block)
+            say(f"{what}, {BLOCK * checkpoint.count} steps", 0.5)
+
+        say(what, 0.5)
         found = posterior.sample(
             density,
             self.settings,
@@ -68,7 +78,7 @@ class Posteriors:
             boundary,
             name,
             stored=checkpoint.read(),
-            keep=checkpoint.keep,
+            keep=keep,
         )
         throttles = fitted.problem.data.levels
         columns = {n: found.theta[:, :, i] for i, n in enumerate(found.names)}

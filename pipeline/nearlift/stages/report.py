@@ -57,7 +57,7 @@ def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcom
             continue
         left_out += [spec.name] if _expected(job, spec) else []
         _remove(job, spec)
-    job.say(f"report {len(made)} figures")
+    job.say(f"report {len(made)} figures", 0.0)
     drawings = drawn([partial(render, spec.draw, rows, look) for spec, rows in made])
     # what needs no picture is written while others draw
     job.publish("tables/coefficients.tex", table(evidence).encode())
@@ -81,6 +81,7 @@ def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcom
         pictures.append(
             Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, image=files["page"])
         )
+        job.say(f"report {len(pictures)} of {len(made)} figures", len(pictures) / len(made))
     job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(
         notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)

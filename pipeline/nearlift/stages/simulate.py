@@ -4,6 +4,7 @@ crash_map.parquet, routes.parquet and safety.json.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 from nearlift.declare import Boundary
@@ -27,7 +28,7 @@ from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Simulate
 from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
 from nearlift.randomness import generator
-from nearlift.run.job import Job, Outcome
+from nearlift.run.job import Job, Outcome, Say, part
 from nearlift.stages.quoted_lift import fitted_lift
 
 #: Air density where the manifest gives none, kg/m^3: the paper's.
@@ -44,6 +45,7 @@ def run(job: Job) -> Outcome:
     for risk in chosen.risks:
         refuse_few(risk, chosen.flights)
     key = int(generator(job.seed, "simulate").integers(2**63))
+    job = replace(job, say=_counting(job, chosen))
     rates: Rows = []
     tests: dict[str, StepTest] = {}
     published, samples, levels = _presets(job, chosen, key, rates, tests)
@@ -69,6 +71,22 @@ def run(job: Job) -> Outcome:
     job.write_json(SAFETY, result)
     warned = [f"{what}: {test.warning}" for what, test in tests.items() if not test.converged]
     return Outcome(notes=tuple(warned))
+
+
+def _flown(job: Job) -> list[Boundary]:
+    """Boundaries at which this campaign's models are flown."""
+    return boundaries_of([b for b in job.read_json(FIT)["boundaries"] if b in presets.MODELS])
+
+
+def _counting(job: Job, chosen: Simulate) -> Say:
+    """What hears each step of the stage as it begins."""
+    of = len(chosen.presets) * len(presets.MODELS) + (1 + chosen.maps) * len(_flown(job))
+    done = itertools.count()
+
+    def heard(text: str, share: float | None = None, /) -> None:
+        part(job.say, next(done), of)(text, share)
+
+    return heard
 
 
 def vehicle(job: Job, chosen: Simulate) -> Craft:
@@ -115,9 +133,7 @@ def _fitted(
     fitted: dict[Boundary, FittedFlights] = {}
     flown: dict[Boundary, Sweep] = {}
     mapped: Rows = []
-    for boundary in boundaries_of(
-        [b for b in job.read_json(FIT)["boundaries"] if b in presets.MODELS]
-    ):
+    for boundary in _flown(job):
         job.say(f"simulate fitted {boundary}")
         lift = fitted_lift(job, boundary, chosen.draws)
         groups, how = conditions(chosen, boundary, craft, key, job.executor.map)
