@@ -49,7 +49,7 @@ def test_a_terminal_shows_what_how_far_and_how_long(monkeypatch):
     assert "ingest 20 of 40 [trials]" in shown
     assert "50%" in shown
     assert "0:00:10 00:10 left" in shown
-    assert "a line that stays" in shown
+    assert "\ra line that stays\n" in shown
     assert call.bar is None
 
 

@@ -50,6 +50,12 @@ class Bar:
             self.task = self.progress.add_task(text, total=None)
         self.progress.update(self.task, description=text, total=total, completed=share)
 
+    def line(self, text: str) -> None:
+        """A line that stays, above this one."""
+        self.progress.console.print(
+            text, markup=False, highlight=False, emoji=False, soft_wrap=True
+        )
+
     def __enter__(self) -> Self:
         self.progress.start()
         return self

@@ -80,7 +80,9 @@ class Call:
 
     def line(self, text: str) -> None:
         """One line for the user."""
-        if not self.silent:
+        if self.bar is not None:
+            self.bar.line(text)
+        elif not self.silent:
             click.echo(text, err=True)
 
     def progress(self, text: str, share: float | None = None, /) -> None:
