@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from nearlift.commands.common import Call, declared
+from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.products import PROVENANCE, RESULTS
 from nearlift.results.quotation import BoundaryResult, Results
@@ -24,6 +25,7 @@ from nearlift.run.transaction import Homes
 PARTS = ("inputs", "manifest", "options", "versions", "code", "products", "report")
 #: Those whose values are digests.
 DIGESTS = ("inputs", "manifest", "code", "products", "report")
+NOTHING = Results(boundaries={})
 #: Names of digests that differ which a line lists.
 FEW = 4
 
@@ -36,7 +38,7 @@ class Side:
 
     folder: Path
     ledger: Mapping[str, Any]
-    quoted: Mapping[str, BoundaryResult]
+    quoted: Mapping[Boundary, BoundaryResult]
     manifest: bytes | None
 
     @property
@@ -117,8 +119,8 @@ def _differing(one: Mapping[str, Any], two: Mapping[str, Any]) -> dict[str, list
 def _side(path: Path) -> Side:
     if kept := history.read(path.resolve()):
         file = path / RESULTS.file
-        quoted = store.load(file, Results).boundaries if kept.results else {}
-        return Side(folder=path, ledger={}, quoted=quoted, manifest=kept.manifest)
+        found = store.load(file, Results) if kept.results else NOTHING
+        return Side(folder=path, ledger={}, quoted=found.boundaries, manifest=kept.manifest)
     folder = _finished(path)
     file = folder / RESULTS.file
     results = file.read_bytes() if file.is_file() else b""
@@ -128,7 +130,7 @@ def _side(path: Path) -> Side:
     return Side(
         folder=folder,
         ledger=store.read_json(folder / PROVENANCE.file),
-        quoted=store.load(file, Results).boundaries if results else {},
+        quoted=(store.load(file, Results) if results else NOTHING).boundaries,
         manifest=next(same, None),
     )
 
@@ -212,7 +214,7 @@ def table(content: Mapping[str, Any], digests: bool = False) -> list[str]:
         + (f"  (nearlift {r['nearlift']}, {r['campaign']})" if r["nearlift"] else "  (kept)")
         for letter, r in zip("AB", content["runs"], strict=True)
     ]
-    rows = [("", "A", "B", "shift, in u of A"), *_rows(content)]
+    rows: list[tuple[str, ...]] = [("", "A", "B", "shift, in u of A"), *_rows(content)]
     wide = [max(len(row[i]) for row in rows) for i in range(3)]
     lines += [
         "  ".join((*(f"{cell:<{w}}" for cell, w in zip(row, wide, strict=False)), row[3])).rstrip()
@@ -235,7 +237,7 @@ def table(content: Mapping[str, Any], digests: bool = False) -> list[str]:
     return lines
 
 
-def _rows(content: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str]]:
+def _rows(content: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     """Verdict, coefficients and error of each boundary, in A and in B."""
     for boundary, verdicts in content["verdicts"].items():
         one, two = (verdict or "absent" for verdict in verdicts)
