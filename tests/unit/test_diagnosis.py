@@ -636,6 +636,11 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
     ):
         pair = standing(["supply_sag", "tilt"], ahead)
         assert listed(singles[:1], (pair,)) == expected
+        # what wanders beside the single effect may be the second one, if it is not plainly less likely
+        wandering = dataclasses.replace(singles[0], wander=1e-3)
+        beside = [*expected, pair.effects] if ahead < 0 else expected
+        assert listed((wandering,), (pair,)) == beside
+        assert listed((wandering,), (dataclasses.replace(pair, wander=1e-3),)) == expected
         # what the single effect leaves may be chance: a second one must be plainly likelier still
         left = dataclasses.replace(something, p_value=0.02)
         chance = standing(["supply_sag"], 0.0, left=left)

@@ -604,7 +604,16 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
     assert search.promising(stage, list(effects), None) == every[:0:-1]
     alone = dataclasses.replace(tried["supply_sag"], gain=35.5)
     # beyond 35.5 + 9
+    gains["supply_sag", ""] = 35.5
     assert search.promising(stage, list(effects), alone) == every[:4:-1]
+    # 40 beyond first order, beside another effect, too
+    gains["supply_sag", ""] = -4.5
+    bent = [
+        10.0 * i + 40 * ("supply_sag" in (a.name, b.name)) > 35.5 + 9
+        for i, (a, b) in enumerate(every)
+    ]
+    assert sum(bent) > len(every[:4:-1])
+    assert {*search.promising(stage, list(effects), alone)} == {*itertools.compress(every, bent)}
 
 
 def test_two_effects_pay_for_what_both_leave(stage, tried):
@@ -619,6 +628,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
         confirmed=None,
         log_evidence=0.0,
         gain=stage.excess,
+        wander=0.0,
     )
     pair = next(e for e in tried.values() if len(e.effects) == 2)
 
@@ -652,6 +662,7 @@ def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
                 confirmed=None,
                 log_evidence=-by,
                 gain=stage.excess - leaves * stage.chance,
+                wander=0.0,
             )
             for e, by, leaves in ((tried["supply_sag"], 0.0, one_leaves), (pair, behind, two_leave))
         )

@@ -192,11 +192,23 @@ def contenders(
         rivals = [e for e in rivals if e.needed]
     rivals.sort(key=lambda e: (not e.accepted, -e.evidence.plausibility))
     if not earned:
-        # two effects that are likelier, if not plainly, could still be what is there
+        # two effects that are likelier, if not plainly, could still be what is there; and a second
+        # one may be what seems to wander beside the first
+        first = rivals[0]
         rivals += sorted(
-            (p for p in together if ahead[p.name] > 0), key=lambda e: -e.evidence.plausibility
+            (
+                p
+                for p in together
+                if ahead[p.name] > (-RIVAL_MAX_2LNB / 2 if steadies(p, first) else 0)
+            ),
+            key=lambda e: -e.evidence.plausibility,
         )
     return tuple(rivals)
+
+
+def steadies(pair: Explanation, alone: Explanation) -> bool:
+    """Whether a second effect takes the place of what wanders beside the first."""
+    return alone.wander > 0 == pair.wander and set(alone.effects) < set(pair.effects)
 
 
 def forgiven(
@@ -225,9 +237,16 @@ def promising(
     """
     if not stage.options.pairs:
         return []
-    least = -np.inf if alone is None else alone.gain + RIVAL_MAX_2LNB
     gains = pair_gains(stage)
-    projected = ((gains[one.name, two.name], (one, two)) for one, two in combinations(visible, 2))
+    least, known, bent = -np.inf, "", 0.0
+    if alone is not None:
+        least, (known,) = alone.gain + RIVAL_MAX_2LNB, alone.effects
+        # what an effect gains beyond first order it gains beside another, too
+        bent = max(alone.gain - gains[known, ""], 0.0)
+    projected = (
+        (gains[one.name, two.name] + bent * (known in (one.name, two.name)), (one, two))
+        for one, two in combinations(visible, 2)
+    )
     return [
         pair
         for _, pair in sorted((p for p in projected if p[0] > least), key=lambda p: -p[0])[:PAIRS]
@@ -236,14 +255,14 @@ def promising(
 
 def pair_gains(stage: SearchProblem) -> dict[tuple[str, str], float]:
     """Drop of chi2 that two effects could give to first order, over their shapes, beside the
-    coefficients; by names, in either order.
+    coefficients; by names, in either order; by "" and a name that of one alone.
     """
     hypotheses, basis = stage.hypotheses
     named = tuple(h for h in hypotheses if h.effect)
     which, stacked, ranks = structure.bases(named, stage.absorbed)
     score, product = stacked.T @ (basis.T @ stage.base_fit.residual), stacked.T @ stacked
     ends = np.cumsum(ranks)
-    shapes = [
+    shapes = [("", np.arange(0))] + [
         (named[i].effect, np.arange(end - rank, end))
         for i, rank, end in zip(which, ranks, ends, strict=True)
     ]
