@@ -109,6 +109,23 @@ def usd(force: Sequence[float], *, version: int = 2, checksum: bool = True) -> b
     return content + struct.pack("<I", zlib.crc32(content) if checksum else 1)
 
 
+def older_usd(force: Sequence[float], *, width: int = 35) -> bytes:
+    """A log of older firmware, of so many variables: clock, force, and rates; in sets of ten."""
+    texts = [b"tick(I)", b"force(f)", *(b"gyro%d(h)" % i for i in range(width - 2))]
+
+    def summed(part: bytes) -> bytes:
+        return part + struct.pack("<I", zlib.crc32(part) ^ 0xFFFFFFFF)
+
+    content = summed(bytes([width]) + b"".join(text + b"," for text in texts))
+    rows = [
+        struct.pack(f"<If{width - 2}h", 2 * i, f, *range(width - 2)) for i, f in enumerate(force)
+    ]
+    for k in range(0, len(rows), 10):
+        part = rows[k : k + 10]
+        content += summed(bytes([len(part)]) + b"".join(part))
+    return content
+
+
 def tdms(force: Sequence[float]) -> bytes:
     from nptdms import ChannelObject, TdmsWriter
 

@@ -31,7 +31,14 @@ if TYPE_CHECKING:
 #: 6.3 standard uncertainties.
 LEAST_DOF = 1.0
 #: Unit of a component's standard uncertainty, by what it is on.
-UNITS = {"height": "m", "force": "N", "gain": "1", "linearity": "N", **dict.fromkeys(INPUTS, "1")}
+UNITS = {
+    "height": "m",
+    "force": "N",
+    "gain": "1",
+    "linearity": "N",
+    "zero": "N",
+    **dict.fromkeys(INPUTS, "1"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -314,18 +321,21 @@ def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatAr
     size = g * part.sensitivity(data, slope)
     shared = group_sums(size, groups(data, part.scope)) if grouped else np.zeros((len(g), 0))
     covariance = shared @ shared.T + (g * independent(data, part, slope)) @ g.T
+    standard = part.standard
+    if part.is_measured and data.u_zero_N is not None:
+        standard = float(np.sqrt(np.mean(data.u_zero_N**2)))
     line = _line(
         part.name,
-        "B",
+        "A" if part.is_measured else "B",
         part.distribution,
         part.scope,
-        part.standard,
+        standard,
         UNITS[part.on],
         covariance,
         never,
     )
-    if shared.shape[1] == 1 and part.standard > 0:
-        return replace(line, sensitivity=shared[:, 0] / part.standard)
+    if shared.shape[1] == 1 and standard > 0:
+        return replace(line, sensitivity=shared[:, 0] / standard)
     return line
 
 

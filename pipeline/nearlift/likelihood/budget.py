@@ -22,13 +22,14 @@ from nearlift.results import IntArray, Observations
 
 #: What a model takes as known: a component on one of these is relative, on the exponent absolute.
 INPUTS = ("rotor_radius", "rotor_spacing", "exponent", "mass", "air_density")
-GROUPED = ("distance", "throttle", "session", "boundary", "campaign")
+GROUPED = ("distance", "throttle", "record", "session", "boundary", "campaign")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
     """One line of the budget: `standard` is m on height, N on force, a fraction on gain and inputs;
-    `range_N` bends a cell's line.
+    `range_N` bends a cell's line. The zero of a record of many trials is measured: each trial knows
+    how well, and `standard` is nothing.
 
     An input has its `derivative` from `inputs.acting`; `moves` are the geometries that go with a
     rotor spacing.
@@ -43,12 +44,20 @@ class Component:
     derivative: Callable[[Observations], FloatArray] | None = field(default=None, compare=False)
     moves: tuple[str, ...] = ()
 
+    @property
+    def is_measured(self) -> bool:
+        """Whether the records say its size, and not the manifest."""
+        return self.on == "zero"
+
     def sensitivity(self, data: Observations, slope: FloatArray) -> FloatArray:
         """Change of log lift per standard uncertainty, (n,)."""
         if self.on == "height":
             return self.standard * slope
         if self.on == "force":
             return self.standard / data.lift_N
+        if self.on == "zero":
+            # planned trials are pieces of no record
+            return np.zeros(data.n) if data.u_zero_N is None else data.u_zero_N / data.lift_N
         if self.on == "linearity":
             # zero at zero force, `standard` at full range: the lowest such departure from a
             # straight line is quadratic
@@ -61,8 +70,8 @@ class Component:
 
 
 def components(campaign: Campaign) -> tuple[Component, ...]:
-    """The budget of a campaign: its `[[uncertainty]]` list, the load cell's accuracy, and an offset
-    where nothing was tared.
+    """The budget of a campaign: its `[[uncertainty]]` list, the load cell's accuracy, the zero that
+    the trials of a record share, and an offset where nothing was tared.
     """
     listed = [_declared(u, campaign) for u in campaign.uncertainty]
     cell = campaign.load_cell
@@ -75,6 +84,16 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
                 distribution="uniform",
                 scope="campaign",
                 range_N=cell.range,
+            )
+        )
+    if campaign.segments is not None and cell.tare not in (0.0, "none"):
+        listed.append(
+            Component(
+                name="zero of a record",
+                on="zero",
+                standard=0.0,
+                distribution="normal",
+                scope="record",
             )
         )
     if cell.tare == "none" and cell.accuracy is not None:
@@ -115,6 +134,8 @@ def groups(data: Observations, scope: str) -> IntArray:
         return data.level
     if scope == "session":
         return data.session
+    if scope == "record" and data.record is not None:
+        return np.unique(data.record, return_inverse=True)[1].astype(np.int64)
     return np.zeros(data.n, dtype=np.int64)
 
 

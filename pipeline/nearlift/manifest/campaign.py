@@ -23,6 +23,7 @@ from nearlift.manifest.flight import Detect, Simulate
 from nearlift.manifest.piv import Piv
 from nearlift.manifest.quantities import Section
 from nearlift.manifest.rig import LoadCell, Records, Rig, Trials
+from nearlift.manifest.segments import Segments, fit_the_rest
 from nearlift.manifest.validation import first_of, validated
 from nearlift.manifest.vehicle import Vehicle
 
@@ -136,6 +137,7 @@ class Campaign(Section):
     rig: Rig
     load_cell: LoadCell = LoadCell()
     records: Records
+    segments: Segments | None = None
     trials: Trials = Trials()
     uncertainty: list[Uncertainty] = []
     fit: Fit = Fit()
@@ -175,6 +177,8 @@ class Campaign(Section):
                 f"fit.{self.joint[0]}.downwash = true, but no velocity grids are listed under [piv]"
             )
         if self.records.reader == "means":
+            if self.segments is not None:
+                raise ValueError('[segments] cuts records, and reader = "means" has none')
             return self
         cell = self.load_cell
         if self.records.files is None or self.records.force is None:
@@ -188,6 +192,7 @@ class Campaign(Section):
                 '[load_cell] needs tare: "2 s" for a rotors-stopped head, "0 s" if the records are'
                 ' already tared, "none" if nobody knows (an offset then enters the budget)'
             )
+        fit_the_rest(self.segments, self.records, cell, cell.sample_rate)
         return self
 
     @property

@@ -22,6 +22,8 @@ from nearlift.manifest.quantities import (
     Section,
 )
 
+#: What stands for a record's id in ``[records] files`` where records are cut into trials.
+RECORD = "{record}"
 #: Acceleration of free fall, m/s^2, with room for rounding.
 GRAVITY = (9.7, 9.9)
 
@@ -73,12 +75,13 @@ def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
 
 
 class LoadCell(Section):
-    """The force channel. `tare` is the rotors-stopped head of each record in s, or "none"; `record`
-    its planned length in s, tare included.
+    """The force channel. `tare` is the rotors-stopped head of each record in s, "none", or, of
+    records cut into pieces, the pieces at the lowest level; `record` its planned length in s, tare
+    included.
     """
 
     sample_rate: Rate | None = None
-    tare: Duration | Literal["none"] | None = None
+    tare: Duration | Literal["none", "level 0"] | None = None
     settle: Duration = 0.0
     record: Duration | None = None
     range: Force | None = None
@@ -166,6 +169,13 @@ class Records(Section):
     force: ForceChannel | None = None
     time: TimeChannel | None = None
     dialect: dict[str, Any] = {}
+
+    @property
+    def pattern(self) -> str:
+        """The files, with what stands for the id of a trial where it stands for that of a record;
+        empty where there are none.
+        """
+        return (self.files or "").replace(RECORD, "{trial}")
 
 
 class Trials(Section):

@@ -21,7 +21,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
-from nearlift.readers import scanner, table
+from nearlift.readers import interleaved, packed, scanner, table
 from nearlift.readers.files import files_per_trial, plan_per_trial, source_of
 from nearlift.readers.seam import ChannelSpec, Piece, Reader, Record
 from nearlift.units import NUMBER
@@ -33,7 +33,8 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
         # without a buffer, which would only be copied
         with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - half the time of the path's own
             content = file.readall()
-        force, time, codes = _parsed(content, str(path), spec.column, spec.clock)
+        plain = packed.unpacked(content, str(path))
+        force, time, codes = _parsed(plain, str(path), spec.column, spec.clock)
         yield Record(
             trial=trial,
             # the products are the record's own, unlike what was parsed
@@ -96,6 +97,8 @@ def _parsed(
     found = scanner.scan(content, body, len(header), wanted) or table.read(
         content[body:], where, 2, header, wanted
     )
+    if len(header) == 1:
+        interleaved.refuse(found[0], where, 2)
     return found[0], found[1] if time is not None else None, codes
 
 

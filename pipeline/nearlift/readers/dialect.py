@@ -245,7 +245,7 @@ def _fit(
     reading: list[tuple[float | None, ...]] = []
     for at in range(start, len(lines)):
         line = lines[at]
-        if not line.strip() or line.strip() in cells.ignore:
+        if cells.skips(line):
             continue
         place = f"{where}, line {at + 1}"
         try:
@@ -267,9 +267,7 @@ def _fit(
             )
         if len(reading) < READ:
             reading.append(tuple(0.5 if value != value else value for value in values))
-    above = tuple(
-        line for line in lines[: top - 1] if line.strip() and line.strip() not in cells.ignore
-    )
+    above = tuple(line for line in lines[: top - 1] if not cells.skips(line))
     layout = Layout(
         encoding="",
         cells=cells,
@@ -302,7 +300,7 @@ def _first_row(lines: Sequence[str], cells: Cells, given: Given, strict: bool) -
     """
     for at in range(given.skip or 0, len(lines)):
         line = lines[at]
-        if not line.strip() or line.strip() in cells.ignore:
+        if cells.skips(line):
             continue
         row = _cut(line, cells)
         found = [_value(cell, cells) for cell in row]
@@ -338,11 +336,7 @@ def _header(
                 ),
             )
         return names, [""] * len(names), start + 1
-    above = [
-        at
-        for at in range(start - 1, -1, -1)
-        if lines[at].strip() and lines[at].strip() not in cells.ignore
-    ]
+    above = [at for at in range(start - 1, -1, -1) if not cells.skips(lines[at])]
     heads = [_names(lines[at], cells, len(row), trailing) for at in above[:2]]
     if not heads or heads[0] is None:
         raise _Unfit(

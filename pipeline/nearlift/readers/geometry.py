@@ -20,9 +20,15 @@ from nearlift.readers.columns import BY_NAME, Cells
 NEAREST = 1e-4
 
 
-def distances(campaign: Campaign, cells: Cells | None, boundary: NDArray[np.object_]) -> FloatArray:
-    """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air; refuses what
-    cannot be.
+def distances(
+    campaign: Campaign,
+    cells: Cells | None,
+    boundary: NDArray[np.object_],
+    unit: str | None,
+    blank: bool = False,
+) -> FloatArray:
+    """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air, NaN where a cell is
+    blank and may be; refuses what cannot be.
     """
     free = boundary == "none"
     if cells is None:
@@ -33,16 +39,17 @@ def distances(campaign: Campaign, cells: Cells | None, boundary: NDArray[np.obje
             raise ManifestError(
                 cells.at(int(i)), "free air (boundary none) has no distance", "leave the cell empty"
             )
+        if blank:
+            continue
         remedy = "every trial at a boundary needs its distance; free air is boundary none"
         raise ManifestError(cells.at(int(i)), columns.without(cells.texts[int(i)]), remedy)
-    unit = campaign.trials.units.get("distance")
     z_m = np.where(free, np.inf, columns.quantity(cells, BY_NAME["distance"], unit))
     for side in BOUNDARIES:
-        here = np.flatnonzero(boundary == side)
+        here = np.flatnonzero((boundary == side) & np.isfinite(recorded))
         if len(here):
             offset = _offset(campaign, side)
             z_m[here] += offset
-            _inside_the_arena(campaign, cells, recorded, z_m, here, side, offset)
+            _inside_the_arena(campaign, cells, recorded, z_m, here, side, offset, unit or "")
     return z_m
 
 
@@ -77,6 +84,7 @@ def _inside_the_arena(
     here: NDArray[np.intp],
     side: Boundary,
     offset: float,
+    unit: str,
 ) -> None:
     """Refuse distances beyond the arena or behind the boundary.
 
@@ -84,11 +92,7 @@ def _inside_the_arena(
     arena, and no closer than a fiftieth of a radius (0.5 mm on a Crazyflie), which no traverse
     approaches on purpose.
     """
-    arena, r, unit = (
-        campaign.rig.arena,
-        campaign.vehicle.rotor_radius,
-        campaign.trials.units.get("distance", ""),
-    )
+    arena, r = campaign.rig.arena, campaign.vehicle.rotor_radius
     worst = int(here[np.argmax(z_m[here])])
     if arena is not None and z_m[worst] > arena:
         low, high = r / 50 - offset, arena - offset
@@ -137,7 +141,7 @@ def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None
     sense.
     """
     for i, value in enumerate(throttle):
-        if not 0 <= value <= 1 + 1e-9:
+        if value < 0 or value > 1 + 1e-9:
             other = [
                 u for u in units.plausible(float(cells.texts[i]), "fraction", 0.0, 1.0) if u != unit
             ]
@@ -149,7 +153,7 @@ def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None
                 else "throttle is a part of full throttle; a pulse of 1000 to 2000 us is"
                 " (pulse - 1000) / 10 percent of it",
             )
-    largest = int(np.argmax(throttle))
+    largest = int(np.argmax(np.nan_to_num(throttle)))
     if unit != "fraction" and 0 < throttle[largest] <= 0.01 + 1e-9:
         raise InputRefused(
             cells.at(largest),

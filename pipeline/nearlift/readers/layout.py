@@ -34,8 +34,9 @@ class Given:
     says nothing.
 
     `columns` and `units` name the cells of a file without a header; `skip` counts the lines above
-    the header (or the first row); `ignore` lists whole lines that are no rows; `labels` says that
-    cells are ``name: number``.
+    the header (or the first row); `ignore` lists whole lines that are no rows, in which ``*``
+    stands for anything; `labels` says that cells are ``name: number``; `lines` how many lines of
+    one number each make a row.
     """
 
     encoding: str | None = None
@@ -46,6 +47,7 @@ class Given:
     units: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
     labels: bool = False
+    lines: int = 1
 
 
 UNGIVEN = Given()

@@ -8,6 +8,7 @@ its own clock, that is ``NAME.X_Value``.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import InputRefused
+from nearlift.readers import packed
 from nearlift.readers.channel import Channel, Contents, rate_of, unit_word, wanted
 from nearlift.readers.dialect import HEAD
 from nearlift.readers.layout import encoding_of
@@ -45,7 +47,7 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
     InputRefused
         It is none, or a line is not what its header promises.
     """
-    with path.open("rb") as file:
+    with packed.opened(path) as file:
         head = file.read(HEAD)
     if not head.strip(b"\0"):
         return Contents(channels=(), kind="LVM", codes=("EMPTY",))
@@ -60,10 +62,10 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
 
 def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str, bool]]:
     """Number and text of each line, and whether it has an end."""
-    errors = "strict"
-    with path.open("r", encoding=encoding, errors=errors, newline="\n") as file:
+    with packed.opened(path) as file:
+        text = io.TextIOWrapper(file, encoding=encoding, newline="\n")
         try:
-            for at, line in enumerate(file, start=1):
+            for at, line in enumerate(text, start=1):
                 yield at, line.rstrip("\r\n"), line.endswith("\n")
         except UnicodeDecodeError:
             raise InputRefused(

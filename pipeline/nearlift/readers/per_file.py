@@ -190,8 +190,7 @@ def record(
     nothing: FloatArray = np.empty(0)
     if path.stat().st_size == 0:
         return Record(trial=trial, force_N=nothing, source=source, codes=("EMPTY",))
-    column = spec.column.replace(MARK, trial)
-    tick = spec.clock.replace(MARK, trial) if spec.clock is not None else None
+    column, tick = spec.of_trial(trial)
     try:
         found = contents(path, spec.dialect, (column,) if tick is None else (column, tick))
     except Malformed as fault:
@@ -202,20 +201,32 @@ def record(
             codes=("MALFORMED",),
             fault=f"{source}: {fault}",
         )
+    return record_of(found, spec, trial, str(path), source)
+
+
+def record_of(found: Contents, spec: ChannelSpec, trial: str, where: str, source: str) -> Record:
+    """The record of one trial from the channels of its file.
+
+    Raises
+    ------
+    InputRefused
+        A channel is not there, or contradicts the manifest's unit or rate.
+    """
+    nothing: FloatArray = np.empty(0)
     if not found.channels and "NO_DATA" in found.codes:
         return Record(
             trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes
         )
-    channel = pick(found.channels, column, "records.force.column", str(path))
-    _same_unit(channel, spec.unit, "force", "records.force.unit", str(path))
-    _same_rate(channel, spec.rate_Hz, str(path))
+    channel = pick(found.channels, spec.of_trial(trial)[0], "records.force.column", where)
+    _same_unit(channel, spec.unit, "force", "records.force.unit", where)
+    _same_rate(channel, spec.rate_Hz, where)
     time_s = None
-    if tick is not None:
-        own = pick(found.channels, tick, "records.time.column", str(path))
-        _same_unit(own, spec.clock_unit, "time", "records.time.unit", str(path))
+    if (tick := spec.of_trial(trial)[1]) is not None:
+        own = pick(found.channels, tick, "records.time.column", where)
+        _same_unit(own, spec.clock_unit, "time", "records.time.unit", where)
         if len(own.values) != len(channel.values):
             raise InputRefused(
-                str(path),
+                where,
                 f"has {len(channel.values)} samples of {channel.name!r} and {len(own.values)} of"
                 f" {own.name!r}",
                 "under [records] time, name the clock of the force, or none",

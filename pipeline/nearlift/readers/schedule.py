@@ -8,7 +8,7 @@ line. Any further column is kept under its own name. Whether the distances can b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,11 +102,42 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
 
 
 def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
-    cells = columns_of(campaign, path, text)
-    given = campaign.trials.units
+    cells, notes = columns_of(campaign, path, text), unended(path, text)
+    if campaign.segments is None:
+        return of_cells(campaign, path, cells, campaign.trials.units, notes)
+    from nearlift.readers import expanded
+
+    cells, missing = expanded.of_records(campaign, path, cells)
+    return of_cells(campaign, path, cells, campaign.trials.units, notes, missing)
+
+
+def of_cells(
+    campaign: Campaign,
+    path: Path,
+    cells: Mapping[str, Cells],
+    given: Mapping[str, str],
+    notes: list[str],
+    missing: Collection[str] = (),
+) -> Schedule:
+    """The schedule of so many columns of text.
+
+    Parameters
+    ----------
+    given : mapping
+        Units of the columns.
+    notes : list of str
+        What is said of the file already.
+    missing : collection of str
+        Required columns that pieces of records will bring, or blanks in which no piece did.
+
+    Raises
+    ------
+    InputRefused, ManifestError
+        As `read_schedule`.
+    """
     _units_name_columns(given, list(cells))
     for name in REQUIRED:
-        if name not in cells and name not in _only_free_air(cells):
+        if name not in cells and name not in _only_free_air(cells) and name not in missing:
             hint = did_you_mean(name, [c for c in cells if c not in BY_NAME])
             raise ManifestError(
                 str(path),
@@ -117,21 +148,28 @@ def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
 
     trial = columns.ids(cells["trial"])
     boundary = columns.boundaries(cells["boundary"])
-    throttle = columns.quantity(
-        cells["throttle"], BY_NAME["throttle"], given.get("throttle"), blank=False
+    throttle = np.full(len(trial), np.nan)
+    if "throttle" in cells:
+        throttle = columns.quantity(
+            cells["throttle"],
+            BY_NAME["throttle"],
+            given.get("throttle"),
+            blank="throttle" in missing,
+        )
+        throttle_is_plausible(throttle, cells["throttle"], given.get("throttle", ""))
+    z_m = distances(
+        campaign, cells.get("distance"), boundary, given.get("distance"), "distance" in missing
     )
-    throttle_is_plausible(throttle, cells["throttle"], given.get("throttle", ""))
-    z_m = distances(campaign, cells.get("distance"), boundary)
 
     covariates: dict[str, NDArray[Any]] = {}
     means: dict[str, NDArray[Any]] = {}
-    notes = unended(path, text)
+    notes = list(notes)
     for name, column in cells.items():
         known = BY_NAME.get(name)
         if name in REQUIRED:
             continue
         if known is None:
-            if name in _reserved():
+            if name in reserved():
                 raise ManifestError(
                     str(path), f"the column {name!r} has the name of a result", "rename it"
                 )
@@ -278,5 +316,6 @@ def _backwards(cells: Cells, start_s: FloatArray, session: NDArray[Any] | None) 
     ]
 
 
-def _reserved() -> set[str]:
+def reserved() -> set[str]:
+    """Names that a further column may not have."""
     return {c.name for c in TRIALS.columns} | {k.inside for k in KNOWN} | {"u_height_m"}

@@ -133,14 +133,16 @@ class Reader:
 
 
 def files_pattern(campaign: Campaign) -> str:
-    """``[records] files``; the manifest's own check has made sure that it is there."""
+    """``[records] files``, a record's mark as that of a trial; the manifest's own check has made
+    sure that it is there.
+    """
     if campaign.records.files is None:
         raise ManifestError(
             "records.files",
             "is missing",
             'name the file, or a pattern such as "trials/{trial}.csv"',
         )
-    return campaign.records.files
+    return campaign.records.pattern
 
 
 def _force_channel(campaign: Campaign) -> ForceChannel:
@@ -188,6 +190,11 @@ class ChannelSpec:
             rate_Hz=None if dialect.get("ignore_rate") else campaign.load_cell.sample_rate,
             dialect=dict(dialect),
         )
+
+    def of_trial(self, trial: str) -> tuple[str, str | None]:
+        """Columns of force and clock of one trial, where the files carry its id in their names."""
+        clock = None if self.clock is None else self.clock.replace(MARK, trial)
+        return self.column.replace(MARK, trial), clock
 
     def lift_N(self, numbers: FloatArray) -> FloatArray:
         """Lift from the force channel's numbers, in an array of its own."""

@@ -14,12 +14,11 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import AS_FORCE, Channel, Contents, fold, split_unit
-from nearlift.readers.dialect import HEAD
 from nearlift.readers.layout import UNGIVEN, Layout
 from nearlift.readers.per_file import Dialect, Format, Names, reader_of
 from nearlift.readers.seam import Reader
 from nearlift.readers.table import Cells
-from nearlift.readers.text import from_text, with_rate
+from nearlift.readers.text import from_text, head_of, with_rate
 
 #: A stand that shows this much lift turns, whatever its speed channel says, N.
 LIFTS_N = 0.02
@@ -71,8 +70,7 @@ def stand_reader(
         """The channels of a file; refuses one whose header is not the format's, or a line that is
         not what it promises.
         """
-        with path.open("rb") as file:
-            head = file.read(HEAD)
+        head, _ = head_of(path)
         if not head.strip(b"\0"):
             return Contents(channels=(), kind=title, codes=("EMPTY",))
         cells = header(head)

@@ -8,6 +8,7 @@ reads the words for "no number" and names the first bad line.
 from __future__ import annotations
 
 import csv
+import functools
 import io
 import json
 import re
@@ -26,6 +27,13 @@ from nearlift.readers.words import number
 BLANKS, NONE = " ", ""
 
 
+@functools.lru_cache(maxsize=16)
+def _any_of(lines: tuple[str, ...]) -> re.Pattern[str]:
+    """Matches every line that one of these with a ``*`` stands for."""
+    forms = [".*".join(map(re.escape, line.split("*"))) for line in lines if "*" in line]
+    return re.compile("|".join(forms) or r"(?!)")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cells:
     """How the lines of a table are cut into cells and cells become numbers.
@@ -39,7 +47,7 @@ class Cells:
     trailing : bool
         Every line ends with a separator, so that a blank cell follows the last.
     ignore : tuple of str
-        Whole lines (such as START) that are no rows.
+        Whole lines (such as START) that are no rows; ``*`` stands for anything in them.
     labels : bool
         Cells are ``name: number``, with the same names on every line.
     """
@@ -54,6 +62,11 @@ class Cells:
     def plain(self) -> bool:
         """Whether pyarrow can cut the lines as they stand."""
         return self.separator not in (BLANKS, NONE) and not self.labels and not self.ignore
+
+    def skips(self, line: str) -> bool:
+        """Whether a line is no row: it is blank, or to be ignored."""
+        plain = line.strip()
+        return not plain or plain in self.ignore or bool(_any_of(self.ignore).fullmatch(plain))
 
     def split(self, line: str) -> list[str]:
         """The cells of one line, blanks around them taken off; labels, if any, are kept."""
@@ -149,7 +162,7 @@ def _explained(
         ) from None
     out: list[list[float]] = [[] for _ in wanted]
     for line_number, line in enumerate(lines, start=first):
-        if not line.strip() or line.strip() in cells.ignore:
+        if cells.skips(line):
             continue
         at = f"{where}, line {line_number}"
         row = row_of(line.rstrip("\r"), at, header, cells)

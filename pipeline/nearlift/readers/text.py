@@ -9,7 +9,7 @@ called truncated.
 from __future__ import annotations
 
 import codecs
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,13 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import table
+from nearlift.readers import interleaved, packed, table
 from nearlift.readers.channel import Channel, Contents, pick, rate_of, split_unit, wanted
 from nearlift.readers.dialect import HEAD, NoRows, sniff
+from nearlift.readers.interleaved import ONE
 from nearlift.readers.layout import Given, Layout
 from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.table import NONE, Cells
 
 BLOCK = 8 << 20
 OPTIONS = {
@@ -33,6 +35,7 @@ OPTIONS = {
     "units": list,
     "ignore": list,
     "labels": bool,
+    "lines": int,
 }
 
 
@@ -63,6 +66,12 @@ def given(dialect: Mapping[str, Any]) -> Given:
     if own.get("decimal", ".") not in (".", ","):
         raise ManifestError(
             "records.dialect.decimal", f"{own['decimal']!r} is no decimal sign", 'write "." or ","'
+        )
+    if own.get("lines", 1) != 1 and own["lines"] != len(own["columns"]):
+        raise ManifestError(
+            "records.dialect.lines",
+            f"says {own['lines']} lines to a row, and columns names {len(own['columns'])}",
+            'a number to a line, one name for each: columns = ["force", "millis"], lines = 2',
         )
     if own.get("skip", 0) < 0:
         raise ManifestError(
@@ -95,17 +104,16 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
 def from_text(path: Path, said: Given, names: Names, layout: Layout | None = None) -> Contents:
     """The channels of a text file in a dialect known in part (`said`) or in whole (`layout`)."""
     where = str(path)
-    with path.open("rb") as file:
-        head = file.read(HEAD)
+    if said.lines > 1:
+        return interleaved.parted(path, said, from_text(path, interleaved.one_column(said), None))
+    head, whole = head_of(path)
     if not head.strip(b"\0"):
         return Contents(channels=(), kind="text", codes=("EMPTY",))
     if layout is None:
         try:
-            layout = sniff(
-                _without_tail(head, path), where, said, whole=path.stat().st_size <= HEAD
-            )
+            layout = layout_of(path, said)
         except NoRows:
-            if head.count(b"\n") > 2 or path.stat().st_size > HEAD:
+            if head.count(b"\n") > 2 or not whole:
                 raise
             codes = ("NO_DATA",) if head.endswith((b"\n", b"\r")) else ("NO_DATA", "truncated")
             return Contents(channels=(), kind="text", codes=codes)
@@ -113,16 +121,18 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     blocks = Blocks(path, layout)
     parts: list[list[FloatArray]] = [[] for _ in chosen]
     above = head.decode(layout.encoding, errors="replace").splitlines()[: layout.first - 1]
-    after = [0] if above and above[-1].strip() in layout.cells.ignore else []
+    after = [0] if above and above[-1].strip() and layout.cells.skips(above[-1]) else []
     rows = 0
     for first, body in blocks:
         if layout.cells.ignore:
-            found, rows = _after_ignored(body, layout.cells.ignore, rows)
+            found, rows = _after_ignored(body, layout.cells, rows)
             after += found
         for held, values in zip(
             parts, table.read(body, where, first, layout.names, chosen, layout.cells), strict=True
         ):
             held.append(values)
+    if layout.cells.separator == NONE and parts and parts[0] and layout.names != (ONE,):
+        interleaved.refuse(np.concatenate(parts[0]), where, layout.first)
     spoken = layout.spoken()
     channels = tuple(
         Channel(
@@ -142,13 +152,13 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     )
 
 
-def _after_ignored(body: bytes, ignore: Collection[str], rows: int) -> tuple[list[int], int]:
+def _after_ignored(body: bytes, cells: Cells, rows: int) -> tuple[list[int], int]:
     """Of the rows of a block, those that stand right behind an ignored line; and how many rows
     there are by now.
     """
     found, behind = [], False
     for line in map(str.strip, body.decode("utf-8", errors="replace").split("\n")):
-        if line in ignore and line:
+        if line and cells.skips(line):
             behind = True
         elif line:
             found += [rows] if behind else []
@@ -176,15 +186,20 @@ def _of_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
         )
 
 
-def _without_tail(head: bytes, path: Path) -> bytes:
-    """The head without the NUL tail of a power cut."""
-    return (
-        head.rstrip(b"\0")
-        if path.stat().st_size <= HEAD
-        and not head.startswith((b"\xff\xfe", b"\xfe\xff"))
-        and b"\0\0\0" in head[-3:]
-        else head
-    )
+def head_of(path: Path) -> tuple[bytes, bool]:
+    """The first bytes of a text, and whether they are all of it."""
+    with packed.opened(path) as file:
+        head = file.read(HEAD + 1)
+    return head[:HEAD], len(head) <= HEAD
+
+
+def layout_of(path: Path, said: Given) -> Layout:
+    """The dialect of a file, of which so much is known; raises as `sniff` does."""
+    head, whole = head_of(path)
+    if whole and not head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0\0\0" in head[-3:]:
+        # the tail of a power cut
+        head = head.rstrip(b"\0")
+    return sniff(head, str(path), said, whole=whole)
 
 
 def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
@@ -221,7 +236,7 @@ class Blocks:
             if self.layout.encoding in ("utf-8", "utf-8-sig")
             else codecs.getincrementaldecoder(self.layout.encoding)()
         )
-        with self.path.open("rb") as file:
+        with packed.opened(self.path) as file:
             while True:
                 raw = file.read(BLOCK)
                 if not raw:

@@ -6,6 +6,11 @@ in 0), number of variables (u16) and their texts ``name(type)`` (each ends in 0)
 the CRC-32 of all before. A wrong sum rejects the record, unless ``dialect = { salvage = true }``
 takes the records before the first one that cannot be. A channel is called ``event.variable``, an
 event's clock ``event.time``.
+
+Firmware before that wrote: number of variables (u8), their texts ``name(type),`` (the first is
+``tick(I)``, in ms; 35 of them make a log begin ``#tick``), a sum; then sets: number of records
+(u8), the records, a sum. The sums are CRC-32 without the last inversion, each of its own part. A
+channel is called as its variable.
 """
 
 from __future__ import annotations
@@ -25,6 +30,9 @@ from nearlift.readers.channel import Channel, Contents, Malformed, rate_of
 from nearlift.readers.per_file import Format, Names, reader_of
 
 MAGIC = 0xBC
+KIND = "Crazyflie uSD log"
+#: What the sums of a log of older firmware come to with the bytes that they are written in.
+RESIDUE = 0xFFFFFFFF
 #: Type letters (as Python's struct) to numpy's.
 TYPES = {
     "B": "u1",
@@ -45,7 +53,7 @@ TYPES = {
 CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
 MOST_BYTES = 1 << 30
 #: How logs began before they had a version: the number of variables, then ``name(type),`` for each.
-OLDER = re.compile(rb"[\x01-\x1f](?:[\w.]{1,60}\([BbHhIiLlQqefd]\),){1,}")
+OLDER = re.compile(rb"[\x01-\xff](?:[\w.]{1,60}\([BbHhIiLlQqefd]\),){1,}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +87,9 @@ def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
 def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
     """The channels of a log's bytes; raises as `contents` does."""
     if not content.strip(b"\0"):
-        return Contents(channels=(), kind="Crazyflie uSD log", codes=("EMPTY",))
+        return Contents(channels=(), kind=KIND, codes=("EMPTY",))
+    if _is_older(content):
+        return _older(content, salvage)
     events, unit_s, start = _head(content, where)
     whole = (
         len(content) - start >= 4
@@ -108,9 +118,7 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
                     values=records[field].astype(np.float64),
                 )
             )
-    return Contents(
-        channels=tuple(channels), kind="Crazyflie uSD log", codes=() if whole else ("salvaged",)
-    )
+    return Contents(channels=tuple(channels), kind=KIND, codes=() if whole else ("salvaged",))
 
 
 def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
@@ -119,12 +127,6 @@ def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
         magic, version, count = struct.unpack_from("<BHH", content, 0)
     except struct.error:
         raise Malformed(f"ends after {len(content)} bytes, within its head") from None
-    if OLDER.match(content):
-        raise InputRefused(
-            where,
-            "is a uSD log of the form that had no version yet",
-            "convert it to CSV with the decoder that came with that firmware, in tools/usdlog",
-        )
     if magic != MAGIC:
         raise Malformed(
             f"begins with 0x{magic:02X}, not 0x{MAGIC:02X}: it is no log of the uSD deck"
@@ -145,14 +147,68 @@ def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
         fields: list[tuple[str, str]] = [("time", clock)]
         for _ in range(variables):
             text, at = _name(content, at)
-            variable, _, kind = text.removesuffix(")").rpartition("(")
-            if kind not in TYPES or not variable or variable in (f for f, _ in fields):
+            variable, kind = _variable(text)
+            if variable in (f for f, _ in fields):
                 raise Malformed(f"describes a variable {text!r}, which is none")
-            fields.append((variable, TYPES[kind]))
+            fields.append((variable, kind))
         if number in events or not name:
             raise Malformed(f"describes event {number} twice, or without a name")
         events[number] = Event(name=name, layout=np.dtype(fields))
     return events, unit_s, at
+
+
+def _is_older(head: bytes) -> bool:
+    """Whether a log begins so; a text that does, a table's header behind ``#``, has lines."""
+    return OLDER.match(head) is not None and not any(
+        b"\n" in text for text in head[1:].split(b",", head[0])[: head[0]]
+    )
+
+
+def _older(content: bytes, salvage: bool) -> Contents:
+    """The channels of a log of older firmware; raises `Malformed` as `contents` does."""
+    width = content[0]
+    texts = content[1:].split(b",", width)[:width]
+    fields = [_variable(text.decode("ascii", "replace").strip()) for text in texts]
+    start = 1 + sum(len(text) + 1 for text in texts) + 4
+    if len(fields) < width or len({name for name, _ in fields}) < width:
+        raise Malformed("names fewer variables than it has, or one of them twice")
+    if start > len(content) or zlib.crc32(content[:start]) != RESIDUE:
+        raise Malformed("its head's check sum is wrong: it is cut off or damaged")
+    layout = np.dtype(fields)
+    parts, at = [], start
+    while at < len(content):
+        end = at + 1 + content[at] * layout.itemsize
+        if end + 4 > len(content) or zlib.crc32(content[at : end + 4]) != RESIDUE:
+            break
+        parts.append(content[at + 1 : end])
+        at = end + 4
+    whole = at == len(content)
+    if not whole and not salvage:
+        raise Malformed(
+            f"the check sum of the set at byte {at} is wrong: it is cut off or damaged; dialect ="
+            " { salvage = true } takes what comes before the damage"
+        )
+    records = np.frombuffer(b"".join(parts), dtype=layout)
+    clock = records["tick"].astype(np.float64) if "tick" in dict(fields) else np.empty(0)
+    rate = rate_of(1e-3 * clock) if len(clock) > 2 else None
+    channels = tuple(
+        Channel(
+            name=name,
+            unit="ms" if name == "tick" else "",
+            rate_Hz=rate,
+            values=records[name].astype(np.float64),
+        )
+        for name, _ in fields
+    )
+    return Contents(channels=channels, kind=KIND, codes=() if whole else ("salvaged",))
+
+
+def _variable(text: str) -> tuple[str, str]:
+    """Name and numpy's type of a variable such as ``acc.x(f)``."""
+    name, _, kind = text.removesuffix(")").rpartition("(")
+    if kind not in TYPES or not name:
+        raise Malformed(f"describes a variable {text!r}, which is none")
+    return name, TYPES[kind]
 
 
 def _u16(content: bytes, at: int) -> tuple[int, int]:
@@ -205,7 +261,7 @@ READER = reader_of(
         title="binary logs of the Crazyflie's uSD deck, check sum verified",
         recognises=lambda head, name: (
             (len(head) > 5 and head[0] == MAGIC and head[2] == 0 and head[1] in range(1, 16))
-            or OLDER.match(head) is not None
+            or _is_older(head)
         ),
         contents=contents,
         options={"salvage": bool},

@@ -39,11 +39,13 @@ class Reduced:
     the same names.
 
     NaN (and n = 0) where no sample was left. `n_eff` = variance of a sample over variance of the
-    mean of the live part, at most n; `u_lift_N` has the tare's standard error in it.
+    mean of the live part, at most n; `u_lift_N` has the tare's standard error in it, which
+    `u_zero_N` is by itself.
     """
 
     lift_N: float = math.nan
     u_lift_N: float = math.nan
+    u_zero_N: float = math.nan
     n: int = 0
     n_eff: float = math.nan
     drift_N_s: float = math.nan
@@ -57,6 +59,7 @@ def reduce_record(
     *,
     time_s: FloatArray | None = None,
     tare_after_N: float = math.nan,
+    tare_N: FloatArray | None = None,
     codes: tuple[str, ...] = (),
     where: str = "record",
 ) -> Reduced:
@@ -74,6 +77,8 @@ def reduce_record(
     tare_after_N : float
         Zero reading after the trial. It only judges the drift of the zero; the tare subtracted is
         that of the head.
+    tare_N : (m,) float array, optional
+        The tare, where it is not the record's own head: `force_N` is a piece of a longer record.
     codes : tuple of str
         What the reader noticed.
 
@@ -87,16 +92,18 @@ def reduce_record(
     limits = conditions.limits
     if not {"EMPTY", "NO_DATA", "MALFORMED"}.isdisjoint(found):
         return Reduced(codes=tuple(found))
-    head = len(force_N[: round(tare_s * rate_Hz)])
+    # a tare from elsewhere takes none of the record's own samples
+    own_s = tare_s if tare_N is None else 0.0
+    head = len(force_N[: round(own_s * rate_Hz)])
     start = head + round(settle_s * rate_Hz)
     if time_s is not None and len(time_s) > 2:
         found += clock_codes(time_s, rate_Hz, limits, where)
         if not {"gaps", "GAPS"}.isdisjoint(found) and "clock" not in found:
             # a hole moves every later sample: only the clock knows where the tare ends
             since = time_s - time_s[0]
-            head = int(np.count_nonzero(since < tare_s - 0.5 / rate_Hz))
-            start = int(np.count_nonzero(since < tare_s + settle_s - 0.5 / rate_Hz))
-    tare, live = force_N[:head], force_N[start:]
+            head = int(np.count_nonzero(since < own_s - 0.5 / rate_Hz))
+            start = int(np.count_nonzero(since < own_s + settle_s - 0.5 / rate_Hz))
+    tare, live = force_N[:head] if tare_N is None else tare_N, force_N[start:]
     # numbers that are none are left out below
     with np.errstate(over="ignore", invalid="ignore"):
         (quiet, rest), (density, run) = (
@@ -161,6 +168,7 @@ def reduce_record(
     return Reduced(
         lift_N=lift,
         u_lift_N=math.sqrt(u2 + u2_tare),
+        u_zero_N=math.sqrt(u2_tare),
         n=n,
         n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
         drift_N_s=slope,

@@ -40,6 +40,10 @@ class Observations:
         What models may need: `spacing_hat`, `diagonal_hat`, `layout_hat`.
     covariates : mapping of str to array
         Further columns of the trials, SI; nan where missing.
+    record : int array or None
+        Which record a trial is a piece of, counted from 0, where records were cut into trials.
+    u_zero_N : array or None
+        Then the standard error of the record's zero, which its trials share; `u_lift_N` is without.
     ordered : bool
         Whether the trials stand in the order in which they were run; a published table may not say.
     """
@@ -56,6 +60,8 @@ class Observations:
     radius_m: float
     geometry: Mapping[str, Any] = field(default_factory=dict)
     covariates: Mapping[str, FloatArray] = field(default_factory=dict)
+    record: IntArray | None = None
+    u_zero_N: FloatArray | None = None
     ordered: bool = True
 
     @property

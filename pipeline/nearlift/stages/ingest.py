@@ -15,7 +15,7 @@ from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
-from nearlift.readers.files import source_of
+from nearlift.readers.files import files_per_trial, source_of
 from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import MARK, Piece, Reader
@@ -24,7 +24,7 @@ from nearlift.reduction.record import prepare
 from nearlift.run import copies, intact, store
 from nearlift.run.executors import Threads, ordered
 from nearlift.run.job import Job, Outcome
-from nearlift.stages import judge, sums
+from nearlift.stages import judge, segments, sums
 from nearlift.stages.rows import Rows, Task, reduce_piece
 
 #: What a manifest says wrong if all records carry a code.
@@ -56,7 +56,11 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     """
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
-    records = reader.files(campaign, root, list(schedule.trial))
+    records = (
+        reader.files(campaign, root, list(schedule.trial))
+        if campaign.segments is None
+        else files_per_trial(campaign, root, list(schedule.trial))
+    )
     return [
         source_of(root, path)
         for path in (
@@ -99,12 +103,17 @@ def run(job: Job) -> Outcome:
     reader = readers.reader(campaign.records.reader)
     intact.not_rotten(job)
     schedule = read_schedule(campaign, job.root)
-    _known(campaign.quality.exclude, schedule)
+    if campaign.segments is None:
+        _known(campaign.quality.exclude, schedule)
     checked = _checked(job)
     notes = [*schedule.notes, *checked.notes]
     if reader.series:
-        rows, more = _from_records(job, reader, schedule)
-        notes += more
+        if campaign.segments is None:
+            rows, more = _from_records(job, reader, schedule)
+        else:
+            schedule, rows, more = segments.from_records(job, reader, schedule)
+            _known(campaign.quality.exclude, schedule, by_record=True)
+        notes += [*more, *_of_the_tare(campaign)]
     else:
         rows = _from_means(job, schedule)
     rows.reject(checked.faults)
@@ -144,11 +153,11 @@ def _checked(job: Job) -> sums.Checked:
     if not lists:
         return sums.Checked()
     names = [name for name in inputs(job.root, job.campaign) if name not in lists]
-    each = MARK in (job.campaign.records.files or "")
+    each = MARK in job.campaign.records.pattern
     return sums.check(job, names[:2] if each else names, names[2:] if each else [])
 
 
-def _known(exclude: Mapping[str, str], schedule: Schedule) -> None:
+def _known(exclude: Mapping[str, str], schedule: Schedule, by_record: bool = False) -> None:
     """See that every trial that the manifest excludes is in the schedule.
 
     Raises
@@ -157,7 +166,9 @@ def _known(exclude: Mapping[str, str], schedule: Schedule) -> None:
         One is not; ids like it are proposed.
     """
     ids = schedule.trial.tolist()
-    for trial in sorted(exclude.keys() - set(ids)):
+    # a whole record may be left out as well
+    records = schedule.covariates["record"].tolist() if by_record else []
+    for trial in sorted(exclude.keys() - {*ids, *records}):
         near = difflib.get_close_matches(trial, ids, n=3)
         remedy = (
             f"did you mean {', '.join(map(repr, near))}?"
@@ -208,22 +219,24 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
         job.say(f"ingest {done} of {len(schedule)} trials", done / len(schedule))
         # while others reduce
         store.ready()
-    told = [
-        note if count == 1 else f"{note} ({count} records, such as {first})"
-        for note, (count, first) in rows.notes.items()
-    ]
-    if job.campaign.load_cell.tare == "none":
+    return rows, [*notes, *rows.told()]
+
+
+def _of_the_tare(campaign: Campaign) -> list[str]:
+    """What the manifest says of the tare that asks for a remark."""
+    told = []
+    if campaign.load_cell.tare == "none":
         told.append(
             "the records have no tare: the zero of the force is unknown and wants an"
             ' [[uncertainty]] on = "force"'
         )
-    samples = round(job.campaign.tare_s * (job.campaign.load_cell.sample_rate or 0.0))
+    samples = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
     if 0 < samples < FEW_OF_TARE:
         told.append(
             f"the tares have {samples} samples: too few to show damage of more than one of them"
             f" ({FEW_OF_TARE} would)"
         )
-    return rows, [*notes, *told]
+    return told
 
 
 def _answers(
@@ -282,13 +295,14 @@ def _settle(job: Job, rows: Rows) -> None:
         if source in asked:
             owners[source].append(i)
     for name in moving.changed:
-        if len(owners[name]) != 1:
+        one = len(owners[name]) == 1 or (owners[name] and job.campaign.segments is not None)
+        if not one:
             raise InputRefused(
                 str(job.root / name),
                 "was changed while it was being read",
                 "run again when nobody writes it any more",
             )
-    late = {owners[name][0] for name in moving.changed}
+    late = {i for name in moving.changed for i in owners[name]}
     late |= {
         i
         for name in moving.young

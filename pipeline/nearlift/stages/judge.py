@@ -21,7 +21,9 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
     of length.
     """
     codes = [list(own) for own in rows.codes]
-    if campaign.records.reader != "means":
+    if campaign.segments is not None:
+        _whole_duplicates(rows, schedule.covariates["record"], codes)
+    elif campaign.records.reader != "means":
         cell = campaign.load_cell
         planned = None
         if cell.record and cell.sample_rate:
@@ -38,12 +40,13 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
         )
         for own, lost in zip(codes, off, strict=True):
             own += ["HEIGHT"] if lost else []
-    for i, trial in enumerate(schedule.trial):
-        if trial in campaign.quality.exclude:
+    excluded, owners = campaign.quality.exclude, schedule.trial
+    if campaign.segments is not None:
+        owners = schedule.covariates["record"]
+    for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
+        if (named := trial if trial in excluded else record) in excluded:
             codes[i].append(quality.EXCLUDED)
-            rows.fault[i] = "; ".join(
-                filter(None, (rows.fault[i], campaign.quality.exclude[trial]))
-            )
+            rows.fault[i] = "; ".join(filter(None, (rows.fault[i], excluded[named])))
     texts = [quality.joined(c) for c in codes]
     return {
         "trial": schedule.trial,
@@ -74,6 +77,14 @@ def _duplicates(rows: Rows, codes: Sequence[list[str]]) -> None:
         if key in seen:
             codes[i].append("DUPLICATE")
         seen.add(key)
+
+
+def _whole_duplicates(rows: Rows, record: NDArray[np.object_], codes: Sequence[list[str]]) -> None:
+    """Reject the pieces of a record whose file is that of an earlier record."""
+    first: dict[str, str] = {}
+    for i in np.flatnonzero(rows.n).tolist():
+        if first.setdefault(rows.source_sha256[i], record[i]) != record[i]:
+            codes[i].append("DUPLICATE")
 
 
 def _same(table: store.Table) -> list[str]:

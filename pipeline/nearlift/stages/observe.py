@@ -30,6 +30,15 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
     }
     if campaign.load_cell.sample_rate is not None and "n" in trials:
         covariates["record_s"] = trials["n"][mine] / campaign.load_cell.sample_rate
+    u_lift_N = np.nan_to_num(np.asarray(trials["u_lift_N"][mine], dtype=float))
+    record = u_zero_N = None
+    if campaign.segments is not None:
+        # what pieces of a record share is no scatter of theirs, and what a column scatters by
+        # within them is no condition that they were run under
+        covariates = {k: v for k, v in covariates.items() if k != "piece" and k[:3] != "sd_"}
+        record = _in_order(trials["record"][mine].astype(str))
+        u_zero_N = np.nan_to_num(np.asarray(trials["u_zero_N"][mine], dtype=float))
+        u_lift_N = np.sqrt(np.maximum(u_lift_N**2 - u_zero_N**2, 0.0))
     session = (
         trials["session"][mine].astype(str) if "session" in trials else np.zeros(int(mine.sum()))
     )
@@ -38,7 +47,7 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         trial=trials["trial"][mine],
         z_hat=np.asarray(trials["z_hat"][mine], dtype=float),
         lift_N=np.asarray(trials["lift_N"][mine], dtype=float),
-        u_lift_N=np.nan_to_num(np.asarray(trials["u_lift_N"][mine], dtype=float)),
+        u_lift_N=u_lift_N,
         n_eff=np.nan_to_num(np.asarray(trials["n_eff"][mine], dtype=float), nan=1.0),
         throttle=np.asarray(trials["throttle"][mine], dtype=float),
         visit=np.asarray(trials["visit"][mine], dtype=np.int64),
@@ -46,6 +55,8 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         radius_m=campaign.vehicle.rotor_radius,
         geometry=campaign.vehicle.geometry(),
         covariates=covariates,
+        record=record,
+        u_zero_N=u_zero_N,
         ordered=campaign.trials.order == "run",
     )
 

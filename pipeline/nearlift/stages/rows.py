@@ -39,13 +39,13 @@ class Rows:
     """The answers for n trials, column by column in run order, so that a trial's memory is that of
     its numbers.
 
-    A trial without an answer is MISSING.
+    A trial without an answer is MISSING. `further` are numbers of `Reduced` beside the usual ones.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, further: tuple[str, ...] = ()) -> None:
         self.real = {
             name: np.full(n, np.nan)
-            for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N")
+            for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N", *further)
         }
         self.n, self.samples = (np.zeros(n, dtype=np.int64) for _ in range(2))
         self.codes: list[tuple[str, ...]] = [("MISSING",)] * n
@@ -69,6 +69,13 @@ class Rows:
         for note in row.notes:
             count, first = self.notes.get(note, (0, row.source))
             self.notes[note] = count + 1, first
+
+    def told(self) -> list[str]:
+        """The remarks, each once."""
+        return [
+            note if count == 1 else f"{note} ({count} records, such as {first})"
+            for note, (count, first) in self.notes.items()
+        ]
 
     def reject(self, faults: Mapping[str, str]) -> None:
         """Make the trials of these files MALFORMED, with what is wrong with each."""
@@ -101,17 +108,17 @@ def reduce_piece(task: Task) -> list[Row]:
                     rows.append(row)
             break
         except Exception as fault:
-            if len(rows) == len(task.piece.trials) or not _of_the_record(fault):
+            if len(rows) == len(task.piece.trials) or not is_of_the_record(fault):
                 raise
-            rows.append(_malformed(task, len(rows), fault, digests))
+            rows.append(malformed(task, len(rows), fault, digests))
         piece = _behind(task.piece, len(rows))
     return rows
 
 
-def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
-    """The rows of a piece, by the process that reads it; `digests` grows by those of its files."""
-    campaign, choice = task.campaign, task.campaign.quality
-    conditions = Conditions(
+def conditions_of(campaign: Campaign) -> Conditions:
+    """What holds for every record of a campaign."""
+    choice = campaign.quality
+    return Conditions(
         rate_Hz=campaign.load_cell.sample_rate or 1.0,
         tare_s=campaign.tare_s,
         settle_s=campaign.load_cell.settle,
@@ -122,10 +129,15 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
             range_N=campaign.load_cell.range,
         ),
     )
+
+
+def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
+    """The rows of a piece, by the process that reads it; `digests` grows by those of its files."""
+    campaign, conditions = task.campaign, conditions_of(task.campaign)
     reader = readers.reader(campaign.records.reader)
     if reader.reduce_piece is not None:
         for row in reader.reduce_piece(campaign, task.root, piece, conditions, task.tare_after_N):
-            yield replace(row, source_sha256=_digest(task, row.source, digests))
+            yield replace(row, source_sha256=digest_of(task, row.source, digests))
         return
     for record in reader.read_piece(campaign, task.root, piece):
         if record.sha256 and record.source not in digests:
@@ -134,18 +146,19 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
             record,
             conditions,
             task.tare_after_N.get(record.trial, np.nan),
-            _digest(task, record.source, digests),
+            digest_of(task, record.source, digests),
         )
         yield row
 
 
-def _digest(task: Task, source: str, digests: dict[str, str]) -> str:
+def digest_of(task: Task, source: str, digests: dict[str, str]) -> str:
+    """The SHA-256 of a file of the campaign, which `digests` then has."""
     if source not in digests:
         digests[source] = store.sha256(task.root / source)
     return digests[source]
 
 
-def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> Row:
+def malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> Row:
     """The row of trial i of a piece, over whose record `fault` was raised."""
     path = task.piece.paths[i if len(task.piece.paths) > 1 else 0]
     source = source_of(task.root, path)
@@ -167,7 +180,7 @@ def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) ->
     )
 
 
-def _of_the_record(fault: Exception) -> bool:
+def is_of_the_record(fault: Exception) -> bool:
     """Whether the bytes of a record are to blame, and not the manifest or the machine (libraries
     call damage an OSError without a number).
     """

@@ -38,7 +38,7 @@ def files(root: Path, campaign: Campaign) -> list[Path]:
     """The lists of sums that there are: in the campaign's folder, and in that of the records where
     it is the same for all of them.
     """
-    folder = PurePosixPath((campaign.records.files or "").partition(MARK)[0] + "x").parent
+    folder = PurePosixPath(campaign.records.pattern.partition(MARK)[0] + "x").parent
     places = dict.fromkeys((NAME, (folder / NAME).as_posix()))
     return [path for place in places if (path := inside(root, place, NAME)).is_file()]
 

@@ -204,7 +204,8 @@ def noise(evidence: Evidence) -> dict[str, Any]:
                 ),
             }
         )
-    return {"rows": rows, "declared": [_declared(c) for c in budget.components(evidence.campaign)]}
+    declared = [c for c in budget.components(evidence.campaign) if not c.is_measured]
+    return {"rows": rows, "declared": [_declared(c) for c in declared]}
 
 
 def _declared(part: budget.Component) -> dict[str, Any]:

@@ -169,7 +169,9 @@ def _fits(evidence: Evidence) -> str:
             f" {_plural(int(entry['n_trials']), 'trial')}{_scatter(evidence.quoted(boundary))}"
         )
     declared = [
-        f"{_safe(c.name)} (shared by {c.scope})" for c in budget.components(evidence.campaign)
+        f"{_safe(c.name)} (shared by {c.scope})"
+        for c in budget.components(evidence.campaign)
+        if not c.is_measured
     ]
     shared = (
         f", and of declared components that no repeat shows: {_listed(declared)}"

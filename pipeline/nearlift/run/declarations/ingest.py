@@ -31,6 +31,15 @@ TRIALS = Product(
             unit="N",
             meaning="standard error of lift_N from this record alone (batch means, tare included)",
         ),
+        Column(
+            name="u_zero_N",
+            unit="N",
+            optional=True,
+            meaning=(
+                "of records cut into pieces: the tare's part of u_lift_N, which all pieces of a"
+                " record share"
+            ),
+        ),
         Column(name="n", kind="integer", meaning="samples averaged"),
         Column(name="n_eff", unit="1", meaning="effectively independent samples among them"),
         Column(name="drift_N_s", unit="N/s", meaning="slope of force within the record"),
@@ -97,6 +106,7 @@ STAGE = Stage(
         "rig",
         "load_cell",
         "records",
+        "segments",
         "trials",
         "quality",
     ),

@@ -1,0 +1,40 @@
+"""What pieces of a record bring of the schedule's columns: a level, a supply, a temperature."""
+
+from __future__ import annotations
+
+from nearlift.errors import ManifestError, did_you_mean
+from nearlift.manifest.segments import ColumnOfRecord, Segments
+from nearlift.readers.columns import BY_NAME, KNOWN
+
+#: Columns of a schedule that pieces may bring.
+BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.startswith("lift"))
+
+
+def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
+    """The schedule's columns that pieces bring: the column of the record that says each, and the
+    manifest's key for it.
+
+    Raises
+    ------
+    ManifestError
+        A name is none of the schedule's, a column has no unit, or two bring the same.
+    """
+    found: dict[str, tuple[ColumnOfRecord, str]] = {}
+    if cut.has_level:
+        found[cut.maps] = cut.level(), "segments"
+    for name, column in cut.columns.items():
+        key = f"segments.columns.{name}"
+        if name not in BRINGABLE:
+            hint = did_you_mean(name, BRINGABLE) or f"known are {', '.join(BRINGABLE)}"
+            raise ManifestError(key, "is no column of a schedule that a record may have", hint)
+        if name in found:
+            raise ManifestError(key, "is what the level says already", "take one of them away")
+        found[name] = column, key
+    for name, (column, key) in found.items():
+        column.linear(dimension_of(name), key)
+    return found
+
+
+def dimension_of(name: str) -> str:
+    """The dimension of a schedule's column; empty for one that has none."""
+    return BY_NAME[name].dimension if name in BY_NAME else ""

@@ -1,0 +1,278 @@
+"""A record of many trials, read whole and cut into pieces, each with its samples and what the other
+columns say of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.errors import ManifestError
+from nearlift.manifest.segments import ColumnOfRecord, Segments
+from nearlift.readers.brought import brought, dimension_of
+from nearlift.readers.channel import Channel, Contents, Malformed, pick
+from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it
+from nearlift.readers.files import source_of
+from nearlift.readers.per_file import Format, record_of
+from nearlift.readers.seam import ChannelSpec, Reader, Record
+from nearlift.reduction import cuts
+
+if TYPE_CHECKING:
+    from nearlift.manifest.campaign import Campaign
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PieceOfRecord:
+    """A piece of a record that is a trial.
+
+    Attributes
+    ----------
+    number : int
+        From 1 in the record's order.
+    force_N : (n,) float array
+        Its settled samples; tare not removed.
+    time_s : (n,) float array or None
+        Their clock, where there is one that can tell gaps.
+    tare_N : (m,) float array
+        Samples of its zero.
+    since_s : float
+        From the record's first sample to its own.
+    brought : mapping of str to float
+        SI, by the schedule's columns that it brings.
+    covariates : mapping of str to (float, float)
+        Mean and scatter of each further column of the record.
+    """
+
+    number: int
+    force_N: FloatArray
+    time_s: FloatArray | None
+    tare_N: FloatArray
+    since_s: float
+    brought: Mapping[str, float]
+    covariates: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Segmented:
+    """A record cut into pieces. `record` is the whole of it, `cuts` where it was cut, in samples of
+    the whole, `at_rest` how many pieces have no throttle, or are the tare.
+    """
+
+    record: Record
+    cuts: cuts.Cuts
+    pieces: tuple[PieceOfRecord, ...]
+    at_rest: int = 0
+
+
+def format_of(reader: Reader) -> Format:
+    """What turns one file of a reader into all its channels.
+
+    Raises
+    ------
+    ManifestError
+        The reader has no format, so that nothing is known of a record's other columns.
+    """
+    from nearlift.readers.text import TEXT
+
+    if reader.format is None and reader.name != "csv":
+        raise ManifestError(
+            "segments", f"reader = {reader.name!r} does not cut records", 'take "text" or "csv"'
+        )
+    return reader.format or TEXT
+
+
+def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path) -> Segmented:
+    """The pieces of one record.
+
+    Raises
+    ------
+    InputRefused
+        The file cannot be read as the manifest says, or does not fall into pieces.
+    """
+    from nearlift.readers import child
+
+    form, source = format_of(reader), source_of(root, path)
+    nothing = Segmented(
+        record=Record(trial=record, force_N=np.empty(0), source=source),
+        cuts=cuts.settled([], 0, 1),
+        pieces=(),
+    )
+
+    def without(fault: str, *codes: str) -> Segmented:
+        return replace(nothing, record=replace(nothing.record, codes=codes, fault=fault))
+
+    if path.stat().st_size == 0:
+        return without("", "EMPTY")
+    spec, dialect = ChannelSpec.of(campaign), campaign.records.dialect
+    marks: list[tuple[int, str]] = []
+    assert campaign.segments is not None
+    try:
+        if campaign.segments.begin is not None:
+            marks, dialect = marks_of(form, path, campaign)
+        with child.source(form, child.borrowed()) as contents:
+            found = contents(path, dialect, None)
+    except Malformed as fault:
+        return without(f"{source}: {fault}", "MALFORMED")
+    if not found.channels:
+        return without("", *found.codes)
+    whole = record_of(found, spec, record, str(path), source)
+    if not len(whole.force_N):
+        return replace(nothing, record=whole)
+    opened = Opened(path=path, found=found, record=whole, dialect=dialect, marks=marks)
+    return _cut(campaign, opened)
+
+
+def _cut(campaign: Campaign, opened: Opened) -> Segmented:
+    """The pieces of a record that was read."""
+    cut, cell = campaign.segments, campaign.load_cell
+    found, whole, path = opened.found, opened.record, opened.path
+    assert cut is not None
+    assert cell.sample_rate is not None
+    rate, n = cell.sample_rate, len(whole.force_N)
+    head = min(round(campaign.tare_s * rate), n)
+    values, edges, levels = edges_of(cut, opened, head, rate)
+    samples = [round(t * rate) for t in (cut.settle, cut.shortest, cut.length or 0.0)]
+    pieces = cuts.settled(edges, samples[0], samples[1], samples[2] or None)
+    worth_it(pieces, edges, samples[0], str(path), rate)
+    bring = {
+        name: (
+            None if key == "segments" and cut.column is None else _own(found, column, key, path),
+            column.linear(dimension_of(name), key),
+        )
+        for name, (column, key) in brought(cut).items()
+    }
+    time_s, kept = _own_samples(whole)
+    at_level = (
+        _lowest(pieces, values, cut.hold) if cell.tare == "level 0" and values is not None else ()
+    )
+    further = _further(cut, found, whole, [c for c, _ in bring.values() if c is not None], campaign)
+    trials: list[PieceOfRecord] = []
+    for piece in pieces.pieces:
+        own = slice(piece.start, piece.end)
+        place = next(k for k, (a, b) in enumerate(edges) if a <= piece.start < b)
+        level = {
+            name: factor * _level(name, levels[place] if c is None else c.values[own]) + offset
+            for name, (c, (factor, offset)) in bring.items()
+        }
+        # a comparison with no number is false
+        if piece in at_level or not level.get("throttle", 1.0) > 0.0 <= level.get("distance", 0.0):
+            continue
+        mask = kept[own]
+        trials.append(
+            PieceOfRecord(
+                number=piece.number,
+                force_N=whole.force_N[own][mask],
+                time_s=None if time_s is None else time_s[own],
+                tare_N=_tare(whole.force_N, head, at_level, piece),
+                since_s=piece.start / rate,
+                brought=level,
+                covariates=_means(further, own),
+            )
+        )
+    notes = list(whole.notes)
+    if not kept.all():
+        notes.append(
+            "samples that repeat the one before, stamp and force, were counted once: the cell is"
+            " slower than the rows"
+        )
+    if cut.column is not None and values is not None and sloping(cut, pieces, values):
+        notes.append(
+            f"the level {cut.by!r} moves through most of hold = {cut.hold:g} within most pieces: a"
+            " ramp has no steps, and hold makes some of it"
+        )
+    return Segmented(
+        record=replace(whole, notes=tuple(notes)),
+        cuts=pieces,
+        pieces=tuple(trials),
+        at_rest=len(pieces.pieces) - len(trials),
+    )
+
+
+def _own(found: Contents, column: ColumnOfRecord, key: str, path: Path) -> Channel:
+    name = "segments.by" if key == "segments" else f"{key}.column"
+    return pick(found.channels, column.column, name, str(path))
+
+
+def _level(name: str, values: FloatArray | float) -> float:
+    """What a piece's samples say: the median of a command, which is one of its values, else the
+    mean.
+    """
+    known = np.asarray(values, dtype=float)
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return float("nan")
+    if name in ("throttle", "distance", "reached"):
+        return float(np.sort(known, axis=None)[known.size // 2])
+    return float(known.mean())
+
+
+def _own_samples(whole: Record) -> tuple[FloatArray | None, np.ndarray]:
+    """The clock if it can tell gaps, and a mask of the samples that are no repeat of the one
+    before.
+    """
+    kept = np.ones(len(whole.force_N), dtype=bool)
+    if whole.time_s is None:
+        return None, kept
+    kept[1:] = (np.diff(whole.time_s) != 0) | (np.diff(whole.force_N) != 0)
+    # what is left of a slower clock has no steady step
+    return (whole.time_s if kept.all() else None), kept
+
+
+def _lowest(pieces: cuts.Cuts, values: FloatArray, hold: float) -> tuple[cuts.Piece, ...]:
+    """The pieces at the lowest level there is, within `hold`."""
+    level = {p: _level("throttle", values[p.start : p.end]) for p in pieces.pieces}
+    lowest = min(level.values(), default=np.nan)
+    return tuple(p for p in pieces.pieces if level[p] <= lowest + hold)
+
+
+def _tare(
+    force_N: FloatArray, head: int, at_level: Sequence[cuts.Piece], piece: cuts.Piece
+) -> FloatArray:
+    """The samples of a piece's zero: the record's head, or the nearest pieces at rest before it and
+    behind it.
+    """
+    if not at_level:
+        return force_N[:head]
+    before = [p for p in at_level if p.end <= piece.start][-1:]
+    behind = [p for p in at_level if p.start >= piece.end][:1]
+    return np.concatenate([force_N[p.start : p.end] for p in (*before, *behind)])
+
+
+def _further(
+    cut: Segments,
+    found: Contents,
+    whole: Record,
+    told: Sequence[Channel],
+    campaign: Campaign,
+) -> list[Channel]:
+    """The columns whose means become covariates: of as many samples as the force, and neither the
+    force, its clock, nor what is told already.
+    """
+    spec = ChannelSpec.of(campaign)
+    column, clock = spec.of_trial(whole.trial)
+    of = [pick(found.channels, name, "", "") for name in (column, clock) if name is not None]
+    names = {id(c) for c in (*of, *told)}
+    if cut.covariates is not None:
+        return [
+            pick(found.channels, name, "segments.covariates", whole.source)
+            for name in cut.covariates
+        ]
+    return [c for c in found.channels if id(c) not in names and len(c.values) == len(whole.force_N)]
+
+
+def _means(channels: Sequence[Channel], own: slice) -> dict[str, tuple[float, float]]:
+    """Mean and scatter of each column over a piece."""
+    found: dict[str, tuple[float, float]] = {}
+    for c in channels:
+        values = c.values[own]
+        values = values[np.isfinite(values)]
+        found[c.name] = (
+            float(values.mean()) if len(values) else np.nan,
+            float(values.std(ddof=1)) if len(values) > 1 else np.nan,
+        )
+    return found

@@ -1,0 +1,186 @@
+"""Records of many trials to rows: each is read once, cut, reduced piece by piece, and forgotten;
+the schedule of trials is made of what the pieces bring.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nearlift import readers
+from nearlift.errors import InputRefused
+from nearlift.readers import segments
+from nearlift.readers.expanded import schedule_of_trials
+from nearlift.readers.files import per_trial, pieces, unlisted
+from nearlift.readers.row import Row
+from nearlift.readers.schedule import Schedule
+from nearlift.readers.seam import Reader
+from nearlift.readers.segments import PieceOfRecord, Segmented
+from nearlift.reduction.record import Reduced, reduce_record
+from nearlift.run.executors import ordered
+from nearlift.run.job import Job
+from nearlift.stages.rows import Rows, Task, conditions_of, digest_of, is_of_the_record, malformed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What one worker answers for one record: a row for each of its pieces, which have given their
+    samples away, or one for a record without any; and what was counted.
+    """
+
+    record: str
+    rows: tuple[Row, ...]
+    pieces: tuple[PieceOfRecord, ...] = ()
+    counts: Counter[str]
+
+
+def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
+    """The schedule of all pieces, their rows, and notes.
+
+    Raises
+    ------
+    InputRefused
+        No record is there, or most cannot be read or cut as the manifest says: the first one's
+        refusal.
+    """
+    campaign, ids = job.campaign, schedule.trial.tolist()
+    segments.format_of(reader).checked_dialect(campaign.records.dialect)
+    there = per_trial(campaign, job.root, ids)
+    if not there:
+        raise InputRefused(
+            str(job.root / (campaign.records.files or "")),
+            f"none of the {len(ids)} records of the schedule is there",
+            f"the first would be {ids[0]!r}; check [records] files",
+        )
+    answers: dict[str, Answer] = {}
+    refusals: list[InputRefused] = []
+    for found in ordered(job.executor, cut_records, _tasks(job, there, schedule)):
+        for answer in found:
+            answers[answer.record] = answer
+            refusals += [r.refusal for r in answer.rows if r.refusal is not None][:1]
+        if 2 * len(refusals) > len(there):
+            raise refusals[0]
+        job.say(f"ingest {len(answers)} of {len(there)} records")
+    trials = schedule_of_trials(campaign, job.root, {r: a.pieces for r, a in answers.items()})
+    rows = Rows(len(trials), further=("u_zero_N",))
+    at = 0
+    for record in ids:
+        # a record that is not there has a row that is MISSING
+        for k, row in enumerate(answers[record].rows if record in answers else ()):
+            rows.put(at + k, row)
+        at += len(answers[record].rows) if record in answers else 1
+    notes = [*unlisted(campaign, job.root, ids), *_counted(list(answers.values()))]
+    return trials, rows, [*notes, *rows.told()]
+
+
+def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) -> Iterator[Task]:
+    after = schedule.covariates.get("tare_after_N")
+    zero = dict(zip(schedule.trial, after, strict=True)) if after is not None else {}
+    for piece in pieces(there):
+        yield Task(
+            root=job.root,
+            campaign=job.campaign,
+            piece=piece,
+            tare_after_N={trial: zero[trial] for trial in piece.trials if trial in zero},
+            inputs=job.inputs,
+        )
+
+
+def cut_records(task: Task) -> list[Answer]:
+    """Read, cut and reduce the records of one task; runs in any thread or process.
+
+    Whatever a record holds, it has an answer: what is raised over one makes it MALFORMED.
+
+    Raises
+    ------
+    NearliftError
+        The manifest is at fault.
+    OSError, MemoryError
+        The machine is at fault.
+    """
+    found = []
+    digests = dict(task.inputs)
+    for i, record in enumerate(task.piece.trials):
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                found.append(_answer(task, record, i, digests))
+        except Exception as fault:
+            if not is_of_the_record(fault):
+                raise
+            found.append(
+                Answer(record=record, rows=(malformed(task, i, fault, digests),), counts=Counter())
+            )
+    return found
+
+
+def _answer(task: Task, record: str, i: int, digests: dict[str, str]) -> Answer:
+    campaign = task.campaign
+    reader = readers.reader(campaign.records.reader)
+    whole = segments.read(campaign, task.root, reader, record, task.piece.paths[i])
+    source, sha = whole.record.source, digest_of(task, whole.record.source, digests)
+    if not whole.pieces:
+        codes = whole.record.codes or ("NO_DATA",)
+        row = Row(
+            trial=record,
+            reduced=Reduced(codes=codes),
+            samples=len(whole.record.force_N),
+            notes=whole.record.notes,
+            fault=whole.record.fault,
+            source=source,
+            source_sha256=sha,
+        )
+        return Answer(record=record, rows=(row,), counts=_counts(whole))
+    conditions = replace(conditions_of(campaign), settle_s=0.0)
+    rows = []
+    for piece in whole.pieces:
+        last = piece is whole.pieces[-1]
+        reduced = reduce_record(
+            piece.force_N,
+            replace(conditions, tare_s=campaign.tare_s or len(piece.tare_N) / conditions.rate_Hz),
+            time_s=piece.time_s,
+            tare_after_N=task.tare_after_N.get(record, np.nan),
+            tare_N=piece.tare_N,
+            codes=tuple(c for c in whole.record.codes if c != "truncated" or last),
+            where=f"{whole.record.source}, piece {piece.number}",
+        )
+        rows.append(
+            Row(
+                trial=f"{record}#{piece.number}",
+                reduced=reduced,
+                samples=len(piece.force_N),
+                notes=whole.record.notes if last else (),
+                source=source,
+                source_sha256=sha,
+            )
+        )
+    none = np.empty(0)
+    bare = tuple(replace(p, force_N=none, time_s=None, tare_N=none) for p in whole.pieces)
+    return Answer(record=record, rows=tuple(rows), pieces=bare, counts=_counts(whole))
+
+
+def _counts(whole: Segmented) -> Counter[str]:
+    return Counter(
+        samples=len(whole.record.force_N),
+        pieces=len(whole.pieces),
+        short=whole.cuts.short,
+        settling=whole.cuts.settling,
+        between=whole.cuts.between,
+        rest=whole.at_rest,
+    )
+
+
+def _counted(answers: list[Answer]) -> list[str]:
+    """What was kept and what was not, in one line."""
+    total: Counter[str] = sum((a.counts for a in answers), Counter())
+    if not total["pieces"]:
+        return []
+    share = {k: 100 * total[k] / total["samples"] for k in ("settling", "between")}
+    records = sum(a.counts["pieces"] > 0 for a in answers)
+    kept = f"{records} record{'s' * (records != 1)} cut into {total['pieces']} trials"
+    settling = f"{share['settling']:.3g} % of the samples are settling"
+    short = f"{share['between']:.3g} % stand in {total['short']} pieces that are too short"
+    return [f"{kept}; {settling}, {short}, {total['rest']} pieces are at rest"]
