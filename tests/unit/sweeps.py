@@ -12,7 +12,7 @@ import numpy as np
 
 from nearlift.manifest.campaign import Campaign
 
-from .bench_campaign import manifest
+from .bench_campaign import UNITS, manifest
 
 RATE = 80.0
 HEAD_S, HOLD_S, REST_S = 2.0, 4.0, 3.0
@@ -77,7 +77,7 @@ def campaign(cut: Mapping[str, Any] | None = None, **changes: Any) -> Campaign:
         records={k: v for k, v in records.items() if v is not None},
         load_cell={"range": None, **cell},
         segments=keys,
-        trials={"file": "records.csv", "units": {"distance": "mm"}, **changes.pop("trials", {})},
+        trials={"file": "records.csv", "units": UNITS, **changes.pop("trials", {})},
         **changes,
     )
 
