@@ -653,4 +653,4 @@ def test_a_log_before_versions_is_told_from_a_damaged_one(tmp_path):
     path = written.put(tmp_path, "log00", b"\x03tick(I),acc.x(f),acc.y(f)," + bytes(64))
     told = small_run.nearlift("inspect", path)
     assert told.exit_code == 4
-    assert "of the form that had no version yet\n  convert it to CSV" in told.stderr
+    assert "its head's check sum is wrong" in told.stderr
