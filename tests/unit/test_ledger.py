@@ -105,7 +105,8 @@ def test_the_page_shows_it_and_escapes_what_it_shows(make_job):
     ledger.run(job)
     text = page(report.gather(job), []).decode()
     assert "From raw byte to figure" in text
-    assert "<script" not in text
+    # a page without charts has their empty list and its own script
+    assert text.count("<script") == 2
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
     assert "put back one at a time" in text
 
