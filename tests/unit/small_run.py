@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -101,7 +102,23 @@ def undrawn(_: Any, table: Mapping[str, Any], look: Any) -> dict[str, bytes]:
     seconds of drawing.
     """
     told = hashlib.sha256(to_csv(dict(table)) + repr(look).encode()).hexdigest().encode()
-    return {"pdf": b"%PDF " + told, "png": b"PNG " + told, "page": told}
+    return {"pdf": blank(told), "png": b"PNG " + told, "page": told}
+
+
+def blank(told: bytes) -> bytes:
+    """A PDF with one small, empty page, which says something in a comment."""
+    from pypdf import PdfWriter
+    from pypdf.generic import DecodedStreamObject, DictionaryObject, NameObject
+
+    whole = PdfWriter()
+    page = whole.add_blank_page(100, 50)
+    content = DecodedStreamObject()
+    content.set_data(b"% " + told + b"\n")
+    page[NameObject("/Contents")] = whole._add_object(content)
+    page[NameObject("/Resources")] = DictionaryObject()
+    sink = io.BytesIO()
+    whole.write(sink)
+    return sink.getvalue()
 
 
 def job(root: Path, out: Path, **changes: Any) -> Job:

@@ -1,19 +1,22 @@
-"""What is said of a campaign in little room, for each verdict: summary.txt."""
+"""What is said of a campaign in little room, for each verdict: summary.txt, report.pdf,
+methods."""
 
 from __future__ import annotations
 
 import dataclasses
+import io
 import re
 
 import pytest
+from pypdf import PdfReader
 
 from nearlift import catalogue
-from nearlift.products import DIAGNOSIS
-from nearlift.report.documents import brief, summary
-from nearlift.rounding import like, plus_minus
+from nearlift.products import DIAGNOSIS, FIT, TRIALS
+from nearlift.report.documents import brief, methods, pdf, summary
+from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import diagnose, report
 
-from . import verdicts
+from . import small_run, verdicts
 
 
 @pytest.fixture(scope="module", params=verdicts.MADE)
@@ -90,3 +93,139 @@ def test_titles_stand_within_a_sentence():
     assert brief.titled("reynolds, supply_sag and tilted") == (
         "Reynolds number, supply voltage and tilted"
     )
+
+
+@pytest.fixture
+def printed(evidence):
+    figures = [
+        pdf.Drawn(name=n, title=n, caption=f"{n} of supply_sag.", pdf=small_run.blank(n.encode()))
+        for n in ("fig2", "budget", "corner")
+    ]
+    return pdf.pdf(evidence, figures), figures
+
+
+def test_the_pdf_has_two_pages_and_its_figures_as_they_were_drawn(evidence, quoted, printed):
+    content, figures = printed
+    pages = PdfReader(io.BytesIO(content)).pages
+    text = [flat(page.extract_text()) for page in pages]
+    assert [i for i, t in enumerate(text) if "Appendix: figures" in t] == [len(text) - 1]
+    assert len(text) <= 3
+    shown = [
+        form.get_object().get_data()
+        for page in pages
+        for name, form in page["/Resources"].get("/XObject", {}).items()
+        if name.startswith("/Figure")
+    ]
+    assert {s.split()[1] for s in shown} == {f.name.encode() for f in figures}
+    c = quoted.coefficients["K_b"]
+    assert f"{plus_minus(c.value, c.u)} {like(c.lo90, c.u)} to {like(c.hi90, c.u)}" in text[0]
+    assert "supply_sag" not in " ".join(text)
+    for doubt in c.doubts:
+        assert f"{like(doubt.lo90, c.u)} to {like(doubt.hi90, c.u)}" in " ".join(text)
+    if quoted.verdict == "not_diagnosed":
+        assert quoted.reason in text[0]
+
+
+def test_the_pdf_has_the_same_bytes_each_time_and_every_font(evidence, printed):
+    content, figures = printed
+    assert pdf.pdf(evidence, figures) == content
+    fonts = {
+        font.get_object()["/BaseFont"].partition("+")[2]
+        for page in PdfReader(io.BytesIO(content)).pages
+        for font in page["/Resources"]["/Font"].values()
+    }
+    assert fonts <= {"STIXGeneral-Regular", "STIXGeneral-Bold", "STIXGeneral-Italic", "DejaVuSans"}
+
+
+def test_names_from_files_do_nothing_in_the_pdf(evidence):
+    vehicle = evidence.campaign.vehicle.model_copy(update={"name": "<b>&amp; <font ẑ 喵 </para>"})
+    hostile = dataclasses.replace(
+        evidence, campaign=evidence.campaign.model_copy(update={"vehicle": vehicle})
+    )
+    text = PdfReader(io.BytesIO(pdf.pdf(hostile, []))).pages[0].extract_text()
+    assert "<b>&amp; <font ẑ" in text
+    assert "</para>" in text
+
+
+def percent(x):
+    return f"{plain(100 * x, 3)} %"
+
+
+def expected(evidence, quoted):
+    """Every sentence of the methods, made anew from the products: what must stand in it."""
+    trials, fitted = evidence.table(TRIALS), evidence.document(FIT)
+    content = evidence.document(DIAGNOSIS)
+    block = content["boundaries"]["ground"]
+    z = trials["z_hat"]
+    entry = fitted["boundaries"]["ground"]["sanchez_cuevas"]
+    c = quoted.coefficients["K_b"]
+    repeats = [line for line in c.budget if line.kind == "A" and line.u > 0.1 * c.u]
+    sure = [line for line in repeats if line.dof >= 2]
+    scales = {"1": (100, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}
+    yield (
+        "Lift of a tethered rotorcraft (Crazyflie 2.0: 4 rotors of radius 23 mm) was measured with the throttle held",
+        f"near the ground, {len(z)} trials in {len(set(trials['visit']))} visits at {len(set(z))} distances",
+        f"from {z.min():.3g} to {z.max():.3g}) and {len(set(trials['throttle']))} throttles",
+    )
+    yield ("Mean lifts of trials were taken as they were recorded.",)
+    yield (f"Of {len(z)} trials, 1 was left out: the load cell was at the end of its range (1).",)
+    yield (
+        "fitted to the logarithm of the lift of single trials",
+        f"near the ground, Sanchez-Cuevas [@sanchezcuevas2017], beside {len(fitted['boundaries']['ground']) - 1} rivals [",
+        f"to {entry['n_trials']} trials.",
+    )
+    yield (
+        "Least squares (trust region [@lmfit]) used the full covariance of the "
+        + fitted["noise"]["ground"]["source"].partition(" (")[0],
+        "declared components that no repeat shows: distance datum (shared by boundary).",
+    )
+    yield ("Uncertainties are standard ones, by the GUM [@gum2008].",)
+    own = entry["posterior"]
+    yield (
+        "Posteriors of these models were drawn by "
+        + {"importance": "importance sampling", "emcee": "ensemble sampling"}[own["sampler"]],
+        {"importance": "the Pareto k of their weights", "emcee": "R-hat"}[own["sampler"]],
+        *(f" {check['by']}" for check in own["checks"] if not check["unfit"]),
+    )
+    if quoted.verdict == "not_diagnosed":
+        yield (f"Residuals near the ground were not diagnosed: {block['reason']}.",)
+    else:
+        error = block["error"]
+        after = f" to {percent(error['after']['held_out_rmse'])}" * (quoted.verdict == "effect")
+        yield (
+            f"at a chance of {100 * content['false_alarm_rate']:g} % for any claim",
+            "(of " + brief.listed([brief.titled(u["effect"]) for u in block["untestable"]]),
+            {
+                "adequate": "near the ground, nothing was left beyond the noise floor (",
+                "effect": "near the ground, what was left is accounted for by supply voltage [@supply_sag] (",
+                "unexplained": "near the ground, structure was left that no declared effect accounts for (",
+            }[quoted.verdict],
+            f"choosing: {percent(error['before']['held_out_rmse'])}{after} of lift;",
+            f"noise floor {percent(error['noise_floor'])}).",
+        )
+    ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
+    yield (f"Near the ground, $K_b$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {ends}).",)
+    yield (brief.titled(c.holds),)
+    yield (
+        "Of type A stand behind it",
+        *(
+            f"{line.source} {plain(scales[line.unit][0] * line.u_input, 2)} {scales[line.unit][1]}"
+            for line in sure
+        ),
+        *(line.source for line in repeats),
+    )
+    yield (
+        "All numbers are those of nearlift",
+        evidence.versions["numpy"],
+        f"seed {evidence.seed}.",
+    )
+
+
+def test_every_sentence_of_the_methods_is_made_from_the_products(evidence, quoted):
+    text = " ".join(methods.paragraphs(evidence))
+    sentences = re.split(r"(?<=\.)\s+(?=[A-Z])", text)
+    told = list(expected(evidence, quoted))
+    assert len(sentences) == len(told)
+    for sentence, parts in zip(sentences, told, strict=True):
+        for part in parts:
+            assert part.rstrip(".") in sentence, sentence

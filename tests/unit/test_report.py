@@ -107,7 +107,7 @@ def test_files_of_the_contract(made):
     tables = {
         f"tables/{n}.{k}" for n in ("coefficients", "budget", "comparison") for k in ("tex", "csv")
     }
-    paper = {"methods.md", "methods.tex", "references.bib", "summary.txt"}
+    paper = {"methods.md", "methods.tex", "references.bib", "summary.txt", "report.pdf"}
     assert names == {"index.html"} | paper | tables | {
         f"{n}.{k}" for n in DRAWN for k in ("pdf", "png", "csv")
     }

@@ -36,8 +36,7 @@ def run(job: Job) -> Outcome:
 
 
 def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcome:
-    from nearlift.report.documents import methods, summary, tables
-    from nearlift.report.documents.latex import coefficients, table
+    from nearlift.report.documents.pdf import Drawn, pdf
     from nearlift.report.figures.encoding import render
     from nearlift.report.figures.style import style
     from nearlift.report.page.render import Picture, page
@@ -60,6 +59,31 @@ def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcom
     job.say(f"report {len(made)} figures", 0.0)
     drawings = drawn([partial(render, spec.draw, rows, look) for spec, rows in made])
     # what needs no picture is written while others draw
+    _documents(job, evidence)
+    pictures: list[Picture] = []
+    printed: list[Drawn] = []
+    for (spec, rows), files in zip(made, drawings, strict=True):
+        for kind in ("pdf", "png"):
+            job.publish(f"{spec.name}.{kind}", files[kind])
+        job.publish(f"{spec.name}.csv", to_csv(rows))
+        caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
+        told = {"name": spec.name, "title": spec.title, "caption": caption}
+        pictures.append(Picture(**told, alt=alt, image=files["page"]))
+        printed.append(Drawn(**told, pdf=files["pdf"]))
+        job.say(f"report {len(pictures)} of {len(made)} figures", len(pictures) / len(made))
+    job.publish("report.pdf", pdf(evidence, printed))
+    job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
+    return Outcome(
+        notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)
+    )
+
+
+def _documents(job: Job, evidence: Evidence) -> None:
+    """Texts and tables."""
+    from nearlift.report.documents import methods, summary, tables
+    from nearlift.report.documents.latex import coefficients, table
+    from nearlift.report.tidy import to_csv
+
     job.publish("tables/coefficients.tex", table(evidence).encode())
     job.publish("tables/coefficients.csv", to_csv(coefficients(evidence)))
     for name in ("budget", "comparison"):
@@ -72,20 +96,6 @@ def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcom
         ("references.bib", methods.references),
     ):
         job.publish(name, written(evidence))
-    pictures = []
-    for (spec, rows), files in zip(made, drawings, strict=True):
-        for kind in ("pdf", "png"):
-            job.publish(f"{spec.name}.{kind}", files[kind])
-        job.publish(f"{spec.name}.csv", to_csv(rows))
-        caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
-        pictures.append(
-            Picture(name=spec.name, title=spec.title, caption=caption, alt=alt, image=files["page"])
-        )
-        job.say(f"report {len(pictures)} of {len(made)} figures", len(pictures) / len(made))
-    job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
-    return Outcome(
-        notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)
-    )
 
 
 @contextlib.contextmanager

@@ -17,16 +17,18 @@ from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, latex
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
+from nearlift.report.chapters.uncertainty import SCALES, untold
+from nearlift.report.documents.brief import listed, titled
 from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import could_have_seen, stand_ins
-from nearlift.results.quotation import BoundaryResult
+from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import like, plain, plus_minus
 
 VERDICTS = {
     "adequate": "nothing was left beyond the noise floor",
-    "unexplained": "structure was left that no candidate could honestly take the credit for",
+    "unexplained": "structure was left that no declared effect accounts for",
 }
 #: A part of the scatter with less of the headline's variance goes unmentioned.
 LEAST_SHARE = 0.01
@@ -89,10 +91,6 @@ def _safe(text: str) -> str:
     return " ".join(re.sub(r"[$\[\]@`*\\<>]", " ", text).split())
 
 
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
 def _plural(n: int, word: str) -> str:
     return f"{n} {word}{'s' if n != 1 else ''}"
 
@@ -114,13 +112,15 @@ def _design(evidence: Evidence) -> str:
             rf"($\hat z$ from {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}) and"
             rf" {_plural(len(levels), 'throttle')}"
         )
+    if free := int((trials["boundary"] == "none").sum()):
+        parts.append(f"in free air, {_plural(free, 'trial')}")
     radius = plain(1e3 * vehicle.rotor_radius)
     simulated = "The records were simulated, not measured. " if evidence.campaign.simulated else ""
     return (
         f"{simulated}Lift of a tethered rotorcraft ({_safe(vehicle.name)}:"
-        f" {_plural(vehicle.rotors, 'rotor')} of radius {radius} mm) was "
-        rf"measured as follows: {'; '.join(parts)}. A trial held the {rig.held}; $\hat z$ is the"
-        r" distance over the rotor radius."
+        f" {_plural(vehicle.rotors, 'rotor')} of radius {radius} mm) was"
+        f" {'simulated' if simulated else 'measured'} with the {rig.held} held constant: "
+        rf"{'; '.join(parts)}; $\hat z$ is the distance over the rotor radius."
     )
 
 
@@ -130,13 +130,16 @@ def _reduction(evidence: Evidence) -> str:
     if evidence.campaign.records.reader == "means":
         text = "Mean lifts of trials were taken as they were recorded. "
     else:
-        rate = f" at {plain(cell.sample_rate)} Hz" if cell is not None and cell.sample_rate else ""
-        text = f"Each trial is the mean of a load-cell record{rate}, tare removed. "
+        rate = f" at {plain(cell.sample_rate)} Hz" if cell.sample_rate else ""
+        tare = {"none": "without a tare", 0.0: "tared beforehand"}.get(
+            cell.tare or 0.0, "tare removed"
+        )
+        text = f"Each trial is the mean of a load-cell record{rate}, {tare}. "
     names = Counter(
         n for q in trials["quality"][out].tolist() for n in q.split() if code(n).rejects
     )
     if out.any():
-        why = _listed([f"{code(n).meaning} ({k})" for n, k in names.most_common()])
+        why = listed([f"{code(n).meaning} ({k})" for n, k in names.most_common()])
         text += (
             f"Of {_plural(len(out), 'trial')}, {int(out.sum())}"
             f" {'was' if out.sum() == 1 else 'were'} left out: {why}. "
@@ -149,7 +152,7 @@ def _reduction(evidence: Evidence) -> str:
             f"{_plural(excluded, 'accepted trial')} outside the range of a base model took no part"
             " in its fit. "
         )
-    return text + r"The relative change of lift is $\Delta L = (L - L_\infty)/L_\infty$."
+    return text.rstrip()
 
 
 def _fits(evidence: Evidence) -> str:
@@ -166,7 +169,7 @@ def _fits(evidence: Evidence) -> str:
         )
         parts.append(
             f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to"
-            f" {_plural(int(entry['n_trials']), 'trial')}{_scatter(evidence.quoted(boundary))}"
+            f" {_plural(int(entry['n_trials']), 'trial')}"
         )
     declared = [
         f"{_safe(c.name)} (shared by {c.scope})"
@@ -174,9 +177,7 @@ def _fits(evidence: Evidence) -> str:
         if not c.is_measured
     ]
     shared = (
-        f", and of declared components that no repeat shows: {_listed(declared)}"
-        if declared
-        else ""
+        f", and of declared components that no repeat shows: {listed(declared)}" if declared else ""
     )
     sources = dict.fromkeys(
         str(content["noise"][b]["source"]).partition(" (")[0] for b in evidence.boundaries
@@ -185,8 +186,8 @@ def _fits(evidence: Evidence) -> str:
         r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with"
         r" $L_\infty$ free for every throttle: "
         f"{'; '.join(parts)}. Least squares (trust region {_cite('lmfit')}) used the full"
-        f" covariance of the {_listed(list(sources))}{shared}. "
-        f"Uncertainties follow the GUM {_cite('gum2008')}."
+        f" covariance of the {listed(list(sources))}{shared}. "
+        f"Uncertainties are standard ones, by the GUM {_cite('gum2008')}."
     )
     if evidence.has(POSTERIOR):
         fits = (
@@ -197,34 +198,13 @@ def _fits(evidence: Evidence) -> str:
     return text
 
 
-def _scatter(quoted: BoundaryResult) -> str:
-    """What the trials scatter by: each part with at least a hundredth of the headline's variance,
-    the largest first.
-    """
-    headline = next(iter(quoted.coefficients.values()), None)
-    if headline is None:
-        return ""
-    parts = [
-        line
-        for line in headline.budget
-        if line.kind == "A"
-        and line.u**2 >= LEAST_SHARE * headline.u**2
-        and line.u_input is not None
-    ]
-    if not parts:
-        return ""
-    scales = {"1": (1e2, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}
-    sized = [(a.source, (a.u_input or 0.0) * scales[a.unit][0], scales[a.unit][1]) for a in parts]
-    return (
-        ", whose errors are"
-        f" {_listed([f'{name} ({plain(size, 2)} {unit})' for name, size, unit in sized])}"
-    )
-
-
 def _posteriors(fits: Sequence[Mapping[str, Any]]) -> str:
     """How the base models' posteriors were drawn, and who judged them."""
     drawn = {"importance": "importance sampling", "emcee": f"ensemble sampling {_cite('emcee')}"}
-    judges = {"importance": "the Pareto k of their weights", "emcee": "R-hat"}
+    judges = {
+        "importance": f"the Pareto k of their weights {_cite('vehtari2024')}",
+        "emcee": f"R-hat {_cite('vehtari2021')}",
+    }
     samplers = [s for s in dict.fromkeys(str(p["sampler"]) for p in fits) if s in drawn]
     if not samplers:
         return ""
@@ -234,10 +214,10 @@ def _posteriors(fits: Sequence[Mapping[str, Any]]) -> str:
         for check in p["checks"]
         if not check["unfit"]
     )
-    judged = _listed(["effective draws", *(judges[s] for s in samplers), *others])
+    judged = listed(["effective draws", *(judges[s] for s in samplers), *others])
     return (
-        f" Posteriors were drawn by {_listed([drawn[s] for s in samplers])}, and judged by {judged}"
-        f" {_cite('vehtari2021')}."
+        f" Posteriors of these models were drawn by {listed([drawn[s] for s in samplers])}, and"
+        f" judged by {judged}."
     )
 
 
@@ -255,24 +235,18 @@ def _loop(evidence: Evidence) -> str:
             continue
         said = VERDICTS.get(found["verdict"], "")
         if found["verdict"] == "effect":
-            said = _listed(
-                [
-                    f"{e['name'].replace('_', ' ')} {_cite(*keys(known[e['name']]))}"
-                    for e in found["effects"]
-                    if e["name"] in known
-                ]
+            named = [
+                f"{titled(e['name'])} {_cite(*keys(known[e['name']]))}"
+                for e in found["effects"]
+                if e["name"] in known
+            ]
+            rivals = dict.fromkeys(
+                titled(r.replace(" + ", " with "))
+                for e in found["effects"]
+                for r in stand_ins(found, e)
             )
-            rivals = list(
-                dict.fromkeys(
-                    r.replace(" + ", " with ")
-                    for e in found["effects"]
-                    for r in stand_ins(found, e)
-                )
-            )
-            said = f"what was left is accounted for by {said}" + (
-                f", which the design cannot tell from {_listed(rivals).replace('_', ' ')}"
-                if rivals
-                else ""
+            said = f"what was left is accounted for by {listed(named)}" + (
+                f", which the design cannot tell from {listed([*rivals])}" if rivals else ""
             )
         if look := found.get("look"):
             said += f" ({look['text']})"
@@ -289,32 +263,68 @@ def _loop(evidence: Evidence) -> str:
                 f" {plain(100 * error['noise_floor'], 3)} %)"
             )
         if could := could_have_seen(found):
-            said += f"; {found['sensitivity']['trials']} trials {could.replace('_', ' ')}"
+            said += f"; {found['sensitivity']['trials']} trials {titled(could)}"
         parts.append(f"near the {boundary}, {said}")
     if not parts:
         return " ".join(silent)
     rate = plain(
         100 * content.get("false_alarm_rate", evidence.campaign.diagnose.false_alarm_rate), 2
     )
+    unseen = dict.fromkeys(
+        titled(str(u["effect"]))
+        for b in evidence.boundaries
+        for u in evidence.diagnosed(b).get("untestable", [])
+    )
+    untold = f" (of {listed([*unseen])} nothing logged can tell)" if unseen else ""
     tested = (
-        f"Residuals of the base models were tested against the recorded covariates and {len(known)}"
-        f" declared effects, at a chance of {rate} % for any claim at a boundary where nothing is"
-        f" missing: {'; '.join(parts)}."
+        "Residuals of the base models were tested against run order, distance, throttle and what"
+        f" was logged, and against nearlift's library of declared effects{untold}, at a chance of"
+        f" {rate} % for any claim at a boundary where nothing is missing: {'; '.join(parts)}."
     )
     return " ".join([tested, *silent])
 
 
 def _results(evidence: Evidence) -> str:
-    """The coefficients to quote, with what their intervals hold."""
+    """The coefficients to quote, with what their intervals hold and the scatter behind them."""
     parts = []
     for boundary in evidence.boundaries:
-        for name, c in evidence.quoted(boundary).coefficients.items():
-            ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
-            parts.append(
-                f"Near the {boundary}, ${latex(name)}$ = {plus_minus(c.value, c.u)} (k"
-                f" = 1; 90 %: {ends}). {_safe(c.holds)}"
-            )
+        own = evidence.quoted(boundary).coefficients
+        if not own:
+            continue
+        estimates = listed(
+            [
+                f"${latex(name)}$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {like(c.lo90, c.u)} to"
+                f" {like(c.hi90, c.u)})"
+                for name, c in own.items()
+            ]
+        )
+        first = next(iter(own.values()))
+        parts.append(
+            f"Near the {boundary}, {estimates}. {_safe(titled(first.holds))}{_scatter(first)}"
+        )
     return " ".join(parts)
+
+
+def _scatter(headline: CoefficientResult) -> str:
+    """What the trials scatter by: each part with at least a hundredth of the headline's variance,
+    the largest first; those of which repeats tell nothing by name.
+    """
+    lines = [
+        line
+        for line in headline.budget
+        if line.kind == "A" and line.u**2 >= LEAST_SHARE * headline.u**2 and line.u_input
+    ]
+    few = untold(headline)
+    sized = [
+        f"{line.source} {plain(SCALES[line.unit][0] * (line.u_input or 0.0), 2)}"
+        f" {SCALES[line.unit][1]}"
+        for line in lines
+        if line.source not in few
+    ]
+    parts = [listed(sized)] if sized else []
+    if unknown := [line.source for line in lines if line.source in few]:
+        parts.append(f"of sizes that repeats hardly tell, {listed(unknown)}")
+    return f" Of type A stand behind it {', and, '.join(parts)}." if parts else ""
 
 
 def _programs(evidence: Evidence) -> str:
@@ -324,7 +334,7 @@ def _programs(evidence: Evidence) -> str:
         for name, key in (("NumPy", "numpy"), ("SciPy", "scipy"), ("Matplotlib", "matplotlib"))
         if key in versions
     ]
-    with_what = f"Python {versions.get('python', '')}, {_listed(named)}" if named else "Python"
+    with_what = f"Python {versions.get('python', '')}, {listed(named)}" if named else "Python"
     return (
         f"All numbers are those of nearlift {nearlift.__version__} with {with_what}, seed"
         f" {evidence.seed}."

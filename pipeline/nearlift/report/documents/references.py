@@ -57,6 +57,12 @@ KNOWN = {
         " {MCMC}},\n  journal = {Bayesian Analysis},\n  volume = {16},\n  number = {2},\n  year ="
         " {2021},\n  doi = {10.1214/20-BA1221}\n}"
     ),
+    "vehtari2024": (
+        "@article{vehtari2024,\n  author = {Vehtari, Aki and Simpson, Daniel and Gelman, Andrew and"
+        " Yao, Yuling and Gabry, Jonah},\n  title = {Pareto Smoothed Importance Sampling},\n "
+        " journal = {Journal of Machine Learning Research},\n  volume = {25},\n  number = {72},\n "
+        " year = {2024}\n}"
+    ),
     "emcee": (
         "@article{emcee,\n  author = {Foreman-Mackey, Daniel and Hogg, David W. and Lang, Dustin"
         " and Goodman, Jonathan},\n  title = {emcee: The {MCMC} Hammer},\n  journal = {Publications"
