@@ -9,6 +9,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.nomenclature import VERDICTS, latex
 from nearlift.products import RESULTS
+from nearlift.report.documents.brief import titled
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import decimals, siunitx
@@ -62,7 +63,7 @@ def table(evidence: Evidence) -> str:
         own = evidence.quoted(boundary)
         title = escape(
             " with ".join(
-                [catalogue.model(own.base_model).title, *(e.replace("_", " ") for e in own.effects)]
+                [catalogue.model(own.base_model).title, *(titled(e) for e in own.effects)]
             )
         )
         rows = [

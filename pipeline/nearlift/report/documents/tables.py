@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from nearlift.nomenclature import latex
-from nearlift.products import FIT
+from nearlift.products import FIT, RESULTS
 from nearlift.report.chapters.uncertainty import LEAST, untold
+from nearlift.report.documents.brief import titled
 from nearlift.report.documents.latex import comment, escape
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.budget import fall
@@ -97,7 +98,7 @@ def budget_table(evidence: Evidence) -> str:
     r"""The budgets of the coefficients that are quoted; needs ``\usepackage{booktabs,siunitx}``."""
     lines = _head(
         evidence,
-        "uncertainty budget of each coefficient that is quoted",
+        f"uncertainty budget of each coefficient that is quoted, from {RESULTS.file}",
         r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} &"
         r" {Sensitivity} & {$u$} & {$u$ without} & {$\nu$} \\",
         "lllllrrrrr",
@@ -115,14 +116,15 @@ def budget_table(evidence: Evidence) -> str:
                     # tables/budget.csv has it
                     continue
                 lines.append(
-                    f"{label} & {escape(line.source)}{FOOTMARK if line.source in few else ''} &"
+                    f"{label} & {escape(titled(line.source))}"
+                    f"{FOOTMARK if line.source in few else ''} &"
                     f" {line.kind} & "
                     f"{escape(line.distribution)} & {escape(line.scope)} & {_input(line)} & "
-                    rf"\num{{{line.u:.2g}}} & \num{{{line.u_without:.2g}}} & {_dof(line.dof)} \\"
+                    rf"{_num(line.u)} & {_num(line.u_without)} & {_dof(line.dof)} \\"
                 )
                 label = ""
             lines.append(
-                rf"{label} & combined ($k = 1$) & & & & & & \num{{{own.u:.2g}}} & &"
+                rf"{label} & combined ($k = 1$) & & & & & & {_num(own.u)} & &"
                 rf" {_dof(own.dof)} \\"
             )
     return "\n".join(
@@ -152,6 +154,10 @@ def _input(line: BudgetLine) -> str:
     return f"{size} & {per}"
 
 
+def _num(value: float) -> str:
+    return rf"\num{{{value:.2g}}}" if math.isfinite(value) else r"$\infty$"
+
+
 def _dof(dof: float | None) -> str:
     """Degrees of freedom as text mode has them: one decimal below ten."""
     return (
@@ -167,7 +173,7 @@ def comparison_table(evidence: Evidence) -> str:
     lines = _head(
         evidence,
         "models compared; scores are log predictive densities of visits left out, less the base"
-        " model's",
+        f" model's; from {FIT.file}",
         r"Boundary & Model & {Free} & {$\Delta$ score} & {Held-out RMSE (\%)} & {$\Delta$AIC} &"
         r" {$\Delta$BIC} & {$\Delta \ln Z$} & {$R^2$} \\",
         "llrrrrrrr",
@@ -211,7 +217,7 @@ def _number(value: float | None, places: int) -> str:
 
 def _head(evidence: Evidence, what: str, header: str, columns: str) -> list[str]:
     return [
-        f"% {comment(evidence.campaign.name)}: {what}, from {FIT.file}",
+        f"% {comment(evidence.campaign.name)}: {what}",
         r"% \usepackage{booktabs, siunitx}",
         rf"\begin{{tabular}}{{{columns}}}",
         r"\toprule",
