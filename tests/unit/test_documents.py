@@ -1,5 +1,4 @@
-"""What is said of a campaign in little room, for each verdict: summary.txt, report.pdf,
-methods."""
+"""What is said of a campaign in little room, for each verdict: summary.txt, report.pdf, methods."""
 
 from __future__ import annotations
 
@@ -11,8 +10,10 @@ import pytest
 from pypdf import PdfReader
 
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.report.documents import brief, methods, pdf, summary
+from nearlift.report.findings import listed
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import diagnose, report
 
@@ -90,7 +91,7 @@ def test_what_could_part_rivals_is_what_to_measure_next(evidence, quoted):
 
 
 def test_titles_stand_within_a_sentence():
-    assert brief.titled("reynolds, supply_sag and tilted") == (
+    assert titled("reynolds, supply_sag and tilted") == (
         "Reynolds number, supply voltage and tilted"
     )
 
@@ -194,7 +195,7 @@ def expected(evidence, quoted):
         after = f" to {percent(error['after']['held_out_rmse'])}" * (quoted.verdict == "effect")
         yield (
             f"at a chance of {100 * content['false_alarm_rate']:g} % for any claim",
-            "(of " + brief.listed([brief.titled(u["effect"]) for u in block["untestable"]]),
+            "(of " + listed([titled(u["effect"]) for u in block["untestable"]]),
             {
                 "adequate": "near the ground, nothing was left beyond the noise floor (",
                 "effect": "near the ground, what was left is accounted for by supply voltage [@supply_sag] (",
@@ -205,7 +206,7 @@ def expected(evidence, quoted):
         )
     ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
     yield (f"Near the ground, $K_b$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {ends}).",)
-    yield (brief.titled(c.holds),)
+    yield (titled(c.holds),)
     yield (
         "Of type A stand behind it",
         *(

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.nomenclature import VERDICTS, latex
 from nearlift.products import RESULTS
-from nearlift.report.documents.brief import titled
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import decimals, siunitx

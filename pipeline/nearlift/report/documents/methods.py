@@ -13,16 +13,16 @@ import numpy as np
 
 import nearlift
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, latex
 from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
 from nearlift.report.chapters.uncertainty import SCALES, untold
-from nearlift.report.documents.brief import listed, titled
 from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import could_have_seen, stand_ins
+from nearlift.report.findings import could_have_seen, listed, stand_ins
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import like, plain, plus_minus
 

@@ -32,11 +32,12 @@ from reportlab.platypus import (
 )
 
 import nearlift
+from nearlift.catalogue import titled
 from nearlift.nomenclature import VERDICTS, letter
 from nearlift.products import RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.documents import methods
-from nearlift.report.documents.brief import Brief, briefs, titled
+from nearlift.report.documents.brief import Brief, briefs
 from nearlift.report.evidence import Evidence
 from nearlift.rounding import fixed, like, plain, plus_minus
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.catalogue import titled
 from nearlift.nomenclature import latex
 from nearlift.products import FIT, RESULTS
 from nearlift.report.chapters.uncertainty import LEAST, untold
-from nearlift.report.documents.brief import titled
 from nearlift.report.documents.latex import comment, escape
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.budget import fall
