@@ -29,7 +29,8 @@ def keep(source: Path, name: str) -> None:
     small = picture.resize(
         (WIDTH, round(picture.height * WIDTH / picture.width)), Image.Resampling.LANCZOS
     )
-    small.quantize(128).save(FIGURES / f"{name}.png", optimize=True)
+    few = small.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    few.save(FIGURES / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
