@@ -17,6 +17,7 @@ from nearlift.products import TRIALS
 from nearlift.readers import reader, segments
 from nearlift.stages.observe import observe
 
+from . import small_run
 from .bench_campaign import manifest, run_ingest
 from .sweeps import CUT, HEAD_S, RATE, THROTTLES, campaign, lift_N, sweep, text_of, write
 
@@ -278,6 +279,40 @@ def test_a_stamp_that_repeats_with_its_force_is_one_sample(tmp_path: Path) -> No
     path.write_text("\n".join([names, *lines]) + "\n")
     np.testing.assert_allclose(twice["n"], table(folder, tmp_path / "b")["n"])
     assert any("were counted once" in note for note in outcome.notes)
+
+
+MANIFEST = """
+schema = "nearlift.campaign/1"
+name = "sweeps"
+vehicle = { name = "rotor", rotors = 1, rotor_radius = "23 mm", mass = "27 g" }
+rig = { held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", gravity = "9.8 m/s^2" }
+load_cell = { sample_rate = "80 Hz", tare = "2 s" }
+records = { reader = "csv", files = "sweeps/{record}.csv", force = { column = "force", unit = "mN", sign = 1 } }
+trials = { file = "records.csv", units = { distance = "mm" } }
+"""
+
+
+def test_the_cuts_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
+    folder = write(tmp_path / "raw", (2.0,))
+    told = small_run.nearlift("segments", folder, "--out", tmp_path)
+    assert told.exit_code == 2
+    (folder / "campaign.toml").write_text(MANIFEST.replace("{record}", "{trial}"))
+    told = small_run.nearlift("segments", folder, "--out", tmp_path)
+    assert (told.exit_code, "add [segments] with by, settle and shortest" in told.stderr) == (
+        2,
+        True,
+    )
+    cut = 'segments = { by = "throttle", unit = "percent", settle = "1 s", shortest = "2 s" }\n'
+    (folder / "campaign.toml").write_text(MANIFEST + cut)
+    told = small_run.nearlift("segments", folder, "--out", tmp_path)
+    assert told.exit_code == 0
+    lines = told.stdout.splitlines()
+    assert lines[0] == "r0: 3 pieces, 1 too short, 1 at rest; 4 s settling, 1 s between"
+    assert [line.split()[0] for line in lines[1:4]] == ["r0#2", "r0#3", "r0#4"]
+    assert "throttle 0.4" in lines[1]
+    picture = tmp_path / "reports" / "sweeps" / "segments.png"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert not (tmp_path / "processed").exists()
 
 
 # ---- refused

@@ -184,6 +184,13 @@ ABOUT = {
         example="undo raw/my-rig\nundo raw/my-rig --to 3f9c",
         settings=("out",),
     ),
+    "segments": About(
+        group=BEGIN,
+        summary="Where records are cut into trials, with a picture",
+        text="By [segments] of the manifest, before anything is fitted; writes segments.png.",
+        example="segments raw/my-rig",
+        settings=("out",),
+    ),
     "verify": About(
         group=AFTERWARDS,
         summary="Whether inputs and products are what they were",
