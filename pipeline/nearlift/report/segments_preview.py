@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.readers.segments import Segmented
-from nearlift.report.figures.style import SERIES, STYLES, plain_text, settings
+from nearlift.report.figures.style import SERIES, STYLES, context, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,12 +28,11 @@ def picture(records: Sequence[Segmented], rate_Hz: float) -> bytes:
     Force in N as read, the tare in it; behind it each kept piece from its first settled sample on,
     with its number. What is not shaded is thrown away.
     """
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
     shown = [r for r in records if len(r.record.force_N)][:MOST_RECORDS]
     look = next(s for s in STYLES if s.name == "screen")
-    with mpl.rc_context(settings(look)):
+    with context(look):
         figure = Figure(figsize=(look.double_in, HEIGHT_IN * max(len(shown), 1) + 0.6))
         axes = figure.subplots(max(len(shown), 1), 1, squeeze=False)[:, 0]
         for ax, record in zip(axes, shown, strict=False):
