@@ -43,6 +43,8 @@ if __name__ == "__main__":
             codes[words[0]] = end.code
     print(json.dumps(codes))
 """
+#: What has nothing to do here: no earlier manifest, no records of many trials.
+REFUSED = {"undo": 2, "segments": 2}
 QUICK = """
 [fit]
 sampler = "importance"
@@ -137,13 +139,16 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
         "export": [raw, "--c", "--document", "--python"],
         "compare": [],
         "compare-runs": [out / "processed" / "small", out / "processed" / "small"],
+        "history": [raw],
+        "undo": [raw],
+        "segments": [raw],
         "inspect": [raw / "log.mat"],
         "describe": [],
         "doctor": [],
         "data": ["list"],
         "completion": ["bash"],
     }
-    assert sorted(given) == main.list_commands(click.Context(main))
+    assert sorted(given) == sorted(main.list_commands(click.Context(main)))
     return [[name, *map(str, words)] for name, words in given.items()]
 
 
@@ -194,4 +199,4 @@ def test_no_command_runs_or_changes_what_is_planted(tmp_path, monkeypatch, execu
     assert "planted" not in done.stderr
     assert {
         name: code for name, code in json.loads(done.stdout.splitlines()[-1]).items() if code
-    } == {}
+    } == REFUSED
