@@ -49,6 +49,7 @@ $(READY): $(RUN_LOCK) pyproject.toml
 	@echo "installs $(RUN_SIZE) into $(VENV)"
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) --require-hashes --requirement $(RUN_LOCK)
+	find $(VENV)/lib -type d -name tests -prune -exec rm -rf {} +
 	$(INSTALL) --no-deps --no-build-isolation --editable .
 	$(BIN)/python -m compileall -q pipeline/nearlift
 	touch $(READY)

@@ -208,12 +208,3 @@ def test_the_repr_of_a_study_is_its_plan(study, fit):
     Balanced(study._repr_html_())
     assert "up to date" in study._repr_html_()
     assert repr(Path(study.root).name)[1:-1] in repr(study)
-
-
-def test_without_pandas_tables_are_refused_and_the_quoted_numbers_stand(study, monkeypatch):
-    study.diagnose()
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    found = study.diagnose()
-    assert found.quoted["ground"].coefficients["K_b"].u > 0
-    with pytest.raises(UsageError, match=r"need the package pandas\n  pip install .*\[pandas\]"):
-        _ = found.table

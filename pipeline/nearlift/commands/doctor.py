@@ -24,7 +24,6 @@ State = Literal["good", "note", "bad"]
 
 #: Package of each extra, and what is lost without it.
 EXTRAS = {
-    "pandas": ("pandas", "tables of nearlift.load(...) in Python"),
     "nptdms": ("tdms", "reading TDMS files"),
     "h5py": ("hdf5", "reading HDF5 files"),
     "mat-io": ("mat", "reading MATLAB timetables"),

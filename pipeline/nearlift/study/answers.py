@@ -13,7 +13,6 @@ from nearlift.results.diagnosis import BoundaryDiagnosis, NotDiagnosed
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.study import display
-from nearlift.study.frames import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,7 +66,9 @@ class Drawing:
     @property
     def data(self) -> pd.DataFrame:
         """What is drawn, a row each."""
-        return frame(dict(self.table))
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.table))
 
     def save(self, path: str | Path) -> Path:
         """Write it as ``.png`` or ``.pdf``, by the name's suffix; `UsageError` for another."""
@@ -208,8 +209,10 @@ class Finished(Answered):
 
 def _quoted(quoted: Mapping[Boundary, BoundaryResult]) -> pd.DataFrame:
     """A coefficient a row."""
+    import pandas as pd
+
     keys = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit", "holds")
-    return frame(
+    return pd.DataFrame(
         [
             {
                 "boundary": boundary,

@@ -15,7 +15,6 @@ from nearlift.study.answers import (
     Fit,
     Reduction,
 )
-from nearlift.study.frames import frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -186,6 +185,8 @@ class Study:
         ProductError
             It is missing or damaged.
         """
+        import pandas as pd
+
         from nearlift.products import PRODUCTS
         from nearlift.run import store
 
@@ -203,7 +204,7 @@ class Study:
                     f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}",
                 )
             product = tables[product]
-        return frame(store.read_table(self._whole(product.file), product))
+        return pd.DataFrame(store.read_table(self._whole(product.file), product))
 
     def _quoted(self) -> dict[Boundary, BoundaryResult]:
         from nearlift.results.quotation import Results
