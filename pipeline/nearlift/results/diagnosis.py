@@ -293,6 +293,14 @@ class NextSession(NextExperiment):
     alternatives: tuple[Alternative, ...]
 
 
+def wandering(wander: float) -> str:
+    """What is to be said of a gain that wanders by this fraction of lift."""
+    return (
+        f"the gain wanders by {100 * wander:.2g} % of lift in the course of the campaign, along"
+        " nothing that was logged"
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryDiagnosis:
     """What the loop found at one boundary.
@@ -357,16 +365,6 @@ class BoundaryDiagnosis:
     def reason(self) -> str:
         """Why it could not be diagnosed: it was."""
         return ""
-
-    @property
-    def wandering(self) -> str:
-        """What is to be said of a wander; empty without one."""
-        if self.wander is None:
-            return ""
-        return (
-            f"the gain wanders by {100 * self.wander:.2g} % of lift in the course of the campaign,"
-            " along nothing that was logged"
-        )
 
     def stand_ins(self, effect: NamedEffect) -> list[str]:
         """What this design cannot tell from a named effect: single effects in its place, then two

@@ -16,7 +16,12 @@ from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.products import LOOP_RESIDUALS, TRIALS
-from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
+from nearlift.results.diagnosis import (
+    BoundaryDiagnosis,
+    DiagnosisResults,
+    NotDiagnosed,
+    wandering,
+)
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
@@ -83,7 +88,7 @@ def run(job: Job) -> Outcome:
             f"{boundary}: {told}"
             for told in (
                 *(found.findings.contradicted or ()),
-                found.findings.wandering,
+                wandering(found.findings.wander) if found.findings.wander else "",
                 found.quoted.leaning,
             )
             if told

@@ -19,6 +19,7 @@ from nearlift.report.chapters.uncertainty import SCALES
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import along, listed, stand_ins
 from nearlift.report.number import LEAST_CHANCE, Number, cite, pointer, quote
+from nearlift.results.diagnosis import wandering
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.results.serial import decode
@@ -97,12 +98,14 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         said.append(f"not diagnosed, so an effect of any size may be in the coefficient: {reason}")
     if look := found.get("look"):
         said.append(f"the campaign is still growing: {look['text']}")
-    if goodness(evidence, boundary)[0]:
+    if goodness(evidence, boundary)[0] and not found.get("effects"):
+        # where an effect is named, it is the base model's cells that stray, not the quoted one's
         said.append(
             f"cells stray from {model.title} by more than chance allows, so its interval is that of"
             " a curve which is not the data's"
         )
     said += found.get("contradicted", [])
+    said += [wandering(found["wander"])] if "wander" in found else []
     told = [Reservation(boundaries=(boundary,), text=text) for text in said]
     if found.get("verdict") == "unexplained" and not found.get("contradicted"):
         where = [f" along {along(str(line['covariate']))}" for line in found["structure"][:1]]
