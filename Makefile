@@ -9,7 +9,7 @@ TOOLS  := $(VENV)/.tools
 RUN_LOCK  := requirements.lock
 DEV_LOCK  := requirements-dev.lock
 # measured on Linux once Python has compiled what it imports; pip compiles nothing
-RUN_SIZE  := 51 packages, 690 MB,
+RUN_SIZE  := 51 packages, 700 MB,
 DEV_SIZE  := some 110 packages, 1300 MB,
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
@@ -49,7 +49,7 @@ $(READY): $(RUN_LOCK) pyproject.toml
 	@echo "installs $(RUN_SIZE) into $(VENV)"
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) --require-hashes --requirement $(RUN_LOCK)
-	find $(VENV)/lib -type d -name tests -prune -exec rm -rf {} +
+	find $(VENV)/lib -type d '(' -name tests -o -path '*/pyarrow/include' ')' -prune -exec rm -rf {} +
 	$(INSTALL) --no-deps --no-build-isolation --editable .
 	$(BIN)/python -m compileall -q pipeline/nearlift
 	touch $(READY)

@@ -21,6 +21,8 @@ from nearlift.plugins import Named, gather
 T = TypeVar("T", bound=Named)
 #: Begins a title with a capital wherever the title stands.
 PROPER = ("Reynolds",)
+#: What may be a name in a text: no part of a path, of an address or of a longer word.
+NAME = re.compile(r"(?<![\w/#.])[A-Za-z]\w*")
 
 
 def models(boundary: Boundary | None = None) -> tuple[LiftModel, ...]:
@@ -45,19 +47,17 @@ def effect(name: str) -> Effect:
 
 def titled(text: str) -> str:
     """A text with every effect and model that it names by its title, as within a sentence."""
-    known, names = _titles()
-    return names.sub(lambda found: known[found[0]], text)
+    known = _titles()
+    return NAME.sub(lambda found: known.get(found[0], found[0]), text)
 
 
 @functools.cache
-def _titles() -> tuple[dict[str, str], re.Pattern[str]]:
+def _titles() -> dict[str, str]:
     known = {m.name: m.title for m in models() if "_" in m.name}
-    known |= {
+    return known | {
         e.name: e.title if e.title.startswith(PROPER) else e.title[:1].lower() + e.title[1:]
         for e in effects()
     }
-    every = "|".join(map(re.escape, sorted(known, key=len, reverse=True)))
-    return known, re.compile(rf"(?<![\w/#.])(?:{every})(?!\w)")
 
 
 def default_base(boundary: Boundary, rotors: int) -> str:

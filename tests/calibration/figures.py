@@ -234,7 +234,9 @@ def by_structure(rows: list[Row]) -> list[dict[str, Any]]:
     verdict is adequate.
     """
     table = []
-    outside = [r for r in rows if r.get("failed") == "" and {*r["truth"]} & {*UNNAMED, *STRANGE}]
+    outside = [
+        r for r in rows if r.get("failed") == "" and {*r.get("truth", ())} & {*UNNAMED, *STRANGE}
+    ]
     for name in [n for n in (*UNNAMED, *STRANGE) if any(n in r["truth"] for r in outside)]:
         mine = [r for r in outside if name in r["truth"]]
         line: dict[str, Any] = {"structure": name, "n": len(mine)}

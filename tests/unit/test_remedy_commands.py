@@ -156,9 +156,16 @@ STATES: dict[str, list[Callable[[Path], tuple[list[object], Stands]]]] = {
         a_velocity_grid,
     ],
 }
-#: Those that are no remedies but stand in a comment of a manifest, and what a fit alone says, which
-#: has a test of its own.
-ELSEWHERE = {"nearlift design", "nearlift diagnose", "nearlift ingest"}
+#: Those that are no remedies but stand in a comment of a manifest; what a fit alone and a history
+#: say, which have tests of their own.
+ELSEWHERE = {
+    "nearlift design",
+    "nearlift diagnose",
+    "nearlift ingest",
+    "nearlift history",
+    "nearlift run FILE",
+    "nearlift undo",
+}
 
 
 def test_every_proposed_command_is_tried_here():

@@ -13,6 +13,7 @@ from tests.calibration.simulator import Errors, Spec, simulate
 
 import nearlift
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.errors import NotConverged
 from nearlift.loop import confirmation
 from nearlift.loop.diagnose import diagnose, set_up
@@ -177,10 +178,7 @@ def test_card_chapter_methods_and_python_say_what_could_have_been_seen(out: Path
     assert "nothing is left beyond the noise that 24 trials could show" in card["verdict"]
     [section] = diagnosis.facts(evidence)["sections"]
     assert words in section["could_have_seen"]
-    assert (
-        f"24 trials could have seen {words.replace('_', ' ')}"
-        in methods.markdown(evidence).decode()
-    )
+    assert f"24 trials could have seen {titled(words)}" in methods.markdown(evidence).decode()
     answer = nearlift.load(out / "raw", out).diagnose()
     assert answer["ground"].verdict == "adequate"
     assert "could have seen" in answer._repr_html_()

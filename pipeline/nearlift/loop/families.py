@@ -183,7 +183,7 @@ def families(data: Observations) -> tuple[Family, ...]:
                 columns=times(known["approach"][:, None], closeness),
             )
         )
-    if visits >= ENOUGH:
+    if data.ordered and visits >= ENOUGH:
         # fewer visits cannot tell such curves from what the trials of a visit share
         found += _moving(data, smooth_z[:, :2], slow[:, :4], additive)
     if varies(data, "tilt_rad"):
@@ -250,7 +250,9 @@ def _moving(
     moved = (before > 0) & (before != data.z_hat)
     last = np.maximum.accumulate(np.where(moved, np.arange(data.n), -1))
     origin = np.where(last >= 0, before[last], np.nan)
-    ratio = np.where(np.isfinite(origin + data.z_hat), np.log(data.z_hat / origin), 0.0)
+    near = np.isfinite(origin) & np.isfinite(data.z_hat)
+    ratio = np.zeros(data.n)
+    ratio[near] = np.log(data.z_hat[near] / origin[near])
     move = np.stack([np.sign(ratio), ratio], axis=1)
     columns = np.hstack([move, move * additive, move * shape[:, :1]])
     return [*found, Family(name="last move", covariate="previous_distance", columns=columns)]

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 #: Of the samples that are cut, kept pieces and their settling are this share at least; else what
 #: is thrown away is the record.
 WORTH = 0.25
+#: What a marker says of its level.
+NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
 #: What kept pieces may move through of `hold` from end to end, and the share of them that may: a
 #: ramp goes through all of it.
 SLOPING, MOST_SLOPING = 0.6, 0.5
@@ -146,16 +148,17 @@ def _between(
     line; what stands behind an end is no piece.
     """
     assert cut.begin is not None
-    form = re.compile(
-        re.escape(cut.begin).replace(re.escape(LEVEL), r"\s*([-+]?\d+(?:[.,]\d+)?)\s*")
-    )
+    before, level, after = cut.begin.partition(LEVEL)
     ends = [row for row, _ in marks[1:]] + [n]
     edges, levels = [], []
     for (row, line), end in zip(marks, ends, strict=True):
-        here = form.fullmatch(line)
-        if here is not None and max(row, head) < min(end, n):
+        begins = len(line) >= len(before + after) and line.startswith(before)
+        if not (begins and line.endswith(after) and max(row, head) < min(end, n)):
+            continue
+        between = line[len(before) : len(line) - len(after)].strip()
+        if NUMBER.fullmatch(between) if level else not between:
             edges.append((max(row, head), min(end, n)))
-            levels.append(float(here[1].replace(",", ".")) if here.groups() else np.nan)
+            levels.append(float(between.replace(",", ".")) if level else np.nan)
     return edges, levels
 
 

@@ -8,7 +8,6 @@ reads the words for "no number" and names the first bad line.
 from __future__ import annotations
 
 import csv
-import functools
 import io
 import json
 import re
@@ -27,11 +26,20 @@ from nearlift.readers.words import number
 BLANKS, NONE = " ", ""
 
 
-@functools.lru_cache(maxsize=16)
-def _any_of(lines: tuple[str, ...]) -> re.Pattern[str]:
-    """Matches every line that one of these with a ``*`` stands for."""
-    forms = [".*".join(map(re.escape, line.split("*"))) for line in lines if "*" in line]
-    return re.compile("|".join(forms) or r"(?!)")
+def _stands_for(form: str, line: str) -> bool:
+    """Whether a line is the one of this form, in which ``*`` stands for anything."""
+    first, *between = form.split("*")
+    if not between:
+        return line == form
+    last, at = between.pop(), len(first)
+    if not line.startswith(first):
+        return False
+    for part in between:
+        at = line.find(part, at)
+        if at < 0:
+            return False
+        at += len(part)
+    return line.endswith(last) and len(line) - len(last) >= at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +74,7 @@ class Cells:
     def skips(self, line: str) -> bool:
         """Whether a line is no row: it is blank, or to be ignored."""
         plain = line.strip()
-        return not plain or plain in self.ignore or bool(_any_of(self.ignore).fullmatch(plain))
+        return not plain or any(_stands_for(form, plain) for form in self.ignore)
 
     def split(self, line: str) -> list[str]:
         """The cells of one line, blanks around them taken off; labels, if any, are kept."""

@@ -152,8 +152,9 @@ def _next(
     found = evidence.diagnosed(boundary)
     if proposed := found.get("next_experiment"):
         return titled(str(proposed[0]["measure"]))
-    said = [d.remedy for d in held if d.remedy][:1]
-    if quoted.headline and not said:
+    # what has no name is looked for first; a better input does not find it
+    said = [d.remedy for d in held if d.remedy and quoted.verdict != "unexplained"][:1]
+    if quoted.headline and not said and quoted.verdict != "unexplained":
         own = {line.source: line for line in quoted.coefficients[quoted.headline].budget}
         for source, _ in leads(quoted.coefficients[quoted.headline]):
             # the form of an effect, and what has no name, are not measured
@@ -161,6 +162,9 @@ def _next(
                 repeats = own[source].kind == "A"
                 said.append(f"more trials ({source} leads)" if repeats else f"a better {source}")
                 break
-    if words := to_log(found):
+    words = to_log(found)
+    if quoted.verdict == "unexplained" and found.get("structure"):
+        words.append(f"whatever else changes along {along(found['structure'][0]['covariate'])}")
+    if words:
         said.append(f"log {listed(words)}")
     return "; ".join(said)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.products import FIT
 from nearlift.report import curves
@@ -241,7 +242,7 @@ def _models(
             },
         }
     source = (
-        f"as quoted, beside {' and '.join(effects)}"
+        f"as quoted, beside {' and '.join(map(titled, effects))}"
         if effects
         else "posterior median"
         if own.sampled
