@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import time
 
 import pytest
 from PIL import Image
@@ -17,7 +18,7 @@ from nearlift.report.page import render
 from nearlift.report.registry import charts
 from nearlift.stages import report
 
-from .browser import CHROMIUM, browser
+from .browser import CHROMIUM, PATIENCE_S, browser
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed")
 FIG2, RESIDUALS = "[data-chart=fig2]", "[data-chart=residuals]"
@@ -284,13 +285,18 @@ def test_a_residual_pointed_at_shows_its_trial_and_throttles_can_be_left_out(pag
         f"document.querySelector('{RESIDUALS} [data-view=ceiling]"
         " .drawing').scrollIntoView({block: 'center', behavior: 'instant'})"
     )
-    x, y = page.run(
-        f"(r => [r.x + r.width / 2, r.y + r.height / 2])([...document.querySelectorAll('{RESIDUALS}"
-        " [data-view=ceiling] [aria-roledescription=trial]')].at(-1).getBoundingClientRect())"
-    )
-    page.point(x - 30, y)
-    page.point(x, y)
-    shown = page.wait("document.querySelector('#vg-tooltip-element.visible')?.innerText")
+    shown = None
+    deadline = time.monotonic() + PATIENCE_S
+    while not shown and time.monotonic() < deadline:
+        # a view that is still being drawn moves its marks
+        x, y = page.run(
+            f"(r => [r.x + r.width / 2, r.y + r.height / 2])([...document.querySelectorAll('{RESIDUALS}"
+            " [data-view=ceiling] [aria-roledescription=trial]')].at(-1).getBoundingClientRect())"
+        )
+        page.point(x - 30, y)
+        page.point(x, y)
+        time.sleep(0.2)
+        shown = page.run("document.querySelector('#vg-tooltip-element.visible')?.innerText")
     assert any(str(t) in shown for t in job.read(TRIALS)["trial"])
     for words in (
         "throttle",
