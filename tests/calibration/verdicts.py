@@ -29,7 +29,7 @@ CAMPAIGNS = {
 VERDICTS = ("adequate", "effect", "unexplained")
 BODY = """## The number to quote
 
-    python -m tests.calibration.verdicts out/records.jsonl out/strange.jsonl out/drifts.jsonl
+    python -m tests.calibration.verdicts out/records.jsonl out/pairs.jsonl out/strange.jsonl
 
 90 % intervals of `results.json` that hold the coefficient, by what the campaign holds and what the loop said of it, in
 the {n} campaigns of [calibration](calibration.md); 95 % limits of the share, and the median width over that of the one who
