@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import beta, binom
+from tests.calibration import pages
 from tests.calibration.forms import NAMED, STRANGE, UNNAMED
 from tests.calibration.kinds import KINDS, STRONG, Promise
 from tests.calibration.peers import PEERS
@@ -563,25 +564,12 @@ def markdown(rows: list[Row]) -> str:
             f" {aim} | {mark} |"
         )
     peers = peer_table(rows) if any("peers" in r for r in rows) else []
-    for title, table in (
+    sections = (
         ("Per kind", by_kind(rows)),
         ("Per verdict", by_verdict(rows)),
         ("Per effect", by_effect(rows)),
         ("Per structure outside the library", by_structure(rows)),
         ("Rival methods", peers),
-    ):
-        if table:
-            lines += [
-                "",
-                f"## {title}",
-                "",
-                "| " + " | ".join(table[0]) + " |",
-                "|---" * len(table[0]) + "|",
-            ]
-            lines += [
-                "| "
-                + " | ".join(f"{v:.2f}" if isinstance(v, float) else str(v) for v in entry.values())
-                + " |"
-                for entry in table
-            ]
-    return "\n".join(lines) + "\n"
+    )
+    further = [f"\n## {title}\n\n{pages.table(table)}" for title, table in sections if table]
+    return "\n".join(lines) + "\n" + "".join(further)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 
 def section(page: Path, name: str) -> str:
@@ -20,6 +21,13 @@ def write(page: Path, name: str, body: str) -> None:
     before = section(page, name)
     text = text.replace(before, whole) if before else f"{text.rstrip()}\n\n{whole}"
     page.write_text(text, encoding="utf-8")
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Rows of equal keys as a table in Markdown, numbers to two decimals."""
+    cells = [[f"{v:.2f}" if isinstance(v, float) else str(v) for v in r.values()] for r in rows]
+    lines = [list(rows[0]), ["---"] * len(rows[0]), *cells]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def _pattern(name: str) -> str:

@@ -42,12 +42,6 @@ it is not seen.
 {structures}"""
 
 
-def table(lines: list[dict[str, Any]]) -> str:
-    """Rows of equal keys as a table in Markdown."""
-    head = f"| {' | '.join(lines[0])} |\n|{'---|' * len(lines[0])}\n"
-    return head + "".join(f"| {' | '.join(map(str, line.values()))} |\n" for line in lines)
-
-
 def verdicts(rows: list[Row]) -> list[dict[str, Any]]:
     """A line for each kind of campaign, a cell for each verdict; then all together."""
     kinds = {**CAMPAIGNS, "**all**": lambda r: True}
@@ -77,7 +71,9 @@ def main() -> None:
     rows = [json.loads(line) for path in given.rows for line in path.read_text().splitlines()]
     rows = [r for r in rows if r["failed"] == ""]
     body = BODY.format(
-        n=len(rows), verdicts=table(verdicts(rows)), structures=table(by_structure(rows))
+        n=len(rows),
+        verdicts=pages.table(verdicts(rows)),
+        structures=pages.table(by_structure(rows)),
     )
     pages.write(given.out, "verdicts", body)
 

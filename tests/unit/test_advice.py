@@ -4,7 +4,6 @@ be used as it stands.
 
 from __future__ import annotations
 
-import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -198,33 +197,6 @@ def test_a_schedule_without_its_manifest_gets_one_and_stays(tmp_path):
     assert not (folder / "campaign.toml").exists()
 
 
-ANSWERS = {
-    "name": '"Crazyflie 2.0"',
-    "rotors": "4",
-    "rotor_radius": '"23 mm"',
-    "rotor_spacing": '"65 mm"',
-    "mass": '"27 g"',
-    "held": '"throttle"',
-    "distance_datum": '"rotor plane"',
-    "distance_offset": '"0 mm"',
-    "gravity": '"9.80665 m/s^2"',
-    "arena": '"1.5 m"',
-    "sample_rate": '"500 Hz"',
-    "tare": '"0.1 s"',
-    "range": '"1 kgf"',
-    "accuracy": '"1.5 gf"',
-    "force": '{ column = "force", unit = "mN", sign = 1 }',
-}
-
-
-def fill(folder: Path, answers: dict[str, str]) -> None:
-    """What somebody at the rig would write into a manifest's gaps."""
-    text = (folder / "campaign.toml").read_text()
-    for key, value in answers.items():
-        text = re.sub(rf"^({key} *= ).*FILL IN.*$", rf"\g<1>{value}", text, flags=re.M)
-    (folder / "campaign.toml").write_text(text)
-
-
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory) -> Path:
     """Records, and a spreadsheet that lists them under names of its own."""
@@ -252,7 +224,7 @@ def test_records_and_the_table_that_lists_them_make_a_campaign_that_runs(recorde
     assert "FILL IN" not in str(manifest["trials"])
     assert not (folder / "trials" / "lab book.csv").exists()
     assert "more trials" not in made.stdout
-    fill(folder, ANSWERS)
+    written.fill_in(folder)
     ran = nearlift("ingest", folder, "--out", tmp_path)
     assert ran.exit_code == 0, ran.output
     ours = store.read_table(tmp_path / "processed" / "new" / "trials.parquet", TRIALS)

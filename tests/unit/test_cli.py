@@ -35,7 +35,7 @@ from nearlift.run import graph, store
 from nearlift.run.registry import ORDER
 from nearlift.stages import fit
 
-from . import small_run
+from . import small_run, written
 from .small_run import nearlift, state
 
 #: Stages of a campaign whose manifest has no section for the others.
@@ -362,32 +362,6 @@ def test_quiet_says_nothing(raw, finished):
 # ---- new, describe, help
 
 
-def filled_in(text: str) -> str:
-    """A manifest of `nearlift new` with what a laboratory would write."""
-    values = {
-        "name": '"Crazyflie 2.0"',
-        "rotors": "4",
-        "rotor_radius": '"23 mm"',
-        "rotor_spacing": '"65 mm"',
-        "mass": '"27 g"',
-        "held": '"throttle"',
-        "distance_datum": '"rotor plane"',
-        "distance_offset": '"0 mm"',
-        "gravity": '"9.80665 m/s^2"',
-        "arena": '"1.5 m"',
-        "sample_rate": '"1000 Hz"',
-        "tare": '"2 s"',
-        "range": '"1 kgf"',
-        "accuracy": '"1.5 gf"',
-        "force": '{ column = "force", unit = "mN", sign = 1 }',
-        "distance": '"mm"',
-        "throttle": '"percent"',
-    }
-    for key, value in values.items():
-        text = re.sub(rf"^({key} *= ).*FILL IN.*$", rf"\g<1>{value}", text, flags=re.M)
-    return text
-
-
 def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
     folder = tmp_path / "My Rig_é"
     found = nearlift("new", folder)
@@ -417,9 +391,12 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
         "records": {"reader": "csv", "files": "trials/{trial}.csv"},
         "trials": {"file": "trials.csv", "units": {}},
     }
-    text = filled_in(text)
+    rate, column = (
+        {"sample_rate": '"1000 Hz"', "tare": '"2 s"'},
+        {"distance": '"mm"', "throttle": '"percent"'},
+    )
+    text = written.fill_in(folder, **rate, **column)
     assert "FILL IN" not in text
-    (folder / "campaign.toml").write_text(text)
     given = manifests.load(folder)
     assert given.name == "my-rig-e"
     assert given.vehicle.rotor_spacing == 0.065

@@ -5,6 +5,7 @@ damage and fuzzing.
 from __future__ import annotations
 
 import io
+import re
 import struct
 import zlib
 from collections.abc import Callable, Sequence
@@ -201,3 +202,33 @@ def put(folder: Path, name: str, content: bytes) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
     return path
+
+
+#: What somebody at the rig would write into the gaps of a manifest.
+ANSWERS = {
+    "name": '"Crazyflie 2.0"',
+    "rotors": "4",
+    "rotor_radius": '"23 mm"',
+    "rotor_spacing": '"65 mm"',
+    "mass": '"27 g"',
+    "held": '"throttle"',
+    "distance_datum": '"rotor plane"',
+    "distance_offset": '"0 mm"',
+    "gravity": '"9.80665 m/s^2"',
+    "arena": '"1.5 m"',
+    "sample_rate": '"500 Hz"',
+    "tare": '"0.1 s"',
+    "range": '"1 kgf"',
+    "accuracy": '"1.5 gf"',
+    "force": '{ column = "force", unit = "mN", sign = 1 }',
+}
+
+
+def fill_in(folder: Path, **others: str) -> str:
+    """The manifest of a folder with its gaps filled, written."""
+    path = folder / "campaign.toml"
+    text = path.read_text()
+    for key, value in (ANSWERS | others).items():
+        text = re.sub(rf"^({key} *= ).*FILL IN.*$", rf"\g<1>{value}", text, flags=re.M)
+    path.write_text(text)
+    return text

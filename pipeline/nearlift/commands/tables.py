@@ -20,6 +20,7 @@ from nearlift.readers import text
 from nearlift.readers.columns import BY_NAME
 from nearlift.readers.dialect import sniff
 from nearlift.readers.schedule import MEANS, REQUIRED
+from nearlift.readers.table import Cells
 from nearlift.units import NUMBER
 
 #: A schedule is written by hand, or by a spreadsheet.
@@ -180,8 +181,8 @@ def table_of(path: Path, dialect: Mapping[str, Any]) -> Table | None:
     return Table(names=layout.names, rows=rows, meant=meant)
 
 
-def _rows(lines: Collection[str], cells: Any, width: int) -> Iterator[tuple[str, ...]]:
+def _rows(lines: Collection[str], cells: Cells, width: int) -> Iterator[tuple[str, ...]]:
     for line in lines:
-        if line.strip() and line.strip() not in cells.ignore:
+        if not cells.skips(line):
             row = cells.split(line)[: width if cells.trailing else None]
             yield tuple(c.replace(",", ".") if cells.decimal == "," else c for c in row)

@@ -211,7 +211,9 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
         )
 
     return [
-        _trials(g, record**2, RECORD, "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)),
+        _trials(
+            g, record**2, RECORD_NOISE, "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)
+        ),
         line(
             "relative", "trial", scatter.relative, "1", {"relative": scatter.relative**2 * g @ g.T}
         ),
@@ -379,7 +381,7 @@ def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
 
 
 #: The line of what a trial's own record shows.
-RECORD = "noise within a record"
+RECORD_NOISE = "noise within a record"
 #: The lines that the sizes of `Noise` stand behind.
 NAMES = {
     "relative": "scatter in proportion to lift",

@@ -16,7 +16,7 @@ from nearlift.results import Noise
 
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import Fit
-from nearlift.fit.gum import NAMES, RECORD, independent, inverse_information
+from nearlift.fit.gum import NAMES, RECORD_NOISE, independent, inverse_information
 from nearlift.fit.linearised import linear_problem
 
 
@@ -89,7 +89,7 @@ def _lacking(
     """The covariance without each source in turn."""
     data, whole = problem.data, problem.covariance
     trial_by_trial = {
-        RECORD: (data.u_lift_N / data.lift_N) ** 2,
+        RECORD_NOISE: (data.u_lift_N / data.lift_N) ** 2,
         NAMES["relative"]: np.full(data.n, scatter.relative**2),
         NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
     }

@@ -23,7 +23,7 @@ from nearlift.manifest.quantities import (
 )
 
 #: What stands for a record's id in ``[records] files`` where records are cut into trials.
-RECORD = "{record}"
+RECORD_MARK = "{record}"
 #: Acceleration of free fall, m/s^2, with room for rounding.
 GRAVITY = (9.7, 9.9)
 
@@ -175,7 +175,7 @@ class Records(Section):
         """The files, with what stands for the id of a trial where it stands for that of a record;
         empty where there are none.
         """
-        return (self.files or "").replace(RECORD, "{trial}")
+        return (self.files or "").replace(RECORD_MARK, "{trial}")
 
 
 class Trials(Section):

@@ -10,11 +10,11 @@ from pydantic import AfterValidator, model_validator
 from nearlift import units
 from nearlift.errors import ManifestError
 from nearlift.manifest.quantities import Duration, Section, positive
-from nearlift.manifest.rig import RECORD, LoadCell, Records
+from nearlift.manifest.rig import RECORD_MARK, LoadCell, Records
 
 #: Ways to cut that are no column's name.
 WAYS = ("plateaus", "markers", "windows")
-#: Samples of a trial, at least, as its reduction wants them.
+#: Samples of a trial, at least: aborted runs leave two to four rows behind.
 FEWEST_SAMPLES = 5
 #: What stands for a number in the line that begins a piece.
 LEVEL = "{level}"
@@ -166,14 +166,18 @@ def fit_the_rest(cut: Segments | None, records: Records, cell: LoadCell, rate_Hz
         It does not.
     """
     if cut is None:
-        if cell.tare == "level 0" or RECORD in (records.files or ""):
-            what = 'load_cell.tare = "level 0"' if cell.tare == "level 0" else f"{RECORD} in files"
+        if cell.tare == "level 0" or RECORD_MARK in (records.files or ""):
+            what = (
+                'load_cell.tare = "level 0"'
+                if cell.tare == "level 0"
+                else f"{RECORD_MARK} in files"
+            )
             raise ValueError(f"{what} goes with [segments]; without it a record is a trial")
         return
-    if RECORD not in (records.files or ""):
+    if RECORD_MARK not in (records.files or ""):
         raise ValueError(
-            f"with [segments] a file is a record: write {RECORD} in [records] files, as in"
-            f' "sweeps/{RECORD}.csv"'
+            f"with [segments] a file is a record: write {RECORD_MARK} in [records] files, as in"
+            f' "sweeps/{RECORD_MARK}.csv"'
         )
     if cell.settle or cell.record is not None:
         raise ValueError(

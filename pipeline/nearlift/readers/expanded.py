@@ -25,7 +25,8 @@ from nearlift.readers.schedule import Schedule, of_cells, reserved, schedule_fil
 from nearlift.readers.schedule_text import columns_of, text_of, unended
 from nearlift.readers.segments import PieceOfRecord
 
-RECORD = "record"
+#: The column of a schedule, and of trials.parquet, with the record that a trial is a piece of.
+RECORD_COLUMN = "record"
 #: Mean and scatter of a column that a record does not have.
 NOTHING = (np.nan, np.nan)
 
@@ -43,7 +44,7 @@ def of_records(
     """
     assert campaign.segments is not None
     bring = brought(campaign.segments)
-    if RECORD not in cells or "trial" in cells:
+    if RECORD_COLUMN not in cells or "trial" in cells:
         what = "has a column 'trial'" if "trial" in cells else "has no column 'record'"
         raise ManifestError(
             str(path), what, "with [segments] a row is a record: call the column of its ids record"
@@ -55,7 +56,9 @@ def of_records(
                 f"the column {name!r} says what every piece of a record brings by [segments]",
                 "take the column away, or the key under [segments] (maps, columns)",
             )
-    return {"trial" if name == RECORD else name: own for name, own in cells.items()}, tuple(bring)
+    return {"trial" if name == RECORD_COLUMN else name: own for name, own in cells.items()}, tuple(
+        bring
+    )
 
 
 def schedule_of_trials(
@@ -97,7 +100,7 @@ def schedule_of_trials(
     since = np.array([0.0 if piece is None else piece.since_s for _, piece in rows])
     if "start_s" in covariates:
         covariates["start_s"] = covariates["start_s"] + since
-    covariates[RECORD] = np.array([ids[i] for i, _ in rows], dtype=object)
+    covariates[RECORD_COLUMN] = np.array([ids[i] for i, _ in rows], dtype=object)
     covariates["piece"] = np.array([0 if p is None else p.number for _, p in rows], dtype=np.int64)
     covariates |= _further(rows, {*covariates, *reserved(), *(k.name for k in KNOWN)})
     return replace(schedule, covariates=covariates)
@@ -139,6 +142,6 @@ def _further(
         of = [NOTHING if p is None else p.covariates.get(name, NOTHING) for _, p in rows]
         mean, scatter = np.array(of).T
         if np.isfinite(mean).any():
-            own = name if name not in taken else f"{RECORD} {name}"
+            own = name if name not in taken else f"{RECORD_COLUMN} {name}"
             found |= {own: mean, f"sd_{own}": scatter}
     return found

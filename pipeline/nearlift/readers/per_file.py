@@ -217,11 +217,12 @@ def record_of(found: Contents, spec: ChannelSpec, trial: str, where: str, source
         return Record(
             trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes
         )
-    channel = pick(found.channels, spec.of_trial(trial)[0], "records.force.column", where)
+    column, tick = spec.of_trial(trial)
+    channel = pick(found.channels, column, "records.force.column", where)
     _same_unit(channel, spec.unit, "force", "records.force.unit", where)
     _same_rate(channel, spec.rate_Hz, where)
     time_s = None
-    if (tick := spec.of_trial(trial)[1]) is not None:
+    if tick is not None:
         own = pick(found.channels, tick, "records.time.column", where)
         _same_unit(own, spec.clock_unit, "time", "records.time.unit", where)
         if len(own.values) != len(channel.values):

@@ -75,6 +75,12 @@ class Schedule:
     def __len__(self) -> int:
         return len(self.trial)
 
+    @property
+    def settings(self) -> dict[str, NDArray[Any]]:
+        """Which trial, and how the rig was set for it: the first columns of trials.parquet."""
+        names = ("trial", "boundary", "z_hat", "z_m", "throttle")
+        return {name: getattr(self, name) for name in names}
+
 
 def schedule_file(campaign: Campaign, root: Path) -> Path:
     """The schedule's path, checked to lie under `root`."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.manifest.segments import FEWEST_SAMPLES
 from nearlift.reduction import contamination
 from nearlift.reduction.conditions import Conditions, Limits
 from nearlift.reduction.mean_noise import outlasting, slope_of, spectral_density_at_zero
@@ -28,9 +29,6 @@ from nearlift.reduction.samples import (
 from nearlift.reduction.steps import stepped
 from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, median
 from nearlift.reduction.tare import zero_of
-
-#: Aborted runs leave two to four rows behind.
-FEWEST_SAMPLES = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.manifest.campaign import Campaign
+from nearlift.readers.expanded import RECORD_COLUMN
 from nearlift.readers.schedule import Schedule
 from nearlift.reduction import outliers, plausibility, quality
 from nearlift.run import store
@@ -22,7 +23,7 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
     """
     codes = [list(own) for own in rows.codes]
     if campaign.segments is not None:
-        _whole_duplicates(rows, schedule.covariates["record"], codes)
+        _whole_duplicates(rows, schedule.covariates[RECORD_COLUMN], codes)
     elif campaign.records.reader != "means":
         cell = campaign.load_cell
         planned = None
@@ -42,18 +43,14 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
             own += ["HEIGHT"] if lost else []
     excluded, owners = campaign.quality.exclude, schedule.trial
     if campaign.segments is not None:
-        owners = schedule.covariates["record"]
+        owners = schedule.covariates[RECORD_COLUMN]
     for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
         if (named := trial if trial in excluded else record) in excluded:
             codes[i].append(quality.EXCLUDED)
             rows.fault[i] = "; ".join(filter(None, (rows.fault[i], excluded[named])))
     texts = [quality.joined(c) for c in codes]
     return {
-        "trial": schedule.trial,
-        "boundary": schedule.boundary,
-        "z_hat": schedule.z_hat,
-        "z_m": schedule.z_m,
-        "throttle": schedule.throttle,
+        **schedule.settings,
         **rows.real,
         "n": rows.n,
         "quality": np.array(texts, dtype=object),

@@ -153,11 +153,7 @@ def table_of(
     """Planned trials in the shape of trials.parquet."""
     n = len(schedule)
     return {
-        "trial": schedule.trial,
-        "boundary": schedule.boundary,
-        "z_hat": schedule.z_hat,
-        "z_m": schedule.z_m,
-        "throttle": schedule.throttle,
+        **schedule.settings,
         "lift_N": far_N,
         "u_lift_N": np.zeros(n),
         "n_eff": np.ones(n),
