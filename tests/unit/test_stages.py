@@ -19,14 +19,14 @@ from nearlift.report.figures import budget
 from nearlift.report.registry import declared
 from nearlift.run import graph
 from nearlift.run.registry import ordered, products
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, real
 from nearlift.run.stage import Option, Question, Stage, StageChapter
 
 HEIGHTS = Product(
     file="heights.parquet",
     title="Heights",
     row="a trial",
-    columns=(Column(name="z_m", meaning="z"),),
+    columns=(real("z_m", "m", "z"),),
 )
 WEIGH = Stage(
     name="weigh",

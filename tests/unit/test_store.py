@@ -20,17 +20,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nearlift.errors import ProductError
-from nearlift.products import LIFT, TRIALS, Column, Product
+from nearlift.products import LIFT, TRIALS, Product
 from nearlift.run import store
+from nearlift.run.schema import integer, real, text
 
 CLOSED = Product(
     file="closed.parquet",
     title="closed",
     row="a row",
     columns=(
-        Column(name="who", kind="text", meaning="a name"),
-        Column(name="lift_N", unit="N", meaning="a force"),
-        Column(name="n", kind="integer", meaning="a count"),
+        text("who", "a name"),
+        real("lift_N", "N", "a force"),
+        integer("n", "a count"),
     ),
 )
 OPEN = Product(

@@ -25,6 +25,21 @@ class Column:
     optional: bool = False
 
 
+def text(name: str, meaning: str, *, optional: bool = False) -> Column:
+    """A column of words."""
+    return Column(name=name, kind="text", meaning=meaning, optional=optional)
+
+
+def integer(name: str, meaning: str, *, unit: str = "", optional: bool = False) -> Column:
+    """A column of whole numbers."""
+    return Column(name=name, kind="integer", unit=unit, meaning=meaning, optional=optional)
+
+
+def real(name: str, unit: str, meaning: str, *, optional: bool = False) -> Column:
+    """A column of measured or computed numbers."""
+    return Column(name=name, unit=unit, meaning=meaning, optional=optional)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
     """One file that a stage writes. Tables may carry further columns where `open_ended`."""

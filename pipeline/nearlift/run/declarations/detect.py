@@ -5,7 +5,7 @@ from __future__ import annotations
 from nearlift.run.declarations.diagnose import DIAGNOSIS
 from nearlift.run.declarations.fit import FIT, RESULTS
 from nearlift.run.declarations.ingest import TRIALS
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, real, text
 from nearlift.run.stage import Option, Question, Stage
 
 DETECTION = Product(
@@ -13,44 +13,28 @@ DETECTION = Product(
     title="Detection range",
     row="a boundary, an averaging time, an uncertainty of payload and one of the supply",
     columns=(
-        Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
-        Column(name="model", kind="text", meaning="name of the lift model"),
-        Column(
-            name="averaging_s",
-            unit="s",
-            meaning="time over which lift (or the throttle to hover) is averaged",
+        text("boundary", "ground, ceiling or sidewall"),
+        text("model", "name of the lift model"),
+        real("averaging_s", "s", "time over which lift (or the throttle to hover) is averaged"),
+        real("payload", "1", "relative standard uncertainty of the weight"),
+        real("voltage", "1", "relative standard uncertainty of the supply voltage"),
+        real(
+            "supply", "1", "relative standard uncertainty of lift from that of the supply voltage"
         ),
-        Column(name="payload", unit="1", meaning="relative standard uncertainty of the weight"),
-        Column(
-            name="voltage", unit="1", meaning="relative standard uncertainty of the supply voltage"
+        real("sigma", "1", "standard deviation of the ratio's estimate"),
+        real("needed", "1", "change of lift noticed at the rates of false alarms and misses"),
+        real(
+            "range_z_hat",
+            "1",
+            "farthest distance at which lift changes so much; nan: nowhere that was measured",
         ),
-        Column(
-            name="supply",
-            unit="1",
-            meaning="relative standard uncertainty of lift from that of the supply voltage",
+        real(
+            "lo90",
+            "1",
+            "lower end of its 90 % interval over the model's uncertainty; 0: perhaps nowhere",
         ),
-        Column(name="sigma", unit="1", meaning="standard deviation of the ratio's estimate"),
-        Column(
-            name="needed",
-            unit="1",
-            meaning="change of lift noticed at the rates of false alarms and misses",
-        ),
-        Column(
-            name="range_z_hat",
-            unit="1",
-            meaning=(
-                "farthest distance at which lift changes so much; nan: nowhere that was measured"
-            ),
-        ),
-        Column(
-            name="lo90",
-            unit="1",
-            meaning=(
-                "lower end of its 90 % interval over the model's uncertainty; 0: perhaps nowhere"
-            ),
-        ),
-        Column(name="hi90", unit="1", meaning="upper end"),
-        Column(name="range_m", unit="m", meaning="the same distance"),
+        real("hi90", "1", "upper end"),
+        real("range_m", "m", "the same distance"),
     ),
 )
 PROXIMITY = Product(file="proximity.json", title="Where the boundary is, from lift", row="boundary")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nearlift.run.declarations.fit import FIT, RESULTS
 from nearlift.run.declarations.ingest import TRIALS
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, real, text
 from nearlift.run.stage import Option, Question, Stage
 
 #: Verdict of a boundary that could not be diagnosed; its block of diagnosis.json holds the `reason`
@@ -16,29 +16,21 @@ LOOP_RESIDUALS = Product(
     title="Residuals before and after the loop",
     row="an accepted trial at a boundary that was diagnosed; a free-air trial once per boundary",
     columns=(
-        Column(name="boundary", kind="text", meaning="the boundary diagnosed"),
-        Column(name="trial", kind="text", meaning="id, as in the schedule"),
-        Column(
-            name="before", unit="1", meaning="log lift less the base model's, fitted to all trials"
+        text("boundary", "the boundary diagnosed"),
+        text("trial", "id, as in the schedule"),
+        real("before", "1", "log lift less the base model's, fitted to all trials"),
+        real(
+            "after",
+            "1",
+            "the same with the accepted effect added; equal to before where there is none",
         ),
-        Column(
-            name="after",
-            unit="1",
-            meaning="the same with the accepted effect added; equal to before where there is none",
+        real(
+            "held_out_before",
+            "1",
+            "the same as before, fitted without the trial's visit; nan where it cannot be"
+            " predicted",
         ),
-        Column(
-            name="held_out_before",
-            unit="1",
-            meaning=(
-                "the same as before, fitted without the trial's visit; nan where it cannot be"
-                " predicted"
-            ),
-        ),
-        Column(
-            name="held_out_after",
-            unit="1",
-            meaning="the whole search repeated without the trial's visit",
-        ),
+        real("held_out_after", "1", "the whole search repeated without the trial's visit"),
     ),
 )
 STAGE = Stage(

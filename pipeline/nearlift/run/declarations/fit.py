@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nearlift.run.declarations.ingest import TRIALS
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, integer, real, text
 from nearlift.run.stage import Option, Stage
 
 FIT = Product(
@@ -24,18 +24,12 @@ PROFILES = Product(
         "a value of one coefficient of one model at one boundary, everything else at its best there"
     ),
     columns=(
-        Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
-        Column(name="model", kind="text", meaning="name of the lift model"),
-        Column(name="parameter", kind="text", meaning="name of the coefficient"),
-        Column(name="value", meaning="the value at which it is held, in the coefficient's unit"),
-        Column(
-            name="rise",
-            unit="1",
-            meaning="chi2 above its least, L_inf and the other coefficients optimised",
-        ),
-        Column(
-            name="quadratic", unit="1", meaning="the same as the standard uncertainty would have it"
-        ),
+        text("boundary", "ground, ceiling or sidewall"),
+        text("model", "name of the lift model"),
+        text("parameter", "name of the coefficient"),
+        real("value", "", "the value at which it is held, in the coefficient's unit"),
+        real("rise", "1", "chi2 above its least, L_inf and the other coefficients optimised"),
+        real("quadratic", "1", "the same as the standard uncertainty would have it"),
     ),
 )
 POSTERIOR = Product(
@@ -43,29 +37,22 @@ POSTERIOR = Product(
     title="Posterior draws",
     row="a draw of one parameter of one model at one boundary",
     columns=(
-        Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
-        Column(name="model", kind="text", meaning="name of the lift model"),
-        Column(
-            name="chain",
-            kind="integer",
-            meaning="walker of emcee, or one of four hands that independent draws were dealt to",
+        text("boundary", "ground, ceiling or sidewall"),
+        text("model", "name of the lift model"),
+        integer(
+            "chain", "walker of emcee, or one of four hands that independent draws were dealt to"
         ),
-        Column(name="draw", kind="integer", meaning="position in the chain, thinned"),
-        Column(
-            name="parameter",
-            kind="text",
-            meaning=(
-                "name of the parameter; for base models also L_inf_N[throttle], that throttle's"
-                " lift far away"
-            ),
+        integer("draw", "position in the chain, thinned"),
+        text(
+            "parameter",
+            "name of the parameter; for base models also L_inf_N[throttle], that throttle's"
+            " lift far away",
         ),
-        Column(name="value", meaning="value, in the parameter's unit (L_inf in N)"),
-        Column(
-            name="log_prob",
-            meaning=(
-                "log posterior density of the draw's parameters, L_inf integrated out; not"
-                " normalised"
-            ),
+        real("value", "", "value, in the parameter's unit (L_inf in N)"),
+        real(
+            "log_prob",
+            "",
+            "log posterior density of the draw's parameters, L_inf integrated out; not normalised",
         ),
     ),
 )

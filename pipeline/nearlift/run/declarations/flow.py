@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, integer, real, text
 from nearlift.run.stage import Stage
 
 DOWNWASH = Product(
@@ -12,68 +12,34 @@ DOWNWASH = Product(
     title="Downwash beneath the rotors",
     row="a cut beneath one rotor of a [piv] case, or beneath all that were measured (rotor = all)",
     columns=(
-        Column(name="case", kind="text", meaning="name of the case in [piv]"),
-        Column(
-            name="boundary",
-            kind="text",
-            meaning="ground, ceiling, or none (the control and other free-air cases)",
+        text("case", "name of the case in [piv]"),
+        text("boundary", "ground, ceiling, or none (the control and other free-air cases)"),
+        real("z_hat", "1", "rotor plane to boundary over rotor radius; inf in free air"),
+        real(
+            "tilt_rad", "rad", "positive where the vehicle's +x side is farther from the boundary"
         ),
-        Column(
-            name="z_hat",
-            unit="1",
-            meaning="rotor plane to boundary over rotor radius; inf in free air",
+        text("rotor", "index of the rotor in the light sheet from 0, or all"),
+        real("below_m", "m", "distance of the cut below the rotor plane"),
+        real("half_span_m", "m", "half the length of the cut"),
+        real("downwash_m_s", "m/s", "mean velocity against thrust through the cut"),
+        real(
+            "u_downwash_m_s", "m/s", "its standard uncertainty, the parts that follow in quadrature"
         ),
-        Column(
-            name="tilt_rad",
-            unit="rad",
-            meaning="positive where the vehicle's +x side is farther from the boundary",
-        ),
-        Column(
-            name="rotor",
-            kind="text",
-            meaning="index of the rotor in the light sheet from 0, or all",
-        ),
-        Column(name="below_m", unit="m", meaning="distance of the cut below the rotor plane"),
-        Column(name="half_span_m", unit="m", meaning="half the length of the cut"),
-        Column(
-            name="downwash_m_s", unit="m/s", meaning="mean velocity against thrust through the cut"
-        ),
-        Column(
-            name="u_downwash_m_s",
-            unit="m/s",
-            meaning="its standard uncertainty, the parts that follow in quadrature",
-        ),
-        Column(
-            name="u_noise_m_s",
-            unit="m/s",
-            meaning="part from the scatter of fields, correlation in time included",
-        ),
-        Column(
-            name="u_mask_m_s", unit="m/s", meaning="part from stretches of the cut without vectors"
-        ),
-        Column(name="u_position_m_s", unit="m/s", meaning="part from the place of the cut"),
-        Column(name="u_span_m_s", unit="m/s", meaning="part from the length of the cut"),
-        Column(
-            name="u_scale_m_s",
-            unit="m/s",
-            meaning="part from the velocity scale; it cancels in the reduction",
-        ),
-        Column(name="covered", unit="1", meaning="part of the cut that has vectors"),
-        Column(name="n_fields", kind="integer", meaning="fields averaged"),
-        Column(name="n_eff", unit="1", meaning="independent fields among them, for this cut"),
-        Column(
-            name="clearance_hat",
-            unit="1",
-            meaning="least distance from the cut to the boundary over rotor radius",
-        ),
-        Column(name="reduction", unit="1", meaning="1 - downwash over the control's"),
-        Column(name="u_reduction", unit="1", meaning="its standard uncertainty"),
-        Column(name="reduction_lo90", unit="1", meaning="lower end of its 90 % interval"),
-        Column(name="reduction_hi90", unit="1", meaning="upper end of its 90 % interval"),
-        Column(
-            name="warnings",
-            kind="text",
-            meaning="space separated; why this is not the inflow at the disk, or not all of it",
+        real("u_noise_m_s", "m/s", "part from the scatter of fields, correlation in time included"),
+        real("u_mask_m_s", "m/s", "part from stretches of the cut without vectors"),
+        real("u_position_m_s", "m/s", "part from the place of the cut"),
+        real("u_span_m_s", "m/s", "part from the length of the cut"),
+        real("u_scale_m_s", "m/s", "part from the velocity scale; it cancels in the reduction"),
+        real("covered", "1", "part of the cut that has vectors"),
+        integer("n_fields", "fields averaged"),
+        real("n_eff", "1", "independent fields among them, for this cut"),
+        real("clearance_hat", "1", "least distance from the cut to the boundary over rotor radius"),
+        real("reduction", "1", "1 - downwash over the control's"),
+        real("u_reduction", "1", "its standard uncertainty"),
+        real("reduction_lo90", "1", "lower end of its 90 % interval"),
+        real("reduction_hi90", "1", "upper end of its 90 % interval"),
+        text(
+            "warnings", "space separated; why this is not the inflow at the disk, or not all of it"
         ),
     ),
 )
@@ -82,27 +48,11 @@ DOWNWASH_PROFILE = Product(
     title="Downwash along the cut",
     row="a node of the cut of one [piv] case; what was mirrored is there too, and marked",
     columns=(
-        Column(name="case", kind="text", meaning="name of the case in [piv]"),
-        Column(
-            name="x_m",
-            unit="m",
-            meaning="place along the light sheet from midway between the rotors",
-        ),
-        Column(
-            name="downwash_m_s",
-            unit="m/s",
-            meaning="mean velocity against thrust; nan where there is no vector",
-        ),
-        Column(
-            name="u_downwash_m_s",
-            unit="m/s",
-            meaning="its standard error, correlation in time included",
-        ),
-        Column(
-            name="mirrored",
-            kind="integer",
-            meaning="1 where the other half was measured and this is its reflection",
-        ),
+        text("case", "name of the case in [piv]"),
+        real("x_m", "m", "place along the light sheet from midway between the rotors"),
+        real("downwash_m_s", "m/s", "mean velocity against thrust; nan where there is no vector"),
+        real("u_downwash_m_s", "m/s", "its standard error, correlation in time included"),
+        integer("mirrored", "1 where the other half was measured and this is its reflection"),
     ),
 )
 FLOW_FIELDS = Product(
@@ -113,45 +63,25 @@ FLOW_FIELDS = Product(
         " plane)"
     ),
     columns=(
-        Column(name="case", kind="text", meaning="name of the case in [piv]"),
-        Column(
-            name="x_m", unit="m", meaning="along the light sheet from midway between the rotors"
+        text("case", "name of the case in [piv]"),
+        real("x_m", "m", "along the light sheet from midway between the rotors"),
+        real("y_m", "m", "along thrust from the rotor plane"),
+        real(
+            "z_m",
+            "m",
+            "distance to the boundary along its normal; inf in free air, negative behind it",
         ),
-        Column(name="y_m", unit="m", meaning="along thrust from the rotor plane"),
-        Column(
-            name="z_m",
-            unit="m",
-            meaning=(
-                "distance to the boundary along its normal; inf in free air, negative behind it"
-            ),
+        real("vx_m_s", "m/s", "mean velocity along x; nan where there is no vector"),
+        real(
+            "vy_m_s", "m/s", "mean velocity along y (downwash is -vy); nan where there is no vector"
         ),
-        Column(
-            name="vx_m_s", unit="m/s", meaning="mean velocity along x; nan where there is no vector"
-        ),
-        Column(
-            name="vy_m_s",
-            unit="m/s",
-            meaning="mean velocity along y (downwash is -vy); nan where there is no vector",
-        ),
-        Column(
-            name="u_vx_m_s",
-            unit="m/s",
-            meaning="standard error of vx_m_s, correlation in time included",
-        ),
-        Column(
-            name="u_vy_m_s",
-            unit="m/s",
-            meaning="standard error of vy_m_s, correlation in time included",
-        ),
-        Column(name="sd_vx_m_s", unit="m/s", meaning="standard deviation of one field's vx"),
-        Column(name="sd_vy_m_s", unit="m/s", meaning="standard deviation of one field's vy"),
-        Column(name="count", kind="integer", meaning="fields with a vector there"),
-        Column(name="stagnant", kind="integer", meaning="1 in the stagnation zone"),
-        Column(
-            name="mirrored",
-            kind="integer",
-            meaning="1 where the other half was measured and this is its reflection",
-        ),
+        real("u_vx_m_s", "m/s", "standard error of vx_m_s, correlation in time included"),
+        real("u_vy_m_s", "m/s", "standard error of vy_m_s, correlation in time included"),
+        real("sd_vx_m_s", "m/s", "standard deviation of one field's vx"),
+        real("sd_vy_m_s", "m/s", "standard deviation of one field's vy"),
+        integer("count", "fields with a vector there"),
+        integer("stagnant", "1 in the stagnation zone"),
+        integer("mirrored", "1 where the other half was measured and this is its reflection"),
     ),
 )
 FLOW_TOPOLOGY = Product(
@@ -159,27 +89,21 @@ FLOW_TOPOLOGY = Product(
     title="Topology of the wake near the ground",
     row="a number of one ground case of [piv]",
     columns=(
-        Column(name="case", kind="text", meaning="name of the case in [piv]"),
-        Column(name="z_hat", unit="1", meaning="rotor plane to boundary over rotor radius"),
-        Column(
-            name="tilt_rad",
-            unit="rad",
-            meaning="positive where the vehicle's +x side is farther from the boundary",
+        text("case", "name of the case in [piv]"),
+        real("z_hat", "1", "rotor plane to boundary over rotor radius"),
+        real(
+            "tilt_rad", "rad", "positive where the vehicle's +x side is farther from the boundary"
         ),
-        Column(
-            name="quantity", kind="text", meaning="which number; see the page of the flow stage"
-        ),
-        Column(name="value", meaning="its value in the mean field, in the unit that its name says"),
-        Column(name="u", meaning="standard deviation over resampled mean fields"),
-        Column(name="lo90", meaning="5 % quantile over resampled mean fields"),
-        Column(name="hi90", meaning="95 % quantile over resampled mean fields"),
-        Column(
-            name="agreement",
-            unit="1",
-            meaning=(
-                "share of resampled mean fields that give the same whole number; nan for what is no"
-                " count"
-            ),
+        text("quantity", "which number; see the page of the flow stage"),
+        real("value", "", "its value in the mean field, in the unit that its name says"),
+        real("u", "", "standard deviation over resampled mean fields"),
+        real("lo90", "", "5 % quantile over resampled mean fields"),
+        real("hi90", "", "95 % quantile over resampled mean fields"),
+        real(
+            "agreement",
+            "1",
+            "share of resampled mean fields that give the same whole number; nan for what is no"
+            " count",
         ),
     ),
 )

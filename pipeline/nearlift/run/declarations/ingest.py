@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, integer, real, text
 from nearlift.run.stage import Stage
 
 TRIALS = Product(
@@ -11,87 +11,58 @@ TRIALS = Product(
     row="a trial, in run order; rejected ones included, with the reason",
     open_ended=True,
     columns=(
-        Column(name="trial", kind="text", meaning="id, as in the schedule"),
-        Column(
-            name="boundary", kind="text", meaning="ground, ceiling, sidewall, or none (free air)"
+        text("trial", "id, as in the schedule"),
+        text("boundary", "ground, ceiling, sidewall, or none (free air)"),
+        real(
+            "z_hat",
+            "1",
+            "rotor plane (sidewall: nearest blade tip) to boundary over rotor radius; inf in"
+            " free air",
         ),
-        Column(
-            name="z_hat",
-            unit="1",
-            meaning=(
-                "rotor plane (sidewall: nearest blade tip) to boundary over rotor radius; inf in"
-                " free air"
-            ),
+        real("z_m", "m", "the same distance"),
+        real("throttle", "1", "throttle as a fraction"),
+        real("lift_N", "N", "mean lift, tare removed"),
+        real(
+            "u_lift_N",
+            "N",
+            "standard error of lift_N from this record alone (batch means, tare included)",
         ),
-        Column(name="z_m", unit="m", meaning="the same distance"),
-        Column(name="throttle", unit="1", meaning="throttle as a fraction"),
-        Column(name="lift_N", unit="N", meaning="mean lift, tare removed"),
-        Column(
-            name="u_lift_N",
-            unit="N",
-            meaning="standard error of lift_N from this record alone (batch means, tare included)",
-        ),
-        Column(
-            name="u_zero_N",
-            unit="N",
+        real(
+            "u_zero_N",
+            "N",
+            "of records cut into pieces: the tare's part of u_lift_N, which all pieces of a"
+            " record share",
             optional=True,
-            meaning=(
-                "of records cut into pieces: the tare's part of u_lift_N, which all pieces of a"
-                " record share"
-            ),
         ),
-        Column(name="n", kind="integer", meaning="samples averaged"),
-        Column(name="n_eff", unit="1", meaning="effectively independent samples among them"),
-        Column(name="drift_N_s", unit="N/s", meaning="slope of force within the record"),
-        Column(name="sd_N", unit="N", meaning="standard deviation of the samples averaged"),
-        Column(
-            name="quality",
-            kind="text",
-            meaning=(
-                "quality codes, space separated; empty is good; CAPITALS reject the trial, lower"
-                " case only warns"
-            ),
+        integer("n", "samples averaged"),
+        real("n_eff", "1", "effectively independent samples among them"),
+        real("drift_N_s", "N/s", "slope of force within the record"),
+        real("sd_N", "N", "standard deviation of the samples averaged"),
+        text(
+            "quality",
+            "quality codes, space separated; empty is good; CAPITALS reject the trial, lower"
+            " case only warns",
         ),
-        Column(
-            name="visit",
-            kind="integer",
-            meaning=(
-                "counts the traverse's stops: consecutive trials at one boundary and distance"
-                " share it"
-            ),
+        integer(
+            "visit",
+            "counts the traverse's stops: consecutive trials at one boundary and distance share it",
         ),
-        Column(
-            name="source_sha256", kind="text", meaning="SHA-256 of the file the trial came from"
+        text("source_sha256", "SHA-256 of the file the trial came from"),
+        text("source", "that file, relative to the campaign's folder", optional=True),
+        integer(
+            "samples", "samples in the record as read, tare and settle included", optional=True
         ),
-        Column(
-            name="source",
-            kind="text",
+        text(
+            "completeness",
+            "of the record: complete, truncated, malformed, pending (still being written) or"
+            " missing",
             optional=True,
-            meaning="that file, relative to the campaign's folder",
         ),
-        Column(
-            name="samples",
-            kind="integer",
+        text(
+            "fault",
+            "what is wrong with a malformed record, in words, and why the manifest excludes the"
+            " trial",
             optional=True,
-            meaning="samples in the record as read, tare and settle included",
-        ),
-        Column(
-            name="completeness",
-            kind="text",
-            optional=True,
-            meaning=(
-                "of the record: complete, truncated, malformed, pending (still being written) or"
-                " missing"
-            ),
-        ),
-        Column(
-            name="fault",
-            kind="text",
-            optional=True,
-            meaning=(
-                "what is wrong with a malformed record, in words, and why the manifest excludes the"
-                " trial"
-            ),
         ),
     ),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nearlift.run.declarations.ingest import TRIALS
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, integer, real, text
 from nearlift.run.stage import Stage
 
 LIFT = Product(
@@ -11,28 +11,22 @@ LIFT = Product(
     title="Cells",
     row="a (boundary, distance, throttle) cell",
     columns=(
-        Column(name="boundary", kind="text", meaning="ground, ceiling or sidewall"),
-        Column(name="z_hat", unit="1", meaning="distance over rotor radius"),
-        Column(name="throttle", unit="1", meaning="throttle as a fraction"),
-        Column(name="lift_N", unit="N", meaning="mean lift of the cell's trials"),
-        Column(
-            name="u_lift_N",
-            unit="N",
-            meaning="its standard uncertainty, from the scatter of trials",
+        text("boundary", "ground, ceiling or sidewall"),
+        real("z_hat", "1", "distance over rotor radius"),
+        real("throttle", "1", "throttle as a fraction"),
+        real("lift_N", "N", "mean lift of the cell's trials"),
+        real("u_lift_N", "N", "its standard uncertainty, from the scatter of trials"),
+        integer("n_trials", "trials averaged"),
+        real(
+            "delta_L",
+            "1",
+            "(L - L_inf) / L_inf with L_inf the farthest station (or free air); nan at a"
+            " throttle whose farthest is not far; never fitted",
         ),
-        Column(name="n_trials", kind="integer", meaning="trials averaged"),
-        Column(
-            name="delta_L",
-            unit="1",
-            meaning=(
-                "(L - L_inf) / L_inf with L_inf the farthest station (or free air); nan at a"
-                " throttle whose farthest is not far; never fitted"
-            ),
-        ),
-        Column(
-            name="u_delta_L",
-            unit="1",
-            meaning="its standard uncertainty; zero at the farthest station by construction",
+        real(
+            "u_delta_L",
+            "1",
+            "its standard uncertainty; zero at the farthest station by construction",
         ),
     ),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nearlift.run.declarations.diagnose import DIAGNOSIS
 from nearlift.run.declarations.fit import FIT, RESULTS
 from nearlift.run.declarations.ingest import TRIALS
-from nearlift.run.schema import Column, Product
+from nearlift.run.schema import Product, integer, real, text
 from nearlift.run.stage import Stage
 
 CRASH_RATES = Product(
@@ -13,58 +13,24 @@ CRASH_RATES = Product(
     title="Crash rates",
     row="a set-point of one lift model, at one boundary, under one preset",
     columns=(
-        Column(
-            name="preset",
-            kind="text",
-            meaning="paper or converged: the paper's vehicle and models; fitted: this campaign's",
+        text(
+            "preset", "paper or converged: the paper's vehicle and models; fitted: this campaign's"
         ),
-        Column(name="boundary", kind="text", meaning="ground or ceiling"),
-        Column(
-            name="model",
-            kind="text",
-            meaning="name of the lift model; none: no boundary effect in the flight",
-        ),
-        Column(
-            name="exponent",
-            unit="1",
-            meaning="power to which L / L_inf is raised; 0 where there is no model",
-        ),
-        Column(
-            name="member",
-            kind="integer",
-            meaning="which posterior draw of the model flies; -1 the best estimate",
-        ),
-        Column(name="target_z_hat", unit="1", meaning="set-point over rotor radius"),
-        Column(
-            name="flights",
-            kind="integer",
-            meaning="simulated flights; all settings meet the same gusts",
-        ),
-        Column(name="crashes", kind="integer", meaning="flights that touched the boundary"),
-        Column(name="rate", unit="1", meaning="crashes over flights"),
-        Column(name="lo90", unit="1", meaning="lower end of the rate's 90 % interval, binomial"),
-        Column(name="hi90", unit="1", meaning="upper end"),
-        Column(name="ratio", unit="1", meaning="L / L_inf at the set-point"),
-        Column(
-            name="cost_paper",
-            unit="1",
-            meaning="relative energy cost ratio^(-3/2), as the paper has it",
-        ),
-        Column(
-            name="cost",
-            unit="1",
-            meaning="relative energy cost by what is held (presets: the theory's 1 / ratio)",
-        ),
-        Column(
-            name="cost_lo",
-            unit="1",
-            meaning="least cost over what is not known of the held quantity",
-        ),
-        Column(
-            name="cost_hi",
-            unit="1",
-            meaning="largest cost over what is not known of the held quantity",
-        ),
+        text("boundary", "ground or ceiling"),
+        text("model", "name of the lift model; none: no boundary effect in the flight"),
+        real("exponent", "1", "power to which L / L_inf is raised; 0 where there is no model"),
+        integer("member", "which posterior draw of the model flies; -1 the best estimate"),
+        real("target_z_hat", "1", "set-point over rotor radius"),
+        integer("flights", "simulated flights; all settings meet the same gusts"),
+        integer("crashes", "flights that touched the boundary"),
+        real("rate", "1", "crashes over flights"),
+        real("lo90", "1", "lower end of the rate's 90 % interval, binomial"),
+        real("hi90", "1", "upper end"),
+        real("ratio", "1", "L / L_inf at the set-point"),
+        real("cost_paper", "1", "relative energy cost ratio^(-3/2), as the paper has it"),
+        real("cost", "1", "relative energy cost by what is held (presets: the theory's 1 / ratio)"),
+        real("cost_lo", "1", "least cost over what is not known of the held quantity"),
+        real("cost_hi", "1", "largest cost over what is not known of the held quantity"),
     ),
 )
 FLIGHTS = Product(
@@ -72,24 +38,14 @@ FLIGHTS = Product(
     title="Sample time histories",
     row="a moment of one sample flight",
     columns=(
-        Column(name="preset", kind="text", meaning="whose vehicle, controller and time step"),
-        Column(name="boundary", kind="text", meaning="ground or ceiling"),
-        Column(
-            name="model",
-            kind="text",
-            meaning="name of the lift model; none: no boundary effect in the flight",
-        ),
-        Column(name="target_z_hat", unit="1", meaning="set-point over rotor radius"),
-        Column(
-            name="flight",
-            kind="integer",
-            meaning="number of the flight, which says which gusts it meets",
-        ),
-        Column(name="t_s", unit="s", meaning="time since the start"),
-        Column(
-            name="z_hat",
-            unit="1",
-            meaning="distance to the boundary over rotor radius; the record ends with a crash",
+        text("preset", "whose vehicle, controller and time step"),
+        text("boundary", "ground or ceiling"),
+        text("model", "name of the lift model; none: no boundary effect in the flight"),
+        real("target_z_hat", "1", "set-point over rotor radius"),
+        integer("flight", "number of the flight, which says which gusts it meets"),
+        real("t_s", "s", "time since the start"),
+        real(
+            "z_hat", "1", "distance to the boundary over rotor radius; the record ends with a crash"
         ),
     ),
 )
@@ -98,37 +54,29 @@ CRASH_MAP = Product(
     title="Crash rate over dimensionless groups",
     row="a cell of one map at one boundary",
     columns=(
-        Column(name="boundary", kind="text", meaning="ground or ceiling"),
-        Column(name="model", kind="text", meaning="name of the lift model"),
-        Column(name="target_z_hat", unit="1", meaning="set-point over rotor radius"),
-        Column(name="map", kind="text", meaning="which pair of groups"),
-        Column(
-            name="x_group",
-            kind="text",
-            meaning="beta, correlation or spacing_hat: the group along the first axis",
+        text("boundary", "ground or ceiling"),
+        text("model", "name of the lift model"),
+        real("target_z_hat", "1", "set-point over rotor radius"),
+        text("map", "which pair of groups"),
+        text("x_group", "beta, correlation or spacing_hat: the group along the first axis"),
+        text("y_group", "alpha or noise: the group along the second"),
+        real(
+            "x",
+            "1",
+            "size of the first group: derivative gain, correlation time over sqrt(r/g), or"
+            " spacing over radius",
         ),
-        Column(name="y_group", kind="text", meaning="alpha or noise: the group along the second"),
-        Column(
-            name="x",
-            unit="1",
-            meaning=(
-                "size of the first group: derivative gain, correlation time over sqrt(r/g), or"
-                " spacing over radius"
-            ),
+        real(
+            "y",
+            "1",
+            "size of the second: proportional gain, or standard deviation of the disturbance"
+            " over weight",
         ),
-        Column(
-            name="y",
-            unit="1",
-            meaning=(
-                "size of the second: proportional gain, or standard deviation of the disturbance"
-                " over weight"
-            ),
-        ),
-        Column(name="flights", kind="integer", meaning="simulated flights"),
-        Column(name="crashes", kind="integer", meaning="flights that touched the boundary"),
-        Column(name="rate", unit="1", meaning="crashes over flights"),
-        Column(name="lo90", unit="1", meaning="lower end of the rate's 90 % interval, binomial"),
-        Column(name="hi90", unit="1", meaning="upper end"),
+        integer("flights", "simulated flights"),
+        integer("crashes", "flights that touched the boundary"),
+        real("rate", "1", "crashes over flights"),
+        real("lo90", "1", "lower end of the rate's 90 % interval, binomial"),
+        real("hi90", "1", "upper end"),
     ),
 )
 SAFETY = Product(
@@ -141,42 +89,29 @@ ROUTES = Product(
     title="Ways through the corridor",
     row="a point of one way; ways by falling risk",
     columns=(
-        Column(name="way", kind="integer", meaning="number of the way"),
-        Column(
-            name="price",
-            unit="1",
-            meaning=(
-                "price of a crash for which it is best, in energies of the straight way far from"
-                " boundaries"
-            ),
+        integer("way", "number of the way"),
+        real(
+            "price",
+            "1",
+            "price of a crash for which it is best, in energies of the straight way far from"
+            " boundaries",
         ),
-        Column(
-            name="energy",
-            unit="1",
-            meaning="its energy over that of the straight way far from boundaries",
+        real("energy", "1", "its energy over that of the straight way far from boundaries"),
+        real("risk", "1", "its risk of a crash"),
+        real(
+            "lo90",
+            "1",
+            "lower end of the risk's 90 % interval, over the model's draws and the flights",
         ),
-        Column(name="risk", unit="1", meaning="its risk of a crash"),
-        Column(
-            name="lo90",
-            unit="1",
-            meaning="lower end of the risk's 90 % interval, over the model's draws and the flights",
+        real("hi90", "1", "upper end, by which it is chosen"),
+        integer("chosen", "1: the cheapest that is shown to keep within the bound on risk"),
+        text(
+            "risk_from",
+            "what the risk at this point rests on: flights that crashed, none that did, or none"
+            " flown",
         ),
-        Column(name="hi90", unit="1", meaning="upper end, by which it is chosen"),
-        Column(
-            name="chosen",
-            kind="integer",
-            meaning="1: the cheapest that is shown to keep within the bound on risk",
-        ),
-        Column(
-            name="risk_from",
-            kind="text",
-            meaning=(
-                "what the risk at this point rests on: flights that crashed, none that did, or none"
-                " flown"
-            ),
-        ),
-        Column(name="x_m", unit="m", meaning="distance along the corridor"),
-        Column(name="z_m", unit="m", meaning="height of the rotor plane above the floor"),
+        real("x_m", "m", "distance along the corridor"),
+        real("z_m", "m", "height of the rotor plane above the floor"),
     ),
 )
 SIMULATION_PRODUCTS = (CRASH_RATES, FLIGHTS, CRASH_MAP, SAFETY, ROUTES)
