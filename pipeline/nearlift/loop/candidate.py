@@ -266,3 +266,19 @@ def moments(parameter: Parameter) -> tuple[float, float]:
         return prior.loc + prior.scale / 2, prior.scale / np.sqrt(12)
     frozen = prior.frozen()
     return float(frozen.mean()), float(frozen.std())
+
+
+def library_columns(
+    base: LiftModel, effects: tuple[Effect, ...], data: Observations, theta: FloatArray
+) -> list[tuple[Effect, FloatArray]]:
+    """Each effect's first-order columns at its null, one entry per combination of shapes."""
+    found = []
+    for effect in effects:
+        candidate = Candidate(base=base, effects=(effect,), data=data)
+        for vector in candidate.shapes():
+            vector = vector.copy()
+            vector[: len(theta)] = theta
+            columns = candidate.jacobian(vector)[:, candidate.sizes()]
+            if np.any(columns):
+                found.append((effect, columns))
+    return found

@@ -3,11 +3,11 @@
 Where no declared effect may take the credit, what is left is no noise either, and an interval that
 knows of noise alone holds the coefficient half as often as it says. Random effects stand for it:
 every family of curves along a covariate in which structure was found, curves of distance that
-change with time, and coefficients that differ by throttle. Each has independent sizes of one
-variance s^2, by moments: with W its columns, whitened and freed of L_inf and coefficients, and r
-the whitened residual, ``E |W'r|^2 = |W|^2 + s^2 |W'W|^2`` (Frobenius norms). A variance that comes
-out negative is nothing. Families overlap, and each is sized as if alone, which errs on the wide
-side.
+change with time where the order of the trials is known, and coefficients that differ by throttle.
+Each has independent sizes of one variance s^2, by moments: with W its columns, whitened and freed
+of L_inf and coefficients, and r the whitened residual, ``E |W'r|^2 = |W|^2 + s^2 |W'W|^2``
+(Frobenius norms). A variance that comes out negative is nothing. Families overlap, and each is
+sized as if alone, which errs on the wide side.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.loop.families import MOVING, families, indicators, times
+from nearlift.loop.families import MOVING, families, indicators, moving, times
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.loop.structure import Structure
@@ -26,11 +26,14 @@ def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
     """The discrepancy as columns (n, t) of log lift with unknowns of unit variance; `flagged` are
     the covariates in which structure was found.
     """
+    data = stage.data
     carried = [
         f.columns
-        for f in families(stage.data)
-        if f.name == MOVING or SCHEDULE_WORDS.get(f.covariate, f.covariate) in flagged
+        for f in families(data)
+        if f.name != MOVING and SCHEDULE_WORDS.get(f.covariate, f.covariate) in flagged
     ]
+    if data.ordered:
+        carried.append(moving(data).columns)
     shapes = [*carried, _by_throttle(stage)]
     return np.hstack([np.zeros((stage.data.n, 0)), *(_sized(stage, columns) for columns in shapes)])
 

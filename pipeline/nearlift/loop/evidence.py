@@ -103,6 +103,12 @@ class Linearised:
         inside[self.coefficients] = False
         return np.flatnonzero(inside).astype(np.int64)
 
+    @cached_property
+    def single_and_session(self) -> tuple[IntArray, IntArray]:
+        """Free entries that all trials share, and those that differ by session."""
+        by_session = self.fitted.candidate.by_session[self.free]
+        return self.free[~by_session], self.free[by_session]
+
     def integrated(self, scores: FloatArray, fixed: IntArray, random: IntArray) -> Integrated:
         """The scores (d, m) with the entries `fixed` projected out and those `random` integrated
         over.
@@ -127,16 +133,14 @@ class Linearised:
         """The scores with all projected out but what differs by session, which is one population,
         integrated over.
         """
-        by_session = self.fitted.candidate.by_session[self.free]
-        single, session = self.free[~by_session], self.free[by_session]
+        single, session = self.single_and_session
         return self.integrated(scores, np.r_[self.coefficients, single], session)
 
     def log(self, scores: FloatArray) -> FloatArray:
         """Log evidence by unit information, (m,): it decides who belongs."""
         candidate = self.fitted.candidate
         mean, sd = candidate.prior
-        by_session = candidate.by_session[self.free]
-        single, session = self.free[~by_session], self.free[by_session]
+        single, session = self.single_and_session
         left = self.by_unit_information(scores)
         penalty = float(np.sum(((self.fitted.vector - mean)[single] / sd[single]) ** 2))
         unknowns = len(single) + (1 if len(session) else 0)

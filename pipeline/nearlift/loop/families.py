@@ -23,6 +23,8 @@ STEPS = 40
 STEP = "time, step"
 #: Curves of distance that change in the course of a campaign.
 MOVING = "distance x time"
+#: Measured columns along which curves of distance may change, and what they are called.
+SURROUNDINGS = (("supply_V", "supply"), ("temperature_K", "temperature"))
 #: Covariates that have a family of their own below; any other numeric column gets a smooth one.
 SPOKEN_FOR = {
     "supply_V",
@@ -93,14 +95,14 @@ def families(data: Observations) -> tuple[Family, ...]:
     """
     known = data.covariates
     n = data.n
-    near = np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
-    log_z = -np.log(np.maximum(near, near[near > 0].min() if (near > 0).any() else 1.0))
+    near = _nearness(data)
     # L_inf and not the trial's own lift: that carries its noise, which would then seem explained
     additive = (np.median(known["lift_inf_N"]) / known["lift_inf_N"])[:, None]
     few_levels = len(data.levels) <= 8
     levels = indicators(data.throttle)[:, 1:] if few_levels else powers(data.throttle, 3)
     distances, sessions = (len(np.unique(x)) for x in (data.z_hat, data.session))
     most = max(min(LARGEST_SHARE * n, LARGEST), 1)
+    log_z = _log_distance(data)
     smooth_z = powers(log_z, int(min(4, most, max(distances - 1, 1))))
     bent = times(smooth_z, levels)
     if bent.shape[1] > most:
@@ -163,7 +165,7 @@ def families(data: Observations) -> tuple[Family, ...]:
                 columns=np.hstack([fade, fade * additive]),
             )
         )
-    for name, covariate in (("supply_V", "supply"), ("temperature_K", "temperature")):
+    for name, covariate in SURROUNDINGS:
         if varies(data, name):
             shape = powers(known[name], degree)
             found.append(Family(name=covariate, covariate=covariate, columns=shape))
@@ -185,7 +187,7 @@ def families(data: Observations) -> tuple[Family, ...]:
         )
     if data.ordered and visits >= ENOUGH:
         # fewer visits cannot tell such curves from what the trials of a visit share
-        found += _moving(data, smooth_z[:, :2], slow[:, :4], additive)
+        found += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
     if varies(data, "tilt_rad"):
         found.append(
             Family(
@@ -231,18 +233,33 @@ def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
     ]
 
 
-def _moving(
-    data: Observations, shape: FloatArray, slow: FloatArray, additive: FloatArray
-) -> list[Family]:
-    """Curves of distance that change with time, session, supply or temperature, and what hangs on
-    where the traverse came from: its last move as a direction and as a ratio of distances.
+def _nearness(data: Observations) -> FloatArray:
+    """1 / z_hat; 0 far from any boundary."""
+    return np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
+
+
+def _log_distance(data: Observations) -> FloatArray:
+    """Log z_hat; far from any boundary that of the farthest station."""
+    near = _nearness(data)
+    return np.asarray(-np.log(np.maximum(near, near[near > 0].min() if (near > 0).any() else 1.0)))
+
+
+def moving(data: Observations) -> Family:
+    """Curves of distance that change in the course of a campaign."""
+    shape = powers(_log_distance(data), min(2, max(len(np.unique(data.z_hat)) - 1, 1)))
+    slow = cosines(data.covariates["run_order"], min(4, len(np.unique(data.visit))))
+    return Family(name=MOVING, covariate="start", columns=times(shape, slow))
+
+
+def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> list[Family]:
+    """Curves of distance that change with session, supply or temperature, and what hangs on where
+    the traverse came from: its last move as a direction and as a ratio of distances.
     """
-    known = data.covariates
-    found = [Family(name=MOVING, covariate="start", columns=times(shape, slow))]
+    known, found = data.covariates, []
     if 0 < data.session.max() < LARGEST // shape.shape[1]:
         sessions = times(shape, indicators(data.session))
         found.append(Family(name="distance x session", covariate="session", columns=sessions))
-    for name, covariate in (("supply_V", "supply"), ("temperature_K", "temperature")):
+    for name, covariate in SURROUNDINGS:
         if varies(data, name):
             bent = times(shape, powers(known[name], 1))
             found.append(Family(name=f"distance x {covariate}", covariate=covariate, columns=bent))

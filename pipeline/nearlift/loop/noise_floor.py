@@ -9,10 +9,10 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.problem import height_slope
-from nearlift.loop.candidate import Candidate
+from nearlift.loop.candidate import Candidate, library_columns
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.families import families
-from nearlift.loop.search_problem import Options, SearchProblem, library_columns
+from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Noise, Observations
 
 #: Covariates of time: where noise is estimated, the drifts stand for the families along them.

@@ -17,7 +17,7 @@ from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import structure
-from nearlift.loop.candidate import SESSION_SPREADS, Candidate
+from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Evidence, Integrated, Linearised
 from nearlift.loop.explanation import Explanation
@@ -174,6 +174,11 @@ class SearchProblem:
         """The columns of a wander, whitened, (n, k)."""
         return self.space.project(waves(self.data).T).T
 
+    @cached_property
+    def waves_in_basis(self) -> FloatArray:
+        """The same in the basis of the hypotheses, (d, k)."""
+        return self.hypotheses[1].T @ self.waves
+
     def linearised(
         self, fitted: Fitted, form_sd: float, wander: float = 0.0
     ) -> tuple[Linearised, FloatArray]:
@@ -220,9 +225,9 @@ class SearchProblem:
     def wander_beside(self, here: Linearised, scores: FloatArray) -> float:
         """The likeliest wander beside a fit with these scores (d, 1); 0 where none is worth it."""
         left = here.by_unit_information(scores)
-        known = self.hypotheses[1]
-        beyond = np.zeros((len(scores) - known.shape[1], self.waves.shape[1]))
-        columns = left.deform(np.vstack([known.T @ self.waves, beyond]))
+        known = self.waves_in_basis
+        beyond = np.zeros((len(scores) - len(known), known.shape[1]))
+        columns = left.deform(np.vstack([known, beyond]))
         return likeliest(
             left.scores[:, 0], columns - left.removed @ (left.removed.T @ columns), self.data.n
         )
@@ -255,9 +260,7 @@ class SearchProblem:
         if wander := self.wander_beside(here, scores):
             here, scores = self.linearised(fitted, form_sd, wander)
         left = here.by_priors(scores)
-        # what lies outside the basis, no unknown can change
-        beyond = -0.5 * (fitted.chi2 - float(np.sum(scores**2)))
-        log = float(here.log(scores)[0]) + beyond - price(wander, self.data.n)
+        log = self.log_evidence(here, scores, wander)
         gain = self.base_fit.chi2 - fitted.chi2
         explanation = Explanation(
             fitted=fitted,
@@ -269,7 +272,7 @@ class SearchProblem:
             evidence=Evidence(
                 log=log,
                 over_none=log - self.unnamed,
-                plausibility=float(left.log_likelihood[0]) + beyond,
+                plausibility=float(left.log_likelihood[0]) + outside(fitted, scores),
             ),
         )
         if explanation.eligible and explanation.evidence.over_none > CREDIT:
@@ -346,42 +349,39 @@ class SearchProblem:
         return float(np.max(along**2 / np.maximum(np.sum(columns**2, axis=0), 1e-12)))
 
     @cached_property
+    def base_scores(self) -> tuple[Linearised, FloatArray]:
+        """The base model alone, and its residual as scores."""
+        return self.linearised(self.base_fit, 0.0)
+
+    @cached_property
     def base_wander(self) -> float:
         """The likeliest wander beside the base model alone."""
-        return self.wander_beside(*self.linearised(self.base_fit, 0.0))
+        return self.wander_beside(*self.base_scores)
 
     @cached_property
     def unnamed(self) -> float:
         """Log evidence of what has no name: the base model, with a wander beside it if that is
         likelier.
         """
-        wander = self.base_wander
-        here, scores = self.linearised(self.base_fit, 0.0, wander)
-        beyond = -0.5 * (self.base_fit.chi2 - float(np.sum(scores**2)))
-        return float(here.log(scores)[0]) + beyond - price(wander, self.data.n)
+        if not (wander := self.base_wander):
+            return self.nothing_added[1]
+        return self.log_evidence(*self.linearised(self.base_fit, 0.0, wander), wander)
 
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:
         """The test on what the base model alone leaves, and its log evidence."""
-        here, scores = self.linearised(self.base_fit, 0.0)
-        beyond = -0.5 * (self.base_fit.chi2 - float(np.sum(scores**2)))
-        return self.remaining(here.by_priors(scores)), float(here.log(scores)[0]) + beyond
+        here, scores = self.base_scores
+        return self.remaining(here.by_priors(scores)), self.log_evidence(here, scores)
+
+    def log_evidence(self, here: Linearised, scores: FloatArray, wander: float = 0.0) -> float:
+        """Of a fit with a wander beside it, by unit information."""
+        log = float(here.log(scores)[0])
+        return log + outside(here.fitted, scores) - price(wander, self.data.n)
 
 
-def library_columns(
-    base: LiftModel, effects: tuple[Effect, ...], data: Observations, theta: FloatArray
-) -> list[tuple[Effect, FloatArray]]:
-    """Each effect's first-order columns at its null, one entry per combination of shapes."""
-    found = []
-    for effect in effects:
-        candidate = Candidate(base=base, effects=(effect,), data=data)
-        for vector in candidate.shapes():
-            vector = vector.copy()
-            vector[: len(theta)] = theta
-            columns = candidate.jacobian(vector)[:, candidate.sizes()]
-            if np.any(columns):
-                found.append((effect, columns))
-    return found
+def outside(fitted: Fitted, scores: FloatArray) -> float:
+    """Log likelihood of the part of a residual outside its scores' basis: no unknown changes it."""
+    return -0.5 * (fitted.chi2 - float(np.sum(scores**2)))
 
 
 def visibility(stage: SearchProblem, effect: Effect) -> float:
