@@ -628,24 +628,23 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         ("supply_sag", "tilt")
     ]
     assert listed(singles[:1], (passenger,)) == [("supply_sag",)]
-    # a pair may be less likely than the single effect, likelier though not plainly, or plainly
+    # a pair may be less likely than a rival, a rival, or plainly likelier than the single effect
     for ahead, expected in (
-        (-1.0, [("supply_sag",)]),
-        (2.0, [("supply_sag",), ("supply_sag", "tilt")]),
+        (-5.0, [("supply_sag",)]),
+        (-4.0, [("supply_sag",), ("supply_sag", "tilt")]),
+        (4.0, [("supply_sag",), ("supply_sag", "tilt")]),
         (6.0, [("supply_sag", "tilt")]),
     ):
-        pair = standing(["supply_sag", "tilt"], ahead)
+        pair = restated(standing(["supply_sag", "tilt"], ahead), gain=2e9)
         assert listed(singles[:1], (pair,)) == expected
-        # what wanders beside the single effect may be the second one, if it is not plainly less likely
-        wandering = dataclasses.replace(singles[0], wander=1e-3)
-        beside = [*expected, pair.effects] if ahead < 0 else expected
-        assert listed((wandering,), (pair,)) == beside
-        assert listed((wandering,), (dataclasses.replace(pair, wander=1e-3),)) == expected
+        # of which the single effect alone accounts for nearly as much, there is no second
+        idle = restated(pair, gain=1e9 + 8)
+        assert listed(singles[:1], (idle,)) == (expected if ahead > 4.5 else [("supply_sag",)])
         # what the single effect leaves may be chance: a second one must be plainly likelier still
         left = dataclasses.replace(something, p_value=0.02)
         chance = standing(["supply_sag"], 0.0, left=left)
         assert listed(*search.forgiven((chance,), (pair,))) == expected
-        both = standing(["supply_sag", "tilt"], ahead, left=left)
+        both = restated(pair, left=left)
         assert listed(*search.forgiven((), (both,))) == [pair.effects]
         # where something else would do, where it is no chance, or where no effect is nearly as likely
         assert listed(*search.forgiven((singles[0],), (both,)))[0] == ("supply_sag",)

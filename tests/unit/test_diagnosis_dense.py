@@ -22,6 +22,7 @@ from nearlift.loop import (
 )
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.evidence import RIVAL_MAX_2LNB
+from nearlift.loop.explanation import MARGINAL
 from nearlift.loop.families import STEP, families
 from nearlift.loop.search_problem import Options, visibility
 from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
@@ -618,34 +619,43 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
 
 
 def test_two_effects_pay_for_what_both_leave(stage, tried):
-    """Beside one that will do, a pair comes first if plainly likelier, and stands beside it if
-    likelier; both dearer by what it leaves.
+    """Beside one that will do, a pair comes first if plainly likelier, dearer by what it leaves; it
+    stands beside it if no less likely than a rival and it accounts for plainly more.
     """
     d = stage.hypotheses[1].shape[1]
-    one = restated(
-        of_left(tried["supply_sag"], False),
-        over_none=50.0,
-        needed=True,
-        confirmed=None,
-        log_evidence=0.0,
-        gain=stage.excess,
-        wander=0.0,
-    )
     pair = next(e for e in tried.values() if len(e.effects) == 2)
+    half = RIVAL_MAX_2LNB / 2
 
-    def listed(log_evidence, dispersion):
+    def listed(log_evidence, dispersion=1.0, more=RIVAL_MAX_2LNB + 0.1, p_value=1.0):
         gain = stage.excess - (dispersion - 1) * d
-        left = of_left(pair, dispersion > 1)
-        both = restated(
-            left, over_none=50.0, needed=True, confirmed=True, log_evidence=log_evidence, gain=gain
+        one = restated(
+            of_left(tried["supply_sag"], False),
+            over_none=50.0,
+            needed=True,
+            confirmed=None,
+            log_evidence=0.0,
+            gain=gain - more,
+            wander=0.0,
         )
+        both = restated(
+            of_left(pair, dispersion > 1),
+            over_none=50.0,
+            needed=True,
+            confirmed=dispersion > 1 or None,
+            log_evidence=log_evidence,
+            gain=gain,
+        )
+        both = dataclasses.replace(both, left=dataclasses.replace(both.left, p_value=p_value))
         return [len(e.effects) for e in search.contenders(stage, (one,), (both,))]
 
-    half = RIVAL_MAX_2LNB / 2
-    for dispersion, price in ((1.0, 0.0), (3.0, 2 * half)):
-        assert listed(price - 0.1, dispersion) == [1]
-        assert listed(price + 0.1, dispersion) == [1, 2]
+    for dispersion, price in ((1.0, 0.0), (1.0 + 10 / d, half * 10 / d)):
+        assert listed(price + half - 0.1, dispersion) == [1, 2]
         assert listed(price + half + 0.1, dispersion) == [2]
+    assert listed(-half + 0.1) == [1, 2]
+    assert listed(-half - 0.1) == [1]
+    # what one would do as well needs no second, and what is refuted stands beside nothing
+    assert listed(0.0, more=RIVAL_MAX_2LNB - 0.1) == [1]
+    assert listed(0.0, p_value=0.9 * MARGINAL) == [1]
 
 
 def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
@@ -695,7 +705,12 @@ def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tr
     ]
     pair = next(e for e in tried.values() if len(e.effects) == 2)
     both = restated(
-        of_left(pair, False), over_none=50.0, needed=True, confirmed=None, log_evidence=1.0
+        of_left(pair, False),
+        over_none=50.0,
+        needed=True,
+        confirmed=None,
+        log_evidence=1.0,
+        gain=stage.excess + RIVAL_MAX_2LNB + 1,
     )
     pairs = []
     for p, name in ((1.0, ("supply_sag", "warm_up")), (3.0, ("supply_sag", "zero_offset"))):

@@ -58,8 +58,12 @@ class Explanation:
     @property
     def by_chance(self) -> bool:
         """Whether the test finds something in what it leaves, and no more than chance may."""
-        left = self.left
-        return left is not None and left.present and left.p_value > MARGINAL
+        return self.left is not None and self.left.present and not self.refuted
+
+    @property
+    def refuted(self) -> bool:
+        """Whether what it leaves is more than chance may; also where nobody tested that."""
+        return self.left is None or self.left.p_value <= MARGINAL
 
     @property
     def eligible(self) -> bool:

@@ -194,23 +194,16 @@ def contenders(
         rivals = [e for e in rivals if e.needed]
     rivals.sort(key=lambda e: (not e.accepted, -e.evidence.plausibility))
     if not earned:
-        # two effects that are likelier, if not plainly, could still be what is there; and a second
-        # one may be what seems to wander beside the first
-        first = rivals[0]
-        rivals += sorted(
-            (
-                p
-                for p in together
-                if ahead[p.name] > (-RIVAL_MAX_2LNB / 2 if steadies(p, first) else 0)
-            ),
-            key=lambda e: -e.evidence.plausibility,
-        )
+        # what a second effect would account for, an error of the first one's form may: both stand
+        least = rivals[0].gain + RIVAL_MAX_2LNB
+        second = [
+            p
+            for p in pairs
+            if p.possible and p.eligible and not p.refuted and p.gain > least
+            if 2 * (most - p.evidence.log) <= RIVAL_MAX_2LNB
+        ]
+        rivals += sorted(second, key=lambda e: -e.evidence.plausibility)
     return tuple(rivals)
-
-
-def steadies(pair: Explanation, alone: Explanation) -> bool:
-    """Whether a second effect takes the place of what wanders beside the first."""
-    return alone.wander > 0 == pair.wander and set(alone.effects) < set(pair.effects)
 
 
 def forgiven(
