@@ -11,6 +11,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.errors import NotConverged
+from nearlift.loop import foresight as loop_foresight
 from nearlift.loop import outlook, proposals
 from nearlift.loop.absorption import unknowable
 from nearlift.loop.diagnose import set_up
@@ -50,6 +51,17 @@ def handle(name, which=0):
 
 
 # ---- the core
+
+
+def test_a_name_is_foretold_to_compete_with_a_gain_that_wanders(foresight, monkeypatch):
+    sessions, tilt = handle("session_gain"), handle("tilt")
+    chances = []
+    for _ in range(2):
+        chances.append([foresight.contest(h, foresight.limit(h)).within for h in (sessions, tilt)])
+        monkeypatch.setattr(loop_foresight, "worth", lambda scores, *_: np.zeros(scores.shape[1]))
+    (differing, tilted), (alone, upright) = chances
+    assert differing < alone - 0.1
+    assert tilted == pytest.approx(upright, abs=0.02)
 
 
 def test_without_an_effect_the_chance_is_the_false_alarm_rate(foresight):

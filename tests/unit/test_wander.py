@@ -11,7 +11,7 @@ from nearlift import catalogue
 from nearlift.loop import search
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.search_problem import Options
-from nearlift.loop.wander import SIZES, likeliest, waves
+from nearlift.loop.wander import SIZES, likeliest, price, waves, worth
 
 from .simulated import RADIUS, campaign, sanchez_cuevas
 
@@ -77,8 +77,12 @@ def test_the_likeliest_size_is_that_of_the_dense_likelihood():
         whole = np.eye(60) + size**2 * columns @ columns.T
         return -0.5 * (np.linalg.slogdet(whole)[1] + scores @ np.linalg.solve(whole, scores))
 
-    assert likeliest(scores, columns, 60) == max(SIZES, key=log)
-    assert likeliest(rng.normal(size=60), columns, 60) == 0.0
+    best = likeliest(scores, columns, 60)
+    assert best == max(SIZES, key=log)
+    still = rng.normal(size=60)
+    added = worth(np.stack([scores, still], axis=1), columns, 60)
+    assert added == pytest.approx([log(best) - log(0.0) - price(best, 60), 0.0])
+    assert likeliest(still, columns, 60) == 0.0
     assert likeliest(scores, columns[:, :0], 60) == 0.0
 
 

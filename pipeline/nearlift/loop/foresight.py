@@ -24,6 +24,7 @@ from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, RIVAL_MAX_2LNB, Linearised
 from nearlift.loop.handle import Contest, Handle, Power
 from nearlift.loop.search_problem import FORM_SD, SILENT, SearchProblem, visibility
+from nearlift.loop.wander import worth
 from nearlift.randomness import generator
 
 #: Draws of the noise; a chance of 80 % is then known to 1.3 %.
@@ -271,13 +272,16 @@ class Foresight:
 
     def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of every draw of the noise, a fit's log evidence by unit information, which decides who
-        belongs, and by its priors, which ranks; (m,).
+        belongs, and by its priors, which ranks, each with a wander beside it where that is
+        likelier; (m,).
         """
         basis = self._space[0]
         tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
         here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
         scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
-        return here.log(scores), here.by_priors(scores).log_likelihood
+        left = here.by_unit_information(scores)
+        wander = worth(left.scores, self.stage.waves_beside(left), self.stage.data.n)
+        return here.log(scores) + wander, here.by_priors(scores).log_likelihood + wander
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
         """Of every draw of the noise, the chi2 that a fit in its declared form leaves in the

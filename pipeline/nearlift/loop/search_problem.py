@@ -222,15 +222,16 @@ class SearchProblem:
         here, scores = self.linearised(e.fitted, e.form_sd, e.wander)
         return self.remaining(here.by_priors(scores))
 
+    def waves_beside(self, left: Integrated) -> FloatArray:
+        """The columns of a wander where these scores are, (d, k)."""
+        known = self.waves_in_basis
+        columns = left.deform(np.pad(known, ((0, len(left.scores) - len(known)), (0, 0))))
+        return np.asarray(columns - left.removed @ (left.removed.T @ columns))
+
     def wander_beside(self, here: Linearised, scores: FloatArray) -> float:
         """The likeliest wander beside a fit with these scores (d, 1); 0 where none is worth it."""
         left = here.by_unit_information(scores)
-        known = self.waves_in_basis
-        beyond = np.zeros((len(scores) - len(known), known.shape[1]))
-        columns = left.deform(np.vstack([known, beyond]))
-        return likeliest(
-            left.scores[:, 0], columns - left.removed @ (left.removed.T @ columns), self.data.n
-        )
+        return likeliest(left.scores[:, 0], self.waves_beside(left), self.data.n)
 
     def explain(
         self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)

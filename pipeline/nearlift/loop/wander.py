@@ -51,12 +51,24 @@ def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
     columns : (d, k)
         `waves` in the same space.
     """
-    if not columns.shape[1]:
-        return 0.0
-    u, lengths, _ = np.linalg.svd(columns, full_matrices=False)
-    variance = np.square(np.outer(SIZES, lengths))
-    gain = 0.5 * np.sum(
-        (u.T @ scores) ** 2 * variance / (1 + variance) - np.log1p(variance), axis=1
-    )
+    gain = _gain(scores[:, None], columns)[:, 0]
     best = int(np.argmax(gain))
     return float(SIZES[best]) if gain[best] > price(SIZES[best], n) else 0.0
+
+
+def worth(scores: FloatArray, columns: FloatArray, n: int) -> FloatArray:
+    """What the likeliest wander adds to the log evidence of each of m draws, its price paid; (m,),
+    0 where it is not worth it. `scores` is (d, m).
+    """
+    most = np.max(_gain(scores, columns), axis=0)
+    return np.asarray(np.maximum(most - price(SIZES[0], n), 0.0))
+
+
+def _gain(scores: FloatArray, columns: FloatArray) -> FloatArray:
+    """Log likelihood of scores (d, m) with a wander of each of `SIZES` over that without; (sizes,
+    m).
+    """
+    u, lengths, _ = np.linalg.svd(columns, full_matrices=False)
+    variance = np.square(np.outer(SIZES, lengths))
+    explained = variance / (1 + variance) @ (u.T @ scores) ** 2
+    return np.asarray(0.5 * (explained - np.log1p(variance).sum(axis=1, keepdims=True)))
