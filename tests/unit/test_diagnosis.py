@@ -638,7 +638,7 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         pair = restated(standing(["supply_sag", "tilt"], ahead), gain=2e9)
         assert listed(singles[:1], (pair,)) == expected
         # of which the single effect alone accounts for nearly as much, there is no second
-        idle = restated(pair, gain=1e9 + 8)
+        idle = restated(pair, gain=1e9 + search.SECOND - 1)
         assert listed(singles[:1], (idle,)) == (expected if ahead > 4.5 else [("supply_sag",)])
         # what the single effect leaves may be chance: a second one must be plainly likelier still
         left = dataclasses.replace(something, p_value=0.02)

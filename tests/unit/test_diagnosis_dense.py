@@ -626,7 +626,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
     pair = next(e for e in tried.values() if len(e.effects) == 2)
     half = RIVAL_MAX_2LNB / 2
 
-    def listed(log_evidence, dispersion=1.0, more=RIVAL_MAX_2LNB + 0.1, p_value=1.0):
+    def listed(log_evidence, dispersion=1.0, more=search.SECOND + 0.1, p_value=1.0):
         gain = stage.excess - (dispersion - 1) * d
         one = restated(
             of_left(tried["supply_sag"], False),
@@ -654,7 +654,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
     assert listed(-half + 0.1) == [1, 2]
     assert listed(-half - 0.1) == [1]
     # what one would do as well needs no second, and what is refuted stands beside nothing
-    assert listed(0.0, more=RIVAL_MAX_2LNB - 0.1) == [1]
+    assert listed(0.0, more=search.SECOND - 0.1) == [1]
     assert listed(0.0, p_value=0.9 * MARGINAL) == [1]
 
 
@@ -710,7 +710,7 @@ def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tr
         needed=True,
         confirmed=None,
         log_evidence=1.0,
-        gain=stage.excess + RIVAL_MAX_2LNB + 1,
+        gain=stage.excess + search.SECOND + 1,
     )
     pairs = []
     for p, name in ((1.0, ("supply_sag", "warm_up")), (3.0, ("supply_sag", "zero_offset"))):

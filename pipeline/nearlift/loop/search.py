@@ -37,6 +37,9 @@ PLAIN = 15.0
 LEAVES = 2.3
 #: Its form is then granted this many times the usual uncertainty.
 LOOSER = 2.0
+#: Drop of chi2 beyond the first that keeps a second effect beside it: of twenty that are not there,
+#: one brings so much in a hundred campaigns.
+SECOND = 12.0
 #: What else a covariate is called where it has families of its own.
 ALSO = {"previous_lift_N": ("previous_throttle", "previous_distance")}
 
@@ -195,7 +198,7 @@ def contenders(
     rivals.sort(key=lambda e: (not e.accepted, -e.evidence.plausibility))
     if not earned:
         # what a second effect would account for, an error of the first one's form may: both stand
-        least = rivals[0].gain + RIVAL_MAX_2LNB
+        least = rivals[0].gain + SECOND
         second = [
             p
             for p in pairs
