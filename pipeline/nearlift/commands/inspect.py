@@ -4,6 +4,7 @@ manifest for it: those of a record, of a velocity grid, of a table of means.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,7 +15,7 @@ import click
 import numpy as np
 
 from nearlift import readers
-from nearlift.commands import grids, meaning, tables
+from nearlift.commands import flight_logs, grids, meaning, tables
 from nearlift.commands.common import DIALECT, Call, declared
 from nearlift.commands.grids import Grid
 from nearlift.commands.tables import Table
@@ -35,7 +36,7 @@ HEAD = 1 << 16
 MEANS = '[records]\nreader = "means"                     # mean lifts in the schedule, no samples\n'
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Found:
     """One file's contents, the reader that reads it, and what may be the force and its clock;
     `columns` of a text that names none; `grid` where it is a velocity grid, `table` where it
@@ -52,6 +53,11 @@ class Found:
     dialect: Mapping[str, Any] = field(default_factory=dict)
     grid: Grid | None = None
     table: Table | None = None
+
+    @functools.cached_property
+    def flight(self) -> flight_logs.Channels | None:
+        """Its channels by what they are, where it is the log of a flight."""
+        return flight_logs.channels_of(self.contents)
 
     @property
     def doubt(self) -> str:
@@ -251,6 +257,8 @@ def described(found: Found) -> str:
         lines.append("note: a rotor's speed reads zero while there is lift")
     if found.doubt:
         lines.append(f"note: {found.doubt}")
+    if found.flight is not None:
+        lines.append("note: it is the log of a flight: [flight] cuts it into trials")
     return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(found)
 
 
@@ -260,7 +268,20 @@ def block(found: Found) -> str:
         return grids.piv_block(found.grid, found.path)
     if found.table is not None:
         return trials_block(found.table)
+    if found.flight is not None:
+        return _of_a_flight(found, found.flight)
     return records_block(found)
+
+
+def _of_a_flight(found: Found, flight: flight_logs.Channels) -> str:
+    """[records] and [flight] of a flight log."""
+    name = f"{{record}}{found.path.suffix}"
+    lines = ["[records]", f'reader = "{found.reader}"', f"files  = {json.dumps(name)}"]
+    if found.clock is not None and not found.clock.name.endswith(".time"):
+        column = json.dumps(found.clock.name, ensure_ascii=False)
+        lines.append(f'time   = {{ column = {column}, unit = "{found.clock.unit or "FILL IN"}" }}')
+    text = flight_logs.flight_block(flight, found.contents)
+    return "\n".join(lines) + "\n\n" + text
 
 
 def trials_block(table: Table) -> str:

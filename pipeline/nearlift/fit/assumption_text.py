@@ -120,6 +120,10 @@ def declared(held: str) -> str:
     follows = "the exponent n of the ratio depends on what else stays constant."
     return {
         "throttle": f"A trial holds the throttle, which fixes neither speed nor power; {follows}",
+        "command": (
+            "A window of flight holds nothing: L_inf follows the command and the supply, and at a"
+            f" given command neither speed nor power is fixed; {follows}"
+        ),
         "voltage": (
             f"A trial is said to hold the voltage, which fixes neither speed nor power; {follows}"
         ),

@@ -20,6 +20,7 @@ from nearlift.manifest import toml
 from nearlift.manifest.component import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.manifest.design import Planned
 from nearlift.manifest.flight import Detect, Simulate
+from nearlift.manifest.flight_log import Flight, flight_fits_the_rest
 from nearlift.manifest.piv import Piv
 from nearlift.manifest.quantities import Section
 from nearlift.manifest.rig import LoadCell, Records, Rig, Trials
@@ -138,6 +139,7 @@ class Campaign(Section):
     load_cell: LoadCell = LoadCell()
     records: Records
     segments: Segments | None = None
+    flight: Flight | None = None
     trials: Trials = Trials()
     uncertainty: list[Uncertainty] = []
     fit: Fit = Fit()
@@ -176,6 +178,9 @@ class Campaign(Section):
             raise ValueError(
                 f"fit.{self.joint[0]}.downwash = true, but no velocity grids are listed under [piv]"
             )
+        flight_fits_the_rest(self)
+        if self.flight is not None:
+            return self
         if self.records.reader == "means":
             if self.segments is not None:
                 raise ValueError('[segments] cuts records, and reader = "means" has none')
@@ -194,6 +199,11 @@ class Campaign(Section):
             )
         fit_the_rest(self.segments, self.records, cell, cell.sample_rate)
         return self
+
+    @property
+    def cuts_records(self) -> bool:
+        """Whether one record holds many trials."""
+        return self.segments is not None or self.flight is not None
 
     @property
     def joint(self) -> tuple[Boundary, ...] | None:

@@ -31,7 +31,7 @@ GRAVITY = (9.7, 9.9)
 class Rig(Section):
     """How distance is measured and what a trial holds constant."""
 
-    held: Literal["throttle", "voltage", "rpm", "power"]
+    held: Literal["throttle", "voltage", "rpm", "power", "command"]
     distance_datum: str | dict[Boundary, str]
     distance_offset: Length | dict[Boundary, Length]
     arena: PositiveLength | None = None

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from nearlift.errors import ManifestError, did_you_mean
 from nearlift.manifest.segments import ColumnOfRecord, Segments
 from nearlift.readers.columns import BY_NAME, KNOWN
+
+if TYPE_CHECKING:
+    from nearlift.manifest.campaign import Campaign
 
 #: Columns of a schedule that pieces may bring.
 BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.startswith("lift"))
@@ -33,6 +38,17 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
     for name, (column, key) in found.items():
         column.linear(dimension_of(name), key)
     return found
+
+
+def brought_by(campaign: Campaign) -> tuple[str, ...]:
+    """The schedule's columns that the pieces of a campaign's records bring; raises as `brought`."""
+    if campaign.segments is not None:
+        return tuple(brought(campaign.segments))
+    flight = campaign.flight
+    assert flight is not None
+    own = ["distance", "throttle"]
+    own += ["supply"] if flight.supply is not None else []
+    return (*own, "tilt") if flight.tells_tilt else tuple(own)
 
 
 def dimension_of(name: str) -> str:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import difflib
 import functools
-import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -126,7 +125,7 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
         lambda c: c.name == column,
         lambda c: fold(c.name) == fold(column),
         lambda c: fold(split_unit(c.name)[0]) == fold(column),
-        lambda c: fold(re.split(r"[/.]", c.name)[-1]) == fold(column),
+        lambda c: _in_a_group(c.name, fold(column)),
     ):
         found = [c for c in channels if same(c)]
         if len(found) == 1:
@@ -153,8 +152,13 @@ def wanted(name: str, names: Sequence[str]) -> bool:
     """Whether `pick` may choose this channel for one of these names, so that a reader need not read
     others.
     """
-    own = {fold(name), fold(split_unit(name)[0]), fold(re.split(r"[/.]", name)[-1])}
-    return any(fold(n) in own for n in names)
+    own = {fold(name), fold(split_unit(name)[0])}
+    return any(fold(n) in own or _in_a_group(name, fold(n)) for n in names)
+
+
+def _in_a_group(name: str, folded: str) -> bool:
+    """Whether a channel has that name within a group, or a group of groups."""
+    return fold(name).endswith((f".{folded}", f"/{folded}"))
 
 
 def rate_of(clock: FloatArray) -> float | None:

@@ -19,7 +19,7 @@ from nearlift import units
 from nearlift.errors import ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import Segments
-from nearlift.readers.brought import brought, dimension_of
+from nearlift.readers.brought import brought_by, dimension_of
 from nearlift.readers.columns import KNOWN, Cells
 from nearlift.readers.schedule import Schedule, of_cells, reserved, schedule_file
 from nearlift.readers.schedule_text import columns_of, text_of, unended
@@ -42,23 +42,22 @@ def of_records(
     ManifestError
         There is no column `record`, or the schedule says what the pieces bring.
     """
-    assert campaign.segments is not None
-    bring = brought(campaign.segments)
+    bring = brought_by(campaign)
+    table = "flight" if campaign.segments is None else "segments"
     if RECORD_COLUMN not in cells or "trial" in cells:
         what = "has a column 'trial'" if "trial" in cells else "has no column 'record'"
         raise ManifestError(
-            str(path), what, "with [segments] a row is a record: call the column of its ids record"
+            str(path), what, f"with [{table}] a row is a record: call the column of its ids record"
         )
     for name in bring:
         if name in cells:
             raise ManifestError(
                 str(path),
-                f"the column {name!r} says what every piece of a record brings by [segments]",
-                "take the column away, or the key under [segments] (maps, columns)",
+                f"the column {name!r} says what every piece of a record brings by [{table}]",
+                f"take the column away, or the key under [{table}]"
+                + (" (maps, columns)" if table == "segments" else ""),
             )
-    return {"trial" if name == RECORD_COLUMN else name: own for name, own in cells.items()}, tuple(
-        bring
-    )
+    return {"trial" if name == RECORD_COLUMN else name: own for name, own in cells.items()}, bring
 
 
 def schedule_of_trials(
@@ -73,7 +72,6 @@ def schedule_of_trials(
     InputRefused, ManifestError
         As `read_schedule`, of what the pieces bring as well.
     """
-    assert campaign.segments is not None
     path = schedule_file(campaign, root)
     text = text_of(path)
     whole, bring = of_records(campaign, path, columns_of(campaign, path, text))
@@ -107,14 +105,14 @@ def schedule_of_trials(
 
 
 def _together(
-    cut: Segments, bring: Sequence[str], rows: Sequence[tuple[int, PieceOfRecord | None]]
+    cut: Segments | None, bring: Sequence[str], rows: Sequence[tuple[int, PieceOfRecord | None]]
 ) -> dict[str, NDArray[Any]]:
     """What pieces bring, by column; levels within `hold` of each other are one level."""
     found = {
         name: np.array([np.nan if p is None else p.brought[name] for _, p in rows])
         for name in bring
     }
-    if cut.has_level and cut.hold > 0:
+    if cut is not None and cut.has_level and cut.hold > 0:
         factor, _ = cut.level().linear(dimension_of(cut.maps), "segments")
         values = found[cut.maps]
         order = np.argsort(values)[: np.count_nonzero(np.isfinite(values))]
@@ -143,5 +141,7 @@ def _further(
         mean, scatter = np.array(of).T
         if np.isfinite(mean).any():
             own = name if name not in taken else f"{RECORD_COLUMN} {name}"
-            found |= {own: mean, f"sd_{own}": scatter}
+            found[own] = mean
+            if np.isfinite(scatter).any():
+                found[f"sd_{own}"] = scatter
     return found

@@ -109,7 +109,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
 
 def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
     cells, notes = columns_of(campaign, path, text), unended(path, text)
-    if campaign.segments is None:
+    if not campaign.cuts_records:
         return of_cells(campaign, path, cells, campaign.trials.units, notes)
     from nearlift.readers import expanded
 

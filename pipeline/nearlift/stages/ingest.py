@@ -24,7 +24,7 @@ from nearlift.reduction.record import prepare
 from nearlift.run import copies, intact, store
 from nearlift.run.executors import Threads, ordered
 from nearlift.run.job import Job, Outcome
-from nearlift.stages import judge, segments, sums
+from nearlift.stages import flights, judge, segments, sums
 from nearlift.stages.rows import Rows, Task, reduce_piece
 
 #: What a manifest says wrong if all records carry a code.
@@ -38,6 +38,15 @@ MISDESCRIBED = {
         '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s",'
         " and settle for its head"
     ),
+}
+#: The same of flight logs.
+IN_FLIGHT = {
+    "CONTACT": "; mend airborne, or the sign and unit of velocity, under [flight]",
+    "FULL_COMMAND": "; mend full under [flight] command, or fly a lighter vehicle",
+    "ZERO_COMMAND": "; is command under [flight] the right columns?",
+    "OUT_OF_RANGE": "; a column under [flight] holds no numbers while the vehicle flies",
+    "NO_HEIGHT": "; mend range, sign or zero of height under [flight]",
+    "TILTED": "; mend tilt, or the unit of attitude, under [flight]",
 }
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
@@ -58,7 +67,7 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     schedule = read_schedule(campaign, root)
     records = (
         reader.files(campaign, root, list(schedule.trial))
-        if campaign.segments is None
+        if not campaign.cuts_records
         else files_per_trial(campaign, root, list(schedule.trial))
     )
     return [
@@ -103,15 +112,16 @@ def run(job: Job) -> Outcome:
     reader = readers.reader(campaign.records.reader)
     intact.not_rotten(job)
     schedule = read_schedule(campaign, job.root)
-    if campaign.segments is None:
+    if not campaign.cuts_records:
         _known(campaign.quality.exclude, schedule)
     checked = _checked(job)
     notes = [*schedule.notes, *checked.notes]
     if reader.series:
-        if campaign.segments is None:
+        if not campaign.cuts_records:
             rows, more = _from_records(job, reader, schedule)
         else:
-            schedule, rows, more = segments.from_records(job, reader, schedule)
+            cut = segments if campaign.flight is None else flights
+            schedule, rows, more = cut.from_records(job, reader, schedule)
             _known(campaign.quality.exclude, schedule, by_record=True)
         notes += [*more, *_of_the_tare(campaign)]
     else:
@@ -127,16 +137,21 @@ def run(job: Job) -> Outcome:
     bad = quality.rejected(table["quality"])
     if bad.all():
         # where the unit is at fault, say so, rather than that the cell was at its end
-        unit, key = judge.unit_of(campaign)
-        blank = {**table, "quality": np.full(len(bad), "", dtype=object)}
-        plausibility.against_weight(blank, campaign.vehicle.mass * campaign.rig.gravity, unit, key)
+        if campaign.flight is None:
+            unit, key = judge.unit_of(campaign)
+            blank = {**table, "quality": np.full(len(bad), "", dtype=object)}
+            weight = campaign.vehicle.mass * campaign.rig.gravity
+            plausibility.against_weight(blank, weight, unit, key)
         told = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
         reasons = ", ".join(f"{code} {count}" for code, count in told.most_common())
-        worst = quality.code(told.most_common(1)[0][0])
+        remedies = MISDESCRIBED if campaign.flight is None else IN_FLIGHT
+        # a log stands on the floor at its ends whatever is wrong with it
+        beside = [name for name, _ in told.most_common() if name != "CONTACT"]
+        worst = quality.code([*beside, *told][0])
         raise InputRefused(
             str(job.root),
             f"all {len(bad)} trials are rejected ({reasons})",
-            f"{worst.name}: {worst.meaning}{MISDESCRIBED.get(worst.name, '')}",
+            f"{worst.name}: {worst.meaning}{remedies.get(worst.name, '')}",
         )
     job.write(TRIALS, table)
     faults = np.flatnonzero(quality.faulty(table["quality"]))
@@ -295,7 +310,7 @@ def _settle(job: Job, rows: Rows) -> None:
         if source in asked:
             owners[source].append(i)
     for name in moving.changed:
-        one = len(owners[name]) == 1 or (owners[name] and job.campaign.segments is not None)
+        one = len(owners[name]) == 1 or (owners[name] and job.campaign.cuts_records)
         if not one:
             raise InputRefused(
                 str(job.root / name),

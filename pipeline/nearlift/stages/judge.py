@@ -22,7 +22,7 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
     of length.
     """
     codes = [list(own) for own in rows.codes]
-    if campaign.segments is not None:
+    if campaign.cuts_records:
         _whole_duplicates(rows, schedule.covariates[RECORD_COLUMN], codes)
     elif campaign.records.reader != "means":
         cell = campaign.load_cell
@@ -42,7 +42,7 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
         for own, lost in zip(codes, off, strict=True):
             own += ["HEIGHT"] if lost else []
     excluded, owners = campaign.quality.exclude, schedule.trial
-    if campaign.segments is not None:
+    if campaign.cuts_records:
         owners = schedule.covariates[RECORD_COLUMN]
     for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
         if (named := trial if trial in excluded else record) in excluded:
@@ -125,6 +125,10 @@ def unit_of(campaign: Campaign) -> tuple[str, str]:
 def judge(table: store.Table, campaign: Campaign) -> list[str]:
     """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
     weight = campaign.vehicle.mass * campaign.rig.gravity
+    if campaign.flight is not None:
+        # no command comes twice, and lift was weighed against the mass itself
+        _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
+        return _same(table)
     unit, key = unit_of(campaign)
     plausibility.against_weight(table, weight, unit, key)
     _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))

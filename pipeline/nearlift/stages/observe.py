@@ -32,11 +32,12 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         covariates["record_s"] = trials["n"][mine] / campaign.load_cell.sample_rate
     u_lift_N = np.nan_to_num(np.asarray(trials["u_lift_N"][mine], dtype=float))
     record = u_zero_N = None
-    if campaign.segments is not None:
+    if campaign.cuts_records:
         # what pieces of a record share is no scatter of theirs, and what a column scatters by
         # within them is no condition that they were run under
         covariates = {k: v for k, v in covariates.items() if k != "piece" and k[:3] != "sd_"}
         record = _in_order(trials["record"][mine].astype(str))
+    if campaign.segments is not None:
         u_zero_N = np.nan_to_num(np.asarray(trials["u_zero_N"][mine], dtype=float))
         u_lift_N = np.sqrt(np.maximum(u_lift_N**2 - u_zero_N**2, 0.0))
     session = (

@@ -5,9 +5,10 @@ the schedule of trials is made of what the pieces bring.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -38,6 +39,9 @@ class Answer:
     counts: Counter[str]
 
 
+Found = TypeVar("Found", bound=Answer)
+
+
 def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
     """The schedule of all pieces, their rows, and notes.
 
@@ -47,6 +51,17 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         No record is there, or most cannot be read or cut as the manifest says: the first one's
         refusal.
     """
+    answers = answers_of(job, reader, schedule, cut_records)
+    campaign = job.campaign
+    trials = schedule_of_trials(campaign, job.root, {r: a.pieces for r, a in answers.items()})
+    rows, notes = rows_of(job, schedule, trials, answers, Rows(len(trials), further=("u_zero_N",)))
+    return trials, rows, [*notes, *_counted(list(answers.values())), *rows.told()]
+
+
+def answers_of(
+    job: Job, reader: Reader, schedule: Schedule, cut: Callable[[Task], list[Found]]
+) -> dict[str, Found]:
+    """What workers answer for each record that is there; raises as `from_records`."""
     campaign, ids = job.campaign, schedule.trial.tolist()
     segments.format_of(reader).checked_dialect(campaign.records.dialect)
     there = per_trial(campaign, job.root, ids)
@@ -56,25 +71,31 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
             f"none of the {len(ids)} records of the schedule is there",
             f"the first would be {ids[0]!r}; check [records] files",
         )
-    answers: dict[str, Answer] = {}
+    answers: dict[str, Found] = {}
     refusals: list[InputRefused] = []
-    for found in ordered(job.executor, cut_records, _tasks(job, there, schedule)):
+    for found in ordered(job.executor, cut, _tasks(job, there, schedule)):
         for answer in found:
             answers[answer.record] = answer
             refusals += [r.refusal for r in answer.rows if r.refusal is not None][:1]
         if 2 * len(refusals) > len(there):
             raise refusals[0]
         job.say(f"ingest {len(answers)} of {len(there)} records")
-    trials = schedule_of_trials(campaign, job.root, {r: a.pieces for r, a in answers.items()})
-    rows = Rows(len(trials), further=("u_zero_N",))
-    at = 0
+    return answers
+
+
+def rows_of(
+    job: Job, schedule: Schedule, trials: Schedule, answers: Mapping[str, Answer], rows: Rows
+) -> tuple[Rows, list[str]]:
+    """The rows of all trials in the order of the schedule's records, and a note of files that it
+    does not list.
+    """
+    ids, at = schedule.trial.tolist(), 0
     for record in ids:
         # a record that is not there has a row that is MISSING
         for k, row in enumerate(answers[record].rows if record in answers else ()):
             rows.put(at + k, row)
         at += len(answers[record].rows) if record in answers else 1
-    notes = [*unlisted(campaign, job.root, ids), *_counted(list(answers.values()))]
-    return trials, rows, [*notes, *rows.told()]
+    return rows, list(unlisted(job.campaign, job.root, ids))
 
 
 def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) -> Iterator[Task]:

@@ -137,7 +137,9 @@ def _fitted(
         job.say(f"simulate fitted {boundary}")
         lift = fitted_lift(job, boundary, chosen.draws)
         groups, how = conditions(chosen, boundary, craft, key, job.executor.map)
-        held = job.campaign.rig.held
+        # the command of a flight is its throttle
+        said = job.campaign.rig.held
+        held = "throttle" if said == "command" else said
         entry, flown[boundary], rows = fitted_flights(lift, chosen, groups, how, held, job.seed)
         rates += rows
         tests[f"fitted {boundary}"] = entry.convergence

@@ -41,7 +41,7 @@ SCHEMA: dict[str, Any] = {
         "trials_sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
         "date": {"type": "string"},
         "rotor_radius_m": {"type": "number", "exclusiveMinimum": 0},
-        "held": {"enum": ["throttle", "voltage", "rpm", "power"]},
+        "held": {"enum": ["throttle", "voltage", "rpm", "power", "command"]},
         "boundaries": {
             "type": "object",
             "additionalProperties": {

@@ -78,6 +78,7 @@ STAGE = Stage(
         "load_cell",
         "records",
         "segments",
+        "flight",
         "trials",
         "quality",
     ),

@@ -1,0 +1,170 @@
+"""Whether a file is a vehicle's own log of a flight, told from the names of its channels, and the
+[flight] table that cuts it into trials.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.manifest.flight_log import STANDARD_G
+from nearlift.readers.channel import Channel, Contents
+from nearlift.readers.flight_log import sibling
+from nearlift.reduction.airborne import starts_and_contacts
+from nearlift.reduction.specific_force import faults
+
+#: What each quantity is called by flight controllers, the surest name first; of the whole name,
+#: groups included.
+NAMES = {
+    "acceleration": (
+        r"stateestimate\.az$",
+        r"(accelerometer_m_s2|xyz)\[2\]$",
+        r"linear_acceleration\.z$",
+        r"(^|[._/])a(cc(el(eration)?)?)?[._ ]?z\b",
+    ),
+    "velocity": (
+        r"stateestimate\.vz$",
+        r"local_position\.vz$",
+        r"twist\.linear\.z$",
+        r"(^|[._/])v(el(ocity)?)?[._ ]?z\b",
+    ),
+    "setpoint": (r"(ctrltarget|set_?point|target|desired|ref\w*)\b.*z$", r"^(set_?point|target)\b"),
+    "height": (
+        r"stateestimate\.z$",
+        r"local_position\.z$",
+        r"position\.z$",
+        r"(^|[._/])(height|altitude|alt|z|zrange)\b",
+    ),
+    "supply": (r"vbatmv$", r"vbat", r"battery.*voltage", r"(^|[._/])(supply|voltage|battery)\b"),
+}
+MOTORS = (r"pwm", r"motor", r"actuator|output|esc", r"(^|[._/])m\d")
+UNITS = {"height": "m", "velocity": "m/s", "setpoint": "m"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channels:
+    """The channels of a flight log by what they are."""
+
+    known: dict[str, Channel]
+    commands: tuple[Channel, ...]
+
+
+def channels_of(contents: Contents) -> Channels | None:
+    """The channels of a flight log; None where one that is needed is missing."""
+    known: dict[str, Channel] = {}
+    for what, patterns in NAMES.items():
+        left = [c for c in contents.channels if c not in known.values() and len(c.values)]
+        found = next((c for p in patterns for c in left if re.search(p, c.name.lower())), None)
+        if found is not None:
+            known[what] = found
+        elif what not in ("setpoint", "supply"):
+            return None
+    commands = _commands(contents.channels)
+    return Channels(known=known, commands=commands) if commands else None
+
+
+def _commands(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+    """The channels that differ in a rotor's number alone, of the surest name that there is."""
+    for pattern in MOTORS:
+        groups: dict[str, list[Channel]] = {}
+        for c in channels:
+            if re.search(pattern, c.name.lower()) and re.search(r"\d", c.name) and len(c.values):
+                groups.setdefault(re.sub(r"\d+", "#", c.name), []).append(c)
+        full = [g for g in groups.values() if len(g) > 1]
+        # a controller has more outputs than rotors, which then stand still
+        moving = [tuple(c for c in g if np.ptp(c.values) > 0) for g in full]
+        if best := max(moving, key=len, default=()):
+            return best
+    return ()
+
+
+def flight_block(found: Channels, contents: Contents) -> str:
+    """[rig] held and [flight], with what the log does not say marked FILL IN."""
+    acceleration, command = found.known["acceleration"], found.commands
+    unit, gravity, axes = conventions(found, contents)
+    said = (
+        "   # as its samples have it"
+        if unit
+        else '   # "g" or "m/s^2"; "included" or "removed"; "body" or "world" axes'
+    )
+    words = [unit or "FILL IN", gravity or "FILL IN", axes or "FILL IN"]
+    lines = [
+        "# a flight log: no load cell, the vehicle weighs itself",
+        "[rig]",
+        'held = "command"',
+        "",
+        "[flight]",
+        (
+            f"acceleration = {{ column = {_text(acceleration)}, unit = {json.dumps(words[0])},"
+            f" gravity = {json.dumps(words[1])}, axes = {json.dumps(words[2])} }}{said}"
+        ),
+    ]
+    columns = ", ".join(_text(c) for c in command)
+    full, zero = _full(max(float(np.nanmax(c.values)) for c in command))
+    at_rest = f", zero = {zero}" if zero else ""
+    lines.append(f"command  = {{ columns = [{columns}], full = {full}{at_rest} }}")
+    if (supply := found.known.get("supply")) is not None:
+        unit = "mV" if float(np.nanmedian(supply.values)) > 500 else "V"
+        lines.append(f'supply   = {{ column = {_text(supply)}, unit = "{unit}" }}')
+    for what in ("height", "velocity", "setpoint"):
+        if what in found.known:
+            zero_at = ', zero = "each start"' if what == "height" else ""
+            lines.append(
+                f"{what:8} = {{ column = {_text(found.known[what])}, unit ="
+                f' "{found.known[what].unit or UNITS[what]}"{zero_at} }}'
+            )
+    return "\n".join(lines) + "\n"
+
+
+def conventions(found: Channels, contents: Contents) -> tuple[str, str, str]:
+    """Unit, gravity and axes of the acceleration that its samples do not contradict; empty where
+    they leave a choice, or where series have clocks of their own.
+    """
+    z, velocity = found.known["height"].values, found.known["velocity"]
+    up = found.known["acceleration"]
+    lengths = {len(c.values) for c in (up, velocity, found.known["height"], *found.commands)}
+    rate = up.rate_Hz
+    if len(lengths) > 1 or rate is None:
+        return "", "", ""
+    a, v = _three(up, contents), _three(velocity, contents)
+    command = np.stack([c.values for c in found.commands], axis=1)
+    with np.errstate(all="ignore"):
+        climb = v if v.ndim == 1 else v[:, 2]
+        full, zero = _full(float(np.nanmax(command)))
+        aloft, _, _ = starts_and_contacts(climb, z, (command - zero) / (full - zero), 0.15)
+        fitting = [
+            (unit, gravity, axes)
+            for unit, factor in (("g", STANDARD_G), ("m/s^2", 1.0))
+            for gravity in ("included", "removed")
+            for axes in ("body", "world")
+            if aloft.any()
+            and (axes == "body" or a.ndim > 1)
+            and not faults(factor * a, v, z, aloft, 1 / rate, (gravity, axes, STANDARD_G))
+        ]
+    if len({f[:2] for f in fitting}) != 1:
+        return "", "", ""
+    return (*fitting[0][:2], fitting[0][2] if len(fitting) == 1 or a.ndim == 1 else "")
+
+
+def _three(channel: Channel, contents: Contents) -> FloatArray:
+    """A channel with its siblings along x and y before it, where there are such."""
+    names = [sibling(channel.name, axis) for axis in ("x", "y")]
+    others = [c.values for name in names for c in contents.channels if c.name == name]
+    return np.stack([*others, channel.values], axis=1) if len(others) == 2 else channel.values
+
+
+def _full(highest: float) -> tuple[float, float]:
+    """What a command reads at full throttle and at rest, of the ranges that there are."""
+    for most, full, zero in ((1.001, 1, 0), (100.1, 100, 0), (1000.5, 1000, 0), (2200, 2000, 1000)):
+        if highest <= most:
+            return full, zero
+    return 65535, 0
+
+
+def _text(channel: Channel) -> str:
+    return json.dumps(channel.name, ensure_ascii=False)

@@ -1,0 +1,244 @@
+"""A flight log cut into windows, each of which is a trial: what the vehicle lifted, what its motors
+were told, how high it was and how it moved.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+from nearlift.readers import flight_log
+from nearlift.readers.channel import Contents
+from nearlift.readers.flight_log import FlightLog
+from nearlift.readers.seam import Reader
+from nearlift.readers.segments import PieceOfRecord
+from nearlift.reduction import motor_lag
+from nearlift.reduction.airborne import CLEAN, Phases, Window, phases, windows_of
+from nearlift.reduction.motor_lag import GRID, Moments
+from nearlift.reduction.record import FEWEST_SAMPLES
+from nearlift.reduction.specific_force import along_axis, faults, leaning
+
+if TYPE_CHECKING:
+    from nearlift.manifest.campaign import Campaign
+
+#: How long before a window's middle the set-point's history is kept, s.
+HISTORY_S = (0.0, 0.1, 0.2, 0.4, 0.8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightPiece(PieceOfRecord):
+    """A window of a flight; `command` is the mean of its rotors behind each lag of the grid."""
+
+    codes: tuple[str, ...]
+    command: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weighed:
+    """One log cut into windows; `stretches` are what its lag is estimated from."""
+
+    source: str
+    samples: int
+    step_s: float
+    codes: tuple[str, ...]
+    notes: tuple[str, ...]
+    pieces: tuple[FlightPiece, ...]
+    stretches: tuple[Moments, ...]
+    counts: Counter[str]
+
+
+def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> Weighed | Contents:
+    """The windows of one log, or what was found of a file that holds no sample.
+
+    Raises
+    ------
+    InputRefused
+        The log is not as the manifest says.
+    Malformed
+        The file is damaged.
+    """
+    log = flight_log.read(campaign, root, reader, path)
+    if isinstance(log, Contents):
+        return log
+    return _Cut(campaign, log, str(path)).weighed()
+
+
+class _Cut:
+    """A log that is being cut."""
+
+    def __init__(self, campaign: Campaign, log: FlightLog, where: str) -> None:
+        assert campaign.flight is not None
+        self.campaign, self.flight, self.log, self.where = campaign, campaign.flight, log, where
+        said = self.flight.acceleration
+        # gravity that was taken out is put in again
+        self.gravity = None if said.gravity == "included" else campaign.rig.gravity
+        self.axes: Literal["body", "world"] = said.axes
+        if said.axes == "world" and log.acceleration_m_s2.ndim == 1:
+            raise InputRefused(
+                where,
+                f"has no columns like {said.column!r} along x and y",
+                'along the world\'s axes all three are wanted; are they "body" axes?',
+            )
+        self.tilt = log.tilt_rad
+        if self.tilt is None and said.axes == "world":
+            self.tilt = leaning(log.acceleration_m_s2, self.gravity)
+        felt = along_axis(log.acceleration_m_s2, self.gravity, said.axes, self.tilt)
+        self.lift_N = campaign.vehicle.mass * felt
+
+    def weighed(self) -> Weighed:
+        log, flight = self.log, self.flight
+        found = self._phases()
+        self._as_declared(found)
+        length = max(round(flight.window / log.step_s), 1)
+        if length < FEWEST_SAMPLES:
+            raise InputRefused(
+                self.where,
+                f"has {length} samples in a window of {flight.window:g} s",
+                f'a trial takes {FEWEST_SAMPLES}: [flight] window ='
+                f' "{FEWEST_SAMPLES * log.step_s:.2g} s"',
+            )  # fmt: skip
+        cut = windows_of(found, log.run, length)
+        told = log.command.mean(axis=1)
+        means = np.stack([motor_lag.filtered(told, log.run, log.step_s, lag) for lag in GRID])
+        pieces = tuple(self._piece(k, window, found, means) for k, window in enumerate(cut, 1))
+        counts = Counter({w.code: 0 for w in cut})
+        for w in cut:
+            counts[w.code] += w.end - w.first
+        return Weighed(
+            source=log.source,
+            samples=len(log.time_s),
+            step_s=log.step_s,
+            codes=log.codes,
+            notes=log.notes,
+            pieces=pieces,
+            stretches=tuple(self._stretches(found, means)),
+            counts=counts,
+        )
+
+    def _phases(self) -> Phases:
+        log, flight = self.log, self.flight
+        series = {
+            "climb_m_s": log.climb_m_s,
+            "height_m": log.height_m,
+            "lift_N": self.lift_N,
+            "supply_V": log.supply_V,
+            "tilt_rad": self.tilt,
+        }
+        return phases(
+            {name: values for name, values in series.items() if values is not None},
+            log.command,
+            log.run,
+            1 / log.step_s,
+            flight.airborne,
+            (flight.tilt, flight.height.range),
+            flight.height.zero == "each start",
+        )
+
+    def _as_declared(self, found: Phases) -> None:
+        """Refuse a log that contradicts what the manifest says of it."""
+        said, log = self.flight.acceleration, self.log
+        told = faults(
+            log.acceleration_m_s2,
+            log.velocity_m_s,
+            log.height_m,
+            found.aloft,
+            log.step_s,
+            (said.gravity, said.axes, self.campaign.rig.gravity),
+        )
+        for fault in told[:1]:
+            column = getattr(self.flight, fault.key).column
+            raise InputRefused(
+                self.where,
+                f"contradicts [flight] {fault.key} ({column!r}): {fault.what}",
+                f"flight.{fault.key}: {fault.remedy}",
+            )
+        least, most = np.nanmin(log.command), np.nanmax(log.command)
+        if least < -0.01 or most > 1.01:
+            raise InputRefused(
+                self.where,
+                f"has commands from {100 * least:.3g} to {100 * most:.3g} % of full throttle",
+                "mend full and zero under [flight] command",
+            )
+
+    def _piece(self, number: int, window: Window, found: Phases, means: FloatArray) -> FlightPiece:
+        log, own = self.log, slice(window.first, window.end)
+        height = log.height_m[own] - found.floor_m[own]
+        supply = None if log.supply_V is None else _mean(log.supply_V[own])
+        brought = {"distance": _mean(height), "throttle": float("nan")}
+        if supply is not None:
+            brought["supply"] = supply
+        if self.flight.tells_tilt and self.tilt is not None:
+            brought["tilt"] = _mean(self.tilt[own])
+        if window.code:
+            # what is left out may stand at any height, and behind any command
+            brought = dict.fromkeys(brought, float("nan"))
+        return FlightPiece(
+            number=number,
+            force_N=self.lift_N[own],
+            time_s=None,
+            tare_N=np.empty(0),
+            since_s=float(log.time_s[window.first]),
+            brought=brought,
+            covariates={} if window.code else self._covariates(own, window),
+            codes=(window.code,) if window.code else (),
+            command=means[:, own].mean(axis=1),
+        )
+
+    def _covariates(self, own: slice, window: Window) -> dict[str, tuple[float, float]]:
+        """How the vehicle moved, what each rotor was told beside the others, and where the
+        set-point stood before.
+        """
+        log = self.log
+        series = {"climb_m_s": log.climb_m_s}
+        if log.velocity_m_s.ndim > 1:
+            series["level_speed_m_s"] = np.hypot(log.velocity_m_s[:, 0], log.velocity_m_s[:, 1])
+        rotors = log.command.shape[1]
+        together = np.maximum(log.command.mean(axis=1), 1e-9)
+        for k in range(rotors if rotors > 1 else 0):
+            series[f"command_share_{k + 1}"] = log.command[:, k] / together
+        found = {name: float(values[own].mean()) for name, values in series.items()}
+        found["flight"] = float(window.start)
+        if log.setpoint_m is not None:
+            middle = (window.first + window.end) // 2
+            for k, ago in enumerate(HISTORY_S):
+                at = max(middle - round(ago / log.step_s), 0)
+                found[f"setpoint_m_{k}"] = float(log.setpoint_m[at])
+        # what moves within a window is no scatter of what it was
+        return {name: (value, np.nan) for name, value in found.items()}
+
+    def _stretches(self, found: Phases, means: FloatArray) -> list[Moments]:
+        log = self.log
+        clean = found.code == CLEAN
+        z_hat = (log.height_m - found.floor_m) / self.campaign.vehicle.rotor_radius
+        beside = [log.climb_m_s, *(np.exp(-z_hat / decay) for decay in motor_lag.DECAYS)]
+        if log.supply_V is not None:
+            beside.append(np.log(np.maximum(log.supply_V, 1e-3)))
+        # a stretch begins anew at every start, hole, and so many seconds
+        groups = _stretches_of(clean, found.start, log.run, log.time_s)
+        return motor_lag.moments(self.lift_N, means, beside, groups, log.step_s)
+
+
+def _stretches_of(
+    clean: NDArray[np.bool_], start: NDArray[np.int64], run: NDArray[np.int64], time_s: FloatArray
+) -> NDArray[np.int64]:
+    """Stretches of flight, counted from 1: of one start without a hole, parted where they are
+    long.
+    """
+    first = np.flatnonzero(np.concatenate([[True], (np.diff(start) != 0) | (np.diff(run) != 0)]))
+    begun = np.repeat(time_s[first], np.diff([*first, len(time_s)]))
+    part = ((time_s - begun) // motor_lag.STRETCH_S).astype(np.int64)
+    labels = np.stack([start, run, part])
+    _, number = np.unique(labels, axis=1, return_inverse=True)
+    return np.where(clean, number + 1, 0)
+
+
+def _mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else float("nan")

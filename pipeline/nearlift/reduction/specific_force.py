@@ -1,0 +1,189 @@
+"""Specific force along the rotor axis from a logged acceleration, and whether the log bears out the
+unit, sign, gravity and axes that the manifest says it has.
+
+A vehicle in flight weighs itself: lift is its mass times the acceleration that it feels along its
+rotors' axis. What a log calls acceleration may be that, or how its velocity changes; along its own
+axes, or along the world's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+
+#: Time over which a velocity is differentiated, s.
+SPAN_S = 0.1
+#: Correlation from which on a slope says something, what it may be, and how little a series moves
+#: to say nothing, m/s^2.
+TELLING, SLOPES, STILL = 0.6, (0.5, 2.0), 0.1
+#: Samples that a slope rests on.
+FEWEST = 50
+#: What the mean of an acceleration in flight may be off by, in units of g.
+OFF = 0.35
+
+
+class Fault(NamedTuple):
+    """What is wrong with a declaration: its key under [flight], what the log shows, and what to
+    write.
+    """
+
+    key: str
+    what: str
+    remedy: str
+
+
+def along_axis(
+    acceleration: FloatArray,
+    gravity: float | None,
+    axes: Literal["body", "world"],
+    tilt_rad: FloatArray | None,
+) -> FloatArray:
+    """Specific force along the rotor axis, m/s^2, (n,).
+
+    Parameters
+    ----------
+    acceleration : (n,) or (n, 3) array
+        The last axis up.
+    gravity : float or None
+        What is to be added; None where the acceleration has it already.
+    axes : str
+        Along the world's axes the norm is taken: a rotor pulls along its axis alone.
+    """
+    if axes == "world":
+        felt = acceleration.copy()
+        felt[:, 2] += gravity or 0.0
+        return np.asarray(np.sqrt(np.sum(felt**2, axis=1)), dtype=np.float64)
+    up = acceleration if acceleration.ndim == 1 else acceleration[:, 2]
+    if gravity is None:
+        return up
+    return np.asarray(up + gravity * (1.0 if tilt_rad is None else np.cos(tilt_rad)))
+
+
+def leaning(acceleration: FloatArray, gravity: float | None) -> FloatArray:
+    """The angle between the specific force along the world's axes (n, 3) and the vertical, rad."""
+    across = np.hypot(acceleration[:, 0], acceleration[:, 1])
+    return np.asarray(np.arctan2(across, acceleration[:, 2] + (gravity or 0.0)))
+
+
+def faults(
+    acceleration: FloatArray,
+    velocity: FloatArray,
+    height: FloatArray,
+    flying: NDArray[np.bool_],
+    step_s: float,
+    said: tuple[Literal["included", "removed"], Literal["body", "world"], float],
+) -> list[Fault]:
+    """What the samples in flight contradict, the surest first.
+
+    Parameters
+    ----------
+    acceleration, velocity : (n,) or (n, 3) arrays
+        As declared, SI, the last axis up.
+    height : (n,) array
+    flying : (n,) mask
+    step_s : float
+        The clock's step.
+    said : (gravity, axes, g)
+        As declared; g in m/s^2.
+    """
+    gravity, axes, g = said
+    (up, sideways), (climb, drift) = _split(acceleration), _split(velocity)
+    span = max(round(SPAN_S / step_s), 1)
+    found = []
+    rate = _slope(_change(height, span, step_s), _level(climb, span), flying, STILL)
+    if rate is not None and not SLOPES[0] <= rate <= SLOPES[1]:
+        remedy = _scaled("velocity", rate) if rate > 0 else "velocity.sign = -1, or height.sign?"
+        what = f"the height changes by {rate:.3g} of what the velocity says"
+        found.append(Fault("velocity", what, remedy))
+        return found
+    if not np.isfinite(up[flying]).any():
+        return found
+    mean = float(np.nanmean(up[flying])) / g
+    expected = 1.0 if gravity == "included" else 0.0
+    pull = _slope(_level(up, span), _change(climb, span, step_s), flying, STILL)
+    if pull is not None and not SLOPES[0] <= pull <= SLOPES[1]:
+        remedy = {True: 'unit = "g"?', False: 'unit = "m/s^2"?'}[pull < SLOPES[0]]
+        if pull < 0:
+            remedy = "sign = -1?"
+        what = f"it changes by {pull:.3g} of what the velocity's change says"
+        found.append(Fault("acceleration", what, remedy))
+    elif not abs(mean - expected) <= OFF:
+        what = f"its mean in flight is {mean:.3g} g, and with gravity {gravity} it is {expected:g}"
+        if abs(mean - (1 - expected)) <= OFF:
+            other = "removed" if gravity == "included" else "included"
+            remedy = f'gravity = "{other}"?'
+        elif abs(mean + expected) <= OFF:
+            remedy = "sign = -1?"
+        else:
+            ratio = abs(mean) * g if abs(mean) < 0.5 else abs(mean) / g
+            remedy = (
+                f'unit = "{"g" if abs(mean) < 0.5 else "m/s^2"}"?'
+                if abs(ratio - 1) <= OFF
+                else "name another column"
+            )
+        found.append(Fault("acceleration", what, remedy))
+    if not found and sideways is not None and drift is not None:
+        slopes = [
+            s
+            for a, v in zip(sideways, drift, strict=True)
+            if (s := _slope(_level(a, span), _change(v, span, step_s), flying, 2 * STILL, 0.0))
+            is not None
+        ]
+        follows = max(slopes, key=lambda s: -abs(s - 1), default=math.nan)
+        if axes == "body" and abs(follows - 1) < 0.35:
+            what = f"sideways it is {follows:.3g} of the velocity's change: along the world's axes"
+            found.append(Fault("acceleration", what, 'axes = "world"'))
+        elif axes == "world" and slopes and max(slopes) < 0.5:
+            what = f"sideways it is {follows:.3g} of the velocity's change: along the vehicle's own"
+            found.append(Fault("acceleration", what, 'axes = "body"'))
+    return found
+
+
+def _split(values: FloatArray) -> tuple[FloatArray, list[FloatArray] | None]:
+    """What points up, and what points sideways, where that was logged."""
+    if values.ndim == 1:
+        return values, None
+    return values[:, 2], [values[:, 0], values[:, 1]]
+
+
+def _level(values: FloatArray, span: int) -> FloatArray:
+    """The mean over as long as `_change` takes."""
+    kernel = np.ones(2 * span + 1) / (2 * span + 1)
+    return np.asarray(np.convolve(values, kernel, mode="same"))
+
+
+def _change(values: FloatArray, span: int, step_s: float) -> FloatArray:
+    """The change per second over `span` samples to either side, NaN at the ends."""
+    out = np.full(len(values), np.nan)
+    out[span:-span] = (values[2 * span :] - values[: -2 * span]) / (2 * span * step_s)
+    return out
+
+
+def _slope(
+    y: FloatArray,
+    x: FloatArray,
+    where: NDArray[np.bool_],
+    still: float,
+    apart: float | None = None,
+) -> float | None:
+    """The slope of y on x; None where x hardly moves, and `apart` where y does not go with it."""
+    good = where & np.isfinite(x) & np.isfinite(y)
+    if good.sum() < FEWEST:
+        return None
+    x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
+    if float(np.sqrt(np.mean(x**2))) < still:
+        return None
+    both, across = float(np.mean(x * y)), float(np.sqrt(np.mean(x**2) * np.mean(y**2)))
+    return both / float(np.mean(x**2)) if abs(both) > TELLING * across else apart
+
+
+def _scaled(key: str, ratio: float) -> str:
+    """What a factor between two series makes of the unit of one."""
+    names = {1e-3: "thousandth", 1e-2: "hundredth", 1e2: "hundred times", 1e3: "thousand times"}
+    near = [word for factor, word in names.items() if 0.7 < ratio / factor < 1.4]
+    return f"{key}.unit, height.unit or the clock's is off: a {near[0]}" if near else f"{key}.unit?"

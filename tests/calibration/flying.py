@@ -1,0 +1,219 @@
+"""Flights of a simulated quadrotor that weighs itself: a rigid vehicle in closed loop with lagging
+motors, ground effect, climb inflow, a sagging battery, gusts and noisy sensors; and its logs, as a
+flight controller writes them.
+
+Nothing here is the product's: formulas are written out from their sources, files by their layouts.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+G = 9.81
+STEP_S, EVERY = 0.002, 5
+"""Step of the simulation, and how many of them a log's sample takes: 100 Hz."""
+FULL = 65535
+
+
+class Craft(NamedTuple):
+    """The truth of a flight. Lift at command u and supply V is weight * ((u V) / (u0 V0))^exponent
+    times ground effect and 1 - climb * v_z; lengths in m.
+    """
+
+    mass: float = 0.0327
+    radius: float = 0.0231
+    spacing: float = 0.065
+    plane: float = 0.030
+    """Rotor plane above the feet."""
+    k_b: float = 2.0
+    exponent: float = 1.7
+    climb: float = 0.045
+    lag_s: float = 0.075
+    hover: float = 0.62
+    supply_V: float = 3.9
+    sag_V_s: float = 0.004
+    resistance: float = 0.35
+    """Volts of sag at full throttle."""
+    gust_N: float = 0.003
+    gust_s: float = 0.4
+    height_noise: float = 0.002
+    acceleration_noise: float = 0.15
+    shares: tuple[float, ...] = (1.04, 0.97, 1.03, 0.96)
+    """What each rotor is told beside the others."""
+
+
+Log = dict[str, NDArray[np.float64]]
+
+
+def ground(z_m: float, craft: Craft) -> float:
+    """Lift over lift far away: Sanchez-Cuevas, Heredia and Ollero 2017, with the fountain's K_b."""
+    r, d = craft.radius, craft.spacing
+    b = math.sqrt(2) * d
+    own = (r / (4 * z_m)) ** 2
+    near = r**2 * z_m / (d**2 + 4 * z_m**2) ** 1.5
+    far = 0.5 * r**2 * z_m / (2 * d**2 + 4 * z_m**2) ** 1.5
+    fountain = 2 * r**2 * z_m / (b**2 + 4 * z_m**2) ** 1.5 * craft.k_b
+    return 1 / (1 - own - near - far - fountain)
+
+
+def heights(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    """Set-points of a flight, above the floor, in m: low ones as often as high ones, and a brisk
+    start.
+    """
+    return np.r_[0.3, np.exp(rng.uniform(math.log(0.02), math.log(0.5), n - 1))]
+
+
+def fly(
+    craft: Craft,
+    rng: np.random.Generator,
+    targets: NDArray[np.float64],
+    hold_s: float = 2.0,
+    on_floor_s: float = 1.5,
+    floor_reads: float = 0.0,
+) -> Log:
+    """One start, its set-points in turn, and a landing, sampled at 100 Hz; `floor_reads` is what
+    the height sensor says on the floor.
+    """
+    weight = craft.mass * G
+    length = on_floor_s + hold_s * len(targets) + 3.0
+    steps = round(length / STEP_S)
+    z = v = gust = motor = told = integral = asked = 0.0
+    fade = math.exp(-STEP_S / craft.gust_s)
+    kick = craft.gust_N * math.sqrt(1 - fade**2)
+    follow = 1 - math.exp(-STEP_S / craft.lag_s)
+    noise = rng.standard_normal((steps, 2))
+    rows = []
+    u0v0 = craft.hover * craft.supply_V
+    landed = False
+    for k in range(steps):
+        t = k * STEP_S
+        if k % EVERY == 0:
+            at = int((t - on_floor_s) // hold_s)
+            flies = t >= on_floor_s and not landed
+            target = float(targets[at]) if at < len(targets) else -0.2
+            # a set-point moves at 0.6 m/s at most
+            asked += np.clip(target - asked, -0.006, 0.006) if flies else 0.0
+            read = z + craft.height_noise * noise[k, 1]
+            if flies:
+                away = asked - read
+                integral = float(np.clip(integral + 0.4 * away * 0.01, -0.3, 0.3))
+                rate = 6.0 * away - 3.5 * v
+                told = float(np.clip(craft.hover * (1 + integral + 0.16 * rate), 0.05, 1.0))
+            else:
+                told, integral = 0.0, 0.0
+            if at >= len(targets) and z <= 0.0 and v <= 0.0:
+                landed = True
+        motor += follow * (told - motor)
+        supply = craft.supply_V - craft.sag_V_s * t - craft.resistance * motor**2
+        gust = fade * gust + kick * noise[k, 0]
+        lift = (
+            weight
+            * (max(motor, 0.0) * supply / u0v0) ** craft.exponent
+            * ground(max(z, 0.0) + craft.plane, craft)
+            * (1 - craft.climb * v)
+        )
+        force = lift + (gust if z > 0 else 0.0) - weight
+        if z <= 0.0 and force < 0.0:
+            felt, v, z = G, 0.0, 0.0
+        else:
+            felt = G + force / craft.mass
+            v += force / craft.mass * STEP_S
+            z += v * STEP_S
+            if z < 0.0:
+                z, v = 0.0, 0.0
+        if k % EVERY == 0:
+            rows.append((t, z, v, felt, told, supply, asked))
+    t, z_m, v_m, felt, command, volts, setpoint = np.array(rows).T
+    n = len(t)
+    slow = rng.standard_normal((n, 3))
+    log = {
+        "t": t,
+        "z": z_m + floor_reads + craft.height_noise * slow[:, 0],
+        "vz": v_m + 0.005 * slow[:, 1],
+        "az": felt + craft.acceleration_noise * slow[:, 2],
+        "setpoint": setpoint,
+        "supply": volts,
+    }
+    for k, share in enumerate(craft.shares, start=1):
+        log[f"m{k}"] = np.round(np.clip(command * share, 0, 1) * FULL)
+    return log
+
+
+def joined(*logs: Log, pause_s: float = 0.01) -> Log:
+    """Flights of one log, one behind the other."""
+    parts, at = [], 0.0
+    for log in logs:
+        parts.append({**log, "t": log["t"] + at})
+        at = float(parts[-1]["t"][-1]) + pause_s
+    return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+
+
+def write_csv(path: Path, log: Mapping[str, Any], tick: float = 1000.0, unit: str = "ms") -> None:
+    """A log as text, a row a sample; its clock in `unit`, `tick` of them to a second."""
+    names = [name for name in log if name != "t"]
+    lines = [",".join([f"t ({unit})" if unit else "t", *names])]
+    for row in zip(np.round(log["t"] * tick, 3), *(log[name] for name in names), strict=True):
+        lines.append(",".join(f"{value:.9g}" for value in row))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def usd(log: Mapping[str, Any], version: int = 2) -> bytes:
+    """A log of the Crazyflie's uSD deck, one event of floats."""
+    names = [name for name in log if name != "t"]
+    head = struct.pack("<BHH", 0xBC, version, 1) + struct.pack("<H", 7) + b"fixedFrequency\0"
+    head += struct.pack("<H", len(names)) + b"".join(f"{n}(f)".encode() + b"\0" for n in names)
+    body = bytearray(head)
+    clock = ("<I", 1e3) if version == 1 else ("<Q", 1e6)
+    for i, t in enumerate(log["t"]):
+        body += struct.pack("<H", 7) + struct.pack(clock[0], round(float(t) * clock[1]))
+        body += struct.pack(f"<{len(names)}f", *(float(log[n][i]) for n in names))
+    return bytes(body) + struct.pack("<I", zlib.crc32(body))
+
+
+#: What a manifest says of such a log.
+FLIGHT: dict[str, Any] = {
+    "acceleration": {"column": "az", "unit": "m/s^2", "gravity": "included", "axes": "body"},
+    "command": {"columns": ["m1", "m2", "m3", "m4"], "full": FULL},
+    "supply": {"column": "supply", "unit": "V"},
+    "height": {"column": "z", "unit": "m", "zero": "each start"},
+    "velocity": {"column": "vz", "unit": "m/s"},
+    "setpoint": {"column": "setpoint", "unit": "m"},
+}
+
+
+def manifest(flight: Mapping[str, Any] = FLIGHT, **changes: Any) -> dict[str, Any]:
+    """A campaign of such logs as parsed TOML; `changes` replace whole tables."""
+    craft = Craft()
+    return {
+        "schema": "nearlift.campaign/1",
+        "name": "flown",
+        "simulated": True,
+        "vehicle": {
+            "name": "simulated",
+            "rotors": 4,
+            "rotor_radius": f"{1e3 * craft.radius:g} mm",
+            "rotor_spacing": f"{1e3 * craft.spacing:g} mm",
+            "mass": f"{1e3 * craft.mass:g} g",
+        },
+        "rig": {
+            "held": "command",
+            "distance_datum": "airframe",
+            "distance_offset": f"{1e3 * craft.plane:g} mm",
+            "gravity": f"{G} m/s^2",
+        },
+        "records": {
+            "reader": "text",
+            "files": "logs/{record}.csv",
+            "time": {"column": "t", "unit": "ms"},
+        },
+        "flight": dict(flight),
+        **changes,
+    }
