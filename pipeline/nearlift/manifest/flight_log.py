@@ -17,7 +17,7 @@ from nearlift.manifest.quantities import (
     Velocity,
     positive,
 )
-from nearlift.manifest.rig import RECORD
+from nearlift.manifest.rig import RECORD_MARK
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -160,8 +160,8 @@ def flight_fits_the_rest(campaign: Campaign) -> None:
         raise ValueError(
             "with [flight] the vehicle weighs itself: take [load_cell] and records.force away"
         )
-    if campaign.records.reader == "means" or RECORD not in (campaign.records.files or ""):
+    if campaign.records.reader == "means" or RECORD_MARK not in (campaign.records.files or ""):
         raise ValueError(
-            f"with [flight] a file is a log of many trials: write {RECORD} in [records] files, as"
-            f' in "logs/{RECORD}.csv"'
+            f"with [flight] a file is a log: write {RECORD_MARK} in [records] files, as"
+            f' in "logs/{RECORD_MARK}.csv"'
         )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.manifest.segments import FEWEST_SAMPLES
 from nearlift.readers import flight_log
 from nearlift.readers.channel import Contents
 from nearlift.readers.flight_log import FlightLog
@@ -22,7 +23,6 @@ from nearlift.readers.segments import PieceOfRecord
 from nearlift.reduction import motor_lag
 from nearlift.reduction.airborne import CLEAN, Phases, Window, phases, windows_of
 from nearlift.reduction.motor_lag import GRID, Moments
-from nearlift.reduction.record import FEWEST_SAMPLES
 from nearlift.reduction.specific_force import along_axis, faults, leaning
 
 if TYPE_CHECKING:
