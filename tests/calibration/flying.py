@@ -7,6 +7,7 @@ Nothing here is the product's: formulas are written out from their sources, file
 
 from __future__ import annotations
 
+import json
 import math
 import struct
 import zlib
@@ -176,6 +177,82 @@ def usd(log: Mapping[str, Any], version: int = 2) -> bytes:
         body += struct.pack("<H", 7) + struct.pack(clock[0], round(float(t) * clock[1]))
         body += struct.pack(f"<{len(names)}f", *(float(log[n][i]) for n in names))
     return bytes(body) + struct.pack("<I", zlib.crc32(body))
+
+
+def topics(log: Mapping[str, Any]) -> dict[str, tuple[NDArray[np.float64], dict[str, Any]]]:
+    """A log as a controller with topics has it: clocks of their own, the supply at 10 Hz, z down."""
+    t = log["t"]
+    slow = slice(None, None, 10)
+    return {
+        "sensor_combined": (t, {"accelerometer_z": -log["az"]}),
+        "vehicle_local_position": (t + 0.003, {"z": -log["z"], "vz": -log["vz"]}),
+        "actuator_outputs": (t + 0.001, {f"output_{k}": log[f"m{k}"] for k in (1, 2, 3, 4)}),
+        "battery_status": (t[slow], {"voltage_v": log["supply"][slow]}),
+    }
+
+
+#: What a manifest says of such topics.
+TOPICS: dict[str, Any] = {
+    "acceleration": {
+        "column": "sensor_combined.accelerometer_z",
+        "unit": "m/s^2",
+        "sign": -1,
+        "gravity": "included",
+        "axes": "body",
+    },
+    "command": {"columns": [f"actuator_outputs.output_{k}" for k in (1, 2, 3, 4)], "full": FULL},
+    "supply": {"column": "battery_status.voltage_v", "unit": "V"},
+    "height": {
+        "column": "vehicle_local_position.z",
+        "unit": "m",
+        "sign": -1,
+        "zero": "each start",
+    },
+    "velocity": {"column": "vehicle_local_position.vz", "unit": "m/s", "sign": -1},
+}
+
+
+def ulog(log: Mapping[str, Any], begun_us: int = 7_000_000) -> bytes:
+    """A ULog of PX4 with those topics."""
+    out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", begun_us))
+
+    def message(kind: bytes, body: bytes) -> None:
+        out.extend(struct.pack("<H", len(body)) + kind + body)
+
+    message(b"B", bytes(40))
+    each = list(topics(log).items())
+    for name, (_, columns) in each:
+        fields = "".join(f"float {c};" for c in columns)
+        message(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
+    for k, (name, _) in enumerate(each):
+        message(b"A", struct.pack("<BH", 0, k) + name.encode())
+    rows = sorted((t, k, i) for k, (_, (clock, _)) in enumerate(each) for i, t in enumerate(clock))
+    for t, k, i in rows:
+        values = [float(c[i]) for c in each[k][1][1].values()]
+        body = struct.pack("<HQ", k, begun_us + round(t * 1e6))
+        message(b"D", body + struct.pack(f"<{len(values)}f", *values))
+    return bytes(out)
+
+
+def mcap(path: Path, log: Mapping[str, Any], late_s: float = 0.05) -> None:
+    """A bag of those topics in JSON, written `late_s` after each was measured."""
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for name, (clock, columns) in topics(log).items():
+            schema = writer.register_schema(name=name, encoding="jsonschema", data=b"{}")
+            channel = writer.register_channel(
+                topic=f"/{name}", message_encoding="json", schema_id=schema
+            )
+            for i, t in enumerate(clock):
+                nano = round(t * 1e9) + 10**18
+                stamp = {"sec": nano // 10**9, "nanosec": nano % 10**9}
+                row = {"header": {"stamp": stamp}, **{c: float(v[i]) for c, v in columns.items()}}
+                when = nano + round(late_s * 1e9)
+                writer.add_message(channel, when, json.dumps(row).encode(), when)
+        writer.finish()
 
 
 #: What a manifest says of such a log.

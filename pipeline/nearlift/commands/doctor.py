@@ -27,6 +27,8 @@ EXTRAS = {
     "nptdms": ("tdms", "reading TDMS files"),
     "h5py": ("hdf5", "reading HDF5 files"),
     "mat-io": ("mat", "reading MATLAB timetables"),
+    "pyulog": ("ulog", "reading ULog of PX4"),
+    "mcap-ros2-support": ("mcap", "reading MCAP of ROS 2"),
     "h5netcdf": ("netcdf", "posterior.nc"),
     "distributed": ("dask", "running on a dask cluster"),
     "casadi": ("casadi", "exporting CasADi expressions"),

@@ -23,6 +23,8 @@ BUILT_IN = {
     "flight-stand": "flight_stand",
     "crazyflie": "crazyflie",
     "crazyflie-usd": "usd",
+    "ulog": "ulog",
+    "mcap": "mcap",
     "lvm": "lvm",
     "tdms": "tdms",
     "mat": "mat",
