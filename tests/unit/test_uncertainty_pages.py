@@ -22,7 +22,7 @@ from nearlift.report.figures import budget as draw_budget
 from nearlift.report.figures import profiles as draw_profiles
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import coefficient, style
-from nearlift.report.number import degrees
+from nearlift.report.number import Place
 from nearlift.report.tidy import to_csv
 from nearlift.results.quotation import BudgetLine
 from nearlift.stages.report import gather
@@ -341,11 +341,8 @@ def test_the_budget_is_that_of_what_is_quoted(evidence):
 def test_few_degrees_of_freedom_are_not_rounded_away(evidence):
     content = {"a": {"dof": 0.53}, "b": {"dof": 12.34}, "c": {"dof": None}}
     known = dataclasses.replace(evidence, documents={FIT.file: content})
-    assert [n.text if (n := degrees(known, FIT, k, "dof")) else None for k in "abc"] == [
-        "0.5",
-        "12",
-        None,
-    ]
+    found = [Place(known, FIT).degrees(k, "dof") for k in "abc"]
+    assert [n and n.text for n in found] == ["0.5", "12", None]
 
 
 def test_degeneracies_of_a_group_are_one_sentence():

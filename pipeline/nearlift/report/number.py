@@ -67,32 +67,6 @@ def follow(content: Any, path: tuple[str, ...]) -> Any:
     return content
 
 
-def cite(
-    evidence: Evidence,
-    product: Product,
-    *path: str,
-    digits: int = 4,
-    scale: float = 1.0,
-    how: str = "",
-    like_u: float | None = None,
-    places: int | None = None,
-) -> Number:
-    """The number at `path` of a JSON product: to so many digits, or so many decimal places, or
-    those of an uncertainty `like_u`.
-    """
-    found = follow(evidence.document(product), path)
-    value = math.nan if found is None else float(found)
-    if not math.isfinite(value):
-        text = "–"
-    elif places is not None:
-        text = fixed(scale * value, places)
-    else:
-        text = (
-            plain(scale * value, digits) if like_u is None else like(scale * value, scale * like_u)
-        )
-    return Number(text=text, value=value, source=pointer(product, *path), how=how)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quoted:
     """An estimate as printed: value, standard uncertainty and 90 % interval, all with the same
@@ -110,51 +84,107 @@ class Quoted:
     at_bound: bool
 
 
-def quote(evidence: Evidence, product: Product, *path: str, name: str = "") -> Quoted:
-    """The estimate at `path`: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`,
-    `at_bound`; of the path's last key, or of `name`.
-    """
-    entry = follow(evidence.document(product), path)
-    known = {k: v for k, v in entry.items() if isinstance(v, int | float)}
-    # an interval without `u` still says to how many digits its centre is known
-    width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
-    u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
-    name = name or path[-1]
-    head, _, sub = letter(name).partition("_")
-    return Quoted(
-        name=name,
-        head=head,
-        sub=sub,
-        unit="" if entry.get("unit", "1") == "1" else entry["unit"],
-        value=cite(evidence, product, *path, "value", like_u=u),
-        u=cite(evidence, product, *path, "u", like_u=u) if "u" in known else None,
-        lo90=cite(evidence, product, *path, "lo90", like_u=u),
-        hi90=cite(evidence, product, *path, "hi90", like_u=u),
-        at_bound=bool(entry.get("at_bound")),
-    )
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place in a JSON product; the numbers below it are cited by their paths from there."""
 
+    evidence: Evidence
+    product: Product
+    path: tuple[str | int, ...] = ()
 
-def chance(evidence: Evidence, product: Product, *path: str) -> Number:
-    """A p-value; below what any test here can mean, only its bound."""
-    found = cite(evidence, product, *path, digits=2)
-    if found.value < LEAST_CHANCE:
-        return replace(found, text="< 10⁻¹²")
-    digits, _, exponent = found.text.partition("e")
-    return (
-        replace(found, text=f"{digits} × 10{str(int(exponent)).translate(RAISED)}")
-        if exponent
-        else found
-    )
+    def at(self, *path: str | int) -> Place:
+        """A place below this one."""
+        return Place(self.evidence, self.product, (*self.path, *path))
 
+    @property
+    def content(self) -> Any:
+        """What stands there; None where there is nothing."""
+        return follow(self.evidence.document(self.product), tuple(map(str, self.path)))
 
-def degrees(evidence: Evidence, product: Product, *path: str) -> Number | None:
-    """Degrees of freedom: one decimal below ten, where it matters; None where there is no end to
-    them.
-    """
-    found = cite(evidence, product, *path, places=0)
-    if not math.isfinite(found.value):
-        return None
-    return found if found.value >= FEW else replace(found, text=fixed(found.value, 1))
+    def source(self, *path: str | int) -> str:
+        """Product and JSON pointer."""
+        return pointer(self.product, *map(str, (*self.path, *path)))
+
+    def number(
+        self,
+        *path: str | int,
+        digits: int = 4,
+        scale: float = 1.0,
+        how: str = "",
+        like_u: float | None = None,
+        places: int | None = None,
+    ) -> Number:
+        """One number: to so many digits, or so many decimal places, or those of an uncertainty
+        `like_u`.
+        """
+        found = self.at(*path).content
+        value = math.nan if found is None else float(found)
+        if not math.isfinite(value):
+            text = "–"
+        elif places is not None:
+            text = fixed(scale * value, places)
+        elif like_u is not None:
+            text = like(scale * value, scale * like_u)
+        else:
+            text = plain(scale * value, digits)
+        return Number(text=text, value=value, source=self.source(*path), how=how)
+
+    def percent(
+        self,
+        *path: str | int,
+        digits: int = 4,
+        places: int | None = None,
+        how: str = "in percent",
+    ) -> Number:
+        """A fraction in percent."""
+        return self.number(*path, digits=digits, places=places, scale=100, how=how)
+
+    def excess(self, *path: str | int, over: float, how: str) -> Number:
+        """By how much a number exceeds another, to one decimal."""
+        value = float(self.number(*path).value) - over
+        return Number(text=fixed(value, 1), value=value, source=self.source(*path), how=how)
+
+    def quote(self, *path: str | int, name: str = "") -> Quoted:
+        """An estimate: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`;
+        of the path's last key, or of `name`.
+        """
+        own = self.at(*path)
+        entry = own.content
+        known = {k: v for k, v in entry.items() if isinstance(v, int | float)}
+        # an interval without `u` still says to how many digits its centre is known
+        width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
+        u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
+        name = name or str(own.path[-1])
+        head, _, sub = letter(name).partition("_")
+        return Quoted(
+            name=name,
+            head=head,
+            sub=sub,
+            unit="" if entry.get("unit", "1") == "1" else entry["unit"],
+            value=own.number("value", like_u=u),
+            u=own.number("u", like_u=u) if "u" in known else None,
+            lo90=own.number("lo90", like_u=u),
+            hi90=own.number("hi90", like_u=u),
+            at_bound=bool(entry.get("at_bound")),
+        )
+
+    def chance(self, *path: str | int) -> Number:
+        """A p-value; below what any test here can mean, only its bound."""
+        found = self.number(*path, digits=2)
+        if found.value < LEAST_CHANCE:
+            return replace(found, text="< 10⁻¹²")
+        digits, _, exponent = found.text.partition("e")
+        raised = f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
+        return replace(found, text=raised)
+
+    def degrees(self, *path: str | int) -> Number | None:
+        """Degrees of freedom: one decimal below ten, where it matters; None where there is no end
+        to them.
+        """
+        found = self.number(*path, places=0)
+        if not math.isfinite(found.value):
+            return None
+        return found if found.value >= FEW else replace(found, text=fixed(found.value, 1))
 
 
 def count(product: Product, value: int, how: str) -> Number:
@@ -164,4 +194,4 @@ def count(product: Product, value: int, how: str) -> Number:
 
 def headline(evidence: Evidence, boundary: str, name: str) -> Quoted:
     """A coefficient as it is to be quoted."""
-    return quote(evidence, RESULTS, "boundaries", boundary, "coefficients", name)
+    return Place(evidence, RESULTS).quote("boundaries", boundary, "coefficients", name)

@@ -12,7 +12,7 @@ from nearlift.report.chapters import loop_words
 from nearlift.report.documents import brief
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import could_have_seen, to_log
-from nearlift.report.number import Number, chance, cite
+from nearlift.report.number import Number, Place
 
 #: So many lines of structure, and of silent effects, are shown.
 LINES = 12
@@ -20,28 +20,23 @@ LINES = 12
 
 def facts(evidence: Evidence) -> dict[str, Any]:
     """A section for each boundary that was diagnosed, and why the others were not."""
-    content = evidence.document(DIAGNOSIS)
-    rate = (
-        cite(evidence, DIAGNOSIS, "false_alarm_rate", scale=100, digits=3, how="in percent")
-        if "false_alarm_rate" in content
-        else None
-    )
+    rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",))
     return {
         "sections": [
             _section(evidence, b, found) for b in BOUNDARIES if (found := evidence.diagnosed(b))
         ],
         "not_diagnosed": {b: reason for b in BOUNDARIES if (reason := evidence.not_diagnosed(b))},
-        "rate": rate,
+        "rate": None if rate.content is None else rate.percent(digits=3),
     }
 
 
 def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> dict[str, Any]:
-    path = ("boundaries", boundary)
+    place = Place(evidence, DIAGNOSIS, ("boundaries", boundary))
     coefficients = found.get("coefficients", {})
     structure = [
         {
             "covariate": s["covariate"],
-            "p": chance(evidence, DIAGNOSIS, *path, "structure", str(i), "p_value"),
+            "p": place.chance("structure", i, "p_value"),
             "significant": s.get("significant"),
         }
         for i, s in enumerate(found.get("structure", [])[:LINES])
@@ -51,34 +46,21 @@ def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> d
         "kind": found["verdict"],
         "carried": coefficients.get("carried", []),
         "verdict": brief.verdict(evidence, boundary),
-        "largest": loop_words.largest(evidence, boundary, found),
+        "largest": loop_words.largest(place),
         "look": found.get("look", {}).get("text", ""),
-        "effects": loop_words.effects(evidence, boundary, found),
+        "effects": loop_words.effects(place),
         "not_confirmed": [" + ".join(names) for names in found.get("not_confirmed", [])],
         "partial": [
-            {
-                "name": p["name"],
-                "share": cite(
-                    evidence,
-                    DIAGNOSIS,
-                    *path,
-                    "partial",
-                    str(i),
-                    "share",
-                    scale=100,
-                    digits=2,
-                    how="in percent",
-                ),
-            }
+            {"name": p["name"], "share": place.percent("partial", i, "share", digits=2)}
             for i, p in enumerate(found.get("partial", []))
         ],
         "structure": structure,
         "along": [s for s in structure if s["significant"]] or structure[:1],
-        "error": _error(evidence, boundary, found),
-        "outcome": loop_words.outcome(found),
-        "folds": loop_words.folds(evidence, boundary, found),
-        "within": loop_words.within(evidence, boundary, found),
-        "candidates": loop_words.candidates(evidence, boundary, found),
+        "error": _error(place),
+        "outcome": loop_words.outcome(place.at("error").content),
+        "folds": loop_words.folds(place),
+        "within": loop_words.within(place),
+        "candidates": loop_words.candidates(place),
         "nearly_all": next(
             (
                 r["reason"]
@@ -101,38 +83,34 @@ def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> d
         "could_have_seen": could_have_seen(found),
         "untestable": found.get("untestable", []),
         "log": to_log(found),
-        "silent": _silent(evidence, boundary, found),
-        "next_experiment": loop_words.proposals(evidence, boundary, found),
+        "silent": _silent(place),
+        "next_experiment": loop_words.proposals(place),
     }
 
 
-def _silent(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[dict[str, Any]]:
-    path = ("boundaries", boundary, "silent")
+def _silent(place: Place) -> list[dict[str, Any]]:
+    place = place.at("silent")
     return [
         {
             "effect": s["effect"],
             "absorbed_by": s.get("absorbed_by", ""),
-            "bias": cite(evidence, DIAGNOSIS, *path, str(i), "bias_at_detection_limit", digits=2),
+            "bias": place.number(i, "bias_at_detection_limit", digits=2),
             "coefficient": s.get("in_units_of", "").removeprefix("u(").removesuffix(")"),
-            "u": cite(evidence, DIAGNOSIS, *path, str(i), "u", digits=2)
-            if s.get("u") is not None
-            else None,
+            "u": place.number(i, "u", digits=2) if s.get("u") is not None else None,
             "hidden": bool(s.get("hidden")),
         }
-        for i, s in enumerate(found.get("silent", [])[:LINES])
+        for i, s in enumerate((place.content or [])[:LINES])
     ]
 
 
-def _error(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Number] | None:
+def _error(place: Place) -> dict[str, Number] | None:
     """Held-out errors in percent of lift, before and after, beside the noise floor."""
-    if "error" not in found:
+    place = place.at("error")
+    if place.content is None:
         return None
-    path = ("boundaries", boundary, "error")
 
     def percent(*keys: str) -> Number:
-        return cite(
-            evidence, DIAGNOSIS, *path, *keys, scale=100, digits=3, how="in percent of lift"
-        )
+        return place.percent(*keys, digits=3, how="in percent of lift")
 
     keys = [
         (when, key) for when in ("before", "after") for key in ("held_out_rmse", "lo90", "hi90")
@@ -140,11 +118,8 @@ def _error(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str
     cited = {"floor": percent("noise_floor")} | {
         f"{when}_{key}": percent(when, key) for when, key in keys
     }
-    if found["error"].get("change", {}).get("lo90") is not None:
+    if place.at("change", "lo90").content is not None:
         cited |= {
-            f"change_{k}": cite(
-                evidence, DIAGNOSIS, *path, "change", k, scale=100, digits=2, how="in percent"
-            )
-            for k in ("value", "lo90", "hi90")
+            f"change_{k}": place.percent("change", k, digits=2) for k in ("value", "lo90", "hi90")
         }
     return cited

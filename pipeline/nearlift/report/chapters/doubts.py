@@ -18,7 +18,7 @@ from nearlift.reduction.quality import rejected
 from nearlift.report.chapters.uncertainty import SCALES
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import along, listed, stand_ins
-from nearlift.report.number import LEAST_CHANCE, Number, cite, pointer, quote
+from nearlift.report.number import LEAST_CHANCE, Number, Place
 from nearlift.results.diagnosis import wandering
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
@@ -184,9 +184,9 @@ def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
     """What each coefficient would be, and what it takes to believe that."""
     rows = []
     for name, c in evidence.quoted(boundary).coefficients.items():
-        path = ("boundaries", boundary, "coefficients", name, "doubts")
+        place = Place(evidence, RESULTS, ("boundaries", boundary, "coefficients", name, "doubts"))
         rows += [
-            {"condition": d.condition, "quoted": quote(evidence, RESULTS, *path, str(i), name=name)}
+            {"condition": d.condition, "quoted": place.quote(i, name=name)}
             for i, d in enumerate(c.doubts)
         ]
     return rows
@@ -194,13 +194,13 @@ def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
 
 def reduced(evidence: Evidence, boundary: Boundary, model: str) -> Number:
     """chi2 over its degrees of freedom."""
-    path = ("boundaries", boundary, model)
-    chi2, dof = (cite(evidence, FIT, *path, k).value for k in ("chi2", "dof"))
+    place = Place(evidence, FIT, ("boundaries", boundary, model))
+    chi2, dof = (place.number(k).value for k in ("chi2", "dof"))
     value = chi2 / dof if dof else math.nan
     return Number(
         text=f"{value:.2f}" if math.isfinite(value) else "–",
         value=value,
-        source=pointer(FIT, *path, "chi2"),
+        source=place.source("chi2"),
         how="over dof of the same model",
     )
 

@@ -14,7 +14,7 @@ from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY, JOINT
 from nearlift.report.evidence import Evidence, values
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import cut, manifest
-from nearlift.report.number import Number, chance, cite, pointer, quote
+from nearlift.report.number import Number, Place, pointer
 from nearlift.rounding import fixed, like, plain
 
 #: What the paper says, and what of it stands; tests recompute every number.
@@ -213,18 +213,14 @@ def _joint(evidence: Evidence) -> list[dict[str, Any]]:
         return []
     rows = []
     for boundary, entry in evidence.document(JOINT)["boundaries"].items():
-        path = ("boundaries", boundary)
+        place = Place(evidence, JOINT, ("boundaries", boundary))
         rows.append(
             {
                 "boundary": boundary,
                 "title": entry["title"],
-                "alone": [
-                    quote(evidence, JOINT, *path, "lift_alone", n) for n in entry["parameters"]
-                ],
-                "both": [
-                    quote(evidence, JOINT, *path, "parameters", n) for n in entry["parameters"]
-                ],
-                "p_value": chance(evidence, JOINT, *path, "p_value"),
+                "alone": [place.quote("lift_alone", n) for n in entry["parameters"]],
+                "both": [place.quote("parameters", n) for n in entry["parameters"]],
+                "p_value": place.chance("p_value"),
                 "used": entry["used"],
                 "left_out": entry["left_out"],
             }
@@ -233,36 +229,17 @@ def _joint(evidence: Evidence) -> list[dict[str, Any]]:
 
 
 def _convergence(evidence: Evidence, name: str) -> dict[str, Any]:
-    path = ("cases", name)
+    place = Place(evidence, FLOW, ("cases", name))
     moved = evidence.document(FLOW)["cases"][name]["convergence"]["moved"]
     return {
         "name": name,
-        "fields": cite(evidence, FLOW, *path, "fields", digits=6),
-        "tau": cite(evidence, FLOW, *path, "tau_fields", digits=2),
-        "outliers": cite(evidence, FLOW, *path, "outliers", digits=2, scale=100, how="in percent"),
-        "vectors": cite(evidence, FLOW, *path, "vectors", places=0, scale=100, how="in percent"),
-        "moved": cite(
-            evidence,
-            FLOW,
-            *path,
-            "convergence",
-            "moved",
-            str(len(moved) - 1),
-            digits=2,
-            scale=100,
-            how="in percent",
-        ),
-        "error": cite(
-            evidence,
-            FLOW,
-            *path,
-            "convergence",
-            "relative_standard_error",
-            digits=2,
-            scale=100,
-            how="in percent",
-        ),
-        "needed": cite(evidence, FLOW, *path, "convergence", "fields_for_a_thousandth", digits=2),
+        "fields": place.number("fields", digits=6),
+        "tau": place.number("tau_fields", digits=2),
+        "outliers": place.percent("outliers", digits=2),
+        "vectors": place.percent("vectors", places=0),
+        "moved": place.percent("convergence", "moved", len(moved) - 1, digits=2),
+        "error": place.percent("convergence", "relative_standard_error", digits=2),
+        "needed": place.number("convergence", "fields_for_a_thousandth", digits=2),
         "left_out": evidence.document(FLOW)["cases"][name]["left_out"],
     }
 

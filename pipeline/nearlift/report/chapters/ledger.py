@@ -7,7 +7,7 @@ from typing import Any
 from nearlift.products import QUALITY
 from nearlift.reduction.quality import code
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Number, cite, pointer
+from nearlift.report.number import Number, Place, pointer
 from nearlift.rounding import plain
 from nearlift.run.lock import size
 
@@ -43,22 +43,22 @@ def facts(evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def _whole(evidence: Evidence, *path: str) -> Number:
-    return cite(evidence, QUALITY, *path, places=0)
+def _whole(evidence: Evidence, *place: str) -> Number:
+    return Place(evidence, QUALITY, place).number(places=0)
 
 
 def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str, Any]:
     """One boundary's table: by how much the base fit's coefficient changes with exclusions put
     back.
     """
-    path = ("put_back", boundary)
+    place = Place(evidence, QUALITY, ("put_back", boundary))
     rows = []
     if entry["all"]:
         rows.append(
             {
                 "what": "all that can be",
                 "code": False,
-                **_change(evidence, entry["all"], *path, "all"),
+                **_change(entry["all"], place.at("all")),
             }
         )
     for name, found in entry["codes"].items():
@@ -67,7 +67,7 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
                 "what": name,
                 "code": True,
                 "meaning": code(name).meaning,
-                **_change(evidence, found, *path, "codes", name),
+                **_change(found, place.at("codes", name)),
             }
         )
     for i, without in enumerate(entry["left_out"]):
@@ -75,17 +75,17 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
             {
                 "what": f"{without['what']} left out",
                 "code": False,
-                **_change(evidence, without, *path, "left_out", str(i)),
+                **_change(without, place.at("left_out", i)),
             }
         )
     single = [
-        {"what": name, "code": False, **_change(evidence, found, *path, "trials", name)}
+        {"what": name, "code": False, **_change(found, place.at("trials", name))}
         for name, found in entry["trials"].items()
     ]
     head, _, sub = entry["parameter"].partition("_")
     return {
         "boundary": boundary,
-        "excluded": cite(evidence, QUALITY, *path, "excluded", places=0),
+        "excluded": place.number("excluded", places=0),
         "head": {"alpha": "\u03b1", "lambda": "\u03bb"}.get(head, head),
         "sub": sub,
         "rows": rows,
@@ -94,16 +94,16 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
     }
 
 
-def _change(evidence: Evidence, found: dict[str, Any], *path: str) -> dict[str, Any]:
+def _change(found: dict[str, Any], place: Place) -> dict[str, Any]:
     if found["value"] is None:
         return {
-            "trials": cite(evidence, QUALITY, *path, "trials", places=0),
+            "trials": place.number("trials", places=0),
             "why_not": found["why_not"],
         }
     return {
-        "trials": cite(evidence, QUALITY, *path, "trials", places=0),
-        "change": cite(evidence, QUALITY, *path, "change", digits=2),
-        "change_in_u": cite(evidence, QUALITY, *path, "change_in_u", digits=2),
+        "trials": place.number("trials", places=0),
+        "change": place.number("change", digits=2),
+        "change_in_u": place.number("change_in_u", digits=2),
         "why_not": "",
     }
 

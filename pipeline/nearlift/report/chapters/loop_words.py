@@ -6,10 +6,8 @@ import dataclasses
 from typing import Any
 
 from nearlift import catalogue
-from nearlift.products import DIAGNOSIS
-from nearlift.report.evidence import Evidence
 from nearlift.report.findings import stand_ins, tried
-from nearlift.report.number import Number, Quoted, chance, cite, pointer, quote
+from nearlift.report.number import Number, Place, Quoted
 from nearlift.rounding import plain
 
 #: Chances below this are not told in percent.
@@ -20,36 +18,32 @@ PARAMETERS = 3
 AT_BOUND = 1e-6
 
 
-def largest(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Any] | None:
+def largest(place: Place) -> dict[str, Any] | None:
     """The chance of so large a largest test under the null, in percent, or as it is where it is
     `rare`.
     """
-    if found.get("p_value") is None:
+    p = place.content.get("p_value")
+    if p is None:
         return None
-    path, rare = ("boundaries", boundary, "p_value"), found["p_value"] < RARE
+    rare = p < RARE
     return {
-        "p": (
-            chance(evidence, DIAGNOSIS, *path)
-            if rare
-            else cite(evidence, DIAGNOSIS, *path, scale=100, digits=2, how="in percent")
-        ),
+        "p": place.chance("p_value") if rare else place.percent("p_value", digits=2),
         "rare": rare,
     }
 
 
-def effects(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[dict[str, Any]]:
+def effects(place: Place) -> list[dict[str, Any]]:
     """The named effects with mechanism, parameters and rivals."""
-    known = {e.name: e for e in catalogue.effects()}
+    known, found = {e.name: e for e in catalogue.effects()}, place.content
     listed = []
     for i, effect in enumerate(found.get("effects", [])):
-        path = ("boundaries", boundary, "effects", str(i), "parameters")
         sizes = (
             {p.name for p in known[effect["name"]].parameters if not p.grid}
             if effect["name"] in known
             else set()
         )
         quoted = [
-            _marked(quote(evidence, DIAGNOSIS, *path, name), known.get(effect["name"]))
+            _marked(place.quote("effects", i, "parameters", name), known.get(effect["name"]))
             for name in effect.get("parameters", {})
         ]
         ends = sorted(quoted, key=lambda q: q.value.value)
@@ -84,14 +78,13 @@ def _marked(quoted: Quoted, effect: Any) -> Quoted:
     return quoted
 
 
-def outcome(found: dict[str, Any]) -> dict[str, Any]:
+def outcome(error: dict[str, Any] | None) -> dict[str, Any]:
     """How the held-out error moved: `falls`, `rises`, or `same` where the interval of its change,
     visits in pairs, holds none.
 
     Without a change on record the two errors' own intervals decide, `same` where they overlap. Also
     whether the floor is met.
     """
-    error = found.get("error")
     if not error:
         return {}
     before, after = error["before"], error["after"]
@@ -111,16 +104,17 @@ def outcome(found: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def folds(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Number] | None:
+def folds(place: Place) -> dict[str, Number] | None:
     """In how many folds the search, repeated without the visits held out, came to the
     same answer.
     """
+    found = place.content
     chosen = found.get("error", {}).get("chosen_in_folds")
     if not chosen or found["verdict"] != "effect":
         return None
     own = {e["name"] for e in found.get("effects", [])}
     same = sum({part.strip() for part in c.split("+")} == own for c in chosen)
-    source = pointer(DIAGNOSIS, "boundaries", boundary, "error", "chosen_in_folds")
+    source = place.source("error", "chosen_in_folds")
     return {
         "same": Number(
             text=str(same), value=float(same), source=source, how="count of the same answer"
@@ -129,55 +123,41 @@ def folds(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str,
     }
 
 
-def within(evidence: Evidence, boundary: str, found: dict[str, Any]) -> dict[str, Any] | None:
+def within(place: Place) -> dict[str, Any] | None:
     """The change of lift over a record, in percent."""
-    own = found.get("within_trial")
-    if not own:
+    place = place.at("within_trial")
+    if not (own := place.content):
         return None
-    path = ("boundaries", boundary, "within_trial")
-    change = {
-        k: cite(
-            evidence,
-            DIAGNOSIS,
-            *path,
-            "change_over_record",
-            k,
-            scale=100,
-            digits=2,
-            how="in percent of lift",
-        )
-        for k in ("value", "lo90", "hi90")
-    }
-    p = chance(evidence, DIAGNOSIS, *path, "p_value")
     return {
-        **change,
-        "p": p,
+        k: place.percent("change_over_record", k, digits=2, how="in percent of lift")
+        for k in ("value", "lo90", "hi90")
+    } | {
+        "p": place.chance("p_value"),
         "significant": own["significant"],
         "candidates": own.get("candidates", []),
     }
 
 
-def candidates(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[dict[str, Any]]:
+def candidates(place: Place) -> list[dict[str, Any]]:
     """Every candidate with its gain, how far its evidence lies behind, and why not."""
-    place = {
-        c["name"]: (str(i), str(j))
-        for i, r in enumerate(found.get("rounds", []))
+    places = {
+        c["name"]: place.at("rounds", i, "candidates", j)
+        for i, r in enumerate(place.content.get("rounds", []))
         for j, c in enumerate(r.get("candidates", []))
     }
     rows = []
-    for c in tried(found):
-        i, j = place[c["name"]]
-        path = ("boundaries", boundary, "rounds", i, "candidates", j)
+    for c in tried(place.content):
+        own = places[c["name"]]
         behind = Number(
             text=plain(c["behind"], 3),
             value=float(c["behind"]),
-            source=pointer(DIAGNOSIS, *path, "log_evidence"),
+            source=own.source("log_evidence"),
             how="less that of the best, times −2",
         )
         rows.append(
             {
                 "name": c["name"],
-                "gain": cite(evidence, DIAGNOSIS, *path, "gain", places=1),
+                "gain": own.number("gain", places=1),
                 "behind": behind,
                 "accepted": c.get("accepted"),
                 "left_in": c.get("left_in"),
@@ -186,28 +166,17 @@ def candidates(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list
     return rows
 
 
-def proposals(evidence: Evidence, boundary: str, found: dict[str, Any]) -> list[dict[str, Any]]:
+def proposals(place: Place) -> list[dict[str, Any]]:
     """What to measure next, with the trials it takes and the evidence expected of them."""
     listed = []
-    for i, n in enumerate(found.get("next_experiment", [])):
-        path = ("boundaries", boundary, "next_experiment", str(i))
+    for i, n in enumerate(place.content.get("next_experiment", [])):
+        own = place.at("next_experiment", i)
         digits = {"trials": 6, "expected_evidence": 2}
-        known = {
-            k: cite(evidence, DIAGNOSIS, *path, k, digits=d) if n.get(k) else None
-            for k, d in digits.items()
-        }
+        known = {k: own.number(k, digits=d) if n.get(k) else None for k, d in digits.items()}
         others = [
             {
                 "measure": a["measure"],
-                "gain": cite(
-                    evidence,
-                    DIAGNOSIS,
-                    *path,
-                    "alternatives",
-                    str(j),
-                    "expected_evidence",
-                    digits=2,
-                ),
+                "gain": own.number("alternatives", j, "expected_evidence", digits=2),
             }
             for j, a in enumerate(n.get("alternatives", []))
         ]

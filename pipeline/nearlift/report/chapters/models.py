@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from nearlift.declare import Boundary
@@ -13,8 +12,8 @@ from nearlift.products import FIT
 from nearlift.report.chapters.doubts import reduced
 from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Number, Quoted, cite, headline, pointer, quote
-from nearlift.rounding import fixed, plain, signed
+from nearlift.report.number import Number, Place, Quoted, headline
+from nearlift.rounding import plain, signed
 
 #: How a degeneracy names L_inf, before the throttle.
 LEVEL = "L_inf at "
@@ -31,11 +30,18 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     base = content["base"][boundary]
     trials = fits[base]["n_trials"]
     comparable = [n for n in fits if fits[n]["n_trials"] == trials]
+    smallest = {key: min(fits[n][key] for n in comparable) for key in ("aic", "bic")}
     names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n]["aic"]))
     near = any(fits[n].get("r2_near") is not None for n in fits)
     rows = []
     for name in names:
-        path = ("boundaries", boundary, name)
+        place = Place(evidence, FIT, ("boundaries", boundary, name))
+        over = {
+            key: place.excess(key, over=least, how="less the smallest of this boundary")
+            if name in comparable
+            else None
+            for key, least in smallest.items()
+        }
         rows.append(
             {
                 "title": fits[name]["title"],
@@ -45,20 +51,12 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
                     _coefficient(evidence, boundary, name, p) for p in fits[name]["parameters"]
                 ],
                 "reduced": reduced(evidence, boundary, name),
-                "rmse": cite(evidence, FIT, *path, "rmse", places=2, scale=100, how="in percent"),
-                "r2": cite(evidence, FIT, *path, "r2", places=4),
-                "r2_near": cite(evidence, FIT, *path, "r2_near", places=4) if near else None,
-                "daic": (
-                    _over_least(evidence, path, "aic", min(fits[n]["aic"] for n in comparable))
-                    if name in comparable
-                    else None
-                ),
-                "dbic": (
-                    _over_least(evidence, path, "bic", min(fits[n]["bic"] for n in comparable))
-                    if name in comparable
-                    else None
-                ),
-                "n": cite(evidence, FIT, *path, "n_trials", digits=6),
+                "rmse": place.percent("rmse", places=2),
+                "r2": place.number("r2", places=4),
+                "r2_near": place.number("r2_near", places=4) if near else None,
+                "daic": over["aic"],
+                "dbic": over["bic"],
+                "n": place.number("n_trials", digits=6),
                 "fewer": name not in comparable,
                 "degeneracies": grouped(fits[name]["degeneracies"], fits[name]["parameters"]),
             }
@@ -75,7 +73,7 @@ def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) 
     """A model's coefficient by its own fit; the base model's as it is quoted."""
     if model == evidence.quoted(boundary).base_model:
         return headline(evidence, boundary, name)
-    return quote(evidence, FIT, "boundaries", boundary, model, "parameters", name)
+    return Place(evidence, FIT).quote("boundaries", boundary, model, "parameters", name)
 
 
 def grouped(found: list[dict[str, Any]], parameters: dict[str, Any]) -> list[str]:
@@ -127,25 +125,14 @@ def _range(r: list[float]) -> str:
     return f"r = {low}" if low == high else f"r = {low} to {high}"
 
 
-def _over_least(evidence: Evidence, path: tuple[str, ...], key: str, least: float) -> Number:
-    value = float(cite(evidence, FIT, *path, key).value) - least
-    return Number(
-        text=fixed(value, 1),
-        value=value,
-        source=pointer(FIT, *path, key),
-        how="less the smallest of this boundary",
-    )
-
-
 def levels(evidence: Evidence) -> dict[str, Any]:
     """L_inf of the base model per throttle and boundary."""
     rows: dict[float, dict[str, Any]] = {}
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)
+        place = Place(evidence, FIT, ("boundaries", boundary, model.name, "L_inf_N"))
         for key in entry["L_inf_N"]:
-            rows.setdefault(float(key), {})[boundary] = quote(
-                evidence, FIT, "boundaries", boundary, model.name, "L_inf_N", key
-            )
+            rows.setdefault(float(key), {})[boundary] = place.quote(key)
     return {
         "boundaries": evidence.boundaries,
         "rows": [(f"{100 * t:.4g} %", cells) for t, cells in sorted(rows.items())],
@@ -156,52 +143,19 @@ def noise(evidence: Evidence) -> dict[str, Any]:
     """How trials scatter, and what the manifest declares that repeats cannot show."""
     rows = []
     for boundary in evidence.boundaries:
-        dof = evidence.document(FIT)["noise"][boundary]["dof"]
+        place = Place(evidence, FIT, ("noise", boundary))
+        own, quoted = place.content, evidence.quoted(boundary).coefficients.values()
         rows.append(
             {
                 "boundary": boundary,
-                "relative": cite(
-                    evidence,
-                    FIT,
-                    "noise",
-                    boundary,
-                    "relative",
-                    digits=3,
-                    scale=100,
-                    how="in percent",
-                ),
-                "force": cite(
-                    evidence, FIT, "noise", boundary, "force_N", digits=3, scale=1000, how="in mN"
-                ),
-                "height": cite(
-                    evidence, FIT, "noise", boundary, "height_m", digits=3, scale=1000, how="in mm"
-                ),
-                "common": cite(
-                    evidence,
-                    FIT,
-                    "noise",
-                    boundary,
-                    "common",
-                    digits=3,
-                    scale=100,
-                    how="in percent",
-                ),
-                "drift": cite(
-                    evidence, FIT, "noise", boundary, "drift", digits=3, scale=100, how="in percent"
-                ),
-                "source": evidence.document(FIT)["noise"][boundary]["source"],
-                "untold": sorted(
-                    {
-                        c
-                        for own in evidence.quoted(boundary).coefficients.values()
-                        for c in untold(own)
-                    }
-                ),
-                "dof": (
-                    cite(evidence, FIT, "noise", boundary, "dof", digits=6)
-                    if dof is not None and math.isfinite(dof)
-                    else None
-                ),
+                "relative": place.percent("relative", digits=3),
+                "force": place.number("force_N", digits=3, scale=1000, how="in mN"),
+                "height": place.number("height_m", digits=3, scale=1000, how="in mm"),
+                "common": place.percent("common", digits=3),
+                "drift": place.percent("drift", digits=3),
+                "source": own["source"],
+                "untold": sorted({source for c in quoted for source in untold(c)}),
+                "dof": place.number("dof", digits=6) if own["dof"] is not None else None,
             }
         )
     declared = [c for c in budget.components(evidence.campaign) if not c.is_measured]

@@ -9,7 +9,7 @@ from typing import Any
 from nearlift.declare import Boundary
 from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import cite, quote
+from nearlift.report.number import Place
 from nearlift.rounding import plain
 
 
@@ -46,22 +46,20 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
 def _row(
     evidence: Evidence, boundary: str, model: str, parameter: str, base: bool
 ) -> dict[str, Any]:
-    path = ("boundaries", boundary, model)
+    place = Place(evidence, FIT, ("boundaries", boundary, model))
     entry = evidence.document(FIT)["boundaries"][boundary][model]
-    after = (*path, "posterior", "parameters", parameter)
+    after = place.at("posterior", "parameters", parameter)
     return {
         "model": entry["title"],
         "base": base,
-        "of": quote(evidence, FIT, *after),
+        "of": after.quote(),
         "prior": entry["posterior"]["parameters"][parameter]["prior"]["text"],
-        "prior_low": cite(evidence, FIT, *after, "prior", "lo90", digits=3),
-        "prior_high": cite(evidence, FIT, *after, "prior", "hi90", digits=3),
-        "ratio": cite(evidence, FIT, *after, "width_ratio", digits=2, scale=100, how="in percent"),
-        "ess": cite(evidence, FIT, *after, "ess", places=0),
+        "prior_low": after.number("prior", "lo90", digits=3),
+        "prior_high": after.number("prior", "hi90", digits=3),
+        "ratio": after.percent("width_ratio", digits=2),
+        "ess": after.number("ess", places=0),
         "r_hat": (
-            cite(evidence, FIT, *after, "r_hat", places=3)
-            if entry["posterior"]["sampler"] == "emcee"
-            else None
+            after.number("r_hat", places=3) if entry["posterior"]["sampler"] == "emcee" else None
         ),
     }
 

@@ -12,7 +12,7 @@ from nearlift.flight.proximity import inverse
 from nearlift.products import DETECTION, PROXIMITY
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.detection import case
-from nearlift.report.number import Number, cite
+from nearlift.report.number import Number, Place
 from nearlift.rounding import plain
 
 
@@ -21,6 +21,7 @@ def facts(evidence: Evidence) -> dict[str, Any]:
     each known worst; and the readings.
     """
     content, table = evidence.document(PROXIMITY), evidence.table(DETECTION)
+    root = Place(evidence, PROXIMITY)
     rows = []
     for side in (b for b in BOUNDARIES if b in content["boundaries"]):
         own = content["boundaries"][side]
@@ -38,31 +39,17 @@ def facts(evidence: Evidence) -> dict[str, Any]:
         rows.append(
             {
                 "boundary": side,
-                "largest": cite(
-                    evidence,
-                    PROXIMITY,
-                    "boundaries",
-                    side,
-                    "largest_change",
-                    scale=100,
-                    digits=2,
-                    how="in percent",
-                ),
-                "nearest": cite(
-                    evidence, PROXIMITY, "boundaries", side, "measured_z_hat", "0", digits=2
-                ),
+                "largest": root.percent("boundaries", side, "largest_change", digits=2),
+                "nearest": root.number("boundaries", side, "measured_z_hat", 0, digits=2),
                 "cells": cells,
                 "refused": own.get("refused", ""),
             }
         )
     longest = max(table["averaging_s"].tolist(), default=0.0)
-    rates = {
-        k: cite(evidence, PROXIMITY, k, scale=100, digits=2, how="in percent")
-        for k in ("false_alarm_rate", "miss_rate")
-    }
+    rates = {k: root.percent(k, digits=2) for k in ("false_alarm_rate", "miss_rate")}
     return {
         "rows": rows,
-        "readings": [_reading(evidence, i, r) for i, r in enumerate(content["readings"])],
+        "readings": [_reading(root.at("readings", i)) for i in range(len(content["readings"]))],
         "longest": f"{longest:g}",
         **rates,
     }
@@ -83,24 +70,21 @@ def cases(table: Any, mine: Any) -> list[tuple[str, float, float]]:
     return found
 
 
-def _reading(evidence: Evidence, i: int, found: dict[str, Any]) -> dict[str, Any]:
+def _reading(place: Place) -> dict[str, Any]:
+    found = place.content
     told: dict[str, Any] = {"boundary": found["boundary"], "refused": found.get("refused", "")}
     if told["refused"]:
         return told
 
-    def number(*path: str, digits: int = 3, **further: Any) -> Number:
-        return cite(evidence, PROXIMITY, "readings", str(i), *path, digits=digits, **further)
-
-    beyond = number("beyond", scale=100, digits=2, how="in percent")
+    beyond = place.percent("beyond", digits=2)
+    known = found["throttle"] is not None
     return told | {
-        "throttle": number("throttle", scale=100, how="in percent")
-        if found["throttle"] is not None
-        else None,
-        "ratio": number("ratio", digits=4),
-        "u": number("u", digits=2),
+        "throttle": place.percent("throttle", digits=3) if known else None,
+        "ratio": place.number("ratio", digits=4),
+        "u": place.number("u", digits=2),
         "beyond": replace(beyond, text="< 0.01") if found["beyond"] < inverse.NONE else beyond,
-        **{name: number("z_hat", name) for name in ("median", "lo90", "hi90")},
-        "z_mm": number("z_m", "median", scale=1e3, how="in mm"),
+        **{name: place.number("z_hat", name, digits=3) for name in ("median", "lo90", "hi90")},
+        "z_mm": place.number("z_m", "median", digits=3, scale=1e3, how="in mm"),
     }
 
 

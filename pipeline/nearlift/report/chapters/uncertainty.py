@@ -8,7 +8,7 @@ from nearlift.declare import Boundary
 from nearlift.products import FIT, RESULTS
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
-from nearlift.report.number import Number, cite, degrees, follow, headline, pointer
+from nearlift.report.number import Place, headline
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain
 
@@ -22,6 +22,8 @@ TELLING = 2.0
 LEAST_SCORE = 4.0
 #: A difference of AIC beyond this is explained where prediction sees none.
 AIC_APART = 10.0
+#: What is done to a criterion before it is printed.
+LESS = "less the base model's"
 #: Inputs in the units that a bench talks in.
 SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
 TREATMENTS = {
@@ -52,13 +54,13 @@ def budget(evidence: Evidence) -> dict[str, Any]:
 def _budget(
     evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult
 ) -> dict[str, Any]:
-    here = ("boundaries", boundary, "coefficients", name)
+    here = Place(evidence, RESULTS, ("boundaries", boundary, "coefficients", name))
     rows, small = [], 0
     for i, line in sorted(enumerate(own.budget), key=lambda pair: pair[1].u_without):
         if fall(line, own.u) < LEAST and line.kind == "A":
             small += 1
             continue
-        at = (*here, "budget", str(i))
+        at = here.at("budget", i)
         scale, unit = SCALES[line.unit] if line.unit else (1.0, "")
         known = line.u_input is not None
         rows.append(
@@ -68,27 +70,17 @@ def _budget(
                 "distribution": line.distribution,
                 "scope": line.scope,
                 "input": (
-                    cite(evidence, RESULTS, *at, "u_input", digits=3, scale=scale, how=f"in {unit}")
-                    if known
-                    else None
+                    at.number("u_input", digits=3, scale=scale, how=f"in {unit}") if known else None
                 ),
                 "unit": unit,
                 "sensitivity": (
-                    cite(
-                        evidence,
-                        RESULTS,
-                        *at,
-                        "sensitivity",
-                        digits=3,
-                        scale=1 / scale,
-                        how=f"per {unit}",
-                    )
+                    at.number("sensitivity", digits=3, scale=1 / scale, how=f"per {unit}")
                     if known
                     else None
                 ),
-                "u": cite(evidence, RESULTS, *at, "u", digits=2),
-                "u_without": cite(evidence, RESULTS, *at, "u_without", digits=2),
-                "dof": degrees(evidence, RESULTS, *at, "dof"),
+                "u": at.number("u", digits=2),
+                "u_without": at.number("u_without", digits=2),
+                "dof": at.degrees("dof"),
             }
         )
     return {
@@ -97,10 +89,10 @@ def _budget(
         "rows": rows,
         "small": small,
         "untold": untold(own),
-        "u": cite(evidence, RESULTS, *here, "u", digits=3),
-        "dof": degrees(evidence, RESULTS, *here, "dof"),
-        "lo95": cite(evidence, RESULTS, *here, "lo95", like_u=own.u),
-        "hi95": cite(evidence, RESULTS, *here, "hi95", like_u=own.u),
+        "u": here.number("u", digits=3),
+        "dof": here.degrees("dof"),
+        "lo95": here.number("lo95", like_u=own.u),
+        "hi95": here.number("hi95", like_u=own.u),
     }
 
 
@@ -111,35 +103,15 @@ def untold(own: CoefficientResult) -> list[str]:
 
 def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     model, entry = evidence.base(boundary)
-    path = ("boundaries", boundary, model.name)
+    place = Place(evidence, FIT, ("boundaries", boundary, model.name))
     lines = [
         {
             "component": own["component"],
             "words": TREATMENTS[own["treatment"]],
             "coefficient": headline(evidence, boundary, own["coefficient"]),
-            "size": cite(
-                evidence,
-                FIT,
-                *path,
-                "heights",
-                str(i),
-                "standard_m",
-                digits=2,
-                scale=1e3,
-                how="in mm",
-            ),
-            "shift": cite(evidence, FIT, *path, "heights", str(i), "shift", digits=2),
-            "ratio": cite(
-                evidence,
-                FIT,
-                *path,
-                "heights",
-                str(i),
-                "ratio",
-                digits=2,
-                scale=100,
-                how="in percent",
-            ),
+            "size": place.number("heights", i, "standard_m", digits=2, scale=1e3, how="in mm"),
+            "shift": place.number("heights", i, "shift", digits=2),
+            "ratio": place.percent("heights", i, "ratio", digits=2),
         }
         for i, own in enumerate(entry.get("heights", []))
     ]
@@ -147,7 +119,7 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     if "height_error" in entry:
         u = float(entry["height_error"]["u"])
         error = {
-            k: cite(evidence, FIT, *path, "height_error", k, like_u=u, scale=1e3, how="in mm")
+            k: place.number("height_error", k, like_u=u, scale=1e3, how="in mm")
             for k in ("value", "u")
         }
     return {"boundary": boundary, "lines": lines, "error": error}
@@ -181,79 +153,44 @@ def held_out(evidence: Evidence) -> dict[str, Any]:
 def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> dict[str, Any]:
     fits = evidence.document(FIT)["boundaries"][boundary]
     models, base = own["models"], own["reference"]
+    scores = Place(evidence, FIT, ("comparison", boundary, "models"))
     visits = models[base]["visits"]
-    with_evidence = follow(fits, (base, "log_evidence", "value")) is not None
+    weighed = Place(evidence, FIT, ("boundaries", boundary))
+    reference = weighed.at(base, "log_evidence", "value").content
     rows = []
     for name in sorted(
         models, key=lambda n: (models[n]["visits"] != visits, -(models[n]["d_elpd"] or 0.0))
     ):
-        path = ("comparison", boundary, "models", name)
-        whole = models[name]["visits"] == visits
+        place, whole = scores.at(name), models[name]["visits"] == visits
+        known = (
+            reference is not None and weighed.at(name, "log_evidence", "value").content is not None
+        )
         rows.append(
             {
                 "title": fits[name]["title"],
                 "base": name == base,
                 "free": len(fits[name]["parameters"]),
-                "d_elpd": cite(evidence, FIT, *path, "d_elpd", places=1),
-                "u_d_elpd": (
-                    None if name == base else cite(evidence, FIT, *path, "u_d_elpd", places=1)
-                ),
-                "rmse": cite(evidence, FIT, *path, "rmse", places=3, scale=100, how="in percent"),
-                "d_rmse": (
-                    None
-                    if name == base
-                    else cite(evidence, FIT, *path, "d_rmse", places=3, scale=100, how="in percent")
-                ),
-                "u_d_rmse": (
-                    None
-                    if name == base
-                    else cite(
-                        evidence, FIT, *path, "u_d_rmse", places=3, scale=100, how="in percent"
-                    )
-                ),
-                "evidence": (
-                    _excess_evidence(evidence, boundary, name, base) if with_evidence else None
-                ),
-                "aic": (
-                    _excess(evidence, path, "aic", float(models[base]["aic"])) if whole else None
-                ),
-                "bic": (
-                    _excess(evidence, path, "bic", float(models[base]["bic"])) if whole else None
-                ),
-                "r2": cite(evidence, FIT, *path, "r2", places=4),
-                "visits": None if whole else cite(evidence, FIT, *path, "visits", digits=6),
+                "d_elpd": place.number("d_elpd", places=1),
+                "u_d_elpd": (None if name == base else place.number("u_d_elpd", places=1)),
+                "rmse": place.percent("rmse", places=3),
+                "d_rmse": (None if name == base else place.percent("d_rmse", places=3)),
+                "u_d_rmse": (None if name == base else place.percent("u_d_rmse", places=3)),
+                "evidence": weighed.excess(name, "log_evidence", "value", over=reference, how=LESS)
+                if known
+                else None,
+                "aic": place.excess("aic", over=models[base]["aic"], how=LESS) if whole else None,
+                "bic": place.excess("bic", over=models[base]["bic"], how=LESS) if whole else None,
+                "r2": place.number("r2", places=4),
+                "visits": None if whole else place.number("visits", digits=6),
             }
         )
     return {
         "boundary": boundary,
         "rows": rows,
-        "visits": cite(evidence, FIT, "comparison", boundary, "models", base, "visits", digits=6),
-        "evidence": with_evidence,
+        "visits": scores.number(base, "visits", digits=6),
+        "evidence": reference is not None,
         "words": verdicts(models, base, {n: str(f["title"]) for n, f in fits.items()}),
     }
-
-
-def _excess(evidence: Evidence, path: tuple[str, ...], key: str, reference: float) -> Number:
-    value = float(cite(evidence, FIT, *path, key).value) - reference
-    return Number(
-        text=fixed(value, 1),
-        value=value,
-        source=pointer(FIT, *path, key),
-        how="less the base model's",
-    )
-
-
-def _excess_evidence(evidence: Evidence, boundary: str, name: str, base: str) -> Number | None:
-    path = ("boundaries", boundary, name, "log_evidence", "value")
-    found = follow(evidence.document(FIT), path)
-    if found is None:
-        return None
-    value = float(found) - float(
-        follow(evidence.document(FIT), ("boundaries", boundary, base, "log_evidence", "value"))
-    )
-    return Number(
-        text=fixed(value, 1), value=value, source=pointer(FIT, *path), how="less the base model's"
-    )
 
 
 def _half(own: dict[str, Any]) -> float:

@@ -10,7 +10,7 @@ from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Number, cite, headline
+from nearlift.report.number import Number, Place, headline
 
 TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
 
@@ -42,8 +42,8 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, Any]:
 
 def _error(evidence: Evidence, boundary: str) -> dict[str, Number]:
     """Held-out errors before and after, and the noise floor, in percent of lift."""
-    path = ("boundaries", boundary, "error")
+    place = Place(evidence, RESULTS, ("boundaries", boundary, "error"))
     return {
-        key: cite(evidence, RESULTS, *path, key, scale=100, places=2, how="in percent of lift")
+        key: place.percent(key, places=2, how="in percent of lift")
         for key in ("before", "after", "noise_floor")
     }
