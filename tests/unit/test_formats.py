@@ -23,6 +23,7 @@ from nearlift import readers, units
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import child
 from nearlift.readers.channel import Malformed, fold, pick, split_unit, unit_word
+from nearlift.readers.serve import ReadContents
 
 from . import small_run, written
 from .bench_campaign import manifest, write_schedule
@@ -498,12 +499,9 @@ def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path
     death costs one file at most.
     """
     asked = [
-        {
-            "reader": "hdf5",
-            "dialect": {},
-            "names": None,
-            "path": str(written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3))),
-        }
+        ReadContents(
+            reader="hdf5", path=str(written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3)))
+        )
         for k in range(8)
     ]
 
@@ -548,7 +546,7 @@ import nearlift.readers.child as child
 [path] = map(Path, sys.argv[1:])
 with path.open() as held, child.Child(memory=1 << 30, time_s=20.0) as worker:
     process = worker.begin()
-    request = {"reader": "hdf5", "dialect": {}, "names": None, "path": str(path)}
+    request = child.ReadContents(reader="hdf5", path=str(path))
     [(answer, values)] = worker.ask(request)
     about = {"kind": type(process).__name__, "session": os.getsid(process.pid) == process.pid}
     files = [os.readlink(link) for link in Path(f"/proc/{process.pid}/fd").iterdir()]

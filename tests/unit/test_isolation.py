@@ -130,10 +130,10 @@ if __name__ == "__main__":
 """
 READER = """
 import sys
-from nearlift.readers.child import Child
+from nearlift.readers.child import Child, ReadContents
 child = Child()
 print(child.begin().pid, flush=True)
-next(child.ask({"reader": "mat", "path": sys.argv[1], "dialect": {}, "names": None}))
+next(child.ask(ReadContents(reader="mat", path=sys.argv[1])))
 """
 
 

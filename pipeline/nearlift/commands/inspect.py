@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,14 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError, UsageError, brief
 from nearlift.manifest import toml
 from nearlift.readers import child, csv_trial
-from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, Contents, Malformed
+from nearlift.readers.channel import (
+    AS_FORCE,
+    FORCE_UNITS,
+    Channel,
+    Contents,
+    Malformed,
+    RecordsDialect,
+)
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
 from nearlift.readers.text import TEXT
@@ -50,7 +56,7 @@ class Found:
     clock: Channel | None
     bytes: int
     columns: int = 0
-    dialect: Mapping[str, Any] = field(default_factory=dict)
+    dialect: RecordsDialect = field(default_factory=dict)
     grid: Grid | None = None
     table: Table | None = None
 
@@ -66,7 +72,7 @@ class Found:
         return meaning.doubtful_rate(rate, self.clock) if rate else ""
 
 
-def inspect(path: Path, dialect: Mapping[str, Any] | None = None, *, record: bool = False) -> Found:
+def inspect(path: Path, dialect: RecordsDialect | None = None, *, record: bool = False) -> Found:
     """What a file holds; `dialect` as ``[records] dialect`` takes it; `record`: it is no velocity
     grid.
 
@@ -182,7 +188,7 @@ def recognised(head: bytes, name: str) -> Format:
     return TEXT
 
 
-def _contents(form: Format, path: Path, dialect: Mapping[str, Any]) -> Contents:
+def _contents(form: Format, path: Path, dialect: RecordsDialect) -> Contents:
     try:
         with child.source(form) as read:
             found = read(path, form.checked_dialect(dialect), None)

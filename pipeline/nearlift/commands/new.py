@@ -5,10 +5,9 @@ from __future__ import annotations
 import shlex
 import shutil
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import click
 
@@ -18,6 +17,7 @@ from nearlift.commands.tables import Table, table_of, trials_section
 from nearlift.errors import InputRefused, UsageError
 from nearlift.manifest.campaign import BLANK
 from nearlift.readers import csv_trial, parquet
+from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.text import TEXT
 
 MANIFEST = """\
@@ -129,7 +129,7 @@ def slug(folder: Path) -> str:
 
 
 def write_from(
-    folder: Path, files: Sequence[Path], dialect: Mapping[str, Any] | None = None
+    folder: Path, files: Sequence[Path], dialect: RecordsDialect | None = None
 ) -> tuple[list[Path], list[str]]:
     """Write a campaign for what is there: the manifest with what the files say, a schedule with a
     line for each trial.
@@ -200,7 +200,7 @@ def _there(path: Path) -> UsageError:
     )
 
 
-def _parted(files: Sequence[Path], dialect: Mapping[str, Any]) -> tuple[list[Path], Table | None]:
+def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path], Table | None]:
     """The records, and the table that lists them where one of the files is that."""
     for path in files:
         others = [other for other in files if other is not path]

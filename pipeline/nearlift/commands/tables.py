@@ -10,13 +10,13 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from nearlift import units
 from nearlift.commands import meaning
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import BLANK
 from nearlift.readers import text
+from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.columns import BY_NAME
 from nearlift.readers.dialect import sniff
 from nearlift.readers.schedule import MEANS, REQUIRED
@@ -154,7 +154,7 @@ def _remark(name: str) -> str:
     return f"{'':<11}# {' | '.join(usual)}{more}"
 
 
-def table_of(path: Path, dialect: Mapping[str, Any]) -> Table | None:
+def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
     """A file as such a table; None where it is none, or is too large for one."""
     if path.stat().st_size > MOST_BYTES:
         return None

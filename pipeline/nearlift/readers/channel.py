@@ -7,7 +7,7 @@ from __future__ import annotations
 import difflib
 import functools
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,10 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 
+#: ``[records] dialect`` of a manifest: keys and types are those of the format's options.
+RecordsDialect = Mapping[str, object]
+#: The names of the channels wanted; None for all.
+Names = tuple[str, ...] | None
 #: What nearlift calls a unit, and how instruments write it, folded; then those written alike.
 _WRITTEN = {
     "N": ("n", "newton", "newtons"),

@@ -18,17 +18,18 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import Channel, Contents, Malformed
+from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect
 from nearlift.readers.child_process import Copy, serving
-from nearlift.readers.per_file import Format, Names
-from nearlift.readers.serve import LENGTH, Answer
+from nearlift.readers.per_file import Format
+from nearlift.readers.serve import LENGTH, Answer, ReadContents, ReduceRecord, Request
 
 if TYPE_CHECKING:
     from nearlift.readers.row import Row
@@ -43,7 +44,7 @@ FILES, AHEAD = 1000, 3
 #: child need not wait at each.
 PIPE = 1 << 20
 
-Reading = Callable[[Path, Mapping[str, Any], Names], Contents]
+Reading = Callable[[Path, RecordsDialect, Names], Contents]
 
 
 @contextlib.contextmanager
@@ -61,12 +62,11 @@ def source(
 
 
 def _contents(
-    child: Child, reader: str, path: Path, dialect: Mapping[str, Any], names: Names
+    child: Child, reader: str, path: Path, dialect: RecordsDialect, names: Names
 ) -> Contents:
     """The contents of one file; raises as `Child.ask` does."""
-    [(answer, values)] = child.ask(
-        {"reader": reader, "path": str(path), "dialect": dict(dialect), "names": names}
-    )
+    asked = ReadContents(reader=reader, path=str(path), dialect=dialect, names=names)
+    [(answer, values)] = child.ask(asked)
     channels = tuple(
         Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v)
         for c, v in zip(answer["channels"], values, strict=True)
@@ -79,7 +79,7 @@ def _contents(
     )
 
 
-def rows(asked: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
+def rows(asked: Sequence[ReduceRecord]) -> Iterator[Row]:
     """The rows of records that a child reads and reduces, in the order in which they are asked for;
     no sample leaves the child.
 
@@ -98,19 +98,17 @@ def rows(asked: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
     lines = [line(request) for request in asked]
     with borrowed() as worker:
         for i, request in enumerate(asked):
-            about = {"trial": request["trial"], "source": request["source"]}
+            trial, source = request.trial, request.source
             try:
                 [(answer, _)] = worker.ask(*lines[i : i + 1 + AHEAD])
             except Malformed as fault:
-                yield Row(
-                    **about,
-                    reduced=Reduced(codes=("MALFORMED",)),
-                    fault=f"{request['source']}: {fault}",
-                )
+                malformed = Reduced(codes=("MALFORMED",))
+                yield Row(trial=trial, source=source, reduced=malformed, fault=f"{source}: {fault}")
                 continue
             reduced = Reduced(**{**answer["reduced"], "codes": tuple(answer["reduced"]["codes"])})
             yield Row(
-                **about,
+                trial=trial,
+                source=source,
                 reduced=reduced,
                 samples=answer["samples"],
                 notes=tuple(answer["notes"]),
@@ -200,9 +198,7 @@ class Child:
                 process.kill()
                 return
 
-    def ask(
-        self, request: Mapping[str, Any] | bytes, *later: Mapping[str, Any] | bytes
-    ) -> Iterator[Answer]:
+    def ask(self, request: Request | bytes, *later: Request | bytes) -> Iterator[Answer]:
         """The answers to one request, as they come; one request at a time. The child may begin with
         `later` ones, which are asked for next.
 
@@ -282,9 +278,9 @@ class Child:
                     pipe.close()
 
 
-def line(request: Mapping[str, Any]) -> bytes:
+def line(request: Request) -> bytes:
     """A request as the child reads it."""
-    return json.dumps(request).encode() + b"\n"
+    return json.dumps({"ask": type(request).__name__, **asdict(request)}).encode() + b"\n"
 
 
 def _exactly(pipe: IO[bytes], n: int) -> bytes:
@@ -301,18 +297,3 @@ def _received(pipe: IO[bytes]) -> Answer:
     return answer, [
         np.frombuffer(_exactly(pipe, 8 * n), dtype="<f8") for n in answer.pop("lengths")
     ]
-
-
-def _limit(memory: int) -> None:
-    """Bound this process, where the system knows how."""
-    try:
-        import resource
-    except ImportError:
-        return
-    for kind, limit in (
-        (resource.RLIMIT_AS, memory),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_CORE, 0),
-    ):
-        with contextlib.suppress(ValueError, OSError):
-            resource.setrlimit(kind, (limit, limit))

@@ -5,17 +5,17 @@ windows; and whether what that leaves is worth it.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest.segments import FEWEST_SAMPLES, LEVEL, Segments
-from nearlift.readers.channel import Contents, pick
+from nearlift.readers.channel import Contents, RecordsDialect, pick
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import Record
 from nearlift.reduction import cuts
@@ -42,7 +42,7 @@ class Opened:
     path: Path
     found: Contents
     record: Record
-    dialect: Mapping[str, Any]
+    dialect: RecordsDialect
     marks: Sequence[tuple[int, str]] = ()
 
 
@@ -121,13 +121,13 @@ def _above_the_grain(values: FloatArray, step: float, where: str) -> None:
 
 def marks_of(
     form: Format, path: Path, campaign: Campaign
-) -> tuple[list[tuple[int, str]], dict[str, Any]]:
+) -> tuple[list[tuple[int, str]], RecordsDialect]:
     """The lines of a text that begin or end a piece, each with the number of samples above it; and
     the dialect in which they are no samples.
     """
     from nearlift.readers import text, text_lines
 
-    cut, dialect = campaign.segments, campaign.records.dialect
+    cut, own = campaign.segments, campaign.records.dialect
     assert cut is not None
     if "ignore" not in form.options:
         raise ManifestError(
@@ -136,8 +136,8 @@ def marks_of(
             'take reader = "text", or by = a column',
         )
     lines = [line.replace(LEVEL, "*") for line in (cut.begin, cut.end) if line is not None]
-    given = dialect.get("ignore", ())
-    dialect = {**dialect, "ignore": [*(given if isinstance(given, list) else ()), *lines]}
+    given = own.get("ignore", ())
+    dialect = {**own, "ignore": [*(given if isinstance(given, list) else ()), *lines]}
     return text_lines.marked(path, text.given(dialect), lines), dialect
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import Channel, Contents, unit_word, wanted
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect, unit_word, wanted
+from nearlift.readers.per_file import Format, reader_of
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: A two-dimensional dataset with more columns than this is an image.
@@ -43,7 +43,7 @@ def library(name: str, extra: str) -> Any:
         ) from None
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of an HDF5 file; any fault of the file is h5py's to raise."""
     h5py = library("h5py", "hdf5")
     notes: list[str] = []

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.arrow import floats, indices
-from nearlift.readers.channel import Channel, Contents
-from nearlift.readers.per_file import Names
+from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -184,7 +183,7 @@ def batches(
                 break
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The numeric columns of a table, and whether it is our long form."""
     import pyarrow as pa
 

@@ -12,16 +12,23 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.readers import packed
-from nearlift.readers.channel import Channel, Contents, rate_of, unit_word, wanted
+from nearlift.readers.channel import (
+    Channel,
+    Contents,
+    Names,
+    RecordsDialect,
+    rate_of,
+    unit_word,
+    wanted,
+)
 from nearlift.readers.dialect import HEAD
 from nearlift.readers.layout import encoding_of
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.per_file import Format, reader_of
 from nearlift.readers.words import number, value_of
 
 FIRST = "LabVIEW Measurement"
@@ -39,7 +46,7 @@ class _Series:
     clock: list[float] = field(default_factory=list)
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of an LVM file.
 
     Raises

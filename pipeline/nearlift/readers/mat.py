@@ -9,22 +9,22 @@ several columns, ``data(:,2)`` is the second. A timetable gives its columns and 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.readers.channel import Channel, Contents, wanted
+from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect, wanted
 from nearlift.readers.hdf5 import MAGIC, MOST_COLUMNS, datasets, library
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.per_file import Format, reader_of
 
 V73 = b"MATLAB 7.3 MAT-file"
 V5 = b"MATLAB 5.0 MAT-file"
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a MATLAB file; any fault of the file is scipy's or h5py's to raise."""
     with path.open("rb") as file:
         head = file.read(1024)

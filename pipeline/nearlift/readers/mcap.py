@@ -16,9 +16,17 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import ManifestError
-from nearlift.readers.channel import Channel, Contents, Malformed, rate_of, wanted
+from nearlift.readers.channel import (
+    Channel,
+    Contents,
+    Malformed,
+    Names,
+    RecordsDialect,
+    rate_of,
+    wanted,
+)
 from nearlift.readers.hdf5 import library
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.per_file import Format, reader_of
 
 MAGIC = b"\x89MCAP0\r\n"
 #: Arrays longer than this are pictures and clouds, no series.
@@ -27,7 +35,7 @@ LONGEST_ARRAY = 64
 NANO = 1e-9
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a bag.
 
     Raises

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from nearlift.readers.channel import Malformed
 from nearlift.readers.files import inside, source_of
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import ChannelSpec, Piece, Plan, Reader, Record, files_pattern
-from nearlift.readers.serve import Answer
+from nearlift.readers.serve import Answer, ReadRows, ReadSpans
 
 #: Rows of one answer, and of one task at least.
 BATCH, ROWS = 1 << 16, 1 << 21
@@ -40,11 +39,11 @@ def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
     return [path] if path.is_file() else []
 
 
-def _asked(path: Path, request: dict[str, Any]) -> Iterator[Answer]:
+def _asked(path: Path, request: ReadSpans | ReadRows) -> Iterator[Answer]:
     """The child's answers; what it cannot read is refused, since all trials stand in one file."""
     try:
         with child.borrowed() as reader:
-            yield from reader.ask({**request, "path": str(path)})
+            yield from reader.ask(request)
     except Malformed as fault:
         raise InputRefused(
             str(path), str(fault), "copy it anew from the rig, or write it again"
@@ -53,7 +52,7 @@ def _asked(path: Path, request: dict[str, Any]) -> Iterator[Answer]:
 
 def trials(path: Path) -> list[str]:
     """The trials of a long table, in its order; raises `InputRefused` where it is none."""
-    ((answer, _),) = _asked(path, {"table": "spans", "columns": []})
+    ((answer, _),) = _asked(path, ReadSpans(path=str(path)))
     return [str(trial) for trial in answer["trials"]]
 
 
@@ -61,11 +60,10 @@ def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
     path, spec = _path(campaign, root), ChannelSpec.of(campaign)
     if not path.is_file():
         raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
-    columns = [
-        ("records.force.column", spec.column),
-        *([("records.time.column", spec.clock)] if spec.clock is not None else []),
-    ]
-    ((answer, (starts, stops, ends)),) = _asked(path, {"table": "spans", "columns": columns})
+    columns = [("records.force.column", spec.column)]
+    columns += [("records.time.column", spec.clock)] if spec.clock is not None else []
+    asked = ReadSpans(path=str(path), columns=tuple(columns))
+    ((answer, (starts, stops, ends)),) = _asked(path, asked)
     rows = np.column_stack([starts, stops]).astype(np.int64)
     spans = {
         name: (first, end)
@@ -117,15 +115,9 @@ def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
     path, spec = piece.paths[0], ChannelSpec.of(campaign)
-    names = [spec.column] if spec.clock is None else [spec.column, spec.clock]
+    names = (spec.column,) if spec.clock is None else (spec.column, spec.clock)
     at, trial = piece.rows[0][0], 0
-    request = {
-        "table": "rows",
-        "columns": names,
-        "first": at,
-        "end": piece.rows[-1][1],
-        "size": BATCH,
-    }
+    request = ReadRows(path=str(path), columns=names, first=at, end=piece.rows[-1][1], size=BATCH)
     held: list[list[FloatArray]] = [[] for _ in names]
     for _, arrays in _asked(path, request):
         end = at + len(arrays[0])

@@ -9,16 +9,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift import units
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
-from nearlift.readers.channel import AS_FORCE, UNITS, Channel, Contents, Malformed, pick
+from nearlift.readers.channel import (
+    AS_FORCE,
+    UNITS,
+    Channel,
+    Contents,
+    Malformed,
+    Names,
+    RecordsDialect,
+    pick,
+)
 from nearlift.readers.files import (
     files_per_trial,
     inside,
@@ -33,9 +42,6 @@ if TYPE_CHECKING:
     from nearlift.readers.row import Row
     from nearlift.reduction.conditions import Conditions
 
-#: The names of the channels wanted; None for all.
-Names = tuple[str, ...] | None
-Dialect = Mapping[str, Any]
 RATE_OPTION = {"ignore_rate": bool}
 
 
@@ -65,12 +71,12 @@ class Format:
     name: str
     title: str
     recognises: Callable[[bytes, str], bool]
-    contents: Callable[[Path, Dialect, Names], Contents]
+    contents: Callable[[Path, RecordsDialect, Names], Contents]
     options: Mapping[str, type] = field(default_factory=dict)
     child: bool = False
     checked: bool = False
 
-    def checked_dialect(self, dialect: Dialect) -> Dialect:
+    def checked_dialect(self, dialect: RecordsDialect) -> RecordsDialect:
         """The manifest's dialect, its keys and types checked.
 
         Raises
@@ -128,23 +134,23 @@ def reader_of(form: Format) -> Reader:
         tare_after_N: Mapping[str, float],
     ) -> Iterator[Row]:
         from nearlift.readers import child
+        from nearlift.readers.serve import ReduceRecord
 
-        about = {
-            "reader": form.name,
-            "spec": asdict(ChannelSpec.of(campaign)),
-            "conditions": asdict(conditions),
-        }
-        asked = [
-            {
-                **about,
-                "trial": t,
-                "path": str(p),
-                "source": source_of(root, p),
-                "tare_after_N": tare_after_N.get(t, math.nan),
-            }
-            for t, p in zip(piece.trials, piece.paths, strict=True)
-        ]
-        return child.rows(asked)
+        spec = ChannelSpec.of(campaign)
+        return child.rows(
+            [
+                ReduceRecord(
+                    reader=form.name,
+                    path=str(path),
+                    spec=spec,
+                    conditions=conditions,
+                    trial=trial,
+                    source=source_of(root, path),
+                    tare_after_N=tare_after_N.get(trial, math.nan),
+                )
+                for trial, path in zip(piece.trials, piece.paths, strict=True)
+            ]
+        )
 
     return Reader(
         name=form.name,
@@ -180,7 +186,7 @@ def _one_for_all(campaign: Campaign) -> bool:
 
 
 def record(
-    contents: Callable[[Path, Dialect, Names], Contents],
+    contents: Callable[[Path, RecordsDialect, Names], Contents],
     spec: ChannelSpec,
     trial: str,
     path: Path,

@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from nearlift import units
 from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
+from nearlift.readers.channel import RecordsDialect
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -171,7 +172,7 @@ class ChannelSpec:
     clock_unit: str
     tick: float
     rate_Hz: float | None
-    dialect: Mapping[str, Any]
+    dialect: RecordsDialect
 
     @classmethod
     def of(cls, campaign: Campaign) -> Self:

@@ -108,7 +108,8 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
 
     if path.stat().st_size == 0:
         return without("", "EMPTY")
-    spec, dialect = ChannelSpec.of(campaign), campaign.records.dialect
+    spec = ChannelSpec.of(campaign)
+    dialect = spec.dialect
     marks: list[tuple[int, str]] = []
     assert campaign.segments is not None
     try:

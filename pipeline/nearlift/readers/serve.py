@@ -14,21 +14,82 @@ import select
 import struct
 import threading
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import Contents, Malformed
-from nearlift.readers.per_file import Format, Names
+from nearlift.readers.channel import Contents, Malformed, Names, RecordsDialect
+from nearlift.readers.per_file import Format
 from nearlift.readers.seam import ChannelSpec
+from nearlift.reduction.conditions import Conditions
+from nearlift.results.serial import decode
 
 #: How the bytes of an answer's JSON are counted.
 LENGTH = struct.Struct("<Q")
 
 Answer = tuple[dict[str, Any], list[FloatArray]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadContents:
+    """A file's channels are asked for."""
+
+    reader: str
+    path: str
+    dialect: RecordsDialect = field(default_factory=dict)
+    names: Names = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReduceRecord:
+    """The row of a trial's record is asked for."""
+
+    reader: str
+    path: str
+    spec: ChannelSpec
+    conditions: Conditions
+    trial: str
+    source: str
+    tare_after_N: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadFields:
+    """The velocity fields of a file are asked for."""
+
+    reader: str
+    path: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadSpans:
+    """Whose rows are whose in a long table is asked for: manifest's keys and columns wanted."""
+
+    reader: ClassVar[str] = "Parquet"
+    path: str
+    columns: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadRows:
+    """Columns of a long table from row `first` up to `end` are asked for, `size` at a time."""
+
+    reader: ClassVar[str] = "Parquet"
+    path: str
+    columns: tuple[str, ...]
+    first: int
+    end: int
+    size: int
+
+
+Request = ReadContents | ReduceRecord | ReadFields | ReadSpans | ReadRows
+REQUESTS: Mapping[str, type[Request]] = {
+    kind.__name__: kind for kind in (ReadContents, ReduceRecord, ReadFields, ReadSpans, ReadRows)
+}
 
 
 def serve(requests: int, answers: int, memory: int) -> None:
@@ -41,8 +102,7 @@ def serve(requests: int, answers: int, memory: int) -> None:
     threading.Thread(target=_await_parents_end, args=(requests,), daemon=True).start()
     _limit(memory)
     for asked in os.fdopen(requests, "rb"):
-        request = json.loads(asked)
-        for answer, values in _answers(request):
+        for answer, values in _answers(asked):
             head = json.dumps(answer | {"lengths": [len(v) for v in values]}).encode()
             out.write(LENGTH.pack(len(head)) + head)
             for array in values:
@@ -63,31 +123,30 @@ def _await_parents_end(requests: int) -> None:
         os._exit(1)
 
 
-def _answers(request: Mapping[str, Any]) -> Iterator[Answer]:
-    name = request.get("piv") or request.get("reader") or "Parquet"
+def _answers(asked: bytes) -> Iterator[Answer]:
+    content = json.loads(asked)
+    request = decode(REQUESTS[content.pop("ask")], content)
     try:
-        read = (
-            _read_fields
-            if "piv" in request
-            else (
-                _read_table
-                if "table" in request
-                else _reduce
-                if "spec" in request
-                else _read_contents
-            )
-        )
-        yield from read(name, Path(request["path"]), request)
+        yield from _read(request)
     except InputRefused as refusal:
         yield {"refused": [refusal.where, refusal.what, refusal.remedy]}, []
     except Malformed as fault:
         yield {"malformed": str(fault)}, []
     except MemoryError:
         yield {"malformed": "it needs more memory than its reader is allowed"}, []
-    except (
-        Exception
-    ) as fault:  # libraries raise anything on damaged bytes; the child turns it into one kind
-        yield {"malformed": _unreadable(name, fault)}, []
+    except Exception as fault:
+        # libraries raise anything on damaged bytes; the child turns it into one kind
+        yield {"malformed": _unreadable(request.reader, fault)}, []
+
+
+def _read(request: Request) -> Iterator[Answer]:
+    if isinstance(request, ReadContents):
+        return _read_contents(request)
+    if isinstance(request, ReduceRecord):
+        return _reduce(request)
+    if isinstance(request, ReadFields):
+        return _read_fields(request)
+    return _read_spans(request) if isinstance(request, ReadSpans) else _read_rows(request)
 
 
 def _unreadable(name: str, fault: Exception) -> str:
@@ -103,10 +162,8 @@ def _format(name: str) -> Format:
     return form
 
 
-def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
-    found = _format(name).contents(
-        path, request["dialect"], None if request["names"] is None else tuple(request["names"])
-    )
+def _read_contents(asked: ReadContents) -> Iterator[Answer]:
+    found = _format(asked.reader).contents(Path(asked.path), asked.dialect, asked.names)
     listed = [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz} for c in found.channels]
     yield (
         {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes},
@@ -114,28 +171,23 @@ def _read_contents(name: str, path: Path, request: Mapping[str, Any]) -> Iterato
     )
 
 
-def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+def _reduce(asked: ReduceRecord) -> Iterator[Answer]:
     from nearlift.readers.per_file import record
     from nearlift.readers.row import row_of
-    from nearlift.reduction.conditions import Conditions, Limits
 
-    def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+    def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         try:
-            return _format(name).contents(path, dialect, names)
+            return _format(asked.reader).contents(path, dialect, names)
         except (InputRefused, Malformed, MemoryError):
             raise
         except Exception as fault:
-            raise Malformed(_unreadable(name, fault)) from None
+            raise Malformed(_unreadable(asked.reader, fault)) from None
 
-    conditions = Conditions(
-        **{**request["conditions"], "limits": Limits(**request["conditions"]["limits"])}
-    )
-    spec = ChannelSpec(**request["spec"])
-    found = record(contents, spec, request["trial"], path, request["source"])
+    found = record(contents, asked.spec, asked.trial, Path(asked.path), asked.source)
     try:
         # damaged numbers may be anything
         with np.errstate(over="ignore", invalid="ignore"):
-            row = row_of(found, conditions, request["tare_after_N"])
+            row = row_of(found, asked.conditions, asked.tare_after_N)
     except (InputRefused, MemoryError):
         raise
     except Exception as fault:
@@ -144,10 +196,10 @@ def _reduce(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answe
     yield {"reduced": reduced, "samples": row.samples, "notes": row.notes, "fault": row.fault}, []
 
 
-def _read_fields(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+def _read_fields(asked: ReadFields) -> Iterator[Answer]:
     from nearlift.readers.piv.sniff import dialect
 
-    for raw in dialect(name).read(path):
+    for raw in dialect(asked.reader).read(Path(asked.path)):
         about = {
             key: getattr(raw, key)
             for key in ("length_unit", "velocity_unit", "scale_m", "frame_time_s")
@@ -156,17 +208,18 @@ def _read_fields(name: str, path: Path, request: Mapping[str, Any]) -> Iterator[
     yield {"end": True}, []
 
 
-def _read_table(_: str, path: Path, request: Mapping[str, Any]) -> Iterator[Answer]:
+def _read_spans(asked: ReadSpans) -> Iterator[Answer]:
     from nearlift.readers import long_table
 
-    if request["table"] == "spans":
-        trials, rows, ends = long_table.spans(
-            path, [(key, name) for key, name in request["columns"]]
-        )
-        yield {"trials": trials}, [rows[:, 0], rows[:, 1], ends]
-        return
+    trials, rows, ends = long_table.spans(Path(asked.path), asked.columns)
+    yield {"trials": trials}, [rows[:, 0], rows[:, 1], ends]
+
+
+def _read_rows(asked: ReadRows) -> Iterator[Answer]:
+    from nearlift.readers import long_table
+
     for arrays in long_table.batches(
-        path, request["columns"], request["first"], request["end"], request["size"]
+        Path(asked.path), asked.columns, asked.first, asked.end, asked.size
     ):
         yield {"more": True}, arrays
     yield {"end": True}, []

@@ -13,9 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import AS_FORCE, Channel, Contents, fold, split_unit
+from nearlift.readers.channel import (
+    AS_FORCE,
+    Channel,
+    Contents,
+    Names,
+    RecordsDialect,
+    fold,
+    split_unit,
+)
 from nearlift.readers.layout import UNGIVEN, Layout
-from nearlift.readers.per_file import Dialect, Format, Names, reader_of
+from nearlift.readers.per_file import Format, reader_of
 from nearlift.readers.seam import Reader
 from nearlift.readers.table import Cells
 from nearlift.readers.text import from_text, head_of, with_rate
@@ -66,7 +74,7 @@ def stand_reader(
         Bare names of columns that hold text.
     """
 
-    def contents(path: Path, dialect: Dialect, names: Names) -> Contents:
+    def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         """The channels of a file; refuses one whose header is not the format's, or a line that is
         not what it promises.
         """

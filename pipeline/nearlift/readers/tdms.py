@@ -15,16 +15,24 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from nearlift.readers.channel import Channel, Contents, Malformed, unit_word, wanted
+from nearlift.readers.channel import (
+    Channel,
+    Contents,
+    Malformed,
+    Names,
+    RecordsDialect,
+    unit_word,
+    wanted,
+)
 from nearlift.readers.hdf5 import library
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.per_file import Format, reader_of
 
 LEAD_IN = 28
 #: What a writer puts for the length of a segment that it has not finished.
 UNFINISHED = 0xFFFFFFFFFFFFFFFF
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a TDMS file.
 
     Raises

@@ -9,7 +9,7 @@ called truncated.
 from __future__ import annotations
 
 import codecs
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,20 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import interleaved, packed, table
-from nearlift.readers.channel import Channel, Contents, pick, rate_of, split_unit, wanted
+from nearlift.readers.channel import (
+    Channel,
+    Contents,
+    Names,
+    RecordsDialect,
+    pick,
+    rate_of,
+    split_unit,
+    wanted,
+)
 from nearlift.readers.dialect import HEAD, NoRows, sniff
 from nearlift.readers.interleaved import ONE
 from nearlift.readers.layout import Given, Layout
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.per_file import Format, reader_of
 from nearlift.readers.table import NONE, Cells
 
 BLOCK = 8 << 20
@@ -39,7 +48,7 @@ OPTIONS = {
 }
 
 
-def given(dialect: Mapping[str, Any]) -> Given:
+def given(dialect: RecordsDialect) -> Given:
     """The manifest's dialect as the sniffer takes it.
 
     Raises
@@ -48,7 +57,7 @@ def given(dialect: Mapping[str, Any]) -> Given:
         A list holds something that is no text, units are not as many as columns, or the decimal
         sign is none.
     """
-    own = {key: value for key, value in dialect.items() if key in OPTIONS}
+    own: dict[str, Any] = {key: value for key, value in dialect.items() if key in OPTIONS}
     for key in ("columns", "units", "ignore"):
         if key in own and not all(isinstance(item, str) for item in own[key]):
             raise ManifestError(
@@ -90,7 +99,7 @@ def given(dialect: Mapping[str, Any]) -> Given:
     return Given(**own)
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a text file.
 
     Raises

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from nearlift.errors import InputRefused
 from nearlift.readers import packed
+from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.dialect import HEAD
 from nearlift.readers.interleaved import one_column
 from nearlift.readers.layout import Given, Layout
@@ -34,7 +34,7 @@ def marked(path: Path, said: Given, marks: Sequence[str]) -> list[tuple[int, str
     return found
 
 
-def words_of(path: Path, dialect: Mapping[str, Any], column: str) -> list[str]:
+def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
     """The cells of one column of a text, as they stand, a row each.
 
     Raises

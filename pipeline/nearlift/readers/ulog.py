@@ -8,15 +8,21 @@ messages' own lengths are added up here, and each topic's stamps have to lie wit
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from nearlift.readers.channel import Channel, Contents, Malformed, rate_of, wanted
+from nearlift.readers.channel import (
+    Channel,
+    Contents,
+    Malformed,
+    Names,
+    RecordsDialect,
+    rate_of,
+    wanted,
+)
 from nearlift.readers.hdf5 import library
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.per_file import Format, reader_of
 
 MAGIC = b"ULog\x01\x12\x35"
 HEAD = 16
@@ -26,7 +32,7 @@ KNOWN = frozenset(b"BFIMPQARDLCSO")
 LONGEST_S = 24 * 3600.0
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a log.
 
     Raises

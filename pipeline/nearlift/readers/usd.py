@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import Channel, Contents, Malformed, rate_of
-from nearlift.readers.per_file import Format, Names, reader_of
+from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect, rate_of
+from nearlift.readers.per_file import Format, reader_of
 
 MAGIC = 0xBC
 KIND = "Crazyflie uSD log"
@@ -64,7 +64,7 @@ class Event:
     layout: np.dtype[Any]
 
 
-def contents(path: Path, dialect: Mapping[str, Any], names: Names) -> Contents:
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a log.
 
     Raises

@@ -111,7 +111,7 @@ def decode(kind: type[Typed], content: Json, where: str = "") -> Typed:
 
 @cache
 def _decoder(kind: Any) -> Callable[[Json], Any]:
-    if kind in (Any, str, bool, int) or get_origin(kind) is Literal:
+    if kind in (Any, object, str, bool, int) or get_origin(kind) is Literal:
         return lambda content: content
     if kind is float:
         return lambda content: math.nan if content is None else float(content)

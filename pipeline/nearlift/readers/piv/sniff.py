@@ -18,6 +18,7 @@ from nearlift.readers.piv.openpiv import OPENPIV
 from nearlift.readers.piv.pivlab_mat import PIVLAB_MAT
 from nearlift.readers.piv.pivlab_text import PIVLAB
 from nearlift.readers.piv.vectors import Dialect, Raw, Setting, settle
+from nearlift.readers.serve import ReadFields
 
 DIALECTS: tuple[Dialect, ...] = (INSIGHT, DAVIS, OPENPIV, PIVLAB, PIVLAB_MAT, DANTEC, NETCDF)
 HEAD = 1 << 16
@@ -109,7 +110,7 @@ def _fields(child: Child, dialect: str, path: Path) -> Iterator[Raw]:
         limit.
     """
     try:
-        for answer, (x, y, u, v, good) in child.ask({"piv": dialect, "path": str(path)}):
+        for answer, (x, y, u, v, good) in child.ask(ReadFields(reader=dialect, path=str(path))):
             yield Raw(x=x, y=y, u=u, v=v, good=good != 0, **answer["field"])
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "export it again") from None
