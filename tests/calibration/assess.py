@@ -240,7 +240,7 @@ def rebuilt(campaign: Campaign, result: dict[str, Any]) -> np.ndarray:
         data,
         np.array(
             [np.median(data.lift_N[(data.level == k) & far]) for k in range(len(data.levels))]
-        ),
+        )[data.level],
     )
     known = {
         **data.geometry,

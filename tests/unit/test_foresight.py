@@ -480,7 +480,8 @@ def test_derived_covariates_do_not_depend_on_the_planned_lift():
     data = campaign(1, visits=3)
     levels = np.array([1.0, 2.0, 3.0, 4.0])
     one, two = (
-        derive(dataclasses.replace(data, lift_N=data.lift_N * f), levels) for f in (1.0, 3.0)
+        derive(dataclasses.replace(data, lift_N=data.lift_N * f), levels[data.level])
+        for f in (1.0, 3.0)
     )
     assert np.array_equal(one.covariates["previous_lift_N"], two.covariates["previous_lift_N"])
 

@@ -260,7 +260,7 @@ def test_trials_whose_order_nobody_knows_have_no_drift_and_may_stand_in_any():
 
 
 def test_a_part_of_a_campaign_has_the_drift_of_the_whole():
-    data = derive(campaign(4, visits=4), np.ones(4))
+    data = derive(campaign(4, visits=4), np.ones(160))
     some = np.flatnonzero(data.visit % 3 > 0)
     assert np.array_equal(
         variance_components.ages(data.take(some)), variance_components.ages(data)[some]

@@ -84,7 +84,7 @@ def test_nothing_is_overwritten_and_a_missing_table_is_named(table, tmp_path):
 
 def test_where_the_order_is_unknown_nothing_varies_along_it():
     data = dataclasses.replace(campaign(3, visits=5), ordered=False)
-    known = derive(data, np.ones(4)).covariates
+    known = derive(data, np.ones(data.n)).covariates
     for name in (
         "run_order",
         "elapsed_hat",
@@ -95,7 +95,7 @@ def test_where_the_order_is_unknown_nothing_varies_along_it():
     ):
         assert np.ptp(known[name]) == 0, name
     assert "start_s" not in known
-    assert {f.covariate for f in families(derive(data, np.ones(4)))}.isdisjoint(
+    assert {f.covariate for f in families(derive(data, np.ones(data.n)))}.isdisjoint(
         {"start", "order_in_visit", "previous_throttle", "previous_distance"}
     )
 

@@ -91,7 +91,7 @@ def visits_of(
     jacobian = problem.jacobian(theta, offset)[:, free] if len(free) else np.zeros((data.n, 0))
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     known = covariance.shared
-    z = np.hstack([known, np.eye(len(data.levels))[data.level], jacobian / length])
+    z = np.hstack([known, data.level_columns, jacobian / length])
     y = np.log(data.lift_N) - problem.log_ratio(theta, offset) + slope * offset
     size = z.shape[1]
     curved = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])])

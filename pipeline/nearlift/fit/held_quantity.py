@@ -284,8 +284,8 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     from scipy.stats import t
 
     y = np.log(logged(data)[quantity])
-    k, sessions = len(data.levels), int(data.session.max()) + 1
-    columns = [np.eye(k)[data.level], np.eye(sessions)[data.session][:, 1:]]
+    levels, sessions = data.level_columns, int(data.session.max()) + 1
+    k, columns = levels.shape[1], [levels, np.eye(sessions)[data.session][:, 1:]]
     q, _ = np.linalg.qr(np.hstack(columns))
     own = log_ratio - q @ (q.T @ log_ratio)
     visits = np.unique(data.visit, return_inverse=True)[1]
@@ -305,7 +305,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     np.add.at(scores, visits, x * residual[:, None])
     covariance = inverse @ (scores.T @ scores) @ inverse * (visits.max() + 1) / dof
     slope, u = float(beta[k]), float(np.sqrt(covariance[k, k]))
-    within = y - (np.bincount(data.level, y) / np.bincount(data.level))[data.level]
+    within = y - levels @ np.linalg.lstsq(levels, y, rcond=None)[0]
     # what is constant to rounding was held
     p = float(2 * t.sf(abs(slope) / u, dof)) if u > 1e-9 else float(abs(slope) < 1e-6)
     return Response(
@@ -314,8 +314,8 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
         u=u,
         p_value=p,
         spread=float(np.sqrt(np.mean(within**2))),
-        log_far=beta[:k],
-        u_log_far=np.sqrt(np.diag(covariance)[:k]),
+        log_far=data.shown(beta[:k]),
+        u_log_far=np.sqrt(np.diag(data.shown(data.shown(covariance[:k, :k]).T))),
     )
 
 

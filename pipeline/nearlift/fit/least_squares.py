@@ -27,7 +27,8 @@ VAGUE = 1e6
 class Fit:
     """A model fitted to the trials of one boundary.
 
-    `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle. `rmse` is
+    `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle;
+    `level_coefficients` multiply the trials' `level_columns`. `rmse` is
     the root mean square of relative lift residuals over trials; `r2` is of cell means of Delta L,
     `r2_near` the same over 1 < z_hat < 3. `chi2` uses the scatter of repeats, so chi2 well above
     `dof` means that the model, not the noise, is at fault. `problem` is the likelihood, `slope` and
@@ -42,6 +43,8 @@ class Fit:
     covariance: FloatArray
     estimates: dict[str, Estimate]
     levels: dict[float, Estimate]
+    level_coefficients: FloatArray
+    level_covariance: FloatArray
     chi2: float
     dof: int
     n: int
@@ -139,7 +142,7 @@ def fit(
         for t, z in zip(data.trial[~keep], data.z_hat[~keep], strict=True)
     )
     data = data.take(keep)
-    p, levels = len(model.parameters), len(data.levels)
+    p, levels = len(model.parameters), data.unknown_levels
     if data.n < p + levels + 2:
         raise NotConverged(
             f"fit of {model.name}",
@@ -165,7 +168,7 @@ def fit(
                 np.log(data.lift_N) - trial.log_ratio(theta),
                 np.hstack(
                     [
-                        np.eye(levels)[data.level],
+                        data.level_columns,
                         trial.jacobian(theta) if p else np.zeros((data.n, 0)),
                     ]
                 ),
@@ -216,28 +219,27 @@ def _integrated(found: Fit) -> Fit:
             if bounded
             else plain
         )
-    logs, spread = np.zeros((len(over.weight), len(data.levels))), np.zeros(len(data.levels))
+    free = data.unknown_levels
+    logs, spread = np.zeros((len(over.weight), free)), np.zeros((free, free))
+    given, log_lift = problem.level_covariance, np.log(data.lift_N)
     for node in np.flatnonzero(over.weight > 0):
         at, offset = over.theta[node], over.offset_m[node]
-        logs[node], given = problem.log_levels(at, offset)
-        toll = (
-            problem.level_sensitivity(problem.jacobian(at, offset))
-            if p
-            else np.zeros((len(data.levels), 0))
-        )
-        spread += over.weight[node] * np.diag(given + toll @ over.covariance[node] @ toll.T)
+        logs[node] = problem.best_levels(log_lift - problem.log_ratio(at, offset))
+        toll = problem.level_toll(problem.jacobian(at, offset)) if p else np.zeros((free, 0))
+        spread += over.weight[node] * (given + toll @ over.covariance[node] @ toll.T)
     log_levels = over.weight @ logs
-    spread += over.weight @ (logs - log_levels) ** 2
-    values = np.exp(log_levels)
+    spread += (logs - log_levels).T @ (over.weight[:, None] * (logs - log_levels))
+    values = np.exp(data.shown(log_levels))
+    relative = np.sqrt(np.diag(problem.shown_covariance(spread)))
     # the quantiles of the linear fit serve: what its levels rest on is the same
     quantiles = {t: (e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for t, e in found.levels.items()}
     levels = {
         float(t): _estimate(v, v * w, quantiles[float(t)], "N", (0.0, np.inf))
-        for t, v, w in zip(data.levels, values, np.sqrt(spread), strict=True)
+        for t, v, w in zip(data.levels, values, relative, strict=True)
     }
     rmse, r2, r2_near = _closeness(problem, theta, log_levels, over.offset()[0])
     gained = float(over.log_integral + problem.chi2(theta) / 2)
-    unknown = p + len(data.levels)
+    unknown = p + free
     log_likelihood = float(problem.log_likelihood(theta)) + gained
     return replace(
         found,
@@ -245,6 +247,8 @@ def _integrated(found: Fit) -> Fit:
         covariance=covariance,
         estimates=estimates,
         levels=levels,
+        level_coefficients=log_levels,
+        level_covariance=spread,
         chi2=over.chi2,
         rmse=rmse,
         r2=r2,
@@ -267,7 +271,7 @@ def _describe(
     plan: heights.Plan,
 ) -> Fit:
     data, model = problem.data, problem.model
-    p, k = len(theta), len(data.levels)
+    p, k = len(theta), data.unknown_levels
     jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
     covariance, determined = parameter_covariance(
         problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1)
@@ -279,29 +283,31 @@ def _describe(
     determined &= np.sqrt(np.diag(covariance)) < VAGUE * width
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
     estimates = interval90(model, theta, sd, effective)
-    log_levels, given = problem.log_levels(theta)
-    toll = problem.level_sensitivity(jacobian) if p else np.zeros((k, 0))
-    level_covariance = given + toll @ covariance @ toll.T
+    coefficients = problem.best_levels(np.log(data.lift_N) - problem.log_ratio(theta))
+    toll = problem.level_toll(jacobian) if p else np.zeros((k, 0))
+    level_covariance = problem.level_covariance + toll @ covariance @ toll.T
     level_dof = gum.freedom(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope)
     levels = {
         float(t): _estimate(v, v * u, student.quantile(0.95, dof), "N", (0.0, np.inf))
         for t, v, u, dof in zip(
             data.levels,
-            np.exp(log_levels),
-            np.sqrt(np.diag(level_covariance)),
+            np.exp(data.shown(coefficients)),
+            np.sqrt(np.diag(problem.shown_covariance(level_covariance))),
             level_dof,
             strict=True,
         )
     }
     chi2 = float(problem.chi2(theta))
     log_likelihood = float(problem.log_likelihood(theta))
-    rmse, r2, r2_near = _closeness(problem, theta, log_levels)
+    rmse, r2, r2_near = _closeness(problem, theta, coefficients)
     return Fit(
         model=model,
         theta=theta,
         covariance=covariance,
         estimates=estimates,
         levels=levels,
+        level_coefficients=coefficients,
+        level_covariance=level_covariance,
         chi2=chi2,
         dof=data.n - k - p,
         n=data.n,
@@ -373,12 +379,12 @@ def _estimate(
 
 
 def _closeness(
-    problem: Problem, theta: FloatArray, log_levels: FloatArray, offset_m: float = 0.0
+    problem: Problem, theta: FloatArray, coefficients: FloatArray, offset_m: float = 0.0
 ) -> tuple[float, float, float | None]:
     """`rmse`, `r2` and `r2_near` of a fit, the heights moved by `offset_m`."""
     data = problem.data
     log_ratio = problem.log_ratio(theta, offset_m)
-    log_lift = np.log(data.lift_N) - log_levels[data.level]
+    log_lift = np.log(data.lift_N) - data.of_trials(coefficients)
     measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
     near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
     rmse = float(np.sqrt(np.mean((log_lift - log_ratio) ** 2)))

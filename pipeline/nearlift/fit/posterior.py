@@ -295,7 +295,8 @@ def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> Flo
     t, as the noise's scale is uncertain.
     """
     flat = theta.reshape(theta.shape[0] * theta.shape[1], theta.shape[2])
-    _, covariance = density.problem.log_levels(density.centre)
+    triangle = np.linalg.cholesky(density.problem.level_covariance)
+    root = density.problem.data.shown(np.asarray(triangle, dtype=np.float64))
     centre = density.stations.log_levels(flat)
     scale = np.ones(len(flat))
     if math.isfinite(density.dof):
@@ -303,7 +304,7 @@ def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> Flo
         scale = np.sqrt(
             (density.dof + departure) / rng.chisquare(density.dof + theta.shape[-1], len(flat))
         )
-    noise = rng.standard_normal(centre.shape) @ np.linalg.cholesky(covariance).T
+    noise = rng.standard_normal((len(flat), root.shape[1])) @ root.T
     return np.asarray(
         np.exp(centre + scale[:, None] * noise).reshape(*theta.shape[:-1], -1), dtype=np.float64
     )

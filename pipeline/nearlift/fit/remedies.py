@@ -87,8 +87,8 @@ def of(fit: Fit) -> dict[str, Halving]:
 
 def _unknowns(fit: Fit, known: list[int]) -> _Unknowns:
     problem, offset, slope = linear_problem(fit)
-    data, levels = problem.data, problem.data.levels
-    blocks = [problem.jacobian(fit.theta, offset)[:, known], np.eye(len(levels))[data.level]]
+    data, levels = problem.data, problem.data.level_columns.T
+    blocks = [problem.jacobian(fit.theta, offset)[:, known], levels.T]
     groups: list[tuple[str, float, str, tuple[int, ...]]] = [
         (fit.names[i], 1.0, fit.model.parameters[i].unit, (k,)) for k, i in enumerate(known)
     ]

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from nearlift.fit import inputs, remedies
 from nearlift.fit.least_squares import NEAR_GROUND, Fit
 from nearlift.fit.profiles import Profile
+from nearlift.likelihood.level_curve import held_out_rms
 from nearlift.results.fit import (
     CoefficientEstimate,
     ExcludedTrial,
@@ -15,6 +16,7 @@ from nearlift.results.fit import (
     ModelFit,
     ParameterCovariance,
 )
+from nearlift.results.levels import LevelFit
 
 #: An uncertainty known with fewer degrees of freedom than this is flagged.
 FEW_DOF = 5.0
@@ -43,6 +45,7 @@ def summary(fit: Fit, profiles: Iterable[Profile]) -> ModelFit:
         aic=fit.aic,
         bic=fit.bic,
         L_inf_N=fit.levels,
+        levels=_levels(fit),
         degeneracies=fit.degeneracies,
         excluded=tuple(ExcludedTrial(trial=t, reason=why) for t, why in fit.excluded),
         profiles={p.parameter: p.ends for p in profiles},
@@ -50,6 +53,19 @@ def summary(fit: Fit, profiles: Iterable[Profile]) -> ModelFit:
         undeclared=inputs.undeclared(fit),
         heights=fit.plan.measures,
         height_error=(HeightError(*fit.marginal.offset()) if fit.marginal else None),
+    )
+
+
+def _levels(fit: Fit) -> LevelFit | None:
+    """The curve of L_inf, where it is one."""
+    data = fit.problem.data
+    if data.curve is None:
+        return None
+    return LevelFit(
+        curve=data.curve,
+        coefficients=tuple(fit.level_coefficients.tolist()),
+        covariance=tuple(tuple(row) for row in fit.level_covariance.tolist()),
+        held_out=held_out_rms(data),
     )
 
 

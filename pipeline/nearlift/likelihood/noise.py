@@ -72,9 +72,8 @@ def trial_covariance(
 
 def cells(data: Observations) -> IntArray:
     """Index of each trial's (distance, throttle) cell."""
-    cell: IntArray = np.unique(np.stack([data.z_hat, data.throttle]), axis=1, return_inverse=True)[
-        1
-    ].astype(np.int64)
+    both = np.stack([data.z_hat, data.levels[data.level]])
+    cell: IntArray = np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
     return cell
 
 

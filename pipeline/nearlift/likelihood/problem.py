@@ -1,10 +1,11 @@
 """The likelihood of one model at one boundary.
 
 Forces are measured, ratios are not: the unit is the trial, ``log lift = a[throttle] + log
-ratio(z_hat; theta) + error``. The levels a = log L_inf are nuisances, one per throttle; they are
-linear, so they are eliminated in closed form and never divided by. Working in the logarithm makes a
-gain error additive and lets one covariance serve all throttles; trials scatter by a percent or
-less, so the difference to a likelihood in force is of second order in that percent.
+ratio(z_hat; theta) + error``. The levels a = log L_inf are nuisances, one per throttle, or a curve
+of throttle and supply; they are linear, so they are eliminated in closed form and never divided by.
+Working in the logarithm makes a gain error additive and lets one covariance serve all throttles;
+trials scatter by a percent or less, so the difference to a likelihood in force is of second order
+in that percent.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
-from nearlift.errors import InputRefused
+from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.finite import where_finite
+from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
 
 #: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never
@@ -75,9 +77,24 @@ class Problem:
 
     @cached_property
     def _levels(self) -> tuple[FloatArray, FloatArray]:
-        """QR of the whitened indicator of each throttle: what eliminates L_inf."""
-        indicator = np.eye(len(self.data.levels))[self.data.level]
-        q, r = np.linalg.qr(self.covariance.whiten(indicator.T).T)
+        """QR of the whitened columns that log L_inf is linear in: what eliminates it.
+
+        Raises
+        ------
+        NotConverged
+            A curve of L_inf has columns that these trials do not tell apart.
+        """
+        columns = self.data.level_columns
+        q, r = np.linalg.qr(self.covariance.whiten(columns.T).T)
+        own = np.abs(np.diag(r))
+        if self.data.curve is not None and own.min() < SPANNED * own.max():
+            curve = self.data.curve
+            raise NotConverged(
+                "levels",
+                f"these trials do not tell a curve of degree {curve.degree} in"
+                f" {' and '.join(curve.of)}",
+                "a lower degree, or fewer columns in [levels] of",
+            )
         return q, r
 
     @property
@@ -93,7 +110,7 @@ class Problem:
         """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds
         `level_sensitivity` of its logarithm.
         """
-        return self.best_levels(np.log(self.data.lift_N))
+        return self._shown_levels(np.log(self.data.lift_N))
 
     @property
     def level_gain(self) -> FloatArray:
@@ -101,7 +118,8 @@ class Problem:
         held, (K, n).
         """
         q, r = self._levels
-        return np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
+        gain = np.asarray(np.linalg.solve(r, self.covariance.unwhiten(q.T)), dtype=np.float64)
+        return self.data.shown(gain)
 
     def project(self, x: FloatArray) -> FloatArray:
         """Whiten along the last axis and remove what a free L_inf per throttle absorbs; a row with
@@ -147,14 +165,30 @@ class Problem:
         self, theta: FloatArray, offset_m: FloatArray | float = 0.0
     ) -> tuple[FloatArray, FloatArray]:
         """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
+        rest = np.log(self.data.lift_N) - self.log_ratio(theta, offset_m)
+        return self._shown_levels(rest), self.shown_covariance(self.level_covariance)
+
+    def shown_covariance(self, covariance: FloatArray) -> FloatArray:
+        """Covariance of log L_inf at each throttle that is told, from that of what multiplies
+        `level_columns`.
+        """
+        return self.data.shown(self.data.shown(covariance).T)
+
+    @property
+    def level_covariance(self) -> FloatArray:
+        """Covariance of what multiplies the trials' `level_columns`, theta held, (K, K)."""
         _, r = self._levels
         inverse = np.linalg.inv(r)
-        rest = np.log(self.data.lift_N) - self.log_ratio(theta, offset_m)
-        return self.best_levels(rest), np.asarray(inverse @ inverse.T, dtype=np.float64)
+        return np.asarray(inverse @ inverse.T, dtype=np.float64)
+
+    def _shown_levels(self, x: FloatArray) -> FloatArray:
+        """The level at each throttle that is told, from rows of trials (..., n)."""
+        return self.data.shown(self.best_levels(x).T).T
 
     def best_levels(self, x: FloatArray) -> FloatArray:
-        """The level per throttle that fits rows of trials (..., n) best, (..., K); nan where a row
-        has a value that is not finite.
+        """What multiplies the trials' `level_columns` (the level per throttle, or a curve's
+        coefficients) where it fits rows of trials (..., n) best, (..., K); nan where a row has a
+        value that is not finite.
         """
         q, r = self._levels
         return where_finite(
@@ -165,9 +199,13 @@ class Problem:
         )
 
     def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
-        """Change of log L_inf per unit change of each parameter, (K, p), from the Jacobian (n, p)
-        of log ratio.
+        """Change of log L_inf at each throttle that is told per unit change of each parameter,
+        from the Jacobian (n, p) of log ratio.
         """
+        return self.data.shown(self.level_toll(jacobian))
+
+    def level_toll(self, jacobian: FloatArray) -> FloatArray:
+        """The same of what multiplies `level_columns`, (K, p)."""
         return -self.best_levels(jacobian.T).T
 
     def linearised(

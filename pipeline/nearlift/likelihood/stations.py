@@ -108,5 +108,8 @@ class Stations:
     def _log_levels(self, theta: FloatArray) -> FloatArray:
         log_ratio, rows = self.at.log_ratio(theta), self.level_rows
         if rows is None:
-            return self.problem.level_mean - self.problem.best_levels(log_ratio[:, self.index])
+            return (
+                self.problem.level_mean
+                + self.problem.level_sensitivity(log_ratio[:, self.index].T).T
+            )
         return self.problem.level_mean + where_finite(lambda x: x @ rows.T, log_ratio)

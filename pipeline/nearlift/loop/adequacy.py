@@ -40,7 +40,7 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
     if scored is None:
         return []
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
-    free = len(stage.data.levels) + len(stage.theta)
+    free = stage.data.unknown_levels + len(stage.theta)
     beyond = np.bincount(
         visit,
         misfit(stage, stage.noise, scored, scored.before) - 1 - free / max(stage.data.n - free, 1),

@@ -24,7 +24,7 @@ MOST_SESSIONS = 400
 
 def few(data: Observations, base: LiftModel) -> bool:
     """Whether trials are so few that their own scatter cannot tell noise from structure."""
-    return data.n < LEAST_TRIALS + len(data.levels) + len(base.parameters)
+    return data.n < LEAST_TRIALS + data.unknown_levels + len(base.parameters)
 
 
 def admit(where: str, data: Observations, base: LiftModel) -> None:
@@ -37,7 +37,7 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     """
     if not few(data, base):
         return
-    unknowns = len(data.levels) + len(base.parameters)
+    unknowns = data.unknown_levels + len(base.parameters)
     if data.ordered:
         # with an order come drifts, and of so few trials nobody has counted how often they pass for
         # structure

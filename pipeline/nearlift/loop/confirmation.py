@@ -102,8 +102,9 @@ def held_out(
     for i, test in enumerate(masks):
         heard(i, len(masks))
         train = ~test
-        # a throttle that only the held-out visits have cannot be predicted: its L_inf is unknown
-        known = test & np.isin(data.throttle, data.throttle[train])
+        # a throttle that only the held-out visits have cannot be predicted: its L_inf is unknown,
+        # and a curve of it says nothing beyond the trials that it is fitted to
+        known = test & data.foretold_by(train)
         part = dataclasses.replace(
             stage,
             data=data.take(train),
@@ -128,13 +129,15 @@ def held_out(
 
 
 def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArray:
-    """Log lift of other trials from a fit: its ratio, and L_inf per throttle from the fit's own
-    trials.
-    """
+    """Log lift of other trials from a fit: its ratio, and L_inf from the fit's own trials."""
     levels = stage.space.best_levels(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
     vector = fitted.vector
-    index = np.searchsorted(stage.data.levels, at.throttle)
-    result: FloatArray = levels[index] + fitted.candidate.log_ratio(vector, at)
+    far = (
+        levels[np.searchsorted(stage.data.levels, at.throttle)]
+        if at.curve is None
+        else at.level_columns @ levels
+    )
+    result: FloatArray = far + fitted.candidate.log_ratio(vector, at)
     return result
 
 

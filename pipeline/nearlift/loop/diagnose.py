@@ -293,7 +293,7 @@ def set_up(
         )
     admit(where, kept, base)
     first = fit(base, kept, parts, plan=Plan())
-    kept = derive(kept, np.array([first.levels[float(t)].value for t in kept.levels]))
+    kept = derive(kept, kept.lift_inf_N(first.level_coefficients))
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if not e.within_trial)

@@ -98,7 +98,7 @@ def families(data: Observations) -> tuple[Family, ...]:
     near = _nearness(data)
     # L_inf and not the trial's own lift: that carries its noise, which would then seem explained
     additive = (np.median(known["lift_inf_N"]) / known["lift_inf_N"])[:, None]
-    few_levels = len(data.levels) <= 8
+    few_levels = data.curve is None and len(data.levels) <= 8
     levels = indicators(data.throttle)[:, 1:] if few_levels else powers(data.throttle, 3)
     distances, sessions = (len(np.unique(x)) for x in (data.z_hat, data.session))
     most = max(min(LARGEST_SHARE * n, LARGEST), 1)
@@ -142,6 +142,10 @@ def families(data: Observations) -> tuple[Family, ...]:
             columns=_previous_distance(data),
         ),
     ]
+    if data.curve is not None:
+        # what a polynomial of its degree leaves
+        bend = powers(np.log(data.throttle), int(min(data.curve.degree + 3, most)))
+        found.append(Family(name="throttle", covariate="throttle", columns=bend))
     if few_levels and distances * len(data.levels) <= most:
         cells = times(indicators(data.z_hat), indicators(data.throttle))
         found.append(Family(name="distance x throttle, cells", covariate="throttle", columns=cells))
@@ -204,12 +208,12 @@ def families(data: Observations) -> tuple[Family, ...]:
 
 
 def _tells(columns: FloatArray, data: Observations) -> bool:
-    """Whether anything varies within a throttle; what does not is L_inf itself, and its rounding
-    errors would be taken for a family.
+    """Whether anything varies beside L_inf; what does not is L_inf itself, and its rounding errors
+    would be taken for a family.
     """
-    level = indicators(data.throttle)
-    means = level @ ((level.T @ columns) / level.sum(axis=0)[:, None])
-    return bool(np.abs(columns - means).max() > 1e-9 * np.abs(columns).max())
+    levels = data.level_columns
+    left = columns - levels @ np.linalg.lstsq(levels, columns, rcond=None)[0]
+    return bool(np.abs(left).max() > 1e-9 * np.abs(columns).max())
 
 
 def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:

@@ -14,6 +14,7 @@ nothing there, and can never be accepted. See docs/decisions/0005-few-visits.md.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
@@ -59,16 +60,30 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
     vectors = without_each(stage, whole)
     own = np.unique(stage.data.visit, return_inverse=True)[1]
     ratio = whole.candidate.log_ratio(vectors)
-    # L_inf of each throttle from the trials that stayed; of one that only this visit has it is
-    # unknown
     rest = stage.log_lift - ratio
-    weight = _weights(stage, own)
-    level = np.eye(len(stage.data.levels))[stage.data.level]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        log_inf = where_finite(lambda x: (weight * x) @ level, rest) / (weight @ level)
+    log_inf = _levels(stage, _weights(stage, own))(rest[:, None], np.arange(len(rest)))[:, 0]
     trial = np.arange(stage.data.n)
-    result: FloatArray = rest[own, trial] - log_inf[own, stage.data.level]
-    return result
+    result: FloatArray = rest[own, trial] - log_inf[own, trial]
+    # L_inf from the trials that stayed; where they do not tell it, it is unknown
+    told = [stage.data.foretold_by(own != visit) for visit in range(len(rest))]
+    return np.where(np.array(told)[own, trial], result, np.nan)
+
+
+def _levels(
+    stage: SearchProblem, weight: FloatArray
+) -> Callable[[FloatArray, IntArray], FloatArray]:
+    """Log L_inf of every trial from weighted trials: of x (k, c, n), row k weighed as `weight` (v,
+    n) has it for visit `rows[k]`.
+    """
+    columns = stage.data.level_columns
+    weighted = columns * weight[:, :, None]
+    # what no trial with a weight tells, such as a throttle that one visit alone has, stays 0
+    solve = weighted @ np.linalg.pinv(columns.T @ weighted, rcond=1e-13, hermitian=True)
+
+    def of(x: FloatArray, rows: IntArray) -> FloatArray:
+        return where_finite(lambda x: x @ solve[rows] @ columns.T, x)
+
+    return of
 
 
 def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
@@ -82,17 +97,12 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
     own = np.unique(stage.data.visit, return_inverse=True)[1]
     weight = _weights(stage, own)
     root = np.sqrt(weight)
-    level = np.eye(len(stage.data.levels))[stage.data.level]
-    total = weight @ level
-    known = np.where(total > 0, total, 1.0)
+    levels = _levels(stage, weight)
     mean, sd = candidate.prior
 
     def free(x: FloatArray, rows: IntArray) -> FloatArray:
         """Weighted, L_inf removed; x (k, c, n)."""
-        levels = (
-            where_finite(lambda x: (x * weight[rows][:, None]) @ level, x) / known[rows][:, None]
-        )
-        result: FloatArray = (x - levels[..., stage.data.level]) * root[rows][:, None]
+        result: FloatArray = (x - levels(x, rows)) * root[rows][:, None]
         return result
 
     def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:

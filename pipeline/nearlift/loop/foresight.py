@@ -106,7 +106,7 @@ class Foresight:
         )
         columns = np.hstack(
             [
-                np.eye(len(self.stage.data.levels))[self.stage.data.level],
+                self.stage.data.level_columns,
                 self.stage.candidate().jacobian(self.stage.base_fit.vector),
             ]
         )

@@ -64,11 +64,10 @@ def prepare(
         slope = height_slope(
             base, data, dict(zip((q.name for q in base.parameters), vector[:p], strict=True))
         )
-        levels = np.eye(len(data.levels))[data.level]
         found, target = noise.estimate(
             data,
             np.log(data.lift_N) - log_ratio,
-            np.hstack([levels, candidate.jacobian(vector)]),
+            np.hstack([data.level_columns, candidate.jacobian(vector)]),
             what_may_be(candidate, vector, effects),
             slope,
             budget.shared(data, parts, slope),

@@ -59,8 +59,8 @@ def planned(
     """
     kept = data.take(usable(base, data))
     admit(f"design of the {data.boundary}", kept, base)
-    levels = np.array([np.median(kept.lift_N[kept.throttle == t]) for t in kept.levels])
-    kept = derive(kept, levels)
+    levels = kept.level_medians()
+    kept = derive(kept, levels[kept.level])
     known, untestable = could_act(kept, base, effects)
     between = tuple(e for e in known if not e.within_trial)
     log_ratio = Candidate(base=base, effects=(), data=kept).log_ratio(theta)
@@ -92,7 +92,7 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
         ).standard_normal(stage.data.n)
         data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
         drawn = prepare(data, stage.base, stage.effects, stage.parts, stage.theta, stage.options)
-        freedom = data.n - len(data.levels) - len(stage.theta)
+        freedom = data.n - data.unknown_levels - len(stage.theta)
         found.append(drawn.noise)
         quiet.append(drawn.base_fit.chi2 / freedom)
 

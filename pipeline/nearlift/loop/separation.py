@@ -79,13 +79,14 @@ def session(data: Observations, places: tuple[float, ...], trials: int = SESSION
     z = np.repeat(np.resize(np.asarray(places), visits), len(levels))
     throttle = np.tile(levels, visits)
     n = len(z)
-    lift = np.array([np.median(data.lift_N[data.throttle == t]) for t in levels])
+    at = [data.level == k for k in np.searchsorted(data.levels, levels)]
+    lift = np.array([np.median(data.lift_N[here]) for here in at])
     middle = {
         k: np.full(n, np.nanmedian(v) if np.isfinite(v).any() else np.nan)
         for k, v in data.covariates.items()
     }
     middle["lift_inf_N"] = np.tile(
-        [np.median(data.covariates["lift_inf_N"][data.throttle == t]) for t in levels], visits
+        [np.median(data.covariates["lift_inf_N"][here]) for here in at], visits
     )
     return Observations(
         boundary=data.boundary,
@@ -100,6 +101,9 @@ def session(data: Observations, places: tuple[float, ...], trials: int = SESSION
         radius_m=data.radius_m,
         geometry=data.geometry,
         covariates=middle,
+        record=None if data.record is None else np.full(n, int(data.record.max()) + 1),
+        u_zero_N=None if data.u_zero_N is None else np.zeros(n),
+        curve=data.curve,
     )
 
 

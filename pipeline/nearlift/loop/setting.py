@@ -37,14 +37,14 @@ SCHEDULE_WORDS = {
 }
 
 
-def derive(data: Observations, levels: FloatArray) -> Observations:
+def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
     """The observations with every derived covariate that effects and families may ask for.
 
     `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order,
     scaled to [-1, 1]), `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at
     the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
-    throttle), `drift_hat` (relative change of lift within a record), `lift_inf_N` (`levels`, L_inf
-    per throttle in N, spread over the trials); and, as geometry, the medians `supply_ref_V`,
+    throttle, or over its curve), `drift_hat` (relative change of lift within a record),
+    `lift_inf_N` (as given, in N, (n,)); and, as geometry, the medians `supply_ref_V`,
     `temperature_ref_K`, `pressure_ref_Pa`, `throttle_ref`, and `radius_m`. Where the order of the
     trials is unknown, all that follows from it is constant.
     """
@@ -68,16 +68,13 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
         known["rest_s"] = np.where(
             first, 0.0, np.diff(known["start_s"], prepend=known["start_s"][:1])
         )
-    known["lift_inf_N"] = levels[data.level]
+    known["lift_inf_N"] = lift_inf_N
     if (
         "speed_Hz" in known
         and np.isfinite(known["speed_Hz"]).all()
         and (known["speed_Hz"] > 0).all()
     ):
-        usual = np.array(
-            [np.median(known["speed_Hz"][data.level == k]) for k in range(len(levels))]
-        )
-        known["speed_hat"] = known["speed_Hz"] / usual[data.level]
+        known["speed_hat"] = known["speed_Hz"] / _usual(data, known["speed_Hz"])
     # the level and not the trial's own lift: that carries its noise, which would then explain its
     # neighbour's
     for name, values in (
@@ -108,6 +105,16 @@ def derive(data: Observations, levels: FloatArray) -> Observations:
         if name not in known and name not in geometry:
             geometry[name] = value
     return dataclasses.replace(data, covariates=known, geometry=geometry)
+
+
+def _usual(data: Observations, speed_Hz: FloatArray) -> FloatArray:
+    """The speed that goes with each trial's throttle."""
+    if data.curve is not None:
+        x, y = data.level_columns, np.log(speed_Hz)
+        return np.asarray(np.exp(x @ np.linalg.lstsq(x, y, rcond=None)[0]), dtype=np.float64)
+    level = data.level
+    each = [np.median(speed_Hz[level == k]) for k in range(len(data.levels))]
+    return np.array(each)[level]
 
 
 def _scaled(x: FloatArray) -> FloatArray:

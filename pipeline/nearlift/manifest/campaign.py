@@ -21,6 +21,7 @@ from nearlift.manifest.component import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.manifest.design import Planned
 from nearlift.manifest.flight import Detect, Simulate
 from nearlift.manifest.flight_log import Flight, flight_fits_the_rest
+from nearlift.manifest.levels import Levels
 from nearlift.manifest.piv import Piv
 from nearlift.manifest.quantities import Section
 from nearlift.manifest.rig import LoadCell, Records, Rig, Trials
@@ -140,6 +141,7 @@ class Campaign(Section):
     records: Records
     segments: Segments | None = None
     flight: Flight | None = None
+    levels: Levels | None = None
     trials: Trials = Trials()
     uncertainty: list[Uncertainty] = []
     fit: Fit = Fit()

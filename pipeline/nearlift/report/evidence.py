@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
-from nearlift.declare import Boundary, LiftModel
+from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ProductError
 from nearlift.manifest.campaign import Campaign, Overlay, boundaries_of
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, Product
@@ -128,6 +128,16 @@ class Evidence:
         return {
             n: geometry[n] if n in geometry else float(np.nanmedian(own[n])) for n in model.needs
         }
+
+
+def lift_inf_N(entry: dict[str, Any], data: Observations) -> FloatArray:
+    """L_inf of each trial in N, by one entry of fit.json; nan at a throttle of which the fit took
+    no trial.
+    """
+    if data.curve is not None:
+        return data.lift_inf_N(np.array(entry["levels"]["coefficients"]))
+    known = [entry["L_inf_N"].get(f"{t:g}", {"value": np.nan}) for t in data.levels]
+    return np.array([e["value"] for e in known], dtype=float)[data.level]
 
 
 def values(entry: dict[str, Any]) -> dict[str, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from nearlift.declare import Boundary, FloatArray
 from nearlift.products import FIT, LOOP_RESIDUALS
 from nearlift.report import curves
-from nearlift.report.evidence import Evidence
+from nearlift.report.evidence import Evidence, lift_inf_N
 
 #: Relative step of a distance by which a curve's slope is taken.
 STEP = 1e-4
@@ -91,17 +91,16 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
         log_ratio = np.log1p(line(evidence, boundary, data.z_hat).middle) + residual
         noise = evidence.diagnosed(boundary)["noise_floor"]
     else:
-        levels = (entry.get("posterior") or {}).get("L_inf_N") or entry["L_inf_N"]
-        # a throttle of which the fit took no trial has none
-        known = [levels.get(f"{t:g}", {"value": np.nan}) for t in data.levels]
+        drawn = (entry.get("posterior") or {}).get("L_inf_N", {})
+        medians = {t: {"value": e["median"]} for t, e in drawn.items()}
         log_ratio = np.log(
-            data.lift_N
-            / np.array([e.get("median", e["value"]) for e in known], dtype=float)[data.level]
+            data.lift_N / lift_inf_N({**entry, "L_inf_N": medians or entry["L_inf_N"]}, data)
         )
         noise = evidence.document(FIT)["noise"][boundary]
     keep = np.isfinite(log_ratio)
     data, log_ratio = data.take(keep), log_ratio[keep]
-    cell, index = np.unique(np.stack([data.throttle, data.z_hat]), axis=1, return_inverse=True)
+    both = np.stack([data.levels[data.level], data.z_hat])
+    cell, index = np.unique(both, axis=1, return_inverse=True)
     index = index.ravel()
     n = np.bincount(index).astype(float)
     own = (

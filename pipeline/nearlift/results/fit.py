@@ -12,6 +12,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
 from nearlift.results.estimate import Estimate, Noise
 from nearlift.results.influence import Influence
+from nearlift.results.levels import LevelFit
 from nearlift.results.posterior import LogEvidence, PosteriorSummary
 from nearlift.results.serial import Nothing, Unbounded, encode, named_by_key, optional
 
@@ -189,7 +190,10 @@ class ModelFit:
         Name in the catalogue, and what a legend says.
     parameters : mapping of str to CoefficientEstimate
     L_inf_N : mapping of float to Estimate
-        Lift far from every boundary, N, per throttle (a fraction).
+        Lift far from every boundary, N, per throttle (a fraction); of a curve, at some throttles,
+        what else it is of at its median.
+    levels : LevelFit or None
+        The curve of L_inf, where ``[levels]`` asks for one.
     chi2, dof : float
         Against the scatter of repeats.
     rmse, r2, aic, bic : float
@@ -213,6 +217,7 @@ class ModelFit:
     aic: float
     bic: float
     L_inf_N: Mapping[float, Estimate]
+    levels: LevelFit | None = optional()
     degeneracies: tuple[Degeneracy, ...]
     excluded: tuple[ExcludedTrial, ...]
     profiles: Mapping[str, ProfileIntervals]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
+from nearlift.results.levels import LevelCurve
 
 IntArray = NDArray[np.int64]
 
@@ -46,6 +47,8 @@ class Observations:
         Then the standard error of the record's zero, which its trials share; `u_lift_N` is without.
     ordered : bool
         Whether the trials stand in the order in which they were run; a published table may not say.
+    curve : LevelCurve or None
+        What log L_inf is a polynomial of; None: free for every throttle.
     """
 
     boundary: Boundary
@@ -63,6 +66,7 @@ class Observations:
     record: IntArray | None = None
     u_zero_N: FloatArray | None = None
     ordered: bool = True
+    curve: LevelCurve | None = None
 
     @property
     def n(self) -> int:
@@ -71,13 +75,74 @@ class Observations:
 
     @property
     def levels(self) -> FloatArray:
-        """The distinct throttles, ascending."""
-        return np.unique(self.throttle)
+        """The throttles at which L_inf is told, ascending: every distinct one; of a curve, those
+        that it shows.
+        """
+        if self.curve is None:
+            return np.unique(self.throttle)
+        return np.array(self.curve.shown)[np.unique(self.curve.nearest(self.throttle))]
 
     @property
     def level(self) -> IntArray:
-        """Index into `levels` of each trial."""
-        return np.searchsorted(self.levels, self.throttle).astype(np.int64)
+        """Index into `levels` of each trial; of a curve, the nearest."""
+        if self.curve is None:
+            return np.searchsorted(self.levels, self.throttle).astype(np.int64)
+        nearest = np.unique(self.curve.nearest(self.throttle), return_inverse=True)[1]
+        return nearest.astype(np.int64)
+
+    @property
+    def level_columns(self) -> FloatArray:
+        """What log L_inf of each trial is linear in, (n, K): an indicator for each throttle, or
+        the curve's powers.
+        """
+        if self.curve is None:
+            return np.eye(len(self.levels))[self.level]
+        return self.curve.columns(self.of_levels)
+
+    @property
+    def unknown_levels(self) -> int:
+        """How many numbers log L_inf has, K."""
+        return len(self.levels) if self.curve is None else len(self.curve.terms)
+
+    @property
+    def of_levels(self) -> FloatArray:
+        """The throttle and what else the curve is of, (v, n)."""
+        assert self.curve is not None
+        own = {"throttle": self.throttle, **self.covariates}
+        return np.stack([own[name] for name in self.curve.of])
+
+    def shown(self, coefficients: FloatArray) -> FloatArray:
+        """Rows that go with `level_columns`, (K, ...), as those of `levels`."""
+        if self.curve is None:
+            return coefficients
+        return self.curve.columns(self.curve.at(self.levels)) @ coefficients
+
+    def of_trials(self, coefficients: FloatArray) -> FloatArray:
+        """Log L_inf of each trial, (n,), from what multiplies `level_columns`."""
+        if self.curve is None:
+            return coefficients[self.level]
+        return np.asarray(self.level_columns @ coefficients, dtype=np.float64)
+
+    def lift_inf_N(self, coefficients: FloatArray) -> FloatArray:
+        """L_inf of each trial, (n,), likewise."""
+        if self.curve is None:
+            return np.exp(coefficients)[self.level]
+        return np.exp(self.of_trials(coefficients))
+
+    def level_medians(self) -> FloatArray:
+        """Median lift of the trials at each of `levels`, N."""
+        return np.array([np.median(self.lift_N[self.level == k]) for k in range(len(self.levels))])
+
+    def foretold_by(self, train: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Trials whose L_inf the trials `train` tell: those at one of their throttles; of a curve,
+        within their range of all that it is of.
+        """
+        if self.curve is None:
+            return np.isin(self.throttle, self.throttle[train])
+        own = self.of_levels
+        low, high = own[:, train].min(axis=1), own[:, train].max(axis=1)
+        inside: NDArray[np.bool_] = (own >= low[:, None]) & (own <= high[:, None])
+        return np.asarray(inside.all(axis=0), dtype=np.bool_)
 
     def take(self, keep: NDArray[Any]) -> Observations:
         """The trials selected by a mask or an index array."""

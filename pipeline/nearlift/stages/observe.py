@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import Boundary
+from nearlift.likelihood.level_curve import with_curve
 from nearlift.loop.interim import InterimLook
 from nearlift.manifest.campaign import Campaign, boundaries_of
 from nearlift.products import TRIALS
+from nearlift.readers.columns import BY_NAME
 from nearlift.reduction.quality import EXCLUDED, completeness, rejected
 from nearlift.results import Observations
 from nearlift.run.store import Table
@@ -43,7 +45,7 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
     session = (
         trials["session"][mine].astype(str) if "session" in trials else np.zeros(int(mine.sum()))
     )
-    return Observations(
+    data = Observations(
         boundary=boundary,
         trial=trials["trial"][mine],
         z_hat=np.asarray(trials["z_hat"][mine], dtype=float),
@@ -60,6 +62,11 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         u_zero_N=u_zero_N,
         ordered=campaign.trials.order == "run",
     )
+    levels = campaign.levels
+    if levels is None or levels.by == "throttle":
+        return data
+    of = [BY_NAME[name].inside if name in BY_NAME else name for name in levels.of]
+    return with_curve(data, of, levels.degree)
 
 
 def _in_order(labels: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.likelihood.level_curve import at_shown
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.reduction import cells, plausibility
 from nearlift.run.job import Job, Outcome
@@ -21,7 +22,8 @@ def run(job: Job) -> Outcome:
     covariance of Delta L.
 
     A throttle without a lift far from the boundary has no Delta L (nan), unless ``[quality]
-    near_reference`` asks for it: its L_inf would be a lift that the boundary changes.
+    near_reference`` asks for it: its L_inf would be a lift that the boundary changes. Where L_inf
+    is a curve, lifts are moved along it to the throttles that it shows.
 
     Raises
     ------
@@ -32,9 +34,9 @@ def run(job: Job) -> Outcome:
     found = {}
     for boundary in boundaries(trials):
         data = observe(trials, job.campaign, boundary)
-        found[boundary] = cells.reduce(
-            data.z_hat, data.throttle, data.lift_N, data.u_lift_N, data.visit
-        )
+        lift_N = data.lift_N if data.curve is None else at_shown(data)
+        throttle = data.levels[data.level]
+        found[boundary] = cells.reduce(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
     if not found:
         remedy = (
             "trials.parquet stands; a change of lift wants trials at some distance to a ground,"
@@ -48,7 +50,9 @@ def run(job: Job) -> Outcome:
     table["boundary"] = np.concatenate(
         [np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()]
     )
-    wanted, notes = job.campaign.quality.near_reference, []
+    levels = job.campaign.levels
+    curve = levels is not None and levels.by == "curve"
+    wanted, notes = curve or job.campaign.quality.near_reference, []
     for side, far in plausibility.only_near(trials):
         notes.append(
             f"{side}: no trial is farther than z_hat = {far:.3g}, where the {side} still acts, so"
@@ -56,7 +60,8 @@ def run(job: Job) -> Outcome:
             " distance wrong?"
         )
     lacking = np.zeros(len(table["z_hat"]), dtype=bool)
-    for side, level, far, farthest in plausibility.without_reference(trials):
+    # a curve tells L_inf of every throttle from all of them
+    for side, level, far, farthest in () if curve else plausibility.without_reference(trials):
         if not wanted:
             lacking |= (table["boundary"] == side) & (table["throttle"] == level)
         notes.append(

@@ -21,7 +21,10 @@ def screen(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> Influenc
     problem, data = fitted.problem, fitted.problem.data
     left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
     # trials without repeats could not be compared before there was a curve
-    seen = outliers.screen(left, data.z_hat, data.throttle, data.visit, curve_removed=True)
+    throttle = data.throttle
+    if data.curve is not None:
+        left, throttle = left - data.of_trials(fitted.level_coefficients), data.levels[data.level]
+    seen = outliers.screen(left, data.z_hat, throttle, data.visit, curve_removed=True)
     marked = {
         str(t)
         for t, text in zip(trials["trial"], trials["quality"], strict=True)
@@ -29,7 +32,7 @@ def screen(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> Influenc
     }
     outlying = marked.union(data.trial[seen.outlying]) & {*data.trial}
     odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD_TRIAL]}
-    odd_visits = outliers.odd_visits(left, data.z_hat, data.throttle, data.visit)
+    odd_visits = outliers.odd_visits(left, data.z_hat, throttle, data.visit)
     found = influential.screen(fitted, parts, outlying, odd, odd_visits)
     return replace(
         found,

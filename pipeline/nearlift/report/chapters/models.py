@@ -126,17 +126,41 @@ def _range(r: list[float]) -> str:
 
 
 def levels(evidence: Evidence) -> dict[str, Any]:
-    """L_inf of the base model per throttle and boundary."""
+    """L_inf of the base model per throttle and boundary, or the curve that it is."""
     rows: dict[float, dict[str, Any]] = {}
+    curves = []
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)
         place = Place(evidence, FIT, ("boundaries", boundary, model.name, "L_inf_N"))
         for key in entry["L_inf_N"]:
             rows.setdefault(float(key), {})[boundary] = place.quote(key)
+        if curve := entry.get("levels"):
+            curves.append(f"{boundary.capitalize()}: {_curve(curve)}")
     return {
+        "curves": curves,
         "boundaries": evidence.boundaries,
         "rows": [(f"{100 * t:.4g} %", cells) for t, cells in sorted(rows.items())],
     }
+
+
+def _curve(entry: dict[str, Any]) -> str:
+    """What L_inf is a curve of, its degree, and how well each degree foretells visits left out."""
+    curve, errors = entry["curve"], entry["held_out"]
+    # columns of trials end with their unit
+    parts = [(name, *name.rpartition("_")[::2]) for name in curve["of"]]
+    of = [word or name for name, word, _ in parts]
+    rest = [
+        f"{word or name} {plain(typical, 3)}{' ' if word else ''}{unit if word else ''}"
+        for (name, word, unit), typical in zip(parts, curve["typical"], strict=True)
+        if name != "throttle"
+    ]
+    told = ", ".join(f"{100 * float(e):.2f} % (degree {d})" for d, e in errors.items())
+    at = f" The table is at {' and '.join(rest)}, the median." if rest else ""
+    return (
+        f"log L∞ is a polynomial of degree {curve['degree']} in the logarithms of"
+        f" {' and '.join(of)}. Beside any smooth curve of distance, visits left out are foretold to"
+        f" {told}; beyond the range of the trials it is not told.{at}"
+    )
 
 
 def noise(evidence: Evidence) -> dict[str, Any]:

@@ -186,12 +186,18 @@ def _fits(evidence: Evidence) -> str:
     shared = (
         f", and of declared components that no repeat shows: {listed(declared)}" if declared else ""
     )
+    curve = evidence.campaign.levels
+    levels = (
+        "free for every throttle"
+        if curve is None or curve.by == "throttle"
+        else f"a curve (its logarithm a polynomial of those of {_safe(listed(curve.of))})"
+    )
     sources = dict.fromkeys(
         str(content["noise"][b]["source"]).partition(" (")[0] for b in evidence.boundaries
     )
     text = (
         r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with"
-        r" $L_\infty$ free for every throttle: "
+        rf" $L_\infty$ {levels}: "
         f"{'; '.join(parts)}. Least squares (trust region {_cite('lmfit')}) used the full"
         f" covariance of the {listed(list(sources))}{shared}. "
         f"Uncertainties are standard ones, by the GUM {_cite('gum2008')}."

@@ -61,7 +61,7 @@ STAGE = Stage(
     summary="lift models by least squares, and their posteriors",
     reads=(TRIALS,),
     writes=(FIT, PROFILES, POSTERIOR, RESULTS),
-    sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit"),
+    sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit"),
     options=(
         Option(
             flag="--sampler",

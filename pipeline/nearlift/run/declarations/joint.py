@@ -14,6 +14,6 @@ STAGE = Stage(
     help="Only where the manifest has [fit.<boundary>] downwash = true.",
     reads=(TRIALS, DOWNWASH),
     writes=(JOINT,),
-    sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit", "piv"),
+    sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "piv"),
     where="joint",
 )

@@ -19,5 +19,5 @@ STAGE = Stage(
     summary="every trial's path, and what leaving it out is worth",
     reads=(TRIALS, FIT),
     writes=(QUALITY,),
-    sections=("vehicle", "rig", "load_cell", "trials", "uncertainty", "fit"),
+    sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit"),
 )

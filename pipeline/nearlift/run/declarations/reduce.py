@@ -44,5 +44,5 @@ STAGE = Stage(
     summary="trials to Delta L per cell, with its covariance",
     reads=(TRIALS,),
     writes=(LIFT, LIFT_COVARIANCE),
-    sections=("vehicle", "quality"),
+    sections=("vehicle", "quality", "levels"),
 )

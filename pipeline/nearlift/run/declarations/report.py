@@ -15,6 +15,7 @@ STAGE = Stage(
         "rig",
         "load_cell",
         "trials",
+        "levels",
         "fit",
         "report",
         "uncertainty",

@@ -14,7 +14,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.problem import usable
 from nearlift.loop.setting import derive
 from nearlift.products import LOOP_RESIDUALS
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, lift_inf_N, stack, text_column
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.results import Observations
 
@@ -87,7 +87,7 @@ def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[
     model, entry = evidence.base(boundary)
     data = evidence.observations[boundary]
     data = data.take(usable(model, data))
-    data = derive(data, np.array([entry["L_inf_N"][f"{t:g}"]["value"] for t in data.levels]))
+    data = derive(data, lift_inf_N(entry, data))
     table = evidence.table(LOOP_RESIDUALS)
     mine = np.flatnonzero(table["boundary"] == boundary)
     row = {str(table["trial"][i]): i for i in mine.tolist()}

@@ -226,7 +226,8 @@ def _influence(evidence: Evidence, boundary: Boundary, cell: Columns) -> list[Co
         if abs(shift) < INFLUENTIAL:
             continue
         mine = (data.trial if kind == "trial" else data.visit.astype(str)) == which
-        places = set(zip(data.throttle[mine].tolist(), data.z_hat[mine].tolist(), strict=True))
+        told = data.levels[data.level][mine]
+        places = set(zip(told.tolist(), data.z_hat[mine].tolist(), strict=True))
         at = np.array([p in places for p in zip(cell["throttle"], cell["z_hat"], strict=True)])
         if at.any():
             rows.append(

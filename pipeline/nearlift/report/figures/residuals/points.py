@@ -71,13 +71,14 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
         else np.zeros(0, dtype=int)
     )
     kept: list[dict[str, Any]] = []
+    told = data.levels[data.level]
     for i in keep.tolist():
         j = row[str(data.trial[i])]
         z = float(data.z_hat[i])
         kept.append(
             {
                 "trial": str(data.trial[i]),
-                "throttle": throttle_key(float(data.throttle[i])),
+                "throttle": throttle_key(float(told[i])),
                 "residual": 100 * float(residual[i]),
                 "label": f"{100 * data.throttle[i]:.3g} %",
                 "at": (
@@ -122,7 +123,7 @@ def sums(evidence: Evidence, boundary: Boundary, *, by_throttle: bool = True) ->
     """
     data, residual, sigma = residuals(evidence, boundary)
     keys = (
-        np.array([throttle_key(float(t)) for t in data.throttle], dtype=object)
+        np.array([throttle_key(float(t)) for t in data.levels[data.level]], dtype=object)
         if by_throttle
         else text_column("all", data.n)
     )

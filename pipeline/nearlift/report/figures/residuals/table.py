@@ -19,7 +19,14 @@ from nearlift.likelihood.problem import height_slope, need, usable
 from nearlift.products import FIT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
-from nearlift.report.evidence import Columns, Evidence, stack, text_column, values
+from nearlift.report.evidence import (
+    Columns,
+    Evidence,
+    lift_inf_N,
+    stack,
+    text_column,
+    values,
+)
 from nearlift.results import Noise, Observations
 from nearlift.rounding import plain
 
@@ -79,7 +86,7 @@ def residuals(
             np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape
         )
     )
-    log_level = np.log([entry["L_inf_N"][f"{t:g}"]["value"] for t in data.levels])[data.level]
+    log_level = np.log(lift_inf_N(entry, data))
     kept = Noise.recorded(evidence.document(FIT)["noise"][boundary])
     sigma = noise.trial_covariance(data, kept, height_slope(model, data, parameters)).sigma
     return data, np.log(data.lift_N) - log_ratio - log_level, sigma

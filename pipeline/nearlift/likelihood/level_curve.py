@@ -1,0 +1,144 @@
+"""The curve that stands for L_inf where throttles do not repeat: its range, the throttles that it
+shows, and its degree, judged by visits left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused
+from nearlift.results import Observations
+from nearlift.results.levels import LevelCurve
+
+#: The highest degree that is tried, and that a manifest may ask for.
+MOST_DEGREE = 4
+#: Where throttles are more than this, so many stand for them: medians of equal shares of trials.
+MOST_SHOWN, SHOWN = 12, 6
+#: What varies by less than this part of itself cannot carry a curve.
+LEAST_RANGE = 0.005
+#: Cosines of nearness that stand for any curve of distance, and parts of a campaign where visits
+#: are too few to be left out.
+SHAPES, PARTS = 4, 10
+
+
+def with_curve(data: Observations, of: Sequence[str], degree: int | None) -> Observations:
+    """The trials with L_inf as a curve of `of` (columns in SI); its degree is judged where None.
+
+    Raises
+    ------
+    InputRefused
+        A column is missing, has a blank or a value that is not positive, or hardly varies.
+    """
+    own = {"throttle": data.throttle, **data.covariates}
+    ranges = [_range(name, own.get(name)) for name in of]
+    throttles = np.unique(data.throttle)
+    if len(throttles) > MOST_SHOWN:
+        middles = (np.arange(SHOWN) + 0.5) / SHOWN
+        # as files and legends write them
+        throttles = np.unique([float(f"{t:.3g}") for t in np.quantile(data.throttle, middles)])
+    curve = LevelCurve(
+        of=tuple(of),
+        degree=degree or 1,
+        low=tuple(low for low, _, _ in ranges),
+        high=tuple(high for _, _, high in ranges),
+        typical=tuple(middle for _, middle, _ in ranges),
+        shown=tuple(throttles.tolist()),
+    )
+    data = dataclasses.replace(data, curve=curve)
+    if degree is None:
+        data = dataclasses.replace(data, curve=dataclasses.replace(curve, degree=_judged(data)))
+    return data
+
+
+def _range(name: str, values: FloatArray | None) -> tuple[float, float, float]:
+    """Lowest, median and highest value."""
+    if values is None:
+        raise InputRefused("levels.of", f"the trials have no {name}", "log it, or take it out")
+    bad = int(np.sum(~(np.isfinite(values) & (values > 0))))
+    if bad:
+        raise InputRefused(
+            "levels.of",
+            f"{name} is blank or not positive in {bad} of {len(values)} trials",
+            "leave those out with [quality] exclude, or take it out",
+        )
+    low, middle, high = (float(f(values)) for f in (np.min, np.median, np.max))
+    if high < (1 + LEAST_RANGE) * low:
+        raise InputRefused(
+            "levels.of",
+            f"{name} hardly varies: {low:.4g} to {high:.4g}",
+            "take it out: no curve of it can be seen",
+        )
+    return low, middle, high
+
+
+def held_out(data: Observations) -> dict[int, FloatArray]:
+    """Squared errors of log lift by visit (v,), for every degree that the trials can carry: L_inf
+    by a curve of that degree, any smooth curve of distance beside it, and each visit left out in
+    turn.
+
+    Trials beyond the range of the others are not counted. Where visits are fewer than three, tenths
+    of the campaign are left out.
+    """
+    assert data.curve is not None
+    visit = np.unique(data.visit, return_inverse=True)[1]
+    if visit.max() < 2:
+        visit = np.arange(data.n) * PARTS // data.n
+    blocks = [np.flatnonzero(visit == v) for v in range(visit.max() + 1)]
+    inside = [data.foretold_by(visit != v)[own] for v, own in enumerate(blocks)]
+    shapes, y, found = _shapes(data), np.log(data.lift_N), {}
+    for degree in range(1, MOST_DEGREE + 1):
+        curve = dataclasses.replace(data.curve, degree=degree)
+        columns = np.hstack([curve.columns(data.of_levels), shapes])
+        if columns.shape[1] + 2 > data.n or np.linalg.matrix_rank(columns) < columns.shape[1]:
+            break
+        q, _ = np.linalg.qr(columns)
+        left = y - q @ (q.T @ y)
+        errors = (
+            np.linalg.lstsq(np.eye(len(b)) - q[b] @ q[b].T, left[b], rcond=1e-9)[0] for b in blocks
+        )
+        found[degree] = np.array(
+            [np.sum(e[here] ** 2) for e, here in zip(errors, inside, strict=True)]
+        )
+    return found
+
+
+def at_shown(data: Observations) -> FloatArray:
+    """The trials' lift, N, moved along the curve to the throttle of `levels` that is nearest, by
+    least squares beside any smooth curve of distance: for tables, before any model is fitted.
+    """
+    assert data.curve is not None
+    columns = data.level_columns
+    whole = np.hstack([columns, _shapes(data)])
+    free = np.linalg.lstsq(whole, np.log(data.lift_N), rcond=None)[0][: columns.shape[1]]
+    return data.lift_N * np.exp(data.shown(free)[data.level] - columns @ free)
+
+
+def _shapes(data: Observations) -> FloatArray:
+    """Cosines of nearness, as many as the distances can carry, (n, s)."""
+    near = np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
+    orders = np.arange(1, min(SHAPES, len(np.unique(near)) - 1) + 1)
+    return np.cos(np.pi * np.outer(near / max(near.max(), 1e-300), orders))
+
+
+def _judged(data: Observations) -> int:
+    """The lowest degree that predicts visits left out as well as the best does, within a standard
+    error.
+    """
+    errors = held_out(data)
+    if not errors:
+        return 1
+    best = min(errors.values(), key=lambda e: float(e.sum()))
+    for degree, squares in errors.items():
+        worse = squares - best
+        if worse.sum() <= np.sqrt(len(worse)) * worse.std():
+            return degree
+    return max(errors)
+
+
+def held_out_rms(data: Observations) -> dict[int, float]:
+    """Root mean square of `held_out` over all trials, by degree."""
+    return {d: float(np.sqrt(e.sum() / data.n)) for d, e in held_out(data).items()}
