@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from nearlift.commands import ABOUT, About
-from nearlift.errors import INTERRUPTED, NearliftError
+from nearlift.errors import INTERRUPTED, ManifestError, NearliftError, UsageError, brief
 from nearlift.run.workspace import spare_raw, workspace
 
 if TYPE_CHECKING:
@@ -219,3 +219,26 @@ def end_politely() -> None:
     """A batch system's polite end is an interrupt as well."""
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def dialect_of(text: str) -> dict[str, Any]:
+    """What a manifest would read of ``dialect = { text }``; the braces may stand there.
+
+    Raises
+    ------
+    UsageError
+        It is no TOML.
+    """
+    from nearlift.manifest import toml
+
+    plain = text.strip()
+    try:
+        found: dict[str, Any] = toml.loads(
+            b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it"
+        )["dialect"]
+    except ManifestError as fault:
+        remedy = """such as --dialect 'separator = "semicolon", decimal = ","'"""
+        raise UsageError(
+            "--dialect", f"{brief(repr(text))} is not as a manifest has it: {fault.what}", remedy
+        ) from None
+    return found

@@ -15,12 +15,11 @@ import numpy as np
 
 from nearlift import readers
 from nearlift.commands import flight_logs, grids, meaning, tables
-from nearlift.commands.common import DIALECT, Call, declared
+from nearlift.commands.common import DIALECT, Call, declared, dialect_of
 from nearlift.commands.grids import Grid
+from nearlift.commands.sparkline import sparkline
 from nearlift.commands.tables import Table
-from nearlift.declare import FloatArray
-from nearlift.errors import InputRefused, ManifestError, UsageError, brief
-from nearlift.manifest import toml
+from nearlift.errors import InputRefused
 from nearlift.readers import child, csv_trial
 from nearlift.readers.channel import (
     AS_FORCE,
@@ -32,12 +31,16 @@ from nearlift.readers.channel import (
 )
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
+from nearlift.readers.ramp import Ramp, ramp_of
 from nearlift.readers.text import TEXT
 from nearlift.run.lock import size
 
-BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
-WIDTH = 24
 HEAD = 1 << 16
+#: What to do with a record of many lifts.
+CUT = (
+    "[segments] cuts it, and a row of trials.csv is then a record (`nearlift segments CAMPAIGN`"
+    " draws the cuts before anything is fitted)"
+)
 #: [records] of a table of means.
 MEANS = '[records]\nreader = "means"                     # mean lifts in the schedule, no samples\n'
 
@@ -64,6 +67,15 @@ class Found:
     def flight(self) -> flight_logs.Channels | None:
         """Its channels by what they are, where it is the log of a flight."""
         return flight_logs.channels_of(self.contents)
+
+    @functools.cached_property
+    def ramp(self) -> Ramp | None:
+        """What it is where it holds many lifts; None where it is one trial, or no record."""
+        # where the rate cannot be meant, rows are means already
+        if self.force is None or self.reader in ("", "parquet") or self.doubt or self.flight:
+            return None
+        clocks = [c.name for c in self.contents.channels if meaning.is_clock(c.name)]
+        return ramp_of(self.force, self.contents.channels, clocks, self.force.rate_Hz)
 
     @property
     def doubt(self) -> str:
@@ -159,27 +171,6 @@ def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
     )
 
 
-def dialect_of(text: str) -> dict[str, Any]:
-    """What a manifest would read of ``dialect = { text }``; the braces may stand there.
-
-    Raises
-    ------
-    UsageError
-        It is no TOML.
-    """
-    plain = text.strip()
-    try:
-        found: dict[str, Any] = toml.loads(
-            b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it"
-        )["dialect"]
-    except ManifestError as fault:
-        remedy = """such as --dialect 'separator = "semicolon", decimal = ","'"""
-        raise UsageError(
-            "--dialect", f"{brief(repr(text))} is not as a manifest has it: {fault.what}", remedy
-        ) from None
-    return found
-
-
 def recognised(head: bytes, name: str) -> Format:
     """The format of a file; text where no other claims it."""
     for reader in readers.readers():
@@ -199,26 +190,6 @@ def _contents(form: Format, path: Path, dialect: RecordsDialect) -> Contents:
             str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
         )
     return found
-
-
-def sparkline(values: FloatArray, width: int = WIDTH) -> str:
-    """The mean of each of so many stretches of a series, as bars; a gap where there is no
-    number.
-    """
-    if len(values) == 0:
-        return ""
-    parts = np.array_split(values, min(width, len(values)))
-    means = np.array(
-        [np.mean(p[np.isfinite(p)]) if np.isfinite(p).any() else np.nan for p in parts]
-    )
-    known = means[np.isfinite(means)]
-    low, span = (float(known.min()), float(np.ptp(known))) if len(known) else (0.0, 0.0)
-    # what stands still is drawn in the middle
-    place = np.where(np.isfinite(means), (means - low) / span if span > 0 else 0.5, 0)
-    return "".join(
-        " " if not np.isfinite(m) else BARS[min(int(p * len(BARS)), len(BARS) - 1)]
-        for m, p in zip(means, place, strict=True)
-    )
 
 
 def described(found: Found) -> str:
@@ -265,6 +236,8 @@ def described(found: Found) -> str:
         lines.append(f"note: {found.doubt}")
     if found.flight is not None:
         lines.append("note: it is the log of a flight: [flight] cuts it into trials")
+    if found.ramp is not None:
+        lines.append(f"note: the record {found.ramp.words}; {CUT}")
     return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(found)
 
 
@@ -312,7 +285,9 @@ def records_block(found: Found, files: str | None = None) -> str:
     pattern = (
         files
         if files is not None
-        else (found.path.name if found.reader == "parquet" else f"{{trial}}{found.path.suffix}")
+        else found.path.name
+        if found.reader == "parquet"
+        else f"{{{'trial' if found.ramp is None else 'record'}}}{found.path.suffix}"
     )
     rates = {
         c.rate_Hz for c in ([found.force] if found.force is not None else found.contents.channels)
@@ -378,7 +353,8 @@ def records_block(found: Found, files: str | None = None) -> str:
             f"time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit ="
             f' "{found.clock.unit or "FILL IN"}" }}'
         )
-    return "\n".join(lines) + "\n"
+    cut = "" if found.ramp is None or files is not None else f"\n{found.ramp.segments}"
+    return "\n".join(lines) + "\n" + cut
 
 
 def _pulls_down(force: Channel) -> bool:
@@ -408,6 +384,7 @@ def as_json(found: Found) -> dict[str, Any]:
             for c in found.contents.channels
         ],
         "force": found.force.name if found.force else None,
+        "sweep": None if found.ramp is None else found.ramp.words,
         "piv": None if found.grid is None else found.grid.format,
         "means": found.table is not None and found.table.means,
         "records": block(found),

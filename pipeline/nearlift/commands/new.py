@@ -11,8 +11,8 @@ from pathlib import Path, PurePosixPath
 
 import click
 
-from nearlift.commands.common import DIALECT, Call, declared
-from nearlift.commands.inspect import MEANS, Found, dialect_of, inspect, records_block
+from nearlift.commands.common import DIALECT, Call, declared, dialect_of
+from nearlift.commands.inspect import MEANS, Found, inspect, records_block
 from nearlift.commands.tables import Table, table_of, trials_section
 from nearlift.errors import InputRefused, UsageError
 from nearlift.manifest.campaign import BLANK

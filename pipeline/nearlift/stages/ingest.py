@@ -4,6 +4,7 @@ why.
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
@@ -12,10 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import readers
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.manifest.campaign import Campaign
+from nearlift.manifest.rig import RECORD_MARK
 from nearlift.products import TRIALS
-from nearlift.readers.files import files_per_trial, source_of
+from nearlift.readers import ramp
+from nearlift.readers.channel import Malformed
+from nearlift.readers.files import files_per_trial, per_trial, source_of
 from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import MARK, Piece, Reader
@@ -48,6 +52,9 @@ IN_FLIGHT = {
     "NO_HEIGHT": "; mend range, sign or zero of height under [flight]",
     "TILTED": "; mend tilt, or the unit of attitude, under [flight]",
 }
+#: A record whose samples scatter by more than this part of its lift may be a sweep; where the
+#: first few are none, no more are looked at.
+SWEEP, FEW_SWEEPS = 0.1, 3
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
 #: Bytes of a record from which on threads are worth their turns.
@@ -116,6 +123,7 @@ def run(job: Job) -> Outcome:
         _known(campaign.quality.exclude, schedule)
     checked = _checked(job)
     notes = [*schedule.notes, *checked.notes]
+    swept: list[str] = []
     if reader.series:
         if not campaign.cuts_records:
             rows, more = _from_records(job, reader, schedule)
@@ -123,7 +131,7 @@ def run(job: Job) -> Outcome:
             cut = segments if campaign.flight is None else flights
             schedule, rows, more = cut.from_records(job, reader, schedule)
             _known(campaign.quality.exclude, schedule, by_record=True)
-        notes += [*more, *_of_the_tare(campaign)]
+        notes += [*more, *_of_the_tare(campaign), *(swept := _swept(job, reader, schedule, rows))]
     else:
         rows = _from_means(job, schedule)
     rows.reject(checked.faults)
@@ -151,7 +159,7 @@ def run(job: Job) -> Outcome:
         raise InputRefused(
             str(job.root),
             f"all {len(bad)} trials are rejected ({reasons})",
-            f"{worst.name}: {worst.meaning}{remedies.get(worst.name, '')}",
+            *(swept or [f"{worst.name}: {worst.meaning}{remedies.get(worst.name, '')}"]),
         )
     job.write(TRIALS, table)
     faults = np.flatnonzero(quality.faulty(table["quality"]))
@@ -235,6 +243,35 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
         # while others reduce
         store.ready()
     return rows, [*notes, *rows.told()]
+
+
+def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str]:
+    """A remark on records that sweep the throttle and are given as one trial each, with the lines
+    that would cut them; their rows become MIXED.
+    """
+    if job.campaign.cuts_records or job.campaign.records.pattern.find(MARK) < 0:
+        return []
+    wide = rows.real["sd_N"] > SWEEP * np.abs(rows.real["lift_N"])
+    place = {str(schedule.trial[i]): i for i in np.flatnonzero(wide).tolist()}
+    found: dict[str, ramp.Ramp] = {}
+    for k, (trial, (path, _)) in enumerate(per_trial(job.campaign, job.root, [*place]).items()):
+        if k == FEW_SWEEPS and not found:
+            break
+        with contextlib.suppress(NearliftError, Malformed):
+            swept = ramp.of_file(job.campaign, reader, trial, path)
+            found |= {} if swept is None else {trial: swept}
+    if not found:
+        return []
+    for i in (place[trial] for trial in found):
+        rows.codes[i] = tuple(dict.fromkeys((*rows.codes[i], "MIXED")))
+    trial, first = next(iter(found.items()))
+    more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
+    told = (
+        f"the record of {trial}{more} {first.words}; to cut it into trials write {RECORD_MARK} for"
+        f" {MARK} in [records] files, call the column of ids in {job.campaign.trials.file} record,"
+        f" and add\n{first.segments}`nearlift segments CAMPAIGN` then draws where it is cut"
+    )
+    return [told]
 
 
 def _of_the_tare(campaign: Campaign) -> list[str]:

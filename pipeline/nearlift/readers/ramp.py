@@ -1,0 +1,212 @@
+"""A record of many throttles that is given as one trial: told as such, with the lines of a manifest
+that would cut it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.manifest.segments import FEWEST_SAMPLES
+from nearlift.readers.channel import Channel, fold, pick, split_unit
+from nearlift.readers.seam import ChannelSpec, Reader
+from nearlift.readers.segments import format_of
+from nearlift.reduction import cuts
+from nearlift.reduction.stretch import SD_PER_MAD
+
+if TYPE_CHECKING:
+    from nearlift.manifest.campaign import Campaign
+
+#: Means of so many stretches tell how the force moves. Below this part of the largest the rotors
+#: stand; what the rest of the record moves by, as a ratio and in units of the stretches' noise,
+#: beyond which it is no one lift.
+STRETCHES, AT_REST, MOVES, ABOVE_NOISE = 200, 0.05, 1.3, 10.0
+#: Samples of a record that is judged.
+FEWEST = 100
+#: A command follows the force so closely, by ranks; one that is called a command, too, where lift
+#: falls before the end of it.
+FOLLOWS = {False: 0.95, True: 0.7}
+#: Levels that hold for this long, in samples, and so many of them, are steps.
+HOLD, FEWEST_LEVELS = FEWEST_SAMPLES, 3
+#: What a command is called, and what pulses and counts mean where the file has no fraction.
+COMMANDS = ("esc", "throttle", "thr", "pwm", "command", "cmd", "signal", "duty")
+PULSE_US, COUNTS, PERCENT = (700.0, 2600.0), 65535.0, 100.0
+#: Settling, pieces and windows that are proposed, s: rotors and cells follow within a few tenths.
+SETTLE_S, SHORTEST_S = 0.5, 0.5
+#: What lift may change by within a window of a ramp.
+CHANGE = 0.03
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ramp:
+    """What a record of many throttles is: `levels` that hold (0 of a steady ramp), and the
+    [segments] that would cut it, as text.
+    """
+
+    levels: int
+    command: str
+    segments: str
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        along = f", along {self.command!r}" if self.command else ""
+        held = f", which has {self.levels} levels that hold" if self.levels else ""
+        return f"takes many lifts{along}{held}: a sweep of the throttle, and no one trial"
+
+
+def moves(force: FloatArray) -> bool:
+    """Whether a record's force (n,), rest aside, takes lifts far apart."""
+    means = _means(force[np.isfinite(force)])
+    if len(force) < FEWEST:
+        return False
+    size = means if abs(means.max()) >= abs(means.min()) else -means
+    # neighbours differ by noise, or by steps, which are few
+    noise = SD_PER_MAD * float(np.median(np.abs(np.diff(size)))) / np.sqrt(2)
+    run = size[size > AT_REST * np.quantile(size, 0.95)]
+    if len(run) < 10 or size.max() <= 0:
+        return False
+    low, high = np.quantile(run, [0.1, 0.9])
+    return bool(high > MOVES * low and high - low > ABOVE_NOISE * noise)
+
+
+def _means(values: FloatArray) -> FloatArray:
+    parts = np.array_split(values, min(STRETCHES, len(values))) if len(values) else []
+    return np.array([float(np.mean(p)) for p in parts])
+
+
+def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp | None:
+    """What the record of one trial is, where its file tells.
+
+    Raises
+    ------
+    NearliftError
+        It cannot be read, or its reader knows nothing of a record's other columns.
+    """
+    from nearlift.readers import child
+
+    form, spec = format_of(reader), ChannelSpec.of(campaign)
+    with child.source(form, child.borrowed()) as contents:
+        found = contents(path, form.checked_dialect(campaign.records.dialect), None)
+    column, clock = spec.of_trial(trial)
+    force = pick(found.channels, column, "records.force.column", str(path))
+    head = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
+    channels = [
+        replace(c, values=c.values[head:])
+        for c in found.channels
+        if len(c.values) == len(force.values)
+    ]
+    own = next(c for c in channels if c.name == force.name)
+    return ramp_of(own, channels, [clock] if clock else [], campaign.load_cell.sample_rate)
+
+
+def ramp_of(
+    force: Channel, channels: Sequence[Channel], clocks: Sequence[str], rate_Hz: float | None
+) -> Ramp | None:
+    """What a record is that `moves`; None of any other.
+
+    Parameters
+    ----------
+    force : Channel
+    channels : sequence of Channel
+        All of the file; one of as many samples that follows the force may be the command.
+    clocks : sequence of str
+        Those that are clocks.
+    rate_Hz : float or None
+        Samples per second, where it is known.
+    """
+    if not moves(force.values) or not np.isfinite(_means(force.values)).all():
+        return None
+    command = _command(force, [c for c in channels if c.name not in clocks])
+    if command is None:
+        scale = float(np.nanmax(np.abs(force.values)))
+        step = f"{0.05 * scale:.2g} {force.unit or 'FILL IN'}"
+        lines = ['by = "plateaus"', f'step = "{step}"   # smallest change that is a step']
+        lines += [_time("settle", SETTLE_S), _time("shortest", 2 * SHORTEST_S)]
+        throttle = '\n[segments.columns]\nthrottle = { column = "FILL IN", unit = "percent" }'
+        return Ramp(levels=0, command="", segments=_text(lines, throttle))
+    held = [b - a for a, b in cuts.by_level(command.values) if b - a >= HOLD]
+    stepping = sum(held) > 0.5 * len(force.values) and len(held) >= FEWEST_LEVELS
+    meaning = _meaning(command)
+    name = json.dumps(command.name, ensure_ascii=False)
+    if not stepping:
+        window = _window(force.values, rate_Hz)
+        lines = ['by = "windows"', _time("length", window), _time("settle", 0.0)]
+        lines.append(_time("shortest", window / 2))
+        column = f"\n[segments.columns]\nthrottle = {{ column = {name}, {', '.join(meaning)} }}"
+        curve = '\n\n[levels]\nby = "curve"   # no throttle repeats\nof = ["throttle"]'
+        return Ramp(levels=0, command=command.name, segments=_text(lines, column + curve))
+    settle, shortest = SETTLE_S, SHORTEST_S
+    if rate_Hz:
+        usual = float(np.median(held)) / rate_Hz
+        settle = min(SETTLE_S, usual / 3)
+        shortest = max((usual - settle) / 2, FEWEST_SAMPLES / rate_Hz)
+    lines = [f"by = {name}", *meaning, _time("settle", settle), _time("shortest", shortest)]
+    return Ramp(levels=len(held), command=command.name, segments=_text(lines))
+
+
+def _window(force: FloatArray, rate_Hz: float | None) -> float:
+    """Length in s of windows within which a ramp's lift changes little, of ten samples at least."""
+    if not rate_Hz:
+        return SHORTEST_S
+    means = np.abs(_means(force))
+    run = means > AT_REST * means.max()
+    moved = np.abs(np.diff(means))[run[1:] & run[:-1]] / means[1:][run[1:] & run[:-1]]
+    stretch = len(force) / len(means) / rate_Hz
+    longest = CHANGE * stretch / max(float(np.median(moved)), 1e-6)
+    return max(min(SHORTEST_S, longest), 2 * FEWEST_SAMPLES / rate_Hz)
+
+
+def _text(lines: Sequence[str], more: str = "") -> str:
+    return "\n".join(["[segments]", *lines]) + more + "\n"
+
+
+def _time(key: str, seconds: float) -> str:
+    return f'{key} = "{seconds:.2g} s"'
+
+
+def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
+    """The column that the force follows: one that is called a command before others."""
+    ranked, found = _ranks(np.abs(_means(force.values))), []
+    for c in channels:
+        if c.name == force.name or len(c.values) != len(force.values):
+            continue
+        own = _means(c.values)
+        if not np.isfinite(own).all() or np.ptp(own) == 0:
+            continue
+        together = float(np.corrcoef(ranked, _ranks(own))[0, 1])
+        said = any(word in fold(c.name) for word in COMMANDS)
+        if together > FOLLOWS[said] and (said or _holds(c.values)):
+            found.append((said, together, c))
+    return max(found, key=lambda f: f[:2])[2] if found else None
+
+
+def _holds(values: FloatArray) -> bool:
+    """Whether most samples repeat the one before: a setting, and no measurement."""
+    return bool(np.mean(values[1:] == values[:-1]) > 0.5)
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    _, index, count = np.unique(values, return_inverse=True, return_counts=True)
+    middle = np.cumsum(count) - (count - 1) / 2
+    return np.asarray(middle[index], dtype=np.float64)
+
+
+def _meaning(command: Channel) -> list[str]:
+    """The keys that say what the command's numbers mean."""
+    low, high = float(np.nanmin(command.values)), float(np.nanmax(command.values))
+    if PULSE_US[0] <= low and PULSE_US[1] >= high > PULSE_US[0]:
+        return ["zero = 1000", "full = 2000"]
+    if split_unit(command.name)[1] == "percent" or (1.5 < high <= PERCENT and low >= 0):
+        return ['unit = "percent"']
+    if low >= 0 and high <= 1:
+        return ['unit = "fraction"']
+    if PERCENT < high <= COUNTS and low >= 0:
+        return [f"full = {65535 if high > 4095 else 4095 if high > 1023 else 1023}"]
+    return ['full = "FILL IN"']

@@ -1,0 +1,198 @@
+"""A sweep of the throttle that is given as one trial: told as such, with lines that cut it."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nearlift.commands.inspect import inspect
+from nearlift.products import TRIALS
+from nearlift.readers.ramp import moves
+
+from . import small_run, sweeps
+from .small_run import nearlift
+
+
+def ramp(z_hat: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """A throttle that climbs without a stop, at rest for 2 s before; force in mN."""
+    t = np.arange(round(42 * sweeps.RATE)) / sweeps.RATE
+    throttle = np.where(t < 2, 0.0, 30 + 1.5 * (t - 2))
+    lift = np.array([sweeps.lift_N(z_hat, x) for x in throttle])
+    force = lift * (1 + rng.normal(0, 0.003, len(t))) + rng.normal(0, sweeps.NOISE_N, len(t))
+    return {"t": t, "throttle": throttle, "force": np.round(1e3 * force, 4)}
+
+
+def held(rng: np.random.Generator, lift_N: float = 0.4) -> dict[str, np.ndarray]:
+    """One trial: rotors at rest, spun up, held."""
+    t = np.arange(1600) / sweeps.RATE
+    lift = lift_N * (1 - np.exp(-np.maximum(t - 2, 0) / 0.2))
+    force = lift + rng.normal(0, 0.01, len(t))
+    return {"t": t, "throttle": 50.0 * (t > 2), "force": 1e3 * force}
+
+
+def campaign(folder: Path, records: dict[str, dict[str, np.ndarray]]) -> Path:
+    """Records as one trial each."""
+    (folder / "runs").mkdir(parents=True)
+    for name, columns in records.items():
+        (folder / "runs" / f"{name}.csv").write_text(sweeps.text_of(columns))
+    rows = "".join(f"{name},ground,{20 + 9 * k},50\n" for k, name in enumerate(records))
+    (folder / "trials.csv").write_text("trial,boundary,distance,throttle\n" + rows)
+    (folder / "campaign.toml").write_text(
+        """
+schema = "nearlift.campaign/1"
+name = "stand"
+vehicle = { name = "rotor", rotors = 1, rotor_radius = "23 mm", mass = "27 g" }
+rig = { held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", gravity = "9.8 m/s^2" }
+load_cell = { sample_rate = "80 Hz", tare = "2 s", settle = "2 s" }
+[records]
+reader = "csv"
+files = "runs/{trial}.csv"
+force = { column = "force", unit = "mN", sign = 1 }
+time = { column = "t", unit = "s" }
+[trials.units]
+distance = "mm"
+throttle = "percent"
+"""
+    )
+    return folder
+
+
+# ---- what is a sweep
+
+
+def test_what_moves_and_what_does_not() -> None:
+    rng = np.random.default_rng(1)
+    assert moves(sweeps.sweep(2.0, rng)["force"])
+    assert moves(ramp(2.0, rng)["force"])
+    assert moves(-ramp(2.0, rng)["force"])
+    for _ in range(20):
+        assert not moves(held(rng)["force"])
+        assert not moves(rng.normal(0, 1, 2000))
+    # a battery that sags by a tenth, a step by a fifth
+    n = np.arange(2000)
+    assert not moves(1 - 0.1 * n / 2000 + rng.normal(0, 0.01, 2000))
+    assert not moves(np.where(n < 900, 1.0, 1.2) + rng.normal(0, 0.01, 2000))
+
+
+@pytest.mark.parametrize("name", ["steps", "ramp"])
+def test_inspect_tells_a_sweep_and_prints_lines_that_cut_it(tmp_path: Path, name: str) -> None:
+    make = sweeps.sweep if name == "steps" else ramp
+    path = tmp_path / "r0.csv"
+    path.write_text(sweeps.text_of(make(2.0, np.random.default_rng(2))))
+    answer = nearlift("inspect", path)
+    assert answer.exit_code == 0
+    assert "takes many lifts, along 'throttle'" in answer.stdout
+    assert "nearlift segments CAMPAIGN" in answer.stdout
+    block = tomllib.loads(answer.stdout.split("\n\n", 1)[1])
+    assert block["records"]["files"] == "{record}.csv"
+    cut = block["segments"]
+    if name == "steps":
+        assert "5 levels that hold" in answer.stdout
+        assert (cut["by"], cut["unit"]) == ("throttle", "percent")
+    else:
+        assert cut["by"] == "windows"
+        assert cut["columns"]["throttle"] == {"column": "throttle", "unit": "percent"}
+        assert block["levels"] == {"by": "curve", "of": ["throttle"]}
+    said = json.loads(nearlift("inspect", path, "--json").stdout)
+    assert said["sweep"].startswith("takes many lifts")
+
+
+def test_a_trial_is_no_sweep(tmp_path: Path) -> None:
+    path = tmp_path / "t1.csv"
+    path.write_text(sweeps.text_of(held(np.random.default_rng(3))))
+    assert inspect(path).ramp is None
+    assert "[segments]" not in nearlift("inspect", path).stdout
+
+
+@pytest.mark.parametrize(
+    ("channel", "keys"),
+    [
+        (("ESC signal (µs)", 1000, 10), ["zero = 1000", "full = 2000"]),
+        (("cmd", 0, 655.35), ["full = 65535"]),
+        (("pwm", 0, 10.23), ["full = 1023"]),
+        (("duty", 0, 0.01), ['unit = "fraction"']),
+    ],
+)
+def test_what_a_commands_numbers_mean(
+    tmp_path: Path, channel: tuple[str, float, float], keys: list[str]
+) -> None:
+    name, zero, factor = channel
+    own = sweeps.sweep(2.0, np.random.default_rng(4), (0, 40, 60, 100, 0))
+    own = {"t": own["t"], name: zero + factor * own["throttle"], "force": own["force"]}
+    path = tmp_path / "r.csv"
+    path.write_text(sweeps.text_of(own))
+    found = inspect(path).ramp
+    assert found is not None
+    assert all(key in found.segments for key in keys)
+
+
+def test_a_sweep_whose_command_was_not_logged_is_cut_by_plateaus(tmp_path: Path) -> None:
+    own = sweeps.sweep(2.0, np.random.default_rng(5))
+    path = tmp_path / "r.csv"
+    path.write_text(sweeps.text_of({"t": own["t"], "force": own["force"]}))
+    found = inspect(path).ramp
+    assert found is not None
+    assert 'by = "plateaus"' in found.segments
+
+
+# ---- at ingest
+
+
+def test_ingest_tells_sweeps_among_trials(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    records = {f"t{k}": held(rng, 0.3 + 0.01 * k) for k in range(4)}
+    root = campaign(tmp_path / "raw", {**records, "s1": sweeps.sweep(2.0, rng)})
+    answer = nearlift("ingest", root, "--out", tmp_path)
+    assert "the record of s1 takes many lifts, along 'throttle'" in answer.stderr
+    assert "call the column of ids in trials.csv record" in answer.stderr
+    assert 'by = "throttle"' in answer.stderr
+
+
+def test_a_campaign_of_sweeps_is_refused_with_the_lines_that_cut_it(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    root = campaign(tmp_path / "raw", {f"s{k}": sweeps.sweep(1 + k, rng) for k in range(3)})
+    answer = nearlift("ingest", root, "--out", tmp_path)
+    assert answer.exit_code == 4
+    assert "the record of s0 (and 2 more like it) takes many lifts" in answer.stderr
+    assert "[segments]\nby = " in answer.stderr
+
+
+def test_trials_alone_are_told_nothing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    root = campaign(tmp_path / "raw", {f"t{k}": held(rng, 0.3 + 0.01 * k) for k in range(4)})
+    answer = nearlift("ingest", root, "--out", tmp_path)
+    assert answer.exit_code == 0
+    assert "many lifts" not in answer.stderr
+
+
+# ---- from ramps to a coefficient
+
+
+def test_ramps_cut_as_proposed_give_the_coefficient(tmp_path: Path) -> None:
+    rng = np.random.default_rng(9)
+    z_hats = np.repeat([0.7, 0.9, 1.2, 1.8, 3.0, 8.0], 2)
+    records = {f"s{k}": ramp(z, rng) for k, z in enumerate(z_hats)}
+    root = campaign(tmp_path / "raw", records)
+    block = nearlift("inspect", root / "runs" / "s0.csv").stdout
+    cut = block[block.rindex("[segments]") :]
+    manifest = (root / "campaign.toml").read_text().replace("{trial}", "{record}")
+    (root / "campaign.toml").write_text(
+        manifest.replace('throttle = "percent"', "").replace(', settle = "2 s"', "") + cut
+    )
+    rows = [f"s{k},ground,{23 * z:.3f}\n" for k, z in enumerate(z_hats)]
+    (root / "trials.csv").write_text("record,boundary,distance\n" + "".join(rows))
+    for stage in ("ingest", "fit"):
+        answer = nearlift(stage, root, "--out", tmp_path)
+        assert answer.exit_code in (0, 3), answer.output
+    trials = small_run.job(root, tmp_path).read(TRIALS)
+    assert len(set(trials["throttle"].tolist())) > 60
+    whole = json.loads((tmp_path / "processed/stand/fit.json").read_text())
+    entry = whole["boundaries"]["ground"]["cheeseman_bennett"]
+    assert entry["levels"]["curve"]["of"] == ["throttle"]
+    k = entry["parameters"]["k"]
+    assert abs(k["value"] - 1.0) < 4 * k["u"]
+    assert k["u"] < 0.05
