@@ -47,6 +47,18 @@ VERDICTS = {
     "unexplained": "unexplained structure",
 }
 
+#: What effects call the covariate along which they vary, in the schedule's words.
+SCHEDULE_WORDS = {
+    "z_hat": "distance",
+    "supply_V": "supply",
+    "temperature_K": "temperature",
+    "tilt_rad": "tilt",
+    "speed_hat": "rpm",
+    "start_s": "start",
+    "since_start_s": "start",
+    "elapsed_hat": "start",
+}
+
 
 def _s(name: str, latex: str, unit: str, meaning: str, paper_symbol: str = "") -> Symbol:
     return Symbol(name=name, latex=latex, unit=unit, meaning=meaning, paper_symbol=paper_symbol)

@@ -21,11 +21,10 @@ from nearlift.loop import (
     structure,
 )
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.explanation import MARGINAL
 from nearlift.loop.families import STEP, families
 from nearlift.loop.search_problem import Options, visibility
-from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB, LoopCoefficients, LoopEstimate
 
 from .simulated import campaign, restated
 

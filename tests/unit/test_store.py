@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from nearlift.errors import ProductError
 from nearlift.products import LIFT, TRIALS, Product
 from nearlift.run import store
+from nearlift.run.arrow_tables import to_arrow
 from nearlift.run.schema import integer, real, text
 
 CLOSED = Product(
@@ -195,7 +196,7 @@ def test_no_flipped_bit_passes(tmp_path, bit):
 def test_a_footer_that_lost_rows_or_renamed_a_column_is_damage(tmp_path):
     """As found by flipping bits: no page checksum covers the number of rows or the names."""
     path = tmp_path / "open.parquet"
-    good = store.to_arrow(table(), OPEN)
+    good = to_arrow(table(), OPEN)
     for spoilt in (
         good.slice(0, 2),
         good.rename_columns(["who", "lift_M", "n"]),

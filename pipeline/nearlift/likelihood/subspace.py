@@ -1,4 +1,6 @@
-"""Orthonormal bases of spans of columns, in coordinates that do not hang on rounding."""
+"""Smooth columns along a covariate, and orthonormal bases of what columns span, in coordinates that
+do not hang on rounding.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +11,15 @@ from nearlift.declare import FloatArray
 #: A column that keeps less than this part of itself beside others is spanned by them: what is left
 #: is rounding, and differs by processor.
 SPANNED = 1e-6
+
+
+def cosines(x: FloatArray, count: int, first: int = 1) -> FloatArray:
+    """Smooth shapes along the ranks of `x`: cos(pi j u), j = first .. first + count - 1, u in [0,
+    1]; (n, count).
+    """
+    _, rank = np.unique(x, return_inverse=True)
+    u = (rank + 0.5) / (rank.max() + 1)
+    return np.cos(np.pi * np.outer(u, np.arange(first, first + count)))
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:

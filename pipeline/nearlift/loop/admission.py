@@ -9,7 +9,7 @@ from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.loop.setting import missing
 from nearlift.results import Observations
-from nearlift.results.diagnosis import UntestableEffect
+from nearlift.results.outlook import UntestableEffect
 
 #: Trials beyond the unknowns (levels and coefficients) from which on their scatter alone tells
 #: noise from structure.

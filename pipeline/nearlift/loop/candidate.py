@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, compose
 from nearlift.likelihood.problem import need
-from nearlift.loop.families import cosines, indicators
+from nearlift.likelihood.subspace import cosines
+from nearlift.loop.families import indicators
 from nearlift.results import Observations
 
 #: Smooth relative deformation of an effect's own shape: so many cosines, falling as 1 / order.

@@ -17,7 +17,8 @@ from nearlift.loop.candidate import WIDE, Candidate, moments
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate, SilentEffect
+from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
+from nearlift.results.outlook import SilentEffect
 
 #: Values and standard uncertainties of the coefficients, (p,) each.
 Pair = tuple[FloatArray, FloatArray]

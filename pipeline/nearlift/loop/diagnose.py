@@ -40,7 +40,8 @@ from nearlift.loop.search_problem import SILENT, Options, SearchProblem
 from nearlift.loop.setting import derive
 from nearlift.loop.within_trial import heating
 from nearlift.results import Observations
-from nearlift.results.diagnosis import BoundaryDiagnosis, UntestableEffect
+from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.results.outlook import UntestableEffect
 from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
 
 

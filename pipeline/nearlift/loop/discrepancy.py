@@ -18,8 +18,8 @@ from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.families import MOVING, families, indicators, moving, times
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.loop.structure import Structure
+from nearlift.nomenclature import SCHEDULE_WORDS
 
 
 def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:

@@ -18,8 +18,6 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.results import IntArray
 
-#: 2 ln(Bayes factor) by which an explanation may trail the best and still be its rival.
-RIVAL_MAX_2LNB = 9.0
 #: An explanation must beat "no effect" by this in log evidence, or chance would be given a name.
 CREDIT = 2.0
 

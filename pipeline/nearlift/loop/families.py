@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.likelihood.subspace import cosines
 from nearlift.likelihood.variance_components import ENOUGH
 from nearlift.loop.setting import varies
 from nearlift.results import Observations
@@ -60,15 +61,6 @@ class Family:
     name: str
     covariate: str
     columns: FloatArray
-
-
-def cosines(x: FloatArray, count: int, first: int = 1) -> FloatArray:
-    """Smooth shapes along the ranks of `x`: cos(pi j u), j = first .. first + count - 1, u in [0,
-    1]; (n, count).
-    """
-    _, rank = np.unique(x, return_inverse=True)
-    u = (rank + 0.5) / (rank.max() + 1)
-    return np.cos(np.pi * np.outer(u, np.arange(first, first + count)))
 
 
 def powers(x: FloatArray, count: int) -> FloatArray:

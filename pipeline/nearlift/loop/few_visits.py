@@ -25,11 +25,12 @@ from nearlift.likelihood.finite import where_finite
 from nearlift.loop import coefficients
 from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.confirmation import FEW_VISITS, standard_error
-from nearlift.loop.evidence import RIVAL_MAX_2LNB, Evidence
+from nearlift.loop.evidence import Evidence
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.results import IntArray, Observations
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 #: With fewer, nothing can be accepted.
 LEAST_VISITS = 4

@@ -21,11 +21,12 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate import SESSION_SPREADS, Candidate
 from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.evidence import CREDIT, RIVAL_MAX_2LNB, Linearised
+from nearlift.loop.evidence import CREDIT, Linearised
 from nearlift.loop.handle import Contest, Handle, Power
-from nearlift.loop.search_problem import FORM_SD, SILENT, SearchProblem, visibility
+from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.loop.wander import worth
 from nearlift.randomness import generator
+from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
 
 #: Draws of the noise; a chance of 80 % is then known to 1.3 %.
 DRAWS = 1000

@@ -16,11 +16,11 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.loop.candidate_fit import search
-from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import Handle
 from nearlift.loop.separation import join, menu, parted, session
 from nearlift.results import Observations
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 #: Non-centrality at which a rival falls out of the answer: the rivals' bound, and a standard
 #: deviation or so of its scatter.

@@ -21,7 +21,7 @@ from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.setting import derive
 from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
-from nearlift.results.diagnosis import UntestableEffect
+from nearlift.results.outlook import UntestableEffect
 
 #: Campaigns drawn to learn how the noise floor of a plan would come out.
 REHEARSALS = 3

@@ -15,13 +15,13 @@ from nearlift.declare import Effect
 from nearlift.loop import structure
 from nearlift.loop.candidate import bends_along
 from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
-from nearlift.loop.setting import SCHEDULE_WORDS
 from nearlift.loop.structure import Structure
 from nearlift.loop.wander import rms
+from nearlift.nomenclature import SCHEDULE_WORDS
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import Verdict
 
 #: Pairs that are tried.

@@ -22,10 +22,12 @@ from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Evidence, Integrated, Linearised
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import STEP, families
-from nearlift.loop.setting import SCHEDULE_WORDS, varies
+from nearlift.loop.setting import varies
 from nearlift.loop.structure import Hypothesis, Null, Structure
 from nearlift.loop.wander import likeliest, price, waves
+from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results import Noise, Observations
+from nearlift.results.diagnosis import FORM_SD
 
 #: An effect whose columns keep less than this share of their energy beside theta and L_inf cannot
 #: be seen.
@@ -34,8 +36,6 @@ SILENT = 1e-4
 #: many standard deviations of its noise.
 GREATER_PART = 0.6
 BY_CHANCE = 1.0
-#: An effect's true form is known to about this relative, smooth deviation.
-FORM_SD = 0.2
 #: A direction counts as outside the hypotheses' basis where it keeps this part of its length there.
 OUTSIDE = 1e-6
 

@@ -13,7 +13,7 @@ from nearlift.loop.families import STEP, families
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.results.diagnosis import DetectionLimit, Sensitivity
+from nearlift.results.outlook import DetectionLimit, Sensitivity
 from nearlift.rounding import plain
 
 

@@ -16,7 +16,8 @@ from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
-from nearlift.results.diagnosis import Alternative, CoefficientLimit, NextExperiment, NextSession
+from nearlift.results.diagnosis import CoefficientLimit
+from nearlift.results.outlook import Alternative, NextExperiment, NextSession
 
 #: Trials in a proposed session.
 SESSION = 160

@@ -24,17 +24,6 @@ LEAST_SPREAD = {
     "supply_V": 5e-3,
     "speed_hat": 5e-4,
 }
-#: What effects call the covariate along which they vary, in the schedule's words.
-SCHEDULE_WORDS = {
-    "z_hat": "distance",
-    "supply_V": "supply",
-    "temperature_K": "temperature",
-    "tilt_rad": "tilt",
-    "speed_hat": "rpm",
-    "start_s": "start",
-    "since_start_s": "start",
-    "elapsed_hat": "start",
-}
 
 
 def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.likelihood.subspace import cosines
 from nearlift.likelihood.variance_components import ENOUGH
-from nearlift.loop.families import cosines
 from nearlift.results import Observations
 
 #: Cosines at most: the rest of a random walk is noise that neighbours share.

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import IO, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,8 @@ from numpy.typing import NDArray
 from nearlift.errors import ProductError
 from nearlift.results.serial import decode, encode
 from nearlift.run import copies
+from nearlift.run.arrow_tables import layout, to_arrow, to_numpy
 from nearlift.run.schema import Product
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Table = dict[str, NDArray[Any]]
@@ -190,85 +188,6 @@ def listing_sha256(digests: Mapping[str, str]) -> str:
     ).hexdigest()
 
 
-def to_arrow(table: Mapping[str, NDArray[Any]], product: Product) -> pa.Table:
-    """An Arrow table with the product's columns first, their units and meanings in the fields'
-    metadata.
-
-    Raises
-    ------
-    ProductError
-        A declared column is missing, lengths differ, or an undeclared column stands in a closed
-        product.
-    """
-    import pyarrow as pa
-
-    declared = {c.name: c for c in product.columns}
-    missing = {c.name for c in product.columns if not c.optional} - table.keys()
-    extra = table.keys() - declared.keys()
-    if missing or (extra and not product.open_ended):
-        raise ProductError(
-            product.file,
-            f"lacks {sorted(missing)}, has undeclared {sorted(extra)}",
-            "this is a defect of the stage that writes it",
-        )
-    if len({len(v) for v in table.values()}) > 1:
-        raise ProductError(
-            product.file,
-            "has columns of different lengths",
-            "this is a defect of the stage that writes it",
-        )
-    kinds = {"text": pa.string(), "real": pa.float64(), "integer": pa.int64()}
-    fields, arrays = [], []
-    for name in (*(n for n in declared if n in table), *(n for n in table if n not in declared)):
-        values = np.asarray(table[name])
-        column = declared.get(name)
-        kind = kinds[column.kind] if column else _arrow_type(values)
-        meta = {"unit": column.unit, "meaning": column.meaning} if column else {}
-        fields.append(pa.field(name, kind, metadata=meta or None))
-        arrays.append(_arrow(values, kind))
-    schema = pa.schema(fields)
-    layout = _layout(schema, len(arrays[0]) if arrays else 0)
-    return pa.Table.from_arrays(
-        arrays, schema=schema.with_metadata({"schema": product.schema, "layout": layout})
-    )
-
-
-def _layout(schema: pa.Schema, rows: int) -> str:
-    """Digest of what stands in the footer of a Parquet file, out of reach of the pages'
-    checksums.
-    """
-    columns = [(name, str(kind)) for name, kind in zip(schema.names, schema.types, strict=True)]
-    return hashlib.sha256(json.dumps([rows, columns]).encode()).hexdigest()
-
-
-def _arrow(values: NDArray[Any], kind: pa.DataType) -> pa.Array:
-    """A column from its bytes; `pyarrow.array` would import pandas to see whether it was given a
-    Series, which takes 0.3 s.
-    """
-    import pyarrow as pa
-
-    if kind != pa.string():
-        plain_values = np.ascontiguousarray(values, dtype=kind.to_pandas_dtype())
-        return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(plain_values)])
-    texts = [str(text).encode() for text in values.tolist()]
-    ends = np.cumsum([0, *map(len, texts)], dtype=np.int64)
-    if ends[-1] >= 2**31:
-        raise ProductError(
-            "text column", f"holds {ends[-1]} bytes", "shorten the texts: a column takes 2 GiB"
-        )
-    return pa.StringArray.from_buffers(
-        len(texts), pa.py_buffer(ends.astype(np.int32)), pa.py_buffer(b"".join(texts))
-    )
-
-
-def _arrow_type(values: NDArray[Any]) -> Any:
-    import pyarrow as pa
-
-    if values.dtype.kind in "OUS":
-        return pa.string()
-    return pa.int64() if values.dtype.kind in "iu" else pa.float64()
-
-
 def ready() -> None:
     """Import what tables are written with, where the time for it is there anyway."""
     import pyarrow.parquet  # noqa: F401
@@ -330,7 +249,7 @@ def read_table(path: Path, product: Product) -> Table:
         about = {
             key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()
         }
-        content = {name: _numpy(table[name]) for name in table.column_names}
+        content = {name: to_numpy(table[name]) for name in table.column_names}
     except (pa.ArrowException, OSError, ValueError) as fault:
         raise ProductError(
             str(path), f"is damaged: {str(fault).splitlines()[0]}", "delete it and run again"
@@ -341,21 +260,13 @@ def read_table(path: Path, product: Product) -> Table:
             f"has schema {about.get('schema', 'none')}, not {product.schema}",
             "it was written by another version: run again",
         )
-    if about.get("layout") != _layout(table.schema, table.num_rows):
+    if about.get("layout") != layout(table.schema, table.num_rows):
         raise ProductError(
             str(path),
             "is damaged: its columns or its length are not what was written",
             "delete it and run again",
         )
     return content
-
-
-def _numpy(column: pa.ChunkedArray) -> NDArray[Any]:
-    import pyarrow as pa
-
-    if pa.types.is_string(column.type):
-        return np.asarray(column.to_pylist(), dtype=object)
-    return np.asarray(column.to_numpy())
 
 
 def json_bytes(content: object) -> bytes:

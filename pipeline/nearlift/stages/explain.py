@@ -16,6 +16,7 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, Effect
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood import budget
+from nearlift.likelihood.noise import floor
 from nearlift.loop import coefficients
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.few_visits import applies
@@ -25,15 +26,13 @@ from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.report.evidence import Columns
-from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, UntestableEffect
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
+from nearlift.results.outlook import UntestableEffect
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
-
-#: Rivals listed.
-MOST = 8
 
 
 def run(job: Job, name: str) -> dict[str, Any]:
@@ -225,7 +224,8 @@ def _size(
             for p, v, d, s in zip(stage.base.parameters, value, shift, u, strict=True)
         },
     }
-    return found, rows(stage, handle, boundary, found, raw, left, confused[:MOST])
+    noise, chance = floor(stage.data, stage.noise, stage.slope), stage.options.false_alarm_rate
+    return found, rows(stage.data, handle.effect, boundary, found, raw, left, noise, chance)
 
 
 def _rms(x: Any) -> float:

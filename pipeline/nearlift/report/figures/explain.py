@@ -13,40 +13,38 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.loop.handle import Handle
-from nearlift.loop.search_problem import SearchProblem
+from nearlift.declare import Effect, FloatArray
 from nearlift.report.evidence import Columns, Rows, select
 from nearlift.report.figures.design import SHOWN, size_text
 from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log, quantity
+from nearlift.results import Observations
 
-#: What a session or a setting is called along the axis.
-OWN = ("z_hat", "throttle", "session")
+#: Rivals drawn.
+MOST = 8
 LOOKS = {
     "seen": (FITTED, "-", "structure seen"),
     "within": (SERIES[0][0], "--", "named or a rival"),
     "alone": (SERIES[1][0], ":", "named alone"),
 }
-#: A covariate with more distinct values than this is drawn as a cloud, with fewer as points of
-#: their mean and range.
-MANY = 40
 
 
 def rows(
-    stage: SearchProblem,
-    handle: Handle,
+    data: Observations,
+    effect: Effect,
     boundary: str,
     found: dict[str, Any],
-    raw: Any,
-    left: Any,
-    confused: list[dict[str, Any]],
+    raw: FloatArray,
+    left: FloatArray,
+    noise: float,
+    false_alarm_rate: float,
 ) -> Columns:
     """The figure's rows for one size at one boundary.
 
     `panel` is signature, power or confused; a signature's `y` is per cent of lift against the
     effect's own covariate `x`, a power's a chance against size, a confusion's the share of energy
-    that `series` takes over, with the chance of being a rival as `x`.
+    that `series` takes over, with the chance of being a rival as `x`. `noise` is the scatter of one
+    trial about any curve, rms over trials.
     """
-    data, effect = stage.data, handle.effect
     name = effect.varies_with
     own = {"z_hat": data.z_hat, "throttle": 100 * data.throttle, "session": data.session + 1.0}
     x = np.asarray(own[name] if name in own else data.covariates[name], dtype=float)
@@ -54,25 +52,23 @@ def rows(
     parts = [
         ("signature", "raw", x[finite], 100 * raw[finite]),
         ("signature", "left", x[finite], 100 * left[finite]),
-        ("signature", "noise", np.array([np.nan]), np.array([100 * _typical(stage)])),
+        ("signature", "noise", np.array([np.nan]), np.array([100 * noise])),
     ]
     power = found["power"]
-    unit, factor = SHOWN.get(handle.parameter.unit, (handle.parameter.unit, 1.0))
+    unit, factor = SHOWN.get(found["unit"], (found["unit"], 1.0))
     if power is not None:
         size = factor * np.asarray(power["size"])
         parts += [
             ("power", key, size, np.asarray(power[key])) for key in ("seen", "within", "alone")
         ]
-        parts.append(
-            ("power", "false alarm", np.array([np.nan]), np.array([stage.options.false_alarm_rate]))
-        )
+        parts.append(("power", "false alarm", np.array([np.nan]), np.array([false_alarm_rate])))
     if found["detection_limit"] is not None:
         parts.append(
             ("power", "limit", np.array([factor * found["detection_limit"]]), np.array([0.8]))
         )
     parts += [
         ("confused", c["effect"], np.array([c["rival_chance"]]), np.array([c["energy_absorbed"]]))
-        for c in confused
+        for c in found["confused_with"][:MOST]
     ]
     panel, series, xs, ys = zip(*parts, strict=True)
     count = [len(v) for v in xs]
@@ -84,7 +80,7 @@ def rows(
     return {
         "boundary": text(boundary),
         "effect": text(effect.title),
-        "parameter": text(handle.parameter.name),
+        "parameter": text(found["parameter"]),
         "unit": text(unit),
         "size": np.full(total, factor * found["shown_size"]),
         "covariate": text(name),
@@ -93,13 +89,6 @@ def rows(
         "x": np.concatenate(xs),
         "y": np.concatenate(ys),
     }
-
-
-def _typical(stage: SearchProblem) -> float:
-    """Scatter of one trial about any curve, rms over trials."""
-    from nearlift.likelihood.noise import floor
-
-    return floor(stage.data, stage.noise, stage.slope)
 
 
 def text(found: dict[str, Any]) -> str:

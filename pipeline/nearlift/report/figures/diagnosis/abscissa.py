@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import FloatArray
-from nearlift.loop.families import cosines
-from nearlift.loop.setting import SCHEDULE_WORDS
+from nearlift.likelihood.subspace import cosines
+from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.report.evidence import distinct
 from nearlift.report.figures.residuals.table import DISTINCT, bins
 from nearlift.results import Observations

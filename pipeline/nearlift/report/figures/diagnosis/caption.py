@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.loop.evidence import RIVAL_MAX_2LNB
-from nearlift.loop.search_problem import FORM_SD
 from nearlift.report.evidence import Columns, Evidence, distinct
+from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
 from nearlift.rounding import plain
 
 MEANINGS = {

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from nearlift import nomenclature
-from nearlift.loop.evidence import RIVAL_MAX_2LNB
 from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.diagnosis.clouds import CLOUD, FLOOR, LOOKS
 from nearlift.report.figures.style import FITTED, plain_text
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 #: Where the axis of evidence turns logarithmic.
 LINEAR = 10.0
