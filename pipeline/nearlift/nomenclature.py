@@ -39,6 +39,14 @@ class Symbol:
     paper_symbol: str = ""
 
 
+#: What was measured beside lift and is carried along: averaged and drawn, while no model is fitted
+#: to it; and, of each, its standard uncertainty.
+CARRIED = {
+    "roll_moment_Nm": "u_roll_moment_Nm",
+    "pitch_moment_Nm": "u_pitch_moment_Nm",
+    "wall_force_N": "u_wall_force_N",
+}
+
 #: What the loop says of a campaign, in words; empty where it has not run.
 VERDICTS = {
     "not_diagnosed": "not diagnosed",
@@ -167,6 +175,9 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("current_A", "I", "A", "supply current"),
     _s("speed_Hz", "f", "Hz", "rotor frequency, revolutions per second", "f"),
     _s("power_W", "P", "W", "electrical power"),
+    _s("roll_moment_Nm", "M_x", "N m", "moment about the axis from tail to nose"),
+    _s("pitch_moment_Nm", "M_y", "N m", "moment about the axis from side to side"),
+    _s("wall_force_N", "F_w", "N", "force along the normal of a wall, away from it positive"),
     _s("temperature_K", "T", "K", "air temperature"),
     _s("pressure_Pa", "p_a", "Pa", "air pressure"),
     _s("humidity", r"\varphi", "1", "relative humidity as a fraction"),

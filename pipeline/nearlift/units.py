@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 USUAL = {
     "length": ("mm", "cm", "m", "in", "um"),
     "force": ("N", "mN", "gf", "kgf", "lbf", "ozf"),
+    "torque": ("N*m", "mN*m"),
     "fraction": ("fraction", "percent"),
     "rotation": ("rpm", "Hz", "rad/s"),
 }
@@ -47,6 +48,7 @@ _FACTORS = {
     "voltage": {"V": 1.0, "mV": 1e-3},
     "current": {"A": 1.0},
     "power": {"W": 1.0},
+    "torque": {"N*m": 1.0, "mN*m": 1e-3},
     "temperature": {"K": 1.0, "degC": 1.0},
     "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3},
     "density": {"kg/m^3": 1.0},

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from nearlift.errors import ManifestError, did_you_mean
 from nearlift.manifest.segments import ColumnOfRecord, Segments
-from nearlift.readers.columns import BY_NAME, KNOWN
+from nearlift.readers.columns import BESIDE, BY_NAME, KNOWN
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -35,6 +35,9 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
         if name in found:
             raise ManifestError(key, "is what the level says already", "take one of them away")
         found[name] = column, key
+        if name in BESIDE:
+            # the same samples tell it
+            found[f"u_{name}"] = column, key
     for name, (column, key) in found.items():
         column.linear(dimension_of(name), key)
     return found

@@ -19,6 +19,7 @@ from nearlift import units
 from nearlift.declare import BOUNDARIES, FloatArray
 from nearlift.errors import ManifestError, brief, did_you_mean
 from nearlift.manifest.campaign import Campaign
+from nearlift.nomenclature import CARRIED
 from nearlift.units import NUMBER
 
 #: What a cell without a value may hold.
@@ -61,11 +62,19 @@ KNOWN = (
     Known(name="tilt", inside="tilt_rad", dimension="angle"),
     Known(name="orientation", inside="orientation", kind="text"),
     Known(name="tare_after", inside="tare_after_N", dimension="force"),
+    Known(name="roll_moment", inside="roll_moment_Nm", dimension="torque"),
+    Known(name="pitch_moment", inside="pitch_moment_Nm", dimension="torque"),
+    Known(name="wall_force", inside="wall_force_N", dimension="force"),
+    Known(name="u_roll_moment", inside="u_roll_moment_Nm", dimension="torque"),
+    Known(name="u_pitch_moment", inside="u_pitch_moment_Nm", dimension="torque"),
+    Known(name="u_wall_force", inside="u_wall_force_N", dimension="force"),
     Known(name="lift", inside="lift_N", dimension="force"),
     Known(name="lift_sd", inside="lift_sd_N", dimension="force"),
     Known(name="n", inside="n", kind="plain"),
 )
 BY_NAME = {k.name: k for k in KNOWN}
+#: What is measured beside lift; ``u_`` before a name is its standard uncertainty.
+BESIDE = tuple(k.name for k in KNOWN if k.inside in CARRIED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ columns say of it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,11 +17,13 @@ from nearlift.errors import ManifestError
 from nearlift.manifest.segments import ColumnOfRecord, Segments
 from nearlift.readers.brought import brought, dimension_of
 from nearlift.readers.channel import Channel, Contents, Malformed, pick
+from nearlift.readers.columns import BESIDE
 from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it
 from nearlift.readers.files import source_of
 from nearlift.readers.per_file import Format, record_of
 from nearlift.readers.seam import ChannelSpec, Reader, Record
 from nearlift.reduction import cuts
+from nearlift.reduction.mean_noise import spectral_density_at_zero
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -163,6 +166,12 @@ def _cut(campaign: Campaign, opened: Opened) -> Segmented:
         # a comparison with no number is false
         if piece in at_level or not level.get("throttle", 1.0) > 0.0 <= level.get("distance", 0.0):
             continue
+        for name in bring.keys() & set(BESIDE):
+            column, (factor, _) = bring[name]
+            assert column is not None
+            zero = _tare(column.values, head, at_level, piece)
+            mean, u = _beside(column.values[own], zero, rate)
+            level |= {name: factor * mean, f"u_{name}": abs(factor) * u}
         mask = kept[own]
         trials.append(
             PieceOfRecord(
@@ -192,6 +201,18 @@ def _cut(campaign: Campaign, opened: Opened) -> Segmented:
         pieces=tuple(trials),
         at_rest=len(pieces.pieces) - len(trials),
     )
+
+
+def _beside(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[float, float]:
+    """Mean less that of the zero, and its standard error, in which what lasts is counted."""
+    total, variance = 0.0, 0.0
+    for sign, part in ((1.0, values), (-1.0, zero)):
+        known = part[np.isfinite(part)]
+        if len(known):
+            density, run = spectral_density_at_zero(known, rate_Hz, tone=False)
+            total += sign * run.mean
+            variance += density / run.n
+    return (total, math.sqrt(variance)) if np.isfinite(values).any() else (math.nan, math.nan)
 
 
 def _own(found: Contents, column: ColumnOfRecord, key: str, path: Path) -> Channel:

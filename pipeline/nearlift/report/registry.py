@@ -15,6 +15,7 @@ from nearlift.products import (
     DIAGNOSIS,
     FIT,
     FLOW_PRODUCTS,
+    LIFT,
     POSTERIOR,
     PROXIMITY,
     QUALITY,
@@ -40,6 +41,7 @@ from nearlift.report.documents import methods
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures import assumptions as fig_assumptions
 from nearlift.report.figures import budget as fig_budget
+from nearlift.report.figures import carried as fig_carried
 from nearlift.report.figures import corner as fig_corner
 from nearlift.report.figures import crash_map as fig_crash_map
 from nearlift.report.figures import detection as fig_detection
@@ -196,6 +198,13 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="data",
         needs=(FIT, TRIALS),
         figures=(fig_residuals.FIGURE,),
+    ),
+    Chapter(
+        name="carried",
+        title="Moments and forces measured beside lift",
+        part="data",
+        needs=(LIFT,),
+        figures=(fig_carried.FIGURE,),
     ),
     Chapter(
         name="noise",

@@ -8,6 +8,7 @@ from nearlift.declare import Boundary
 from nearlift.likelihood.level_curve import with_curve
 from nearlift.loop.interim import InterimLook
 from nearlift.manifest.campaign import Campaign, boundaries_of
+from nearlift.nomenclature import CARRIED
 from nearlift.products import TRIALS
 from nearlift.readers.columns import BY_NAME
 from nearlift.reduction.quality import EXCLUDED, completeness, rejected
@@ -30,6 +31,9 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         for name, values in trials.items()
         if (name not in declared or name == "drift_N_s") and values.dtype.kind in "fiu"
     }
+    for name in (*CARRIED, *CARRIED.values()):
+        # an outcome beside lift, and no condition of it
+        covariates.pop(name, None)
     if campaign.load_cell.sample_rate is not None and "n" in trials:
         covariates["record_s"] = trials["n"][mine] / campaign.load_cell.sample_rate
     u_lift_N = np.nan_to_num(np.asarray(trials["u_lift_N"][mine], dtype=float))

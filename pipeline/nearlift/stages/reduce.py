@@ -7,9 +7,12 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.likelihood.level_curve import at_shown
+from nearlift.nomenclature import CARRIED
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.reduction import cells, plausibility
+from nearlift.results import Observations
 from nearlift.run.job import Job, Outcome
+from nearlift.run.store import Table
 from nearlift.stages.observe import boundaries, observe
 
 #: With more cells than this no covariance is written: a column of numbers for every cell, it grows
@@ -31,12 +34,13 @@ def run(job: Job) -> Outcome:
         All accepted trials are in free air.
     """
     trials = job.read(TRIALS)
-    found = {}
+    found, beside = {}, {}
     for boundary in boundaries(trials):
         data = observe(trials, job.campaign, boundary)
         lift_N = data.lift_N if data.curve is None else at_shown(data)
         throttle = data.levels[data.level]
         found[boundary] = cells.reduce(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
+        beside[boundary] = _carried(trials, data, found[boundary])
     if not found:
         remedy = (
             "trials.parquet stands; a change of lift wants trials at some distance to a ground,"
@@ -50,6 +54,10 @@ def run(job: Job) -> Outcome:
     table["boundary"] = np.concatenate(
         [np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()]
     )
+    for name in sorted({name for own in beside.values() for name in own}):
+        table[name] = np.concatenate(
+            [beside[b].get(name, np.full(len(c.z_hat), np.nan)) for b, c in found.items()]
+        )
     levels = job.campaign.levels
     curve = levels is not None and levels.by == "curve"
     wanted, notes = curve or job.campaign.quality.near_reference, []
@@ -89,6 +97,38 @@ def run(job: Job) -> Outcome:
     covariance[lacking] = covariance[:, lacking] = np.nan
     job.write(LIFT_COVARIANCE, {f"c{i}": column for i, column in enumerate(covariance.T)})
     return Outcome(notes=tuple(notes))
+
+
+def _carried(trials: Table, data: Observations, of: cells.Cells) -> dict[str, FloatArray]:
+    """Mean and standard uncertainty, for each cell, of what was measured beside lift.
+
+    The uncertainty is that of the mean of the trials' own, or the scatter of the trials where that
+    is larger.
+    """
+    row = {str(t): i for i, t in enumerate(trials["trial"])}
+    mine = np.array([row[str(t)] for t in data.trial], dtype=np.int64)
+    throttle, found = data.levels[data.level], {}
+    for name, u in CARRIED.items():
+        if name not in trials:
+            continue
+        values = np.asarray(trials[name], dtype=float)[mine]
+        own = np.asarray(trials.get(u, np.full(len(row), np.nan)), dtype=float)[mine]
+        told = [
+            _mean(values[here], own[here])
+            for z, t in zip(of.z_hat, of.throttle, strict=True)
+            for here in [(data.z_hat == z) & (throttle == t) & np.isfinite(values)]
+        ]
+        found[name], found[u] = (np.array(column) for column in zip(*told, strict=True))
+    return found
+
+
+def _mean(values: FloatArray, u: FloatArray) -> tuple[float, float]:
+    n = len(values)
+    if not n:
+        return np.nan, np.nan
+    scatter = float(values.var(ddof=1)) if n > 1 else np.nan
+    known = float(np.mean(u**2))
+    return float(values.mean()), float(np.sqrt(np.fmax(scatter, known) / n))
 
 
 def _block_diagonal(blocks: list[FloatArray]) -> FloatArray:

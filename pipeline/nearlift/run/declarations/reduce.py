@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from nearlift.nomenclature import CARRIED, symbol
 from nearlift.run.declarations.ingest import TRIALS
 from nearlift.run.schema import Product, integer, real, text
 from nearlift.run.stage import Stage
@@ -27,6 +28,19 @@ LIFT = Product(
             "u_delta_L",
             "1",
             "its standard uncertainty; zero at the farthest station by construction",
+        ),
+        *(
+            column
+            for name, u in CARRIED.items()
+            for column in (
+                real(
+                    name,
+                    symbol(name).unit,
+                    f"mean of the cell's trials: {symbol(name).meaning}; no model is fitted to it",
+                    optional=True,
+                ),
+                real(u, symbol(name).unit, "its standard uncertainty", optional=True),
+            )
         ),
     ),
 )

@@ -1,0 +1,120 @@
+"""What was measured beside lift, against distance: moments, and the force of a wall."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from nearlift.manifest.campaign import Campaign
+from nearlift.nomenclature import CARRIED, symbol
+from nearlift.products import LIFT
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
+from nearlift.report.figures.spec import FigureSpec
+from nearlift.report.figures.style import SERIES, Style, quantity
+from nearlift.rounding import plain
+
+NO_MODEL = "no model is fitted to them"
+
+
+def summarise(evidence: Evidence) -> Columns:
+    """A row for each cell: `panel` (boundary), `quantity`, `throttle`, `z_hat`, `value` and
+    `u_value` in SI; nothing where nothing was measured beside lift.
+    """
+    cells = evidence.table(LIFT)
+    parts = []
+    for name, u in CARRIED.items():
+        for side in evidence.boundaries if name in cells else ():
+            mine = (cells["boundary"] == side) & np.isfinite(cells[name])
+            parts.append(
+                {
+                    "panel": text_column(side, int(mine.sum())),
+                    "quantity": text_column(name, int(mine.sum())),
+                    "throttle": cells["throttle"][mine],
+                    "z_hat": cells["z_hat"][mine],
+                    "value": cells[name][mine],
+                    "u_value": cells[u][mine],
+                }
+            )
+    table = stack(parts) if parts else {}
+    return table if parts and len(table["z_hat"]) else {}
+
+
+def caption(evidence: Evidence, table: Columns) -> str:
+    """What is drawn, and that no more is done with it."""
+    words = [symbol(name).meaning for name in distinct(table["quantity"])]
+    known = int(np.isfinite(table["u_value"]).sum())
+    bars = (
+        f"Bars are standard uncertainties; {len(table['u_value']) - known} cells have none."
+        if known < len(table["u_value"])
+        else "Bars are standard uncertainties."
+    )
+    return (
+        f"{'; '.join(words).capitalize()}. Means of cells against distance, a series for each"
+        f" throttle. {bars} They are carried along as they were measured, and {NO_MODEL}."
+    )
+
+
+def alt(evidence: Evidence, table: Columns) -> str:
+    """The largest of each, and where."""
+    told = []
+    for name in distinct(table["quantity"]):
+        rows = select(table, table["quantity"] == name)
+        i = int(np.argmax(np.abs(rows["value"])))
+        told.append(
+            f"{symbol(name).meaning}: largest {plain(float(rows['value'][i]), 3)}"
+            f" {symbol(name).unit} at {plain(float(rows['z_hat'][i]), 3)} radii from the"
+            f" {rows['panel'][i]}"
+        )
+    return f"{'; '.join(told).capitalize()}; {NO_MODEL}."
+
+
+def draw(table: Rows, look: Style) -> Figure:
+    """A panel for each quantity and boundary."""
+    keys = list(dict.fromkeys(zip(table["quantity"], table["panel"], strict=True)))
+    width = look.single_in if len(keys) == 1 else look.double_in
+    figure = Figure(figsize=(width, 0.62 * look.single_in + 0.3), layout="constrained")
+    axes = figure.subplots(1, len(keys), squeeze=False)[0]
+    throttles = np.unique(table["throttle"])
+    for ax, (name, side) in zip(axes, keys, strict=True):
+        rows = select(table, (table["quantity"] == name) & (table["panel"] == side))
+        ax.axhline(0, color="0.6", linewidth=0.5, zorder=1)
+        for k, throttle in enumerate(throttles):
+            own = select(rows, rows["throttle"] == throttle)
+            colour, marker = SERIES[k % len(SERIES)]
+            order = np.argsort(own["z_hat"])
+            ax.errorbar(
+                own["z_hat"][order],
+                own["value"][order],
+                yerr=np.nan_to_num(own["u_value"][order]),
+                color=colour,
+                marker=marker,
+                markersize=3,
+                linewidth=0.6,
+                label=f"{100 * throttle:.3g} %",
+            )
+        ax.set_title(side)
+        ax.set_xlabel(quantity("z_hat"))
+        words = name.rpartition("_")[0].replace("_", " ")
+        ax.set_ylabel(f"{words} ${symbol(name).latex}$ ({symbol(name).unit})")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
+    return figure
+
+
+def asked(campaign: Campaign) -> bool:
+    """Whether the manifest names a column of the kind."""
+    names = {name.rpartition("_")[0] for name in CARRIED}
+    cut = {} if campaign.segments is None else campaign.segments.columns
+    return bool(names & {*campaign.trials.units, *cut})
+
+
+FIGURE = FigureSpec(
+    name="carried",
+    title="Measured beside lift",
+    needs=(LIFT,),
+    summarise=summarise,
+    draw=draw,
+    caption=caption,
+    alt=alt,
+    asked=asked,
+)
