@@ -26,13 +26,13 @@ import numpy as np
 from scipy.stats import beta, binom, norm, t
 from tests.calibration import forms, pages, spread
 from tests.calibration.simulator import Shared, Spec, simulate
+from tests.calibration.streams import unordered
 
 from nearlift import catalogue
 from nearlift.fit.least_squares import Fit, fit
 from nearlift.likelihood import budget
 from nearlift.manifest import campaign as manifests
 from nearlift.results import Observations
-from nearlift.run.executors import unordered
 
 LEVELS = (0.68, 0.9, 0.95)
 DATUMS_MM = (0.2, 0.5)

@@ -23,6 +23,7 @@ import numpy as np
 from tests.calibration import spread
 from tests.calibration.bench import RADIUS, SPACING
 from tests.calibration.simulator import Shared, Spec, simulate
+from tests.calibration.streams import unordered
 
 from nearlift.errors import NearliftError
 from nearlift.fit.least_squares import fit
@@ -30,7 +31,7 @@ from nearlift.likelihood import budget
 from nearlift.manifest import campaign as manifest
 from nearlift.products import TRIALS
 from nearlift.results import Observations
-from nearlift.run.executors import SerialExecutor, unordered
+from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job
 from nearlift.stages import ingest, screening
 from nearlift.stages.fit import choice

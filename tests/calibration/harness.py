@@ -29,8 +29,7 @@ from tests.calibration import forms, spread
 from tests.calibration.assess import Diagnose, Row, assess, engine
 from tests.calibration.figures import figures, markdown, peer_table
 from tests.calibration.kinds import KINDS, REPORTED, chosen
-
-from nearlift.run.executors import unordered
+from tests.calibration.streams import unordered
 
 Job = tuple[str, str, int]
 """Kind, boundary, seed."""

@@ -22,9 +22,9 @@ from tests.calibration import forms, oracle, spread
 from tests.calibration.assess import engine
 from tests.calibration.kinds import REPORTED, draw
 from tests.calibration.simulator import Campaign
+from tests.calibration.streams import unordered
 
 from nearlift.loop import stability
-from nearlift.run.executors import unordered
 
 KINDS = ("null", "one", "two", "outside", "outliers", "bad_visit", "t3", "noisier_near")
 MOST, AT_RANDOM = 3, 1

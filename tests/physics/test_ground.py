@@ -13,6 +13,7 @@ from nearlift.models import (
     images,
     power_law,
     sanchez_cuevas,
+    sanchez_cuevas_as_printed,
 )
 from nearlift.models.images import covered_by_half_plane, gain_per_rotor, square, tilted
 
@@ -247,21 +248,21 @@ def test_equation_as_printed(d, z, K_b):
         + z / (2 * math.sqrt((2 * d**2 + 4 * z**2) ** 3))
     )
     s += z / (2 * K_b * math.sqrt((d**2 + 4 * z**2) ** 3))
-    got = float(sanchez_cuevas.AS_PRINTED(z, spacing_hat=d, inverse_K_b=1 / K_b))
+    got = float(sanchez_cuevas_as_printed.MODEL(z, spacing_hat=d, inverse_K_b=1 / K_b))
     assert got == pytest.approx(1 / (1 - s), rel=1e-10) if s < 1 else math.isnan(got)
 
 
 def test_printed_form_is_the_original_with_a_quarter_of_the_strength_at_the_adjacent_spacing():
-    printed = sanchez_cuevas.AS_PRINTED(Z, spacing_hat=3.9, inverse_K_b=3.0)
+    printed = sanchez_cuevas_as_printed.MODEL(Z, spacing_hat=3.9, inverse_K_b=3.0)
     np.testing.assert_allclose(
         printed, sanchez_cuevas.MODEL(Z, spacing_hat=3.9, diagonal_hat=3.9, K_b=0.75), rtol=1e-12
     )
 
 
 def test_raising_the_printed_coefficient_lowers_the_lift():
-    assert sanchez_cuevas.AS_PRINTED(
+    assert sanchez_cuevas_as_printed.MODEL(
         1.0, spacing_hat=3.9, inverse_K_b=1 / 4
-    ) < sanchez_cuevas.AS_PRINTED(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
+    ) < sanchez_cuevas_as_printed.MODEL(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
     assert sanchez_cuevas.MODEL(
         1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=4
     ) > sanchez_cuevas.MODEL(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=2)

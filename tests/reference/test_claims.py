@@ -19,6 +19,7 @@ from nearlift.models import (
     cheeseman_bennett,
     hsiao_chirarattananon,
     sanchez_cuevas,
+    sanchez_cuevas_as_printed,
 )
 from nearlift.models.hsiao_chirarattananon import gamma
 
@@ -244,7 +245,11 @@ def equation_1_with_z_in_metres(z_hat: float) -> float:
 @computes
 def printed_gain_percent(z_hat: float) -> float:
     return 100 * (
-        float(sanchez_cuevas.AS_PRINTED(z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5))
+        float(
+            sanchez_cuevas_as_printed.MODEL(
+                z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5
+            )
+        )
         - 1
     )
 

@@ -11,10 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
+from tests.calibration.streams import unordered
 
 from nearlift.errors import InputRefused, UsageError
 from nearlift.run import graph
-from nearlift.run.executors import BLAS, SerialExecutor, open_executor, ordered, unordered
+from nearlift.run.executors import BLAS, SerialExecutor, open_executor, ordered
 from nearlift.stages import ingest
 
 from . import small_run

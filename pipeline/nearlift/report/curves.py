@@ -76,11 +76,6 @@ class Curve:
     least_squares: FloatArray
     sampled: bool
 
-    @property
-    def banded(self) -> bool:
-        """Whether there is a band to draw."""
-        return bool(np.isfinite(self.low).any())
-
     def parts(self, span: float) -> bool:
         """Whether least squares can be told from `middle` in a panel whose data span so much; a
         prior, or a curve that bends, parts them.

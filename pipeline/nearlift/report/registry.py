@@ -6,9 +6,8 @@ A new figure is its file and its name here; a new chapter its file, its template
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from nearlift.products import (
     DETECTION,
@@ -83,7 +82,7 @@ class Chapter:
     name: str
     title: str
     part: str = "further"
-    facts: Callable[[Evidence], dict[str, Any]] | None = None
+    facts: Callable[[Evidence], Mapping[str, object]] | None = None
     needs: tuple[Product, ...] = ()
     figures: tuple[FigureSpec, ...] = ()
     places: tuple[FigureSpec, ...] = ()

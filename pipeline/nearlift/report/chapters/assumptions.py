@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
@@ -16,7 +15,7 @@ TESTS = {
 }
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """The three questions, each with a line per boundary."""
 
     def asked(question: str) -> list[Place]:
@@ -37,7 +36,7 @@ def _chance(place: Place, *below: str | int) -> Number:
     return replace(found, text="< 0.001", how="below a thousandth") if found.value < 1e-3 else found
 
 
-def _collapse(place: Place) -> dict[str, Any]:
+def _collapse(place: Place) -> dict[str, object]:
     found = place.content
 
     def percent(what: str) -> Number | None:
@@ -60,7 +59,7 @@ def _collapse(place: Place) -> dict[str, Any]:
     }
 
 
-def _held(place: Place) -> dict[str, Any]:
+def _held(place: Place) -> dict[str, object]:
     found = place.content
     rows = [
         {
@@ -82,7 +81,7 @@ def _held(place: Place) -> dict[str, Any]:
     }
 
 
-def _rotor(place: Place) -> dict[str, Any]:
+def _rotor(place: Place) -> dict[str, object]:
     found = place.content
     rows = [
         {

@@ -18,7 +18,7 @@ from nearlift.report.number import Number, Place
 LINES = 12
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """A section for each boundary that was diagnosed, and why the others were not."""
     rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",))
     return {
@@ -30,7 +30,7 @@ def facts(evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> dict[str, Any]:
+def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> dict[str, object]:
     place = Place(evidence, DIAGNOSIS, ("boundaries", boundary))
     coefficients = found.get("coefficients", {})
     structure = [
@@ -88,7 +88,7 @@ def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> d
     }
 
 
-def _silent(place: Place) -> list[dict[str, Any]]:
+def _silent(place: Place) -> list[dict[str, object]]:
     place = place.at("silent")
     return [
         {

@@ -49,7 +49,7 @@ NAMES = {
 }
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """Tables of the chapter."""
     piv = manifest(evidence)
     return {
@@ -79,7 +79,7 @@ def _entry(row: dict[str, Any], key: str, text: str, how: str = "") -> Number:
     )
 
 
-def _measured(evidence: Evidence, name: str) -> dict[str, Any]:
+def _measured(evidence: Evidence, name: str) -> dict[str, object]:
     row = cut(evidence, name)
     u = 100 * float(row["u_reduction"])
     percent = {
@@ -127,7 +127,7 @@ def _measured(evidence: Evidence, name: str) -> dict[str, Any]:
     }
 
 
-def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, Any] | None:
+def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None:
     """What each model with a declared downwash implies at the distances of the untilted cases, as
     declared and as fitted.
     """
@@ -207,7 +207,7 @@ def _percent(value: float) -> str:
     return "–" if not math.isfinite(value) else fixed(value, 2 if abs(value) < 10 else 1)
 
 
-def _joint(evidence: Evidence) -> list[dict[str, Any]]:
+def _joint(evidence: Evidence) -> list[dict[str, object]]:
     """Each coefficient from lift alone, and from lift and downwash together."""
     if not evidence.has(JOINT):
         return []
@@ -228,7 +228,7 @@ def _joint(evidence: Evidence) -> list[dict[str, Any]]:
     return rows
 
 
-def _convergence(evidence: Evidence, name: str) -> dict[str, Any]:
+def _convergence(evidence: Evidence, name: str) -> dict[str, object]:
     place = Place(evidence, FLOW, ("cases", name))
     moved = evidence.document(FLOW)["cases"][name]["convergence"]["moved"]
     return {
@@ -244,7 +244,7 @@ def _convergence(evidence: Evidence, name: str) -> dict[str, Any]:
     }
 
 
-def _topology(evidence: Evidence) -> dict[str, Any] | None:
+def _topology(evidence: Evidence) -> dict[str, object] | None:
     cases = fig5.cases(evidence)
     if not cases:
         return None
@@ -259,7 +259,7 @@ def _topology(evidence: Evidence) -> dict[str, Any] | None:
     }
 
 
-def _interval(row: dict[str, Any], count: bool) -> dict[str, Any]:
+def _interval(row: dict[str, Any], count: bool) -> dict[str, object]:
     value, u = float(row["value"]), float(row["u"])
     how = f"{row['quantity']} of case {row['case']}"
     if count:

@@ -16,7 +16,7 @@ MOST_ROWS = 5000
 NAMES = {"none": "free air"}
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """How much went in and came out at each step, the coefficient with exclusions put back, and a
     row for every trial.
     """
@@ -47,7 +47,7 @@ def _whole(evidence: Evidence, *place: str) -> Number:
     return Place(evidence, QUALITY, place).number(places=0)
 
 
-def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str, Any]:
+def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str, object]:
     """One boundary's table: by how much the base fit's coefficient changes with exclusions put
     back.
     """
@@ -94,7 +94,7 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
     }
 
 
-def _change(found: dict[str, Any], place: Place) -> dict[str, Any]:
+def _change(found: dict[str, Any], place: Place) -> dict[str, object]:
     if found["value"] is None:
         return {
             "trials": place.number("trials", places=0),
@@ -108,7 +108,7 @@ def _change(found: dict[str, Any], place: Place) -> dict[str, Any]:
     }
 
 
-def _row(entry: dict[str, Any]) -> dict[str, Any]:
+def _row(entry: dict[str, Any]) -> dict[str, object]:
     """One trial as printed."""
     lift = entry["lift_N"]
     return {

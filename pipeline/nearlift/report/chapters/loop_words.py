@@ -18,7 +18,7 @@ PARAMETERS = 3
 AT_BOUND = 1e-6
 
 
-def largest(place: Place) -> dict[str, Any] | None:
+def largest(place: Place) -> dict[str, object] | None:
     """The chance of so large a largest test under the null, in percent, or as it is where it is
     `rare`.
     """
@@ -32,7 +32,7 @@ def largest(place: Place) -> dict[str, Any] | None:
     }
 
 
-def effects(place: Place) -> list[dict[str, Any]]:
+def effects(place: Place) -> list[dict[str, object]]:
     """The named effects with mechanism, parameters and rivals."""
     known, found = {e.name: e for e in catalogue.effects()}, place.content
     listed = []
@@ -78,7 +78,7 @@ def _marked(quoted: Quoted, effect: Any) -> Quoted:
     return quoted
 
 
-def outcome(error: dict[str, Any] | None) -> dict[str, Any]:
+def outcome(error: dict[str, Any] | None) -> dict[str, object]:
     """How the held-out error moved: `falls`, `rises`, or `same` where the interval of its change,
     visits in pairs, holds none.
 
@@ -123,7 +123,7 @@ def folds(place: Place) -> dict[str, Number] | None:
     }
 
 
-def within(place: Place) -> dict[str, Any] | None:
+def within(place: Place) -> dict[str, object] | None:
     """The change of lift over a record, in percent."""
     place = place.at("within_trial")
     if not (own := place.content):
@@ -138,7 +138,7 @@ def within(place: Place) -> dict[str, Any] | None:
     }
 
 
-def candidates(place: Place) -> list[dict[str, Any]]:
+def candidates(place: Place) -> list[dict[str, object]]:
     """Every candidate with its gain, how far its evidence lies behind, and why not."""
     places = {
         c["name"]: place.at("rounds", i, "candidates", j)
@@ -166,7 +166,7 @@ def candidates(place: Place) -> list[dict[str, Any]]:
     return rows
 
 
-def proposals(place: Place) -> list[dict[str, Any]]:
+def proposals(place: Place) -> list[dict[str, object]]:
     """What to measure next, with the trials it takes and the evidence expected of them."""
     listed = []
     for i, n in enumerate(place.content.get("next_experiment", [])):

@@ -19,12 +19,12 @@ from nearlift.rounding import plain, signed
 LEVEL = "L_inf at "
 
 
-def comparison(evidence: Evidence) -> dict[str, Any]:
+def comparison(evidence: Evidence) -> dict[str, object]:
     """A table of models for each boundary: the base first, then by AIC."""
     return {"tables": [_table(evidence, b) for b in evidence.boundaries]}
 
 
-def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
+def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     content = evidence.document(FIT)
     fits = content["boundaries"][boundary]
     base = content["base"][boundary]
@@ -125,7 +125,7 @@ def _range(r: list[float]) -> str:
     return f"r = {low}" if low == high else f"r = {low} to {high}"
 
 
-def levels(evidence: Evidence) -> dict[str, Any]:
+def levels(evidence: Evidence) -> dict[str, object]:
     """L_inf of the base model per throttle and boundary, or the curve that it is."""
     rows: dict[float, dict[str, Any]] = {}
     curves = []
@@ -163,7 +163,7 @@ def _curve(entry: dict[str, Any]) -> str:
     )
 
 
-def noise(evidence: Evidence) -> dict[str, Any]:
+def noise(evidence: Evidence) -> dict[str, object]:
     """How trials scatter, and what the manifest declares that repeats cannot show."""
     rows = []
     for boundary in evidence.boundaries:
@@ -186,7 +186,7 @@ def noise(evidence: Evidence) -> dict[str, Any]:
     return {"rows": rows, "declared": [_declared(c) for c in declared]}
 
 
-def _declared(part: budget.Component) -> dict[str, Any]:
+def _declared(part: budget.Component) -> dict[str, object]:
     """One line of the budget, in the unit that a bench talks in."""
     scale, unit = SCALES[part.on]
     standard = Number(

@@ -13,12 +13,12 @@ from nearlift.report.number import Place
 from nearlift.rounding import plain
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """A table and its words for each boundary."""
     return {"tables": [_table(evidence, b) for b in evidence.boundaries]}
 
 
-def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
+def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     content = evidence.document(FIT)
     base, fits = content["base"][boundary], content["boundaries"][boundary]
     sampled = [m for m in sorted(fits, key=lambda m: m != base) if fits[m].get("posterior")]
@@ -45,7 +45,7 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
 
 def _row(
     evidence: Evidence, boundary: str, model: str, parameter: str, base: bool
-) -> dict[str, Any]:
+) -> dict[str, object]:
     place = Place(evidence, FIT, ("boundaries", boundary, model))
     entry = evidence.document(FIT)["boundaries"][boundary][model]
     after = place.at("posterior", "parameters", parameter)

@@ -16,7 +16,7 @@ from nearlift.report.number import Number, Place
 from nearlift.rounding import plain
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """A row for each boundary: range by averaging time with weight and supply known best, and with
     each known worst; and the readings.
     """
@@ -70,7 +70,7 @@ def cases(table: Any, mine: Any) -> list[tuple[str, float, float]]:
     return found
 
 
-def _reading(place: Place) -> dict[str, Any]:
+def _reading(place: Place) -> dict[str, object]:
     found = place.content
     told: dict[str, Any] = {"boundary": found["boundary"], "refused": found.get("refused", "")}
     if told["refused"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from nearlift.rounding import plain
 NAMES = {"none": "free air"}
 
 
-def ledger(evidence: Evidence) -> dict[str, Any]:
+def ledger(evidence: Evidence) -> dict[str, object]:
     """Counts per boundary and per quality code, and every rejected trial with its reason."""
     trials = evidence.table(TRIALS)
     out = rejected(trials["quality"])
@@ -83,7 +82,7 @@ def ledger(evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def provenance(evidence: Evidence) -> dict[str, Any]:
+def provenance(evidence: Evidence) -> dict[str, object]:
     """Digests, versions, and the command that makes this again; nothing that changes from one run
     to the next.
     """

@@ -15,7 +15,7 @@ from nearlift.report.number import Number, Place
 from nearlift.rounding import plain
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """Claims, presets and fitted models, each number with its source."""
     content, root = evidence.document(SAFETY), Place(evidence, SAFETY)
     return {
@@ -27,7 +27,7 @@ def facts(evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def _preset(place: Place, name: str) -> dict[str, Any]:
+def _preset(place: Place, name: str) -> dict[str, object]:
     tests = {
         (b, kind): found[kind]
         for b, found in place.content["boundaries"].items()
@@ -43,7 +43,7 @@ def _preset(place: Place, name: str) -> dict[str, Any]:
     }
 
 
-def _claim(place: Place) -> dict[str, Any]:
+def _claim(place: Place) -> dict[str, object]:
     claim = place.content
     return {
         "says": claim["says"],
@@ -61,7 +61,7 @@ def _claim(place: Place) -> dict[str, Any]:
     }
 
 
-def _fitted(place: Place, boundary: str) -> dict[str, Any]:
+def _fitted(place: Place, boundary: str) -> dict[str, object]:
     own = place.content
     return {
         "boundary": boundary,
@@ -91,7 +91,7 @@ def _fitted(place: Place, boundary: str) -> dict[str, Any]:
     }
 
 
-def _best(place: Place, flights: int) -> dict[str, Any]:
+def _best(place: Place, flights: int) -> dict[str, object]:
     own = place.content
     return {
         "price": f"{own['price']:g}",
@@ -116,7 +116,7 @@ def unresolved(found: dict[str, Any], flights: int) -> str:
     return f"not resolved by {flights} flights; {enough}"
 
 
-def _route(place: Place) -> dict[str, Any]:
+def _route(place: Place) -> dict[str, object]:
     entry = place.content
     lowest, seen = entry["lowest_z_hat"], entry["share_by_basis"]
     return {
@@ -131,7 +131,7 @@ def _route(place: Place) -> dict[str, Any]:
     }
 
 
-def _roll(place: Place) -> dict[str, Any]:
+def _roll(place: Place) -> dict[str, object]:
     content = place.content
     rows = [
         {

@@ -39,7 +39,7 @@ TREATMENTS = {
 }
 
 
-def budget(evidence: Evidence) -> dict[str, Any]:
+def budget(evidence: Evidence) -> dict[str, object]:
     """A table for each coefficient that is quoted."""
     tables = [
         _budget(evidence, b, name, c)
@@ -53,7 +53,7 @@ def budget(evidence: Evidence) -> dict[str, Any]:
 
 def _budget(
     evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult
-) -> dict[str, Any]:
+) -> dict[str, object]:
     here = Place(evidence, RESULTS, ("boundaries", boundary, "coefficients", name))
     rows, small = [], 0
     for i, line in sorted(enumerate(own.budget), key=lambda pair: pair[1].u_without):
@@ -101,7 +101,7 @@ def untold(own: CoefficientResult) -> list[str]:
     return [line.source for line in own.budget if line.dof < TELLING]
 
 
-def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
+def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     model, entry = evidence.base(boundary)
     place = Place(evidence, FIT, ("boundaries", boundary, model.name))
     lines = [
@@ -125,7 +125,7 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, Any]:
     return {"boundary": boundary, "lines": lines, "error": error}
 
 
-def limits(evidence: Evidence) -> dict[str, Any]:
+def limits(evidence: Evidence) -> dict[str, object]:
     """What would halve each uncertainty, and coefficients at a bound."""
     sections = []
     for boundary in evidence.boundaries:
@@ -142,7 +142,7 @@ def limits(evidence: Evidence) -> dict[str, Any]:
     return {"sections": sections}
 
 
-def held_out(evidence: Evidence) -> dict[str, Any]:
+def held_out(evidence: Evidence) -> dict[str, object]:
     """Each boundary's models by what they foretell of a visit left out, beside the criteria that
     count parameters, and R².
     """
@@ -150,7 +150,7 @@ def held_out(evidence: Evidence) -> dict[str, Any]:
     return {"tables": [_held_out(evidence, b, found[b]) for b in evidence.boundaries if b in found]}
 
 
-def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> dict[str, Any]:
+def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> dict[str, object]:
     fits = evidence.document(FIT)["boundaries"][boundary]
     models, base = own["models"], own["reference"]
     scores = Place(evidence, FIT, ("comparison", boundary, "models"))

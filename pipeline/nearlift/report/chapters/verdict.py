@@ -4,8 +4,6 @@ gravest doubt, and what to measure next.
 
 from __future__ import annotations
 
-from typing import Any
-
 from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
@@ -15,12 +13,12 @@ from nearlift.report.number import Number, Place, headline
 TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """A card for each boundary."""
     return {"cards": [card(evidence, brief) for brief in briefs(evidence)]}
 
 
-def card(evidence: Evidence, brief: Brief) -> dict[str, Any]:
+def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
     """What the first screen says of one boundary."""
     boundary, quoted = brief.boundary, brief.quoted
     coefficients = [headline(evidence, boundary, name) for name in quoted.coefficients]
