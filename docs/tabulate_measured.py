@@ -36,18 +36,18 @@ HEAD = """# Measured campaigns
 
 Made by `python docs/tabulate_measured.py DATA OUT` of measured data that are not in this repository. *Error*: root mean square over trials left out in folds,
 in per cent of lift, of the base model and of what the loop ends with; *floor*: what no model could remove. *Moves*: how far the quoted coefficient moves
-without the one trial, and the one visit (for a table, the distance), that moves it most. *Holds*: in how many of the campaigns that lack one visit, or one trial (of more than 24, the one that moves the coefficient most),
+without the one trial, and the one visit (for a table, the distance), that moves it most. *Holds*: in how many of the campaigns that lack one visit (of more than 24, one distance), or one trial (of more than 24, the one that moves the coefficient most),
 the verdict is the same and, where there is a name, the loop names it again, alone or among rivals.
 
 | campaign | trials | base model | verdict: effects (rivals) | error before | after | floor | quoted coefficient (90 %) | moves: trial, visit | holds: visits, trials |
 |---|---|---|---|---|---|---|---|---|---|
 """
-#: Of more trials, the one that moves the coefficient most is left out.
-MOST_TRIALS = 24
+#: Of more trials, the one that moves the coefficient most is left out; of more visits, distances.
+MOST = 24
 SWEEPS = """\
 schema = "nearlift.campaign/1"
 name   = "{name}"
-note   = "Propeller and unit of force are not recorded: 12x6 and newtons are taken; a ratio of lifts hangs on neither, z over the radius does."
+note   = "Propeller and unit of force are not recorded: 12x6 and gram-force are taken; a ratio of lifts hangs on neither, z over the radius does."
 
 [vehicle]
 name         = "one rotor, propeller not recorded"
@@ -71,7 +71,7 @@ of = ["throttle", "supply"]
 [trials.units]
 distance = "m"
 throttle = "fraction"
-lift     = "N"
+lift     = "gf"
 supply   = "V"
 [trials.constants]
 boundary = "ground"
@@ -226,17 +226,20 @@ def stability(
     campaign = manifests.load(raw if (raw / "campaign.toml").exists() else raw / "raw")
     trials = store.read_table(out / "processed" / campaign.name / TRIALS.file, TRIALS)
     data = observe(trials, campaign, boundary)
-    visits = np.unique(data.visit)
-    by_visit = [again(data.take(data.visit != v), campaign, found) for v in visits]
+    group, word = data.visit, "visit"
+    if len(np.unique(group)) > MOST:
+        group, word = np.unique(data.z_hat, return_inverse=True)[1], "distance"
+    visits = np.unique(group)
+    by_visit = [again(data.take(group != v), campaign, found) for v in visits]
     order = np.arange(data.n)
-    if data.n > MOST_TRIALS:
+    if data.n > MOST:
         order = np.flatnonzero(data.trial == heaviest)
     by_trial = [again(data.take(np.arange(data.n) != i), campaign, found) for i in order]
     return {
         "visits": [sum(by_visit), len(by_visit)],
         "trials": [sum(by_trial), len(by_trial)],
         "lost": [
-            f"visit {v}" for v, held in zip(visits.tolist(), by_visit, strict=True) if not held
+            f"{word} {v}" for v, held in zip(visits.tolist(), by_visit, strict=True) if not held
         ]
         + [
             str(data.trial[i]) for i, held in zip(order.tolist(), by_trial, strict=True) if not held

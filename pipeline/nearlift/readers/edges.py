@@ -149,7 +149,7 @@ def _between(
     """
     assert cut.begin is not None
     before, level, after = cut.begin.partition(LEVEL)
-    ends = [row for row, _ in marks[1:]] + [n]
+    ends = [row for row, _ in marks[1:]] + [n] * bool(marks)
     edges, levels = [], []
     for (row, line), end in zip(marks, ends, strict=True):
         begins = len(line) >= len(before + after) and line.startswith(before)
