@@ -10,7 +10,7 @@ import difflib
 import functools
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from nearlift.declare import BOUNDARIES, Boundary, Effect, LiftModel
 from nearlift.effects import EFFECTS
@@ -72,7 +72,9 @@ def default_base(boundary: Boundary, rotors: int) -> str:
     ]
 
 
-def default_rivals(boundary: Boundary, rotors: int, geometry: Mapping[str, Any]) -> tuple[str, ...]:
+def default_rivals(
+    boundary: Boundary, rotors: int, geometry: Mapping[str, object]
+) -> tuple[str, ...]:
     """Names of all further models of a boundary that suit the vehicle and whose geometry is known,
     in catalogue order.
     """

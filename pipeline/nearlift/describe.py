@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES, Declaration, Effect, LiftModel
@@ -228,7 +227,7 @@ def _range(valid: tuple[float, float]) -> str:
     return f"z_hat above {low:g}" + ("" if math.isinf(high) else f", up to {high:g}")
 
 
-def _arguments(arguments: Mapping[str, Any]) -> str:
+def _arguments(arguments: Mapping[str, object]) -> str:
     return ", ".join(
         f"{k} = {v:.6g}" if isinstance(v, int | float) else f"{k} given"
         for k, v in arguments.items()

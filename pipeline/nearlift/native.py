@@ -99,7 +99,7 @@ class Kernel:
 
         source, signature, own = importlib.import_module(self.module).KERNELS[self.name]
         # wrappers would call Python; an error model of Python's would raise
-        options: dict[str, Any] = {
+        options: dict[str, object] = {
             "nogil": True,
             "no_cpython_wrapper": True,
             "no_cfunc_wrapper": True,

@@ -221,7 +221,7 @@ def end_politely() -> None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
-def dialect_of(text: str) -> dict[str, Any]:
+def dialect_of(text: str) -> dict[str, object]:
     """What a manifest would read of ``dialect = { text }``; the braces may stand there.
 
     Raises
@@ -233,7 +233,7 @@ def dialect_of(text: str) -> dict[str, Any]:
 
     plain = text.strip()
     try:
-        found: dict[str, Any] = toml.loads(
+        found: dict[str, object] = toml.loads(
             b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it"
         )["dialect"]
     except ManifestError as fault:

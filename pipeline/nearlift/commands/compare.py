@@ -188,7 +188,7 @@ def covariance(own: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
 
 def run(
     out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: str = "aiaa"
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and
     answer what stands in the first.
     """
@@ -202,7 +202,7 @@ def run(
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     groups = grouped(listed, shared)
     told = [_told(group) for group in groups]
-    content: dict[str, Any] = {
+    content: dict[str, object] = {
         "schema": "nearlift.comparison/1",
         "shared": list(shared),
         "groups": told,
@@ -302,7 +302,7 @@ def _told(group: Group) -> dict[str, Any]:
         }
         for i, e in enumerate(group.entries)
     ]
-    told: dict[str, Any] = {
+    told: dict[str, object] = {
         "boundary": group.boundary,
         "model": group.model,
         "coefficient": group.coefficient,
@@ -327,7 +327,7 @@ def _told(group: Group) -> dict[str, Any]:
     return told
 
 
-def _estimate(e: Estimate) -> dict[str, Any]:
+def _estimate(e: Estimate) -> dict[str, object]:
     return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit}
 
 

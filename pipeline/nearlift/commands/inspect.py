@@ -8,7 +8,6 @@ import functools
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -363,7 +362,7 @@ def _pulls_down(force: Channel) -> bool:
     return len(known) > 0 and -float(known.min()) > 3 * abs(float(known.max()))
 
 
-def as_json(found: Found) -> dict[str, Any]:
+def as_json(found: Found) -> dict[str, object]:
     """The same for machines."""
     return {
         "file": str(found.path),

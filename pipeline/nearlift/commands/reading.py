@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from nearlift.commands.common import Call
 from nearlift.errors import UsageError
 
 
-def answer(campaign: Path, given: Mapping[str, Any], call: Call) -> None:
+def answer(campaign: Path, given: Mapping[str, object], call: Call) -> None:
     """Where the boundary is by this reading; quantities are texts, as the manifest has them."""
     from nearlift.manifest.flight import Reading
     from nearlift.manifest.validation import validated

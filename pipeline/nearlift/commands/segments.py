@@ -17,7 +17,7 @@ from nearlift.readers.segments import Segmented
 PICTURE = "segments.png"
 
 
-def told(record: Segmented, rate_Hz: float) -> dict[str, Any]:
+def told(record: Segmented, rate_Hz: float) -> dict[str, object]:
     """What one record was cut into, for machines."""
     return {
         "record": record.record.trial,

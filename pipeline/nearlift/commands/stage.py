@@ -53,7 +53,10 @@ def _click_option(option: Option) -> Any:
 
 
 def execute(
-    call: Call, campaign: Path, only: str | None = None, overrides: Mapping[str, Any] | None = None
+    call: Call,
+    campaign: Path,
+    only: str | None = None,
+    overrides: Mapping[str, object] | None = None,
 ) -> None:
     """Run what is stale, or one stage, and end with the contract's exit code; `overrides` of the
     section of the manifest that has that stage's name.

@@ -37,7 +37,7 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
     }
     asked = {part.name: keywords(part.evaluate) for part in (model, *effects)}
 
-    def arguments(part: Declaration, values: Mapping[str, Any], z_hat: Any) -> dict[str, Any]:
+    def arguments(part: Declaration, values: Mapping[str, object], z_hat: Any) -> dict[str, object]:
         known = {**values, "z_hat": z_hat}
         return {name: known[name] for name in asked[part.name]}
 

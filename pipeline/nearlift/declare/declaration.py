@@ -187,7 +187,7 @@ class LiftModel(Declaration):
                     f" {difference:.6g}",
                 )
 
-    def suits(self, rotors: int, geometry: Mapping[str, Any]) -> bool:
+    def suits(self, rotors: int, geometry: Mapping[str, object]) -> bool:
         """Whether the model describes a vehicle with so many rotors and this known geometry."""
         kind_fits = self.rotors == "any" or (self.rotors == "one") == (rotors == 1)
         return kind_fits and all(n in geometry for n in self.needs)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -56,7 +55,7 @@ class JointProblem(Problem):
     """A `Problem` whose residuals go on with those of the downwash."""
 
     downwash: Downwash
-    geometry: Mapping[str, Any]
+    geometry: Mapping[str, object]
 
     @cached_property
     def _whitener(self) -> FloatArray:

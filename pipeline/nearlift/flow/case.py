@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
 
 Half = Literal["left", "right"]
-Rows = Iterator[dict[str, Any]]
+Rows = Iterator[dict[str, object]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +150,7 @@ class FlowCase:
         return replace(self, cuts=cuts)
 
     @property
-    def place(self) -> dict[str, Any]:
+    def place(self) -> dict[str, object]:
         """The columns that say where it was taken."""
         return {
             "case": self.name,
@@ -187,7 +187,7 @@ class FlowCase:
                 "warnings": " ".join(d.warnings),
             }
 
-    def profile(self) -> dict[str, Any]:
+    def profile(self) -> dict[str, object]:
         """Columns of downwash_profile.parquet."""
         found, mean = self.recording.mean, self.recording.mean.mean
         error = downwash.along_cut(found.u_y, mean.y_m, self.cut.below_m)
@@ -199,7 +199,7 @@ class FlowCase:
             "mirrored": (~self.measured).astype(np.int64),
         }
 
-    def nodes(self) -> dict[str, Any]:
+    def nodes(self) -> dict[str, object]:
         """Columns of flow_fields.parquet."""
         found, mean = self.recording.mean, self.recording.mean.mean
         xx, yy = np.meshgrid(mean.x_m, mean.y_m)
@@ -252,7 +252,7 @@ class FlowCase:
                 "agreement": float(np.mean(spread == value)) if count and enough else math.nan,
             }
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """Its block of flow.json."""
         found, moved = self.recording.mean, self.recording.mean.convergence
         return {

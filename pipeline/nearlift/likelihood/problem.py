@@ -51,7 +51,7 @@ class Problem:
         return tuple(p.name for p in self.model.parameters)
 
     @cached_property
-    def known(self) -> dict[str, Any]:
+    def known(self) -> dict[str, object]:
         """What the model needs besides its parameters: geometry, and per-trial covariates."""
         return {name: need(self.data, name, self.model.name) for name in self.model.needs}
 

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +78,7 @@ class Candidate:
         return self.slots[-1].stop if self.slots else 0
 
     @cached_property
-    def known(self) -> dict[str, Any]:
+    def known(self) -> dict[str, object]:
         """Geometry and covariates that the composition needs."""
         return {name: need(self.data, name, self.model.name) for name in self.model.needs}
 

@@ -26,7 +26,7 @@ def outlook(
     foresight: Foresight,
     library: tuple[Effect, ...],
     variants: Mapping[str, Observations] | None = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """What a stage's design could see, confuse and never see, with what to change.
 
     Parameters
@@ -39,7 +39,7 @@ def outlook(
         covariates derived.
     """
     stage = foresight.stage
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     pairs: list[Pair] = []
     for effect in library:
         if effect.within_trial:

@@ -60,7 +60,7 @@ class Change:
 
 def changes(
     foresight: Foresight, pairs: list[Pair], variants: Mapping[str, Observations]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """For each confused pair the changes that would part it, and the changes that serve most pairs.
 
     `variants` are the same trials run otherwise. A pair whose evidence is large already is held
@@ -69,7 +69,7 @@ def changes(
     stage = foresight.stage
     effects = {e.name: e for e, _ in stage.library}
     offered = menu_of(foresight, variants)
-    listed: list[dict[str, Any]] = []
+    listed: list[dict[str, object]] = []
     tally: dict[str, list[tuple[bool, float]]] = {c.text: [] for c in offered}
     done: set[frozenset[str]] = set()
     kept: list[Pair] = []
@@ -136,7 +136,7 @@ def changes(
     return {"pairs": listed, "best": best}
 
 
-def _option(change: Change, gain: float, lacking: float) -> dict[str, Any]:
+def _option(change: Change, gain: float, lacking: float) -> dict[str, object]:
     """How far one change goes for one pair; `trials_to_part` is None where it does not part them in
     ten times its trials.
     """
@@ -164,7 +164,9 @@ def _unlogged(effect: Effect, data: Observations) -> list[str]:
     return [name for name in effect.log_next_time if name not in known]
 
 
-def _after(foresight: Foresight, change: Change, pairs: list[Pair]) -> list[dict[str, Any]] | None:
+def _after(
+    foresight: Foresight, change: Change, pairs: list[Pair]
+) -> list[dict[str, object]] | None:
     """Each pair's chance of confusion once the change is made; None for a change that is
     no trial.
     """

@@ -5,7 +5,6 @@ cannot be tested.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -78,7 +77,7 @@ def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
     )
     if {"drift_N_s", "record_s"} <= known.keys():
         known["drift_hat"] = known["drift_N_s"] * known["record_s"] / data.lift_N
-    geometry: dict[str, Any] = {
+    geometry: dict[str, object] = {
         **data.geometry,
         "radius_m": data.radius_m,
         "throttle_ref": float(np.median(data.throttle)),

@@ -248,7 +248,7 @@ def load(folder: Path) -> Campaign:
 BLANK = "FILL IN"
 
 
-def parse(raw: dict[str, Any], where: str = "campaign.toml") -> Campaign:
+def parse(raw: dict[str, object], where: str = "campaign.toml") -> Campaign:
     """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key, or
     what is still to be filled in.
     """

@@ -168,7 +168,7 @@ class Records(Section):
     files: str | None = None
     force: ForceChannel | None = None
     time: TimeChannel | None = None
-    dialect: dict[str, Any] = {}
+    dialect: dict[str, object] = {}
 
     @property
     def pattern(self) -> str:
@@ -189,4 +189,4 @@ class Trials(Section):
     file: str = "trials.csv"
     order: Literal["run", "unknown"] = "run"
     units: dict[str, str] = {}
-    constants: dict[str, Any] = {}
+    constants: dict[str, object] = {}

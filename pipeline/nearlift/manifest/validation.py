@@ -18,7 +18,7 @@ Kind = TypeVar("Kind", bound=BaseModel)
 MOST_FAULTS = 50
 
 
-def validated(kind: type[Kind], raw: dict[str, Any], where: str) -> Kind:
+def validated(kind: type[Kind], raw: dict[str, object], where: str) -> Kind:
     """A table of the manifest from plain values; raises `ManifestError` that lists every fault with
     its key.
     """

@@ -101,7 +101,7 @@ class Vehicle(Section):
             return self.rotor_diagonal
         return self.rotor_spacing / math.sin(math.pi / self.rotors)
 
-    def geometry(self) -> dict[str, Any]:
+    def geometry(self) -> dict[str, object]:
         """What lift models may need, scaled by rotor radius: `spacing_hat`, `diagonal_hat`,
         `layout_hat` (rotors, 2).
         """

@@ -144,7 +144,7 @@ def text(value: Any) -> str:
     return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else str(plain)
 
 
-def rate_from(attributes: Mapping[str, Any]) -> float | None:
+def rate_from(attributes: Mapping[str, object]) -> float | None:
     """The rate that attributes state, Hz."""
     for key, invert in (
         ("sample_rate", False),

@@ -316,4 +316,4 @@ _SCAN: Any = types.int64(
     _BYTES, *(types.uint64,) * 5, _NUMBERS, _NUMBERS, types.uint64, types.uint64, _NUMBERS, _WORDS
 )
 #: What `nearlift.native` compiles.
-KERNELS: dict[str, Any] = {"scan": (scan, _SCAN, {})}
+KERNELS: dict[str, object] = {"scan": (scan, _SCAN, {})}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
@@ -89,7 +89,7 @@ def whole(file: BinaryIO) -> bool:
     return at == size
 
 
-def _unit(properties: Mapping[str, Any]) -> str:
+def _unit(properties: Mapping[str, object]) -> str:
     stated = str(properties.get("unit_string") or properties.get("NI_UnitDescription") or "")
     return unit_word(stated) or stated
 

@@ -142,7 +142,7 @@ def steady(clock: Any, n: Any, rate_Hz: Any) -> Any:
 types = numba.types
 _NUMBERS: Any = types.CPointer(types.float64)
 #: What `nearlift.native` compiles.
-KERNELS: dict[str, Any] = {
+KERNELS: dict[str, object] = {
     "stretch": (
         stretch,
         types.int64(_NUMBERS, types.int64, types.int64, _NUMBERS, _NUMBERS, _NUMBERS),

@@ -18,7 +18,7 @@ NORMAL_90 = 1.6448536269514722
 VISIBLE = 0.01
 
 
-def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, Any]) -> FloatArray:
+def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, object]) -> FloatArray:
     """L / L_inf at `z_hat`; nan outside the model's range and where it has no value."""
     low, high = model.valid_z_hat
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -29,7 +29,7 @@ def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, Any]) -> 
 
 
 def uncertainty(
-    model: LiftModel, z_hat: FloatArray, known: Mapping[str, Any], entry: Mapping[str, Any]
+    model: LiftModel, z_hat: FloatArray, known: Mapping[str, object], entry: Mapping[str, Any]
 ) -> FloatArray:
     """Standard uncertainty of L / L_inf at `z_hat` from the covariance of the fitted parameters, to
     first order.
@@ -90,7 +90,7 @@ def posterior_quantiles(
     boundary: Boundary,
     model: LiftModel,
     z_hat: FloatArray,
-    known: Mapping[str, Any],
+    known: Mapping[str, object],
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """The 5, 50 and 95 % quantiles of L / L_inf - 1 at each `z_hat` over the posterior's draws;
     None where there are none.

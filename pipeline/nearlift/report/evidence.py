@@ -50,7 +50,7 @@ class Evidence:
 
     campaign: Campaign
     tables: Mapping[str, Columns] = field(default_factory=dict)
-    documents: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    documents: Mapping[str, dict[str, object]] = field(default_factory=dict)
     observations: Mapping[Boundary, Observations] = field(default_factory=dict)
     overlays: tuple[tuple[Overlay, Columns], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
@@ -109,9 +109,9 @@ class Evidence:
         entry = self._block(boundary)
         return str(entry["reason"]) if entry.get("verdict") == NOT_DIAGNOSED else ""
 
-    def _block(self, boundary: str) -> dict[str, Any]:
+    def _block(self, boundary: str) -> dict[str, object]:
         """A boundary's block of diagnosis.json; empty where there is none."""
-        entry: dict[str, Any] = (
+        entry: dict[str, object] = (
             self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {})
             if self.has(DIAGNOSIS)
             else {}

@@ -61,7 +61,7 @@ class Noise:
     sizes: tuple[str, ...] = ()
     log_covariance: tuple[tuple[float, ...], ...] = ()
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Its block in a product."""
         sizes = {
             name: getattr(self, name) for name in ("relative", "force_N", "height_m", "common")

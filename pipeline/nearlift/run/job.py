@@ -78,7 +78,7 @@ class Job:
     seed: int = 0
     say: Say = silent
     announce: Callable[[str], None] = silent
-    overrides: Mapping[str, Any] = field(default_factory=dict)
+    overrides: Mapping[str, object] = field(default_factory=dict)
     change: Transaction | None = None
 
     @property
@@ -108,7 +108,7 @@ class Job:
         name = f"processed/{file}"
         return self.homes.place(name) if self.change is None else self.change.at(name)
 
-    def overriding(self, section: str, given: Mapping[str, Any]) -> Job:
+    def overriding(self, section: str, given: Mapping[str, object]) -> Job:
         """The same job with keys of one section of the manifest put in place; None leaves a key as
         it is.
         """

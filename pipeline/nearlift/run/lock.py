@@ -11,7 +11,6 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from nearlift.errors import NearliftError
 from nearlift.run import store
@@ -153,7 +152,7 @@ def _flock(descriptor: int) -> bool:
     return True
 
 
-def _owner(descriptor: int) -> dict[str, Any]:
+def _owner(descriptor: int) -> dict[str, object]:
     try:
         owner = json.loads(os.pread(descriptor, 4096, 0) or b"{}")
     except ValueError:
@@ -161,7 +160,7 @@ def _owner(descriptor: int) -> dict[str, Any]:
     return owner if isinstance(owner, dict) else {}
 
 
-def _named(owner: dict[str, Any]) -> str:
+def _named(owner: dict[str, object]) -> str:
     return (
         f"process {owner.get('pid', '?')} on {owner.get('host', '?')}, since"
         f" {owner.get('since', '?')}"

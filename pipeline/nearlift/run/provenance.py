@@ -225,7 +225,7 @@ class Provenance:
         change.commit()
 
 
-def _options(overrides: Mapping[str, Any]) -> str:
+def _options(overrides: Mapping[str, object]) -> str:
     return " ".join(f"--{name} {value}" for name, value in overrides.items())
 
 

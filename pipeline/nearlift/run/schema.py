@@ -61,7 +61,7 @@ class Product:
         """Identifier written into the file."""
         return f"nearlift.{self.file.split('.')[0]}/1"
 
-    def columns_of(self, rows: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
+    def columns_of(self, rows: Sequence[Mapping[str, object]]) -> dict[str, NDArray[Any]]:
         """Rows as this table's columns."""
         # schemas are read where the command line is set out, which wants no numpy
         import numpy as np

@@ -281,7 +281,7 @@ def write_json(path: Path, content: object) -> None:
     write_bytes(path, json_bytes(content))
 
 
-def read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, object]:
     """Read a JSON product; raises `ProductError` where it is missing or damaged."""
     if not path.is_file():
         raise ProductError(

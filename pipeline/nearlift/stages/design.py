@@ -36,7 +36,7 @@ from nearlift.synthetic.trial_schedule import TrialSchedule
 SCHEDULE = "trials.csv"
 
 
-def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> dict[str, Any]:
+def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> dict[str, object]:
     """Weigh the planned campaign; writes the figure, the numbers and a random schedule, and returns
     what the console shows.
 
@@ -169,7 +169,7 @@ def _otherwise(campaign: Campaign, made: Plan, seed: int) -> dict[str, store.Tab
     )
 
 
-def _write(job: Job, drawn: TrialSchedule, target: Path) -> dict[str, Any]:
+def _write(job: Job, drawn: TrialSchedule, target: Path) -> dict[str, object]:
     text = schedule_text(drawn, job.campaign)
     if target.is_relative_to(job.reports):
         job.publish(str(target.relative_to(job.reports)), text.encode())
@@ -232,7 +232,7 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
     return sink.getvalue()
 
 
-def _draw(job: Job, found: dict[str, Any]) -> list[str]:
+def _draw(job: Job, found: dict[str, object]) -> list[str]:
     """Numbers as JSON, the figure as pdf, png and csv; the paths written."""
     from nearlift.report.figures import design as picture
     from nearlift.report.figures import design as summary

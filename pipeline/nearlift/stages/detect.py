@@ -4,8 +4,6 @@ proximity.json.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nearlift.declare import Boundary
@@ -37,7 +35,7 @@ def run(job: Job) -> Outcome:
     """
     chosen = job.campaign.detect or Detect()
     fitted = job.load(FitResults)
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     notes = []
     boundaries: dict[Boundary, BoundaryProximity] = {}
     lifts: dict[Boundary, FittedLift] = {}

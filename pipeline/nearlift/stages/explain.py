@@ -35,7 +35,7 @@ from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
 
 
-def run(job: Job, name: str) -> dict[str, Any]:
+def run(job: Job, name: str) -> dict[str, object]:
     """Explain the effect of that name at every boundary of the campaign; writes the figure, and
     returns what the console shows.
 
@@ -52,7 +52,7 @@ def run(job: Job, name: str) -> dict[str, Any]:
     options = chosen(job)
     nothing = DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries={})
     loop = store.load_if_whole(job.processed / DIAGNOSIS.file, nothing).boundaries
-    told: dict[str, Any] = {}
+    told: dict[str, object] = {}
     pictures: list[Columns] = []
     refused = []
     present = boundaries(trials)
@@ -94,7 +94,7 @@ def run(job: Job, name: str) -> dict[str, Any]:
     return found
 
 
-def _words(effect: Effect) -> dict[str, Any]:
+def _words(effect: Effect) -> dict[str, object]:
     """What the declaration says."""
     source = effect.source
     return {
@@ -135,7 +135,7 @@ def _at(
     loop: BoundaryDiagnosis | None,
     boundary: Boundary,
     seed: int,
-) -> tuple[dict[str, Any], list[Columns]]:
+) -> tuple[dict[str, object], list[Columns]]:
     """One boundary: numbers, and the rows of the figure."""
     lacking = next((u for u in untestable if u.effect == effect.name), None)
     if lacking is not None:
@@ -147,7 +147,7 @@ def _at(
     if effect.name not in {e.name for e in library}:
         reason = "it does not occur at this boundary, or the base model holds it already"
         return {"testable": False, "needs": [], "log_next_time": [], "reason": reason}, []
-    common: dict[str, Any] = {
+    common: dict[str, object] = {
         "testable": True,
         "base_model": stage.base.name,
         "trials": stage.data.n,
@@ -172,7 +172,7 @@ def _at(
 
 def _size(
     foresight: Foresight, handle: Handle, boundary: Boundary
-) -> tuple[dict[str, Any], Columns]:
+) -> tuple[dict[str, object], Columns]:
     """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
     from nearlift.report.figures.explain import rows
 
@@ -232,7 +232,7 @@ def _rms(x: Any) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
-def _verdict(name: str, loop: BoundaryDiagnosis | None) -> dict[str, Any] | None:
+def _verdict(name: str, loop: BoundaryDiagnosis | None) -> dict[str, object] | None:
     """What the loop made of the effect in this campaign; None where it has not run."""
     if loop is None:
         return None

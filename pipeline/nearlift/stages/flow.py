@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -143,5 +142,5 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
     ).cut_through()
 
 
-def _stacked(product: Product, tables: list[dict[str, Any]]) -> dict[str, Any]:
+def _stacked(product: Product, tables: list[dict[str, object]]) -> dict[str, object]:
     return {c.name: np.concatenate([t[c.name] for t in tables]) for c in product.columns}

@@ -84,7 +84,7 @@ def _diagnostics(summary: PosteriorSummary) -> dict[str, float]:
     return {name: float(x) for name, x in known.items() if x is not None and math.isfinite(x)}
 
 
-def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, Any]) -> None:
+def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, object]) -> None:
     """Groups `posterior` and `sample_stats` of one model."""
     chains, length = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
     group.attrs.update(notes)
@@ -119,7 +119,7 @@ def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, Any])
     )
 
 
-def _group(parent: Any, name: str, chains: int, length: int, notes: Mapping[str, Any]) -> Any:
+def _group(parent: Any, name: str, chains: int, length: int, notes: Mapping[str, object]) -> Any:
     group = parent.create_group(name)
     group.attrs.update(notes)
     group.dimensions = {"chain": chains, "draw": length}

@@ -61,7 +61,7 @@ class Drawing:
     alt: str
     png: bytes = field(repr=False)
     pdf: bytes = field(repr=False)
-    table: Mapping[str, Any] = field(repr=False, compare=False)
+    table: Mapping[str, object] = field(repr=False, compare=False)
 
     @property
     def data(self) -> pd.DataFrame:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +73,8 @@ class Truth:
     lift_inf_N: Mapping[float, float]
     parameters: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[tuple[Effect, Mapping[str, float]], ...] = ()
-    geometry: Mapping[str, Any] = field(default_factory=dict)
-    constants: Mapping[str, Any] = field(default_factory=dict)
+    geometry: Mapping[str, object] = field(default_factory=dict)
+    constants: Mapping[str, object] = field(default_factory=dict)
     noise: BenchNoise = BenchNoise()
 
     def lift_N(

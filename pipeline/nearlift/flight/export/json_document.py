@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 from nearlift.flight.export.closed_form import write
 from nearlift.flight.export.model_export import ModelExport
@@ -20,7 +19,7 @@ _INTERVAL = {
     },
 }
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2}
-SCHEMA: dict[str, Any] = {
+SCHEMA: dict[str, object] = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": SCHEMA_NAME,
     "type": "object",
@@ -95,7 +94,7 @@ SCHEMA: dict[str, Any] = {
 }
 
 
-def document(export: ModelExport) -> dict[str, Any]:
+def document(export: ModelExport) -> dict[str, object]:
     """The JSON's content."""
     return {
         "schema": SCHEMA_NAME,

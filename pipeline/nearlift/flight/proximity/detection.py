@@ -7,7 +7,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -118,7 +117,7 @@ def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:
 
 def range_rows(
     lift: FittedLift, device: Sensor, chosen: Detect, radius_m: float
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """Rows of detection.parquet: ranges over averaging times, payloads and supplies."""
     rows = []
     for voltage, payload, averaging_s in itertools.product(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -96,7 +95,7 @@ def scan(
     spacing_hat: float | None,
     groups: Groups,
     how: MonteCarlo,
-) -> tuple[list[dict[str, Any]], StepTest]:
+) -> tuple[list[dict[str, object]], StepTest]:
     """Rows of crash_map.parquet, every pair of groups whose groups this boundary's model has; and
     what half the step changes.
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,8 +167,8 @@ class Sweep:
         return crashes
 
     def rows(
-        self, curve: int, held: energy.Held, labels: Mapping[str, Any]
-    ) -> Iterator[dict[str, Any]]:
+        self, curve: int, held: energy.Held, labels: Mapping[str, object]
+    ) -> Iterator[dict[str, object]]:
         """Rows of crash_rates.parquet of one curve; `labels` are the columns that say which."""
         low, high = binomial90(self.crashes[curve], self.flights)
         ratio = self.ratio[curve]

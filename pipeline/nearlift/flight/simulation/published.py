@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from nearlift.flight.simulation.groups import Groups
 from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, sweep
 from nearlift.randomness import generator
 
-Rows = list[dict[str, Any]]
+Rows = list[dict[str, object]]
 #: Name, factor of all three gains, factor of the noise. The printed scheme bears no larger gains:
 #: from 1.2 on, explicit Euler at 0.1 s diverges.
 VARIANTS = (

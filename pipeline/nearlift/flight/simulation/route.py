@@ -246,7 +246,7 @@ def planned_route(
     rotor_spacing_m: float,
     near: Mapping[Boundary, Nearness],
     flights: int,
-) -> tuple[RouteResult, list[dict[str, Any]]]:
+) -> tuple[RouteResult, list[dict[str, object]]]:
     """The route's entry in safety.json, and the rows of routes.parquet.
 
     Raises

@@ -191,7 +191,7 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
 
 
 def reduction_percent(
-    model: LiftModel, z_hat: Any, parameters: dict[str, float], geometry: dict[str, Any]
+    model: LiftModel, z_hat: Any, parameters: dict[str, float], geometry: dict[str, object]
 ) -> list[float]:
     """Percent by which a model's induced velocity at the disk falls short of its value far away."""
     assert model.downwash is not None

@@ -94,7 +94,7 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
     }
 
 
-def _change(found: dict[str, Any], place: Place) -> dict[str, object]:
+def _change(found: dict[str, object], place: Place) -> dict[str, object]:
     if found["value"] is None:
         return {
             "trials": place.number("trials", places=0),

@@ -76,11 +76,11 @@ def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) 
     return Place(evidence, FIT).quote("boundaries", boundary, model, "parameters", name)
 
 
-def grouped(found: list[dict[str, Any]], parameters: dict[str, Any]) -> list[str]:
+def grouped(found: list[dict[str, Any]], parameters: dict[str, object]) -> list[str]:
     """Degeneracies in words, one sentence for all coefficients that trade places with the same
     thing.
     """
-    together: dict[str, list[dict[str, Any]]] = {}
+    together: dict[str, list[dict[str, object]]] = {}
     for d in found:
         first, second = d["pair"]
         # pairs of the model's own coefficients, and what cannot be told apart at all, stand alone
@@ -127,7 +127,7 @@ def _range(r: list[float]) -> str:
 
 def levels(evidence: Evidence) -> dict[str, object]:
     """L_inf of the base model per throttle and boundary, or the curve that it is."""
-    rows: dict[float, dict[str, Any]] = {}
+    rows: dict[float, dict[str, object]] = {}
     curves = []
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)

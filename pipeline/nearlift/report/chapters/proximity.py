@@ -72,7 +72,7 @@ def cases(table: Any, mine: Any) -> list[tuple[str, float, float]]:
 
 def _reading(place: Place) -> dict[str, object]:
     found = place.content
-    told: dict[str, Any] = {"boundary": found["boundary"], "refused": found.get("refused", "")}
+    told: dict[str, object] = {"boundary": found["boundary"], "refused": found.get("refused", "")}
     if told["refused"]:
         return told
 

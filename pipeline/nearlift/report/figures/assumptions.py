@@ -37,7 +37,7 @@ def summarise(evidence: Evidence) -> Columns:
         `curve`, `plausible`, and `supported` (an end of what the logs leave). Part `rotor`: kinds
         `C_L` (x in Hz), `law`, `paper`.
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for boundary in evidence.boundaries:
         rows += [
             {"panel": boundary, "part": "throttle", **r} for r in _throttles(evidence, boundary)
@@ -58,7 +58,7 @@ def summarise(evidence: Evidence) -> Columns:
 
 def entry(evidence: Evidence, question: str, boundary: Boundary) -> dict[str, Any]:
     """What fit.json says beside one boundary's base fit; empty where it says nothing."""
-    found: dict[str, Any] = evidence.document(FIT).get(question, {}).get(boundary, {})
+    found: dict[str, object] = evidence.document(FIT).get(question, {}).get(boundary, {})
     return found
 
 
@@ -66,7 +66,7 @@ def _estimate(e: dict[str, Any]) -> dict[str, float]:
     return {k: e[k] for k in ("value", "lo90", "hi90")}
 
 
-def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
     found = entry(evidence, "throttle_collapse", boundary)
     each = found.get("per_throttle", {})
     if len(each) < 2:
@@ -89,7 +89,7 @@ def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
     return rows
 
 
-def _exponents(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+def _exponents(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
     found = entry(evidence, "held_quantity", boundary)
     if not found.get("curve"):
         return []
@@ -104,7 +104,7 @@ def _exponents(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
     ]
 
 
-def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
     found = entry(evidence, "rotor_coefficient", boundary)
     if not found.get("per_throttle"):
         return []

@@ -70,7 +70,7 @@ def rows(found: dict[str, Any]) -> Columns:
     }
 
 
-def label(row: dict[str, Any]) -> str:
+def label(row: dict[str, object]) -> str:
     """An effect's name; with its parameter where it has several sizes."""
     return str(row["parameter"]) if row["effect"] == "tilt" else str(row["effect"])
 
@@ -190,7 +190,7 @@ def _changes(changes: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _cost(option: dict[str, Any]) -> str:
+def _cost(option: dict[str, object]) -> str:
     if option["evidence_per_trial"] is None:
         return f"no further trial, evidence {option['evidence']:.1f}"
     return (

@@ -27,7 +27,7 @@ COLOURS = 32
 PLACES = 6
 
 
-def render(draw: Draw, table: Mapping[str, Any], look: Style) -> dict[str, bytes]:
+def render(draw: Draw, table: Mapping[str, object], look: Style) -> dict[str, bytes]:
     """Draw once and encode: ``{"pdf": ..., "png": ..., "page": ...}``, free of dates and of the
     software's name.
     """

@@ -32,7 +32,7 @@ MARKERS = {"effect": "s"}
 
 def summarise(content: Mapping[str, Any]) -> Columns:
     """Rows of comparison.json: `kind` is campaign, population or next."""
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for group in content["groups"]:
         unit = group["campaigns"][0]["quoted"]["unit"]
         shared = {"panel": group["boundary"], "coefficient": group["coefficient"], "unit": unit}

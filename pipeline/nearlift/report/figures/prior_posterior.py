@@ -4,8 +4,6 @@ the prior's.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -38,7 +36,7 @@ def summarise(evidence: Evidence) -> Columns:
         posterior's width over the prior's.
     """
     content = evidence.document(FIT)
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for boundary in (b for b in BOUNDARIES if b in content["boundaries"]):
         base = content["base"][boundary]
         fits = content["boundaries"][boundary]
@@ -46,7 +44,7 @@ def summarise(evidence: Evidence) -> Columns:
             for name, entry in fits[model].get("posterior", {}).get("parameters", {}).items():
                 prior = entry["prior"]
                 width = prior["hi90"] - prior["lo90"]
-                row: dict[str, Any] = {
+                row: dict[str, object] = {
                     "panel": boundary,
                     "model": fits[model]["title"],
                     "base": int(model == base),

@@ -158,7 +158,7 @@ def context(look: Style) -> Iterator[None]:
         yield
 
 
-def settings(look: Style) -> dict[str, Any]:
+def settings(look: Style) -> dict[str, object]:
     """The look as matplotlib's settings."""
     small = look.text_pt - 1
     return {

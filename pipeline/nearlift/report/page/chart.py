@@ -75,7 +75,7 @@ class View:
     spec: Spec
     data: dict[str, Columns]
     controls: tuple[Control, ...] = ()
-    follows: dict[str, dict[str, dict[str, Any]]] = field(default_factory=dict)
+    follows: dict[str, dict[str, dict[str, object]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,7 +135,7 @@ def embedded(charts: Sequence[Chart]) -> str:
     return text
 
 
-def _columns(table: Columns) -> dict[str, Any]:
+def _columns(table: Columns) -> dict[str, object]:
     return {name: _short([_value(v) for v in values.tolist()]) for name, values in table.items()}
 
 

@@ -169,7 +169,7 @@ def _view(
     )
 
 
-def _axis(name: str, x: Any) -> dict[str, Any]:
+def _axis(name: str, x: Any) -> dict[str, object]:
     """What the abscissa looks like; one that does not vary here has a place for the words that say
     so.
     """

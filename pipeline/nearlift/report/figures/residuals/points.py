@@ -70,7 +70,7 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
         if data.n
         else np.zeros(0, dtype=int)
     )
-    kept: list[dict[str, Any]] = []
+    kept: list[dict[str, object]] = []
     told = data.levels[data.level]
     for i in keep.tolist():
         j = row[str(data.trial[i])]
