@@ -37,6 +37,7 @@ UNITS = {
     "gain": "1",
     "linearity": "N",
     "zero": "N",
+    "lag": "s",
     **dict.fromkeys(INPUTS, "1"),
 }
 
@@ -323,9 +324,7 @@ def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatAr
     size = g * part.sensitivity(data, slope)
     shared = group_sums(size, groups(data, part.scope)) if grouped else np.zeros((len(g), 0))
     covariance = shared @ shared.T + (g * independent(data, part, slope)) @ g.T
-    standard = part.standard
-    if part.is_measured and data.u_zero_N is not None:
-        standard = float(np.sqrt(np.mean(data.u_zero_N**2)))
+    standard = part.size(data)
     line = _line(
         part.name,
         "A" if part.is_measured else "B",

@@ -28,8 +28,8 @@ GROUPED = ("distance", "throttle", "record", "session", "boundary", "campaign")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
     """One line of the budget: `standard` is m on height, N on force, a fraction on gain and inputs;
-    `range_N` bends a cell's line. The zero of a record of many trials is measured: each trial knows
-    how well, and `standard` is nothing.
+    `range_N` bends a cell's line. The zero of a record of many trials and the lag of motors in
+    flight are measured: each trial knows how well, and `standard` is nothing.
 
     An input has its `derivative` from `inputs.acting`; `moves` are the geometries that go with a
     rotor spacing.
@@ -47,7 +47,13 @@ class Component:
     @property
     def is_measured(self) -> bool:
         """Whether the records say its size, and not the manifest."""
-        return self.on == "zero"
+        return self.on in ("zero", "lag")
+
+    def size(self, data: Observations) -> float:
+        """The standard uncertainty, of a measured one as these trials have it."""
+        if self.on == "zero" and data.u_zero_N is not None:
+            return float(np.sqrt(np.mean(data.u_zero_N**2)))
+        return float(data.covariates["u_lag_s"][0]) if self.on == "lag" else self.standard
 
     def sensitivity(self, data: Observations, slope: FloatArray) -> FloatArray:
         """Change of log lift per standard uncertainty, (n,)."""
@@ -58,6 +64,9 @@ class Component:
         if self.on == "zero":
             # planned trials are pieces of no record
             return np.zeros(data.n) if data.u_zero_N is None else data.u_zero_N / data.lift_N
+        if self.on == "lag":
+            # known as well as the flights tell it, and its slope goes by what the command did
+            return data.covariates["u_lag_s"] * data.covariates["lag_slope"]
         if self.on == "linearity":
             # zero at zero force, `standard` at full range: the lowest such departure from a
             # straight line is quadratic
@@ -94,6 +103,16 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
                 standard=0.0,
                 distribution="normal",
                 scope="record",
+            )
+        )
+    if campaign.flight is not None and campaign.flight.lag == "auto":
+        listed.append(
+            Component(
+                name="motor lag",
+                on="lag",
+                standard=0.0,
+                distribution="normal",
+                scope="campaign",
             )
         )
     if cell.tare == "none" and cell.accuracy is not None:

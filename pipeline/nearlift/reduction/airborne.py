@@ -110,14 +110,15 @@ def floors(
     flying: NDArray[np.bool_],
     start: NDArray[np.int64],
     rate_Hz: float,
-) -> FloatArray:
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """The height of the floor at each sample, as logged: the median over the rest before its start,
     or, of a log that begins in flight, zero.
 
     An estimator that comes to see the floor only in the air steps: by what its height then differs
-    from the way that it has climbed, the floor is moved.
+    from the way that it has climbed, the floor is moved; until then it says nothing of the height,
+    and the second array is true.
     """
-    found = np.zeros(len(height_m))
+    found, unseen = np.zeros(len(height_m)), np.zeros(len(height_m), dtype=bool)
     for number in range(1, int(start.max(initial=0)) + 1):
         mine = np.flatnonzero(start == number)
         end = int(mine[0]) - round(LEAVING_S * rate_Hz)
@@ -134,8 +135,9 @@ def floors(
         stepped = (height_m[soon] - floor - way)[int(mine[0]) - end + round(SEEN_S[0] * rate_Hz) :]
         if len(stepped) and abs(step := float(np.nanmedian(stepped))) > STEP_M:
             floor += step
+            unseen[soon] = True
         found[mine] = floor
-    return found
+    return found, unseen
 
 
 def phases(
@@ -163,9 +165,10 @@ def phases(
     height, tilt = series["height_m"], series.get("tilt_rad")
     aloft, flying, start = starts_and_contacts(series["climb_m_s"], height, command, airborne)
     n, floor = len(height), np.zeros(len(height))
+    lost = np.zeros(n, dtype=bool)
     if each_start:
-        floor = floors(height, series["climb_m_s"], flying, start, rate_Hz)
-    lost = height - floor < -STEP_M
+        floor, lost = floors(height, series["climb_m_s"], flying, start, rate_Hz)
+    lost = lost | (height - floor < -STEP_M)
     most_tilt, seen = limits
     known = np.all([np.isfinite(values) for values in series.values()], axis=0)
     first = np.concatenate([[False], run[1:] != run[:-1]])

@@ -23,7 +23,7 @@ from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.results.serial import Unbounded, keyed
+from nearlift.results.serial import Unbounded, keyed, optional
 from nearlift.rounding import plus_minus
 
 #: Levels of the intervals, in percent.
@@ -181,7 +181,8 @@ class Correlation:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryResult:
     """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the
-    named `effects`.
+    named `effects`. Of flights, `in_flight` is what they determine: ``gain_at_2``, the relative
+    lift gained at two rotor radii, and ``decay_length``, in rotor radii.
 
     `rests_on` is set where leaving a single trial out changes the verdict, or moves the headline by
     more than its standard uncertainty.
@@ -196,6 +197,7 @@ class BoundaryResult:
     error: HeldOutError | None = None
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None
+    in_flight: Mapping[str, CoefficientResult] | None = optional()
 
     @property
     def headline(self) -> str:

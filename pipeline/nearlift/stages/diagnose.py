@@ -27,6 +27,7 @@ from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome, Say, part
 from nearlift.run.store import Table, stacked
+from nearlift.stages import flown
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, interim_look, observe
 
@@ -101,6 +102,8 @@ def run(job: Job) -> Outcome:
         )
     job.write(LOOP_RESIDUALS, stacked(LOOP_RESIDUALS, residuals))
     job.save(DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries=findings))
+    quoted, told = flown.quoted(job, trials, quoted)
+    notes += told
     job.save(Results(boundaries=quoted))
     return Outcome(notes=tuple(notes))
 

@@ -29,7 +29,7 @@ from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome, part
 from nearlift.run.store import Table, stacked
-from nearlift.stages import screening
+from nearlift.stages import flown, screening
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
 
@@ -155,6 +155,8 @@ def run(job: Job) -> Outcome:
     posteriors.write()
     job.write(PROFILES, stacked(PROFILES, rows))
     job.save(results)
+    quoted, told = flown.quoted(job, trials, quoted)
+    notes += told
     job.save(Results(boundaries=quoted))
     if job.campaign.fit.netcdf:
         from nearlift.stages import netcdf

@@ -67,6 +67,10 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         ordered=campaign.trials.order == "run",
     )
     levels = campaign.levels
+    if levels is None and campaign.flight is not None:
+        # no command comes twice
+        of = ["throttle"] if campaign.flight.supply is None else ["throttle", "supply_V"]
+        return with_curve(data, of, 1)
     if levels is None or levels.by == "throttle":
         return data
     of = [BY_NAME[name].inside if name in BY_NAME else name for name in levels.of]

@@ -1,0 +1,265 @@
+"""What a flight says of a boundary: the gain at two radii and the length over which it decays, by
+estimates that feedback does not bias.
+
+In closed loop the command answers whatever disturbs the vehicle, so that command, climb and height
+are correlated with the disturbance in the lift that they are to explain, and least squares is
+biased however many windows there are. A height set-point that was logged moves the vehicle and is
+moved by no disturbance: its history is the instrument of two-stage least squares. Without one, the
+command's power, through which the bias acts most, is taken to be anywhere in `POWERS`, and what
+that leaves of the answer is its interval.
+
+Every start has a level of its own. Standard uncertainties are from leaving out stretches of flight
+in turn, since windows are not independent of each other. Sources: Wooldridge 2010, Econometric
+Analysis of Cross Section and Panel Data, ch. 5 (two-stage least squares); Efron & Stein 1981, Ann.
+Stat. 9, 586 (jackknife).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
+
+#: Where the gain is told, in rotor radii.
+TOLD_AT = 2.0
+#: Powers of the command that lift may follow: 2 by theory at a given voltage, less with the losses
+#: of motors, as thrust stands have it.
+POWERS = (1.5, 2.2)
+#: Decay lengths, in rotor radii, of the set-point's shapes as instruments.
+SHAPES = (1.0, 3.0)
+#: Powers with which a gain may fall off: images go with the square of the distance, a measured
+#: flight went exponentially. A form is kept where the windows speak against it by less than this in
+#: chi2, a window counting for a quarter of one, since neighbours are alike.
+FORMS, KEPT, WORTH = (2.0, 4.0, np.inf), 4.0, 0.25
+#: Length of a stretch that is left out, in windows, and the fewest stretches that tell a scatter.
+STRETCH, FEWEST = 16, 6
+STEPS, SETTLED = 100, 1e-5
+#: What is believed beforehand of a gain and its decay length, their logarithms: means and standard
+#: deviations.
+BELIEVED = (np.log([0.1, 1.5]), np.array([1.0, 0.7]))
+#: A step of the logarithm of gain or decay length at most, and the least part of one.
+FARTHEST, SLOWEST = 0.5, 0.1
+
+Ratio = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Windows:
+    """Windows of flight, (n,) each; `instruments` (n, q), or None where no set-point was logged;
+    `beside` (n, k) what log lift is linear in beside the command.
+    """
+
+    log_lift: FloatArray
+    log_command: FloatArray
+    beside: FloatArray
+    z_hat: FloatArray
+    start: NDArray[np.int64]
+    instruments: FloatArray | None
+
+    @property
+    def stretch(self) -> NDArray[np.int64]:
+        """Which stretch each window belongs to, from 0."""
+        first = np.flatnonzero(np.diff(self.start, prepend=self.start[0] - 1))
+        since = np.arange(len(self.start)) - np.repeat(
+            first, np.diff([*first.tolist(), len(self.start)])
+        )
+        both = np.stack([self.start, since // STRETCH])
+        return np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
+
+    def moved(self, log_lift: FloatArray | float = 0.0, z_hat: float = 0.0) -> Windows:
+        """The same, were log lift or every height other by so much."""
+        return replace(self, log_lift=self.log_lift + log_lift, z_hat=self.z_hat + z_hat)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solved:
+    """Coefficients with their covariance by leaving out stretches, the command's power, and the
+    degrees of freedom.
+    """
+
+    theta: FloatArray
+    covariance: FloatArray
+    power: float
+    dof: int
+    squares: float
+
+
+def decaying(z_hat: FloatArray, power: float) -> Ratio:
+    """Log of 1 + gain (1 + (z_hat - 2) / (power decay))^-power and its derivatives, by the
+    logarithms of gain and decay; of an infinite power it is exponential.
+    """
+
+    def ratio(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        gain, decay = np.exp(theta)
+        away = (z_hat - TOLD_AT) / decay
+        if np.isinf(power):
+            part, along = gain * np.exp(-away), away
+        else:
+            # a pole lies below all that flies
+            base = np.maximum(1 + away / power, 0.05)
+            part, along = gain * base**-power, away / base
+        slope = part / (1 + part)
+        return np.log1p(part), np.stack([slope, slope * along], axis=1)
+
+    return ratio
+
+
+def instruments_of(setpoint_m: FloatArray, offset_m: float, radius_m: float) -> FloatArray:
+    """Shapes of a set-point's history (n, lags): itself and its decays, (n, q)."""
+    z_hat = np.maximum(setpoint_m + offset_m, 0.0) / radius_m
+    shapes = [np.exp(-z_hat / decay) for decay in SHAPES]
+    return np.hstack([z_hat / 10, *shapes])
+
+
+def solve(
+    windows: Windows,
+    ratio: Ratio,
+    theta: FloatArray,
+    power: float | None = None,
+    believed: tuple[FloatArray, FloatArray] | None = None,
+) -> Solved:
+    """Gauss-Newton steps of two-stage least squares, or of least squares where there are no
+    instruments; a given `power` of the command is kept. Of what is `believed` of theta (means and
+    standard deviations), the uncertainty is never less than windows and belief together leave.
+
+    Raises
+    ------
+    NotConverged
+        The steps do not settle, or the windows do not tell the coefficients.
+    """
+    level = np.eye(int(windows.start.max()) + 1)[windows.start]
+    level = level[:, level.any(axis=0)]
+    linear = [level, windows.beside]
+    fixed = windows.log_lift
+    if power is None:
+        linear.append(windows.log_command[:, None])
+    else:
+        fixed = fixed - power * windows.log_command
+    free = np.hstack(linear)
+    theta, p = theta.astype(float), len(theta)
+    scatter = float(np.std(fixed - level @ np.linalg.lstsq(level, fixed, rcond=None)[0]))
+    pace, before = 1.0, np.inf
+    for _ in range(STEPS):
+        log_ratio, slopes = ratio(theta)
+        columns = np.hstack([free, slopes])
+        outer = columns if windows.instruments is None else np.hstack([level, windows.instruments])
+        sums = _Sums.of(columns, outer, fixed - log_ratio, windows.stretch)
+        weight, towards = np.zeros(p), np.zeros(p)
+        if believed is not None:
+            # neighbours are alike, so that windows weigh less than they are many
+            weight = scatter / np.sqrt(WORTH) / believed[1]
+            towards = believed[0] - theta
+        found = sums.solved(weight, towards)
+        move = found[-p:]
+        if not np.isfinite(move).all():
+            break
+        size, left = float(np.abs(move).max()), fixed - log_ratio - columns @ found
+        scatter = float(np.sqrt(np.mean(left**2)))
+        # steps that overshoot grow
+        pace = max(0.5 * pace, SLOWEST) if size > before else pace
+        before = size
+        theta = theta + move * min(pace, FARTHEST / max(size, 1e-300))
+        if size < SETTLED:
+            each = np.array([sums.solved(weight, towards, g) for g in range(sums.groups)])
+            if sums.groups < FEWEST or not np.isfinite(each).all():
+                break
+            away = each - each.mean(axis=0)
+            whole = (sums.groups - 1) / sums.groups * away.T @ away
+            spread = whole[-p:, -p:]
+            if believed is not None:
+                least = scatter**2 / WORTH * sums.inverse(weight)[-p:, -p:]
+                spread = spread + np.diag(np.maximum(np.diag(least) - np.diag(spread), 0.0))
+            return Solved(
+                theta=theta,
+                covariance=spread,
+                power=float(found[free.shape[1] - 1]) if power is None else power,
+                dof=sums.groups - 1,
+                squares=float(left @ left),
+            )
+    raise NotConverged(
+        "the gain near the boundary",
+        "is not told by these windows of flight",
+        "fly lower, change the height more often, or log more flights",
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sums:
+    """Z'Z, Z'X and Z'y of every stretch, (groups, ...)."""
+
+    zz: FloatArray
+    zx: FloatArray
+    zy: FloatArray
+
+    @classmethod
+    def of(cls, x: FloatArray, z: FloatArray, y: FloatArray, group: NDArray[np.int64]) -> _Sums:
+        z = z / np.maximum(np.sqrt(np.mean(z**2, axis=0)), 1e-300)
+        parts = [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
+        return cls(
+            zz=np.array([z[i].T @ z[i] for i in parts]),
+            zx=np.array([z[i].T @ x[i] for i in parts]),
+            zy=np.array([z[i].T @ y[i] for i in parts]),
+        )
+
+    @property
+    def groups(self) -> int:
+        return len(self.zz)
+
+    def solved(
+        self, weight: FloatArray, towards: FloatArray, without: int | None = None
+    ) -> FloatArray:
+        """Coefficients, the last ones drawn `towards` values by so much `weight`; those of one
+        stretch left out.
+        """
+        first, second = self._reduced(weight, towards, without)
+        scale = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
+        return np.asarray(
+            np.linalg.lstsq(first / scale, second, rcond=1e-8)[0] / scale, dtype=np.float64
+        )
+
+    def inverse(self, weight: FloatArray) -> FloatArray:
+        """The inverse of the coefficients' information in units of a window's variance."""
+        first, _ = self._reduced(weight, np.zeros(len(weight)), None)
+        return np.asarray(np.linalg.pinv(first.T @ first), dtype=np.float64)
+
+    def _reduced(
+        self, weight: FloatArray, towards: FloatArray, without: int | None
+    ) -> tuple[FloatArray, FloatArray]:
+        zz, zx, zy = (a.sum(axis=0) for a in (self.zz, self.zx, self.zy))
+        if without is not None:
+            zz, zx, zy = zz - self.zz[without], zx - self.zx[without], zy - self.zy[without]
+        energy, turn = np.linalg.eigh(zz)
+        kept = energy > 1e-9 * energy[-1]
+        root = turn[:, kept] / np.sqrt(energy[kept])
+        drawn = np.zeros((len(weight), zx.shape[1]))
+        drawn[:, -len(weight) :] = np.diag(weight)
+        return np.vstack([root.T @ zx, drawn]), np.concatenate([root.T @ zy, weight * towards])
+
+
+def gains(windows: Windows, power: float | None = None) -> list[tuple[float, Solved]]:
+    """Gain at two radii and decay length (their logarithms), by every form that the windows allow,
+    the one of least squares first.
+
+    Raises
+    ------
+    NotConverged
+        No form settles.
+    """
+    found, last = [], None
+    for form in FORMS:
+        try:
+            ratio = decaying(windows.z_hat, form)
+            found.append((form, solve(windows, ratio, BELIEVED[0], power, BELIEVED)))
+        except NotConverged as fault:
+            last = fault
+    if not found:
+        assert last is not None
+        raise last
+    found.sort(key=lambda pair: pair[1].squares)
+    least, n = found[0][1].squares, WORTH * len(windows.z_hat)
+    return [pair for pair in found if n * np.log(pair[1].squares / least) < KEPT]

@@ -1,0 +1,305 @@
+"""What is quoted of flights: gain and decay length of the boundary, and the base model's
+coefficients only where the log can tell them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.errors import NotConverged
+from nearlift.fit import closed_loop
+from nearlift.fit.closed_loop import POWERS, Solved, Windows
+from nearlift.likelihood import student
+from nearlift.likelihood.covariance import Covariance
+from nearlift.likelihood.problem import Problem
+from nearlift.manifest.campaign import Campaign
+from nearlift.readers.flights import HISTORY_S
+from nearlift.results import Observations
+from nearlift.results.quotation import (
+    LEVELS,
+    BoundaryResult,
+    BudgetLine,
+    CoefficientResult,
+    Doubt,
+    ends,
+)
+from nearlift.rounding import plus_minus
+from nearlift.run.job import Job
+from nearlift.run.store import Table
+from nearlift.stages.observe import observe
+
+#: Names and units of what flights determine, as `closed_loop.gains` has them.
+DETERMINED = (("gain_at_2", "1"), ("decay_length", "rotor radii"))
+HOLDS = {
+    True: (
+        "Holds feedback, by the set-point's history as instruments, what stretches of flight left"
+        " out would change, and the forms that a gain may fall off by"
+    ),
+    False: (
+        "Holds feedback, by any power of the command from"
+        f" {POWERS[0]:g} to {POWERS[1]:g}, since no set-point was logged; what stretches of flight"
+        " left out would change, and the forms that a gain may fall off by"
+    ),
+}
+NO_SETPOINT = (
+    "refused: in closed loop the command answers the disturbances, which biases it by more than its"
+    " scatter; log the height's set-point and name it under [flight]"
+)
+NO_HEIGHT = (
+    "refused: it hangs on the height of the rotor plane above the feet, whose uncertainty nobody"
+    ' declared; add [[uncertainty]] on = "height", scope = "campaign"'
+)
+
+
+def quoted(
+    job: Job, trials: Table, results: Mapping[Boundary, BoundaryResult]
+) -> tuple[dict[Boundary, BoundaryResult], list[str]]:
+    """The results with what flights say put in, and notes; as they are of a tethered campaign."""
+    found, notes = dict(results), list[str]()
+    if job.campaign.flight is None:
+        return found, notes
+    for boundary, result in results.items():
+        data = observe(trials, job.campaign, boundary)
+        one = _Boundary(job.campaign, data)
+        try:
+            told = one.determined()
+        except NotConverged as fault:
+            notes.append(f"{boundary}: {fault.where} {fault.what}: {fault.remedy}")
+            told = None
+        model = catalogue.model(result.base_model)
+        coefficients = one.coefficients(model, result.coefficients)
+        found[boundary] = replace(result, coefficients=coefficients, in_flight=told)
+        notes += [
+            f"{boundary}: {name} is {c.holds}"
+            for name, c in coefficients.items()
+            if c.holds.startswith("refused")
+        ]
+        if told is not None:
+            gain, decay = (told[name] for name, _ in DETERMINED)
+            notes.append(
+                f"{boundary}: lift gains {plus_minus(100 * gain.value, 100 * gain.u)} % at two"
+                f" radii, 90 % from {100 * gain.lo90:.3g} to {100 * gain.hi90:.3g}; the gain decays"
+                f" over {plus_minus(decay.value, decay.u)} radii, 90 % from {decay.lo90:.3g} to"
+                f" {decay.hi90:.3g}"
+            )
+    return found, notes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Answer:
+    """Coefficients by one form, their standard uncertainties by source, (p,) each."""
+
+    theta: FloatArray
+    dof: int
+    sources: Mapping[str, FloatArray]
+
+    @property
+    def u(self) -> FloatArray:
+        return np.sqrt(sum(u**2 for u in self.sources.values()))
+
+
+class _Boundary:
+    """The flights near one boundary."""
+
+    def __init__(self, campaign: Campaign, data: Observations) -> None:
+        known, vehicle = data.covariates, campaign.vehicle
+        self.data = data
+        self.has_setpoint = "setpoint_m_0" in known
+        instruments = None
+        # starts of all logs, counted on
+        start = np.stack(
+            [data.record if data.record is not None else 0 * data.session, known["flight"]]
+        )
+        label = np.unique(start, axis=1, return_inverse=True)[1].astype(np.int64)
+        if self.has_setpoint:
+            history = np.stack([known[f"setpoint_m_{k}"] for k in range(len(HISTORY_S))], axis=1)
+            shapes = closed_loop.instruments_of(
+                history, campaign.rig.offset(data.boundary), vehicle.rotor_radius
+            )
+            since = _since(label)
+            instruments = np.hstack([shapes, np.stack([since, since**2], axis=1)])
+        beside = [known["climb_m_s"]]
+        beside += [np.log(known["supply_V"])] if "supply_V" in known else []
+        self.windows = Windows(
+            log_lift=np.log(data.lift_N),
+            log_command=np.log(data.throttle),
+            beside=np.stack(beside, axis=1),
+            z_hat=data.z_hat,
+            start=label,
+            instruments=instruments,
+        )
+        self.lag = known["lag_slope"] * known["u_lag_s"]
+        height2 = [
+            u.standard() ** 2
+            for u in campaign.uncertainty
+            if u.on == "height" and u.scope in ("campaign", "boundary")
+        ]
+        self.u_height = math.sqrt(sum(height2)) / vehicle.rotor_radius
+
+    def determined(self) -> dict[str, CoefficientResult]:
+        """Gain at two radii and decay length; raises NotConverged where no window tells."""
+        answers = []
+        for power in (None,) if self.has_setpoint else (None, *POWERS):
+            each = closed_loop.gains(self.windows, power)
+            for form, found in each:
+                answers.append(self._answer(found, _of_form(form), power, closed_loop.BELIEVED))
+        holds = HOLDS[self.has_setpoint]
+        return {
+            name: _result(answers, k, unit, (-math.inf, math.inf), holds, turn=math.exp)
+            for k, (name, unit) in enumerate(DETERMINED)
+        }
+
+    def coefficients(
+        self, model: LiftModel, given: Mapping[str, CoefficientResult]
+    ) -> dict[str, CoefficientResult]:
+        """The base model's coefficients by the instruments; refused where they cannot be told."""
+        why = "" if self.has_setpoint else NO_SETPOINT
+        why = why or ("" if self.u_height else NO_HEIGHT)
+        if not why:
+            start = np.array([given[p.name].value for p in model.parameters])
+            of = _of_model(model, self.data)
+            try:
+                ratio = of(self.windows)
+                answer = self._answer(closed_loop.solve(self.windows, ratio, start), of)
+            except NotConverged as fault:
+                why = f"refused: it {fault.what}; {fault.remedy}"
+        if why:
+            return {
+                p.name: _refused(given[p.name], p.bounds, why) if p.name in given else given[p.name]
+                for p in model.parameters
+            }
+        holds = "Holds feedback, by the set-point's history as instruments, and the declared height"
+        return {
+            p.name: _result(
+                [answer], k, p.unit, p.bounds, holds, (*given[p.name].doubts, _plain(given[p.name]))
+            )
+            for k, p in enumerate(model.parameters)
+        }
+
+    def _answer(
+        self,
+        found: Solved,
+        of: Callable[[Windows], closed_loop.Ratio],
+        power: float | None = None,
+        believed: tuple[FloatArray, FloatArray] | None = None,
+    ) -> _Answer:
+        """A solution with what the lag and the height of the rotor plane add to its uncertainty."""
+        sources = {"stretches of flight": np.sqrt(np.maximum(np.diag(found.covariance), 0.0))}
+        moves = {"motor lag": self.windows.moved(log_lift=-self.lag)} if self.lag.any() else {}
+        if self.u_height:
+            moves["height of the rotor plane"] = self.windows.moved(z_hat=self.u_height)
+        for name, windows in moves.items():
+            other = closed_loop.solve(windows, of(windows), found.theta, power, believed)
+            sources[name] = np.abs(other.theta - found.theta)
+        return _Answer(theta=found.theta, dof=found.dof, sources=sources)
+
+
+def _since(start: np.ndarray) -> FloatArray:
+    """How many windows into its start each one is, scaled to about 1."""
+    first = np.flatnonzero(np.diff(start, prepend=start[0] - 1))
+    since = np.arange(len(start)) - np.repeat(first, np.diff([*first.tolist(), len(start)]))
+    return since / max(float(since.max()), 1.0)
+
+
+def _of_form(form: float) -> Callable[[Windows], closed_loop.Ratio]:
+    return lambda windows: closed_loop.decaying(windows.z_hat, form)
+
+
+def _of_model(model: LiftModel, data: Observations) -> Callable[[Windows], closed_loop.Ratio]:
+    """A lift model as `closed_loop` takes it."""
+    n = data.n
+    alone = Covariance(
+        variance=np.ones(n), visit=data.visit, per_visit=np.zeros(n), shared=np.zeros((n, 0))
+    )
+
+    def of(windows: Windows) -> closed_loop.Ratio:
+        problem = Problem(model=model, data=replace(data, z_hat=windows.z_hat), covariance=alone)
+        low, high = (np.array([p.bounds[end] for p in model.parameters]) for end in (0, 1))
+
+        def ratio(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+            inside = np.clip(theta, low, high)
+            return problem.log_ratio(inside), problem.jacobian(inside)
+
+        return ratio
+
+    return of
+
+
+def _result(
+    answers: list[_Answer],
+    k: int,
+    unit: str,
+    bounds: tuple[float, float],
+    holds: str,
+    doubts: tuple[Doubt, ...] = (),
+    turn: Callable[[float], float] = float,
+) -> CoefficientResult:
+    """One coefficient over every answer that may be right; the first is its value. `turn` makes it
+    of what was solved for.
+    """
+    dof = min(a.dof for a in answers)
+    reach = {level: student.quantile(0.5 + level / 200, dof) for level in LEVELS}
+    spans = [(float(a.theta[k]), float(a.u[k])) for a in answers]
+    whole = {name: turn(end) for name, end in ends(spans, reach, bounds).items()}
+    first, value = answers[0], turn(spans[0][0])
+    u = (whole["hi90"] - whole["lo90"]) / (2 * reach[90])
+    # what a change of what was solved for is worth
+    scale = abs(turn(spans[0][0] + 1e-6) - value) / 1e-6
+    budget = tuple(
+        BudgetLine(
+            source=name,
+            kind="A" if name != "height of the rotor plane" else "B",
+            u=scale * float(own[k]),
+            u_without=scale * math.sqrt(max(float(first.u[k]) ** 2 - float(own[k]) ** 2, 0.0)),
+        )
+        for name, own in first.sources.items()
+    )
+    return CoefficientResult(
+        value=value,
+        u=u,
+        dof=float(dof),
+        unit=unit,
+        lo68=whole["lo68"],
+        hi68=whole["hi68"],
+        lo90=whole["lo90"],
+        hi90=whole["hi90"],
+        lo95=whole["lo95"],
+        hi95=whole["hi95"],
+        holds=holds,
+        budget=budget,
+        doubts=doubts,
+    )
+
+
+def _plain(given: CoefficientResult) -> Doubt:
+    return Doubt(
+        condition="the command answers no disturbance (least squares)",
+        value=given.value,
+        lo90=given.lo90,
+        hi90=given.hi90,
+    )
+
+
+def _refused(given: CoefficientResult, bounds: tuple[float, float], why: str) -> CoefficientResult:
+    """A coefficient that these flights cannot tell: known to no more than its declared range."""
+    low, high = bounds
+    return replace(
+        given,
+        u=math.inf,
+        dof=0.0,
+        lo68=low,
+        hi68=high,
+        lo90=low,
+        hi90=high,
+        lo95=low,
+        hi95=high,
+        holds=why,
+        budget=(),
+        doubts=(*given.doubts, _plain(given)),
+    )
