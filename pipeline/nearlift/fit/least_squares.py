@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -229,14 +230,9 @@ def _integrated(found: Fit) -> Fit:
         spread += over.weight[node] * (given + toll @ over.covariance[node] @ toll.T)
     log_levels = over.weight @ logs
     spread += (logs - log_levels).T @ (over.weight[:, None] * (logs - log_levels))
-    values = np.exp(data.shown(log_levels))
-    relative = np.sqrt(np.diag(problem.shown_covariance(spread)))
     # the quantiles of the linear fit serve: what its levels rest on is the same
-    quantiles = {t: (e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for t, e in found.levels.items()}
-    levels = {
-        float(t): _estimate(v, v * w, quantiles[float(t)], "N", (0.0, np.inf))
-        for t, v, w in zip(data.levels, values, relative, strict=True)
-    }
+    quantiles = [(e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for e in found.levels.values()]
+    levels = _levels(problem, log_levels, spread, quantiles)
     rmse, r2, r2_near = _closeness(problem, theta, log_levels, over.offset()[0])
     gained = float(over.log_integral + problem.chi2(theta) / 2)
     unknown = p + free
@@ -259,6 +255,18 @@ def _integrated(found: Fit) -> Fit:
         effective=effective,
         marginal=over,
     )
+
+
+def _levels(
+    problem: Problem, log_levels: FloatArray, covariance: FloatArray, quantiles: Sequence[float]
+) -> dict[float, Estimate]:
+    """L_inf, N, per throttle; intervals have so many standard uncertainties to either side."""
+    values = np.exp(problem.data.shown(log_levels))
+    relative = np.sqrt(np.diag(problem.shown_covariance(covariance)))
+    return {
+        float(t): _estimate(v, v * w, q, "N", (0.0, np.inf))
+        for t, v, w, q in zip(problem.data.levels, values, relative, quantiles, strict=True)
+    }
 
 
 def _describe(
@@ -287,16 +295,8 @@ def _describe(
     toll = problem.level_toll(jacobian) if p else np.zeros((k, 0))
     level_covariance = problem.level_covariance + toll @ covariance @ toll.T
     level_dof = gum.freedom(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope)
-    levels = {
-        float(t): _estimate(v, v * u, student.quantile(0.95, dof), "N", (0.0, np.inf))
-        for t, v, u, dof in zip(
-            data.levels,
-            np.exp(data.shown(coefficients)),
-            np.sqrt(np.diag(problem.shown_covariance(level_covariance))),
-            level_dof,
-            strict=True,
-        )
-    }
+    quantiles = [student.quantile(0.95, dof) for dof in level_dof]
+    levels = _levels(problem, coefficients, level_covariance, quantiles)
     chi2 = float(problem.chi2(theta))
     log_likelihood = float(problem.log_likelihood(theta))
     rmse, r2, r2_near = _closeness(problem, theta, coefficients)

@@ -94,15 +94,8 @@ def rows(
 def text(found: dict[str, Any]) -> str:
     """The explanation in words, its numbers from `found`."""
     source = found["source"]
-    cited = "; ".join(
-        x
-        for x in (
-            source["citation"],
-            source["equation"] and f"equation {source['equation']}",
-            source["doi"],
-        )
-        if x
-    )
+    equation = source["equation"] and f"equation {source['equation']}"
+    cited = "; ".join(filter(None, (source["citation"], equation, source["doi"])))
     lines = [
         f"{found['effect']}: {found['title']}",
         "",
