@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import gum, heights, inputs
+from nearlift.fit.closeness import closeness
 from nearlift.fit.degeneracy import degeneracies
 from nearlift.fit.minimum import minimise
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Problem, height_slope
-from nearlift.results import Estimate, IntArray, Noise, Observations
+from nearlift.results import Estimate, Noise, Observations
 from nearlift.results.fit import Degeneracy
 
-NEAR_GROUND = (1.0, 3.0)
 #: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say
 #: nothing of it.
 VAGUE = 1e6
@@ -233,7 +233,7 @@ def _integrated(found: Fit) -> Fit:
     # the quantiles of the linear fit serve: what its levels rest on is the same
     quantiles = [(e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for e in found.levels.values()]
     levels = _levels(problem, log_levels, spread, quantiles)
-    rmse, r2, r2_near = _closeness(problem, theta, log_levels, over.offset()[0])
+    rmse, r2, r2_near = closeness(problem, theta, log_levels, over.offset()[0])
     gained = float(over.log_integral + problem.chi2(theta) / 2)
     unknown = p + free
     log_likelihood = float(problem.log_likelihood(theta)) + gained
@@ -299,7 +299,7 @@ def _describe(
     levels = _levels(problem, coefficients, level_covariance, quantiles)
     chi2 = float(problem.chi2(theta))
     log_likelihood = float(problem.log_likelihood(theta))
-    rmse, r2, r2_near = _closeness(problem, theta, coefficients)
+    rmse, r2, r2_near = closeness(problem, theta, coefficients)
     return Fit(
         model=model,
         theta=theta,
@@ -376,30 +376,3 @@ def _estimate(
         unit=unit,
         at_bound=at_bound,
     )
-
-
-def _closeness(
-    problem: Problem, theta: FloatArray, coefficients: FloatArray, offset_m: float = 0.0
-) -> tuple[float, float, float | None]:
-    """`rmse`, `r2` and `r2_near` of a fit, the heights moved by `offset_m`."""
-    data = problem.data
-    log_ratio = problem.log_ratio(theta, offset_m)
-    log_lift = np.log(data.lift_N) - data.of_trials(coefficients)
-    measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
-    near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
-    rmse = float(np.sqrt(np.mean((log_lift - log_ratio) ** 2)))
-    close = (
-        _r2(measured[near], predicted[near], cell[near])
-        if data.boundary == "ground" and near.any()
-        else None
-    )
-    return rmse, _r2(measured, predicted, cell), close
-
-
-def _r2(measured: FloatArray, predicted: FloatArray, cell: IntArray) -> float:
-    """Coefficient of determination of cell means, as papers quote it."""
-    _, label = np.unique(cell, return_inverse=True)
-    count = np.bincount(label)
-    means, model = np.bincount(label, measured) / count, np.bincount(label, predicted) / count
-    total = float(((means - means.mean()) ** 2).sum())
-    return 1.0 - float(((means - model) ** 2).sum()) / total if total > 0 else float("nan")

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import asdict
 
 from nearlift.fit import inputs, remedies
-from nearlift.fit.least_squares import NEAR_GROUND, Fit
+from nearlift.fit.closeness import NEAR_GROUND
+from nearlift.fit.least_squares import Fit
 from nearlift.fit.profiles import Profile
 from nearlift.likelihood.level_curve import held_out_rms
 from nearlift.results.fit import (
