@@ -9,6 +9,7 @@ of it.
 from __future__ import annotations
 
 import difflib
+import re
 from dataclasses import dataclass
 
 from nearlift.errors import UsageError
@@ -47,6 +48,8 @@ CARRIED = {
     "wall_force_N": "u_wall_force_N",
 }
 
+#: A letter with an index in a text, as ``K_b``.
+INDEXED = re.compile(r"\b([A-Za-z])_([a-z]+)\b")
 #: What the loop says of a campaign, in words; empty where it has not run.
 VERDICTS = {
     "not_diagnosed": "not diagnosed",

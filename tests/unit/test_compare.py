@@ -41,7 +41,7 @@ def write(out, name, value, u, verdict="adequate", boundary="ground", linearity=
         "dof": 40.0,
         "unit": "1",
         **ends,
-        "holds": "Holds everything.",
+        "holds": "Allows for everything.",
         "budget": lines,
     }
     found = {"verdict": verdict, "base_model": "sanchez_cuevas", "coefficients": {"K_b": own}}

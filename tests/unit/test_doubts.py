@@ -54,7 +54,7 @@ def test_other_answers_stand_with_what_it_takes_to_believe_them(evidence):
 def test_structure_without_a_name_is_said(evidence):
     told = said(evidence, lambda f: f.update(verdict="unexplained", effects=[]))
     assert any(
-        d.text.startswith("what the base model leaves along the supply voltage has no name")
+        d.text.startswith("what the base model leaves along the supply voltage is unexplained")
         for d in told
     )
 

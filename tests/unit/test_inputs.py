@@ -133,31 +133,30 @@ def test_mass_does_nothing_to_tethered_lift():
     assert fitted(data, (part("mass", 0.1),)).estimates["K_b"] == fitted(data).estimates["K_b"]
 
 
-def test_what_nobody_declared_is_listed_with_what_it_would_do():
+def test_what_nobody_declared_is_listed_with_what_it_would_do(monkeypatch):
     data = campaign(3, visits=8)
     listed = {u.on: u for u in inputs.undeclared(fitted(data))}
     assert set(listed) == {"rotor_radius", "rotor_spacing", "height"}
     one = fitted(data, (part("rotor_radius"),))
     assert {u.on for u in inputs.undeclared(one)} == {"rotor_spacing", "height"}
-    entry = {
-        "undeclared": [
-            {
-                "on": "rotor_radius",
-                "size": 0.01,
-                "unit": "1",
-                "shift": {"K_b": float(listed["rotor_radius"].shift["K_b"])},
-            }
-        ]
-    }
+    monkeypatch.setattr(doubts, "decode", lambda _, entry: entry)
+    entry = SimpleNamespace(undeclared=(listed["rotor_spacing"], listed["rotor_radius"]))
 
-    def quoted(u):
-        return SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
+    def known(u):
+        quoted = SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
+        return SimpleNamespace(quoted=lambda _: quoted, base=lambda _: (None, entry))
 
-    u = abs(float(listed["rotor_radius"].shift["K_b"])) / 4.4
-    [own] = doubts._undeclared("ground", entry, quoted(u))
-    assert own.text.startswith("what was not declared could move K_b: 1 % of rotor radius by 4.4 u")
-    assert own.remedy.startswith("measure the rotor radius, and declare")
-    assert doubts._undeclared("ground", entry, quoted(10 * u)) == []
+    radius, spacing = (abs(listed[on].shift["K_b"]) for on in ("rotor_radius", "rotor_spacing"))
+    ranked = doubts.undeclared(known(radius / 4.4), "ground")
+    assert [(by, a.on) for by, a in ranked] == [
+        (pytest.approx(4.4), "rotor_radius"),
+        (pytest.approx(4.4 * spacing / radius), "rotor_spacing"),
+    ]
+    [own] = doubts._undeclared(known(radius / 4.4), "ground")
+    assert own.text.startswith(
+        f"errors that are not declared could move K_b: 1 % in rotor radius by {radius:.2g}"
+    )
+    assert doubts._undeclared(known(10 * radius), "ground") == []
 
 
 def parsed(**line):

@@ -4,6 +4,7 @@ as it was saved.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -88,6 +89,22 @@ def test_what_is_loaded_is_what_was_saved(job):
     _, made, _ = job
     content = made.read_json(RESULTS)
     assert encode(decode(Results, content)) == content
+
+
+def test_plus_minus_is_printed_only_where_it_says_the_interval(quoted):
+    c = dataclasses.replace(quoted.coefficients["K_b"], value=0.093, u=0.005)
+    even, lopsided = (
+        dataclasses.replace(c, lo90=low, hi90=high)
+        for low, high in ((0.0848, 0.1012), (0.092, 0.110))
+    )
+    assert (even.even, even.estimate) == (True, "0.093 ± 0.005")
+    assert (lopsided.even, lopsided.estimate) == (False, "0.093")
+    assert dataclasses.replace(even, answers=2).estimate == "0.093"
+    both = dataclasses.replace(quoted, coefficients={"K_b": even, "alpha": lopsided})
+    assert [both.stated(n) for n in both.coefficients] == [
+        "K_b = 0.093 ± 0.005",
+        "α = 0.093 (90 %: 0.092 to 0.110)",
+    ]
 
 
 def test_the_interval_is_that_of_the_rule(job, quoted):

@@ -132,7 +132,10 @@ def test_the_page_fetches_nothing(made):
     assert len(elements.every("script")) == 3
     assert all(a["src"].startswith("data:image/webp;base64,") for a in elements.every("img"))
     assert all(
-        re.fullmatch(r"#[a-z0-9]+|[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib)", a["href"])
+        re.fullmatch(
+            r"#[a-z0-9]+|(\.\./\.\./processed/small/)?[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib|txt|json)",
+            a["href"],
+        )
         for a in elements.every("a")
     )
     assert "default-src 'none'" in text
@@ -151,6 +154,9 @@ def test_links_lead_somewhere(made):
             if a["href"].startswith("#")
             else (job.reports / a["href"]).is_file()
         )
+    assert {"report.pdf", "summary.txt", "methods.md", "../../processed/small/results.json"} <= {
+        a["href"] for a in elements.every("a")
+    }
 
 
 def test_pictures_are_described_with_numbers(made):
@@ -222,7 +228,7 @@ def test_a_model_that_repeats_reject_is_called_rejected(make_job):
     job = make_job(boundaries=("ground",), edit=bend)
     report.run(job)
     text = (job.reports / "index.html").read_text()
-    assert "rejected: cells stray from the curve" in text
+    assert "rejected: means at one distance and throttle stray from the curve" in text
     assert 'class="card bad"' in text
 
 
@@ -359,16 +365,16 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     text = (job.reports / "index.html").read_text()
     words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text))
     assert (
-        "What Sanchez-Cuevas leaves is explained by supply voltage; this design cannot tell it"
-        " from gain of the session." in words
+        "Sanchez-Cuevas alone does not describe the data: the rest is explained by supply voltage;"
+        " this design cannot tell it from gain of the session. See it" in words
     )
     assert "Kb = 2.00 ± 0.12 (k = 1)" in words
-    assert "90 % interval 1.80 to 2.20. Holds" in words
+    assert "90 % interval 1.80 to 2.20. Allows" in words
     told = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
     assert (
         "every effect too small to be seen acts at its plausible size K b = 2.0 1.5 to 2.5" in told
     )
-    assert "noise floor 0.41 %" in words
+    assert "noise alone 0.41 %" in words
     assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
     assert (
         "Next: both directions, which would part height offset and saturation near the boundary."
@@ -496,7 +502,7 @@ def test_the_unexplained_names_covariate_and_shares_but_no_effect(make_job):
         " answer." in words
     )
     assert "cannot tell it from" not in words
-    assert "random discrepancy" not in words
+    assert "allows for structure" not in words
 
 
 def test_the_unexplained_says_along_what_it_is_carried(make_job):
@@ -505,10 +511,7 @@ def test_the_unexplained_says_along_what_it_is_carried(make_job):
         found["coefficients"]["carried"] = ["distance", "start"]
 
     words, _ = said(make_job, change)
-    assert (
-        "with a random discrepancy along distance and time in the interval of its coefficients"
-        in words
-    )
+    assert "the interval of its coefficients allows for structure along distance and time" in words
 
 
 def test_drift_within_records_is_said_with_its_chance(make_job):

@@ -178,9 +178,11 @@ Key = tuple[str, str, str]
 
 
 def _numbers(side: Side) -> dict[Key, dict[str, float]]:
-    """The coefficients that a run quotes: value, u and 90 % interval."""
+    """The coefficients that a run quotes: value, u and 90 % interval, and whether ± says it."""
     return {
-        (boundary, own.base_model, name): {k: getattr(c, k) for k in ("value", "u", "lo90", "hi90")}
+        (boundary, own.base_model, name): {
+            k: getattr(c, k) for k in ("value", "u", "lo90", "hi90", "even")
+        }
         for boundary, own in side.quoted.items()
         for name, c in own.coefficients.items()
     }
@@ -276,7 +278,9 @@ def _side_of(value: Any) -> str:
 
 
 def _estimate(e: Mapping[str, float] | None) -> str:
-    return "absent" if e is None else plus_minus(e["value"], e["u"])
+    if e is None:
+        return "absent"
+    return (plus_minus if e["even"] else like)(e["value"], e["u"])
 
 
 def _interval(e: Mapping[str, float] | None) -> str:

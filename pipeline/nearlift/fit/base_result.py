@@ -20,14 +20,16 @@ NOT_LOOKED_AT = "the residuals were not looked at: `nearlift diagnose` does"
 SAME_END = 0.25
 
 
-def base_result(fit: Fit, entry: ModelFit, reason: str = NOT_LOOKED_AT) -> BoundaryResult:
+def base_result(
+    fit: Fit, entry: ModelFit, reason: str = NOT_LOOKED_AT, wanted: str = ""
+) -> BoundaryResult:
     """A boundary's part of results.json before or without the loop; `entry` is the model's in
     fit.json.
     """
     estimator = Estimator.of(fit)
     holds = (
-        f"Holds the {fit.noise.source.partition(' (')[0]} and the declared errors; an effect of any"
-        " size may be in it"
+        f"Allows for the {fit.noise.source.partition(' (')[0]} and the declared errors, not for"
+        " effects that nobody looked for"
     )
     doubts, shapes = estimator.doubts(), shape_doubts(entry)
     scale = np.sqrt(np.diag(fit.covariance))
@@ -37,6 +39,7 @@ def base_result(fit: Fit, entry: ModelFit, reason: str = NOT_LOOKED_AT) -> Bound
     return BoundaryResult(
         verdict="not_diagnosed",
         reason=reason,
+        wanted=wanted,
         base_model=fit.model.name,
         coefficients={
             name: estimator.quoted(

@@ -117,9 +117,10 @@ class Estimator:
         holds: str,
         doubts: Sequence[Doubt],
         which: str = "",
+        answers: int = 1,
     ) -> CoefficientResult:
         """Coefficient i over `spans` of value and u, the first of which is this estimator's;
-        `which` is the source that several answers are.
+        `which` is the source that several answers are, `answers` their number.
         """
         parameter, reach = self.problem.model.parameters[i], self.reach(i)
         low, high = parameter.bounds
@@ -148,6 +149,7 @@ class Estimator:
             at_bound=bool(
                 np.isfinite(high - low) and min(value - low, high - value) < 1e-6 * (high - low)
             ),
+            answers=answers,
         )
 
     def doubt(self, i: int, condition: str, value: float, u: float) -> Doubt:

@@ -46,14 +46,14 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
             f"at least {LEAST_TRIALS + unknowns} are wanted to tell a noise floor from structure"
             f" ({table})"
         )
-        raise NotConverged(where, f"{data.n} usable trials", remedy)
+        raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
     if data.n < wanted:
         what = (
             f"at least {wanted} are wanted ({unknowns} levels and coefficients are unknown), each"
             " with its standard deviation"
         )
-        raise NotConverged(where, f"{data.n} usable trials", what)
+        raise NotConverged(where, f"{data.n} usable trials are too few", what)
     bare = int(np.sum(~(data.u_lift_N > 0)))
     if bare:
         remedy = (

@@ -58,6 +58,7 @@ def result(
             _holds(stage, answer, found),
             [*_doubts(estimator, answer, found, i), *doubts[i]],
             which,
+            max(len(answer.accepted), 1),
         )
         if stage.independent:
             visit = _of_visits(stage, answer.best, i)
@@ -94,8 +95,8 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
     )
     if found.carried:
         return (
-            f"Holds {errors}, and what has no name as a random discrepancy along"
-            f" {' and '.join(found.carried)}"
+            f"Allows for {errors}, and for what is unexplained along"
+            f" {' and along '.join(found.carried)}"
         )
     if not answer.accepted:
         none = (
@@ -104,15 +105,14 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
             else "nothing else was found that so few trials could show"
         )
         missing = (
-            ", and nothing that has no name" if answer.verdict == "unexplained" else f"; {none}"
+            ", not for what is unexplained" if answer.verdict == "unexplained" else f"; {none}"
         )
-        return f"Holds {errors}{missing}"
-    names = [e.name for e in answer.accepted]
-    form = "" if stage.independent else ", its form uncertain"
-    beside = (
-        f"; over {len(names)} answers that this design cannot tell apart" if len(names) > 1 else ""
-    )
-    return f"Holds {errors} with {names[0]} in the model{form}{beside}"
+        return f"Allows for {errors}{missing}"
+    others = len(answer.accepted) - 1
+    named = " and ".join(answer.accepted[0].effects)
+    form = "" if stage.independent else ", which need not follow its formula exactly"
+    beside = ", or what this design cannot tell from it" if others else ""
+    return f"Allows for {errors} with {named} in the model{form}{beside}"
 
 
 def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> list[Doubt]:

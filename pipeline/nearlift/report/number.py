@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.products import RESULTS, Product
 from nearlift.report.evidence import Evidence
@@ -192,6 +193,8 @@ def count(product: Product, value: int, how: str) -> Number:
     return Number(text=str(value), value=float(value), source=product.file, how=how)
 
 
-def headline(evidence: Evidence, boundary: str, name: str) -> Quoted:
-    """A coefficient as it is to be quoted."""
-    return Place(evidence, RESULTS).quote("boundaries", boundary, "coefficients", name)
+def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
+    """A coefficient as it is to be quoted: without u where ± would not say the interval."""
+    found = Place(evidence, RESULTS).quote("boundaries", boundary, "coefficients", name)
+    own = evidence.quoted(boundary).coefficients[name]
+    return found if own.even else replace(found, u=None)

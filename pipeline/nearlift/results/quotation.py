@@ -24,10 +24,13 @@ from typing import ClassVar, Literal
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.results.serial import Unbounded, keyed, optional
-from nearlift.rounding import plus_minus
+from nearlift.rounding import like, plus_minus
 
 #: Levels of the intervals, in percent.
 LEVELS = (68, 90, 95)
+#: Half the difference of an interval's two arms over their mean, up to which ± still says the
+#: interval: as much as rounding moves an uncertainty.
+UNEVEN = 1 / 6
 
 Verdict = Literal["adequate", "effect", "unexplained", "not_diagnosed"]
 
@@ -113,6 +116,8 @@ class CoefficientResult:
         Intervals of 68, 90 and 95 %, within the coefficient's declared range.
     holds : str
         What the interval allows for, in a sentence.
+    answers : int
+        How many explanations that the design cannot tell apart the interval is over.
     budget : tuple of BudgetLine
     influence : LargestShifts
     doubts : tuple of Doubt
@@ -133,6 +138,25 @@ class CoefficientResult:
     influence: LargestShifts = LargestShifts()
     doubts: tuple[Doubt, ...] = ()
     at_bound: bool = False
+    answers: int = 1
+
+    @property
+    def even(self) -> bool:
+        """Whether ``± u`` says what the interval says: it is one answer's, and its ends stand
+        equally far from the value.
+        """
+        below, above = self.value - self.lo90, self.hi90 - self.value
+        return self.answers == 1 and abs(above - below) <= UNEVEN * (above + below)
+
+    @property
+    def estimate(self) -> str:
+        """``1.98 ± 0.03``; the value alone where the interval has to be printed instead."""
+        return plus_minus(self.value, self.u) if self.even else like(self.value, self.u)
+
+    @property
+    def interval(self) -> str:
+        """``1.92 to 2.04``, the interval of 90 %."""
+        return f"{like(self.lo90, self.u)} to {like(self.hi90, self.u)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,12 +208,14 @@ class BoundaryResult:
     named `effects`. Of flights, `in_flight` is what they determine: ``gain_at_2``, the relative
     lift gained at two rotor radii, and ``decay_length``, in rotor radii.
 
-    `rests_on` is set where leaving a single trial out changes the verdict, or moves the headline by
-    more than its standard uncertainty.
+    `wanted` is what a diagnosis would take where there is none. `rests_on` is set where leaving a
+    single trial out changes the verdict, or moves the headline by more than its standard
+    uncertainty.
     """
 
     verdict: Verdict
     reason: str = ""
+    wanted: str = ""
     base_model: str
     effects: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
@@ -211,11 +237,14 @@ class BoundaryResult:
 
     @property
     def headline_text(self) -> str:
-        """``K_b = 2.06 ± 0.08``; empty where there is no headline."""
-        if not self.headline:
-            return ""
-        quoted = self.coefficients[self.headline]
-        return f"{letter(self.headline)} = {plus_minus(quoted.value, quoted.u)}"
+        """The first coefficient as `stated`; empty where there is none."""
+        return self.stated(self.headline) if self.headline else ""
+
+    def stated(self, name: str) -> str:
+        """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it."""
+        c = self.coefficients[name]
+        ends = "" if c.even else f" (90 %: {c.interval})"
+        return f"{letter(name)} = {c.estimate}{ends}"
 
     @property
     def leaning(self) -> str:
@@ -228,8 +257,8 @@ class BoundaryResult:
             else ""
         )
         return (
-            f"it rests on trial {self.rests_on.trial}: without it {other}{self.headline} moves by"
-            f" {self.rests_on.shift:+.2g}"
+            f"it rests on trial {self.rests_on.trial}: without it {other}{letter(self.headline)}"
+            f" moves by {self.rests_on.shift:+.2g}"
         )
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:

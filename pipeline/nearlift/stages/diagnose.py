@@ -70,7 +70,10 @@ def run(job: Job) -> Outcome:
             reason = f"{fault.what}; {fault.remedy}"
             findings[boundary] = NotDiagnosed(reason=reason, base_model=base.name)
             quoted[boundary] = base_result(
-                fit(base, data, parts), fitted.boundaries[boundary][base.name], reason
+                fit(base, data, parts),
+                fitted.boundaries[boundary][base.name],
+                reason,
+                wanted=fault.remedy,
             )
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue

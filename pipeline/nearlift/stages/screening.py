@@ -51,7 +51,11 @@ def words(fitted: Fit, found: Influence) -> list[str]:
     headline = fitted.estimates[name] if name else None
 
     def said(s: Suspect) -> str:
-        what = s.id if s.kind == "trial" else f"visit {s.id} ({s.trials[0]} to {s.trials[-1]})"
+        what = (
+            s.id
+            if s.kind == "trial"
+            else f"visit {s.id}, trials {s.trials[0]} to {s.trials[-1]} at one stop,"
+        )
         if s.without is None or headline is None:
             return f"{what} stands out, and without it the base model does not fit"
         alone = s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u)

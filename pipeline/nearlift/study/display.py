@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 
 from nearlift.nomenclature import letter
 from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.rounding import like, plain, plus_minus
+from nearlift.rounding import plain, plus_minus
 
 if TYPE_CHECKING:
-    from nearlift.results.quotation import CoefficientResult
     from nearlift.study.answers import Answered, Diagnosis, Drawing, Finished, Fit, Reduction
 
 #: Trials listed by name; more are counted.
@@ -46,8 +45,8 @@ def fit(found: Fit) -> str:
                     boundary,
                     base.title,
                     letter(name),
-                    plus_minus(c.value, c.u),
-                    _interval(c),
+                    c.estimate,
+                    c.interval,
                     c.holds,
                     plain(base.chi2 / base.dof, 3),
                 )
@@ -82,8 +81,8 @@ def diagnosis(found: Diagnosis) -> str:
             told = (
                 named or "none",
                 letter(name),
-                plus_minus(c.value, c.u),
-                _interval(c),
+                c.estimate,
+                c.interval,
                 c.holds,
                 "" if at.reason else error,
             )
@@ -125,10 +124,6 @@ def drawing(found: Drawing) -> str:
         '<figure style="margin:0.5em'
         f' 0">{picture}<figcaption>{escape(found.caption)}</figcaption></figure>'
     )
-
-
-def _interval(c: CoefficientResult) -> str:
-    return f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
 
 
 def _whole(found: Answered, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -20,8 +20,7 @@ from nearlift.report.evidence import Evidence
 from nearlift.report.findings import along, listed, stand_ins
 from nearlift.report.number import LEAST_CHANCE, Number, Place
 from nearlift.results.diagnosis import wandering
-from nearlift.results.fit import ModelFit
-from nearlift.results.quotation import BoundaryResult
+from nearlift.results.fit import ModelFit, UndeclaredInput
 from nearlift.results.serial import decode
 from nearlift.rounding import plain
 
@@ -36,13 +35,10 @@ INPUT_WORDS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reservation:
-    """One reason to doubt headlines: their boundaries (none where it concerns the campaign), the
-    text, and what would settle it, where something can be measured.
-    """
+    """One reason to doubt headlines, and their boundaries: none where it concerns the campaign."""
 
     boundaries: tuple[str, ...]
     text: str
-    remedy: str = ""
 
 
 def facts(evidence: Evidence) -> dict[str, Any]:
@@ -94,15 +90,15 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     model, entry = evidence.base(boundary)
     found, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
     said = [quoted.leaning] if quoted.leaning else []
-    if reason := evidence.not_diagnosed(boundary):
-        said.append(f"not diagnosed, so an effect of any size may be in the coefficient: {reason}")
+    if evidence.not_diagnosed(boundary):
+        said.append("not diagnosed, so an effect of any size may be in the coefficient")
     if look := found.get("look"):
         said.append(f"the campaign is still growing: {look['text']}")
     if goodness(evidence, boundary)[0] and not found.get("effects"):
         # where an effect is named, it is the base model's cells that stray, not the quoted one's
         said.append(
-            f"cells stray from {model.title} by more than chance allows, so its interval is that of"
-            " a curve which is not the data's"
+            f"means at one distance and throttle stray from {model.title} by more than chance"
+            " allows, so the interval belongs to a curve that the data do not follow"
         )
     said += found.get("contradicted", [])
     said += [wandering(found["wander"])] if "wander" in found else []
@@ -110,8 +106,8 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     if found.get("verdict") == "unexplained" and not found.get("contradicted"):
         where = [f" along {along(str(line['covariate']))}" for line in found["structure"][:1]]
         text = (
-            f"what the base model leaves{''.join(where)} has no name, and may be in the coefficient"
-            " too"
+            f"what the base model leaves{''.join(where)} is unexplained, and may be in the"
+            " coefficient too"
         )
         told.append(Reservation(boundaries=(boundary,), text=text))
     further = [text for effect in found.get("effects", []) for text in _alike(found, effect)]
@@ -125,7 +121,7 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         # by the noise of the fit; after the loop the conditions say it by the loop's
         further += [str(d["text"]) for d in entry["degeneracies"][:1]]
     told += [Reservation(boundaries=(boundary,), text=text) for text in further]
-    told += _undeclared(boundary, entry, quoted)
+    told += _undeclared(evidence, boundary)
     unseen = [catalogue.titled(str(u["effect"])) for u in found.get("untestable", [])]
     if unseen:
         text = f"nothing was logged that could tell of {listed(unseen)}"
@@ -141,7 +137,7 @@ def _alike(found: dict[str, Any], effect: dict[str, Any]) -> list[str]:
     if alone:
         said.append(
             f"{effect['name']} and {listed(alone)} look alike in this design; which of them it is"
-            " rests on prior plausibility"
+            " rests on which is more plausible beforehand"
         )
     if together:
         said.append(
@@ -151,33 +147,30 @@ def _alike(found: dict[str, Any], effect: dict[str, Any]) -> list[str]:
     return said
 
 
-def _undeclared(
-    boundary: Boundary, entry: dict[str, Any], quoted: BoundaryResult
-) -> list[Reservation]:
-    """Inputs without a declared uncertainty whose plausible error would move the headline by more
-    than its u.
+def undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, UndeclaredInput]]:
+    """Inputs without a declared uncertainty: by how many of its u the headline would move if they
+    erred plausibly, the largest first.
     """
-    name = quoted.headline
-    u = quoted.coefficients[name].u if name else math.inf
+    quoted = evidence.quoted(boundary)
+    u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
     if not (u > 0 and math.isfinite(u)):
         return []
-    worth = [(abs(line["shift"][name]) / u, line) for line in entry.get("undeclared", [])]
-    moves = [(by, a) for by, a in sorted(worth, key=lambda pair: -pair[0]) if by > 1]
-    if not moves:
-        return []
+    listed = decode(ModelFit, evidence.base(boundary)[1]).undeclared
+    worth = [(abs(a.shift[quoted.headline]) / u, a) for a in listed]
+    return sorted((pair for pair in worth if pair[0] > 0), key=lambda pair: -pair[0])
+
+
+def _undeclared(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
+    """Those of which a plausible error would move the headline by more than its u."""
+    name = evidence.quoted(boundary).headline
     told = ", ".join(
-        f"{plain(SCALES[a['unit']][0] * a['size'], 2)} {SCALES[a['unit']][1]} of"
-        f" {INPUT_WORDS[a['on']]} by {plain(by, 2)} u"
-        for by, a in moves
+        f"{plain(SCALES[a.unit][0] * a.size, 2)} {SCALES[a.unit][1]} in {INPUT_WORDS[a.on]} by"
+        f" {plain(abs(a.shift[name]), 2)}"
+        for by, a in undeclared(evidence, boundary)
+        if by > 1
     )
-    inputs = listed([INPUT_WORDS[a["on"]] for _, a in moves])
-    return [
-        Reservation(
-            boundaries=(boundary,),
-            text=f"what was not declared could move {letter(name)}: {told}",
-            remedy=f"measure the {inputs}, and declare how well it is known",
-        )
-    ]
+    text = f"errors that are not declared could move {letter(name)}: {told}"
+    return [Reservation(boundaries=(boundary,), text=text)] if told else []
 
 
 def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
@@ -217,8 +210,8 @@ def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
         return (
             True,
             (
-                f"rejected: cells stray from the curve by more than repeats scatter ({chance}); the"
-                " interval holds only if the model did"
+                "rejected: means at one distance and throttle stray from the curve by more than"
+                f" repeats scatter ({chance}); the interval is right only if the model is"
             ),
         )
     blind = (
@@ -229,4 +222,7 @@ def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
             " residuals"
         )
     )
-    return False, f"cells stray from the curve no more than repeats scatter{blind}"
+    return (
+        False,
+        f"means at one distance and throttle stray no more than repeats scatter{blind}",
+    )

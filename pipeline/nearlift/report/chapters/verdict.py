@@ -31,6 +31,9 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         "headline": coefficients[0] if coefficients else None,
         "others": coefficients[1:],
         "holds": next((c.holds for c in quoted.coefficients.values()), ""),
+        "omits": brief.omits,
+        # the residual is drawn in the chapter of the loop, not on the card
+        "seen": quoted.verdict in ("effect", "unexplained"),
         "error": _error(evidence, boundary) if quoted.error else None,
         "doubt": brief.doubts[0] if brief.doubts else "",
         "next": brief.next,

@@ -11,7 +11,7 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.report.chapters.doubts import Reservation, doubts
+from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared
 from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
@@ -32,8 +32,9 @@ class Brief:
     boundary : Boundary
     verdict : str
         A sentence.
-    coefficients : mapping of str to CoefficientResult
-        As quoted, the headline first.
+    quoted : BoundaryResult
+    omits : str
+        The inputs whose errors no interval allows for.
     error, sources, influence : str
         Of the headline; empty where nothing is known.
     doubts : tuple of str
@@ -45,6 +46,7 @@ class Brief:
     boundary: Boundary
     verdict: str
     quoted: BoundaryResult
+    omits: str
     error: str
     sources: str
     doubts: tuple[str, ...]
@@ -61,11 +63,12 @@ def briefs(evidence: Evidence) -> list[Brief]:
             boundary=b,
             verdict=verdict(evidence, b),
             quoted=(own := evidence.quoted(b)),
+            omits=_omits(evidence, b),
             error=_error(own),
             sources=_sources(own),
             doubts=tuple(titled(d.text) for d in held if b in d.boundaries or not d.boundaries),
             influence=_influence(own),
-            next=_next(evidence, b, own, [d for d in held if b in d.boundaries]),
+            next=_next(evidence, b, own),
         )
         for b in evidence.boundaries
     ]
@@ -88,12 +91,19 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
             for r in stand_ins(found, e)
         )
         apart = f"; this design cannot tell it from {listed([*others], 'or')}" if others else ""
-        return f"What {model} leaves is explained by {named}{apart}."
+        return f"{model} alone does not describe the data: the rest is explained by {named}{apart}."
     if quoted.verdict == "unexplained":
         found_in = [s["covariate"] for s in found.get("structure", []) if s.get("significant")]
         where = f" along {along(found_in[0])}" if found_in else ""
         return f"{model} leaves structure{where} that no known effect explains."
-    return f"Not diagnosed: {quoted.reason}."
+    return f"Not diagnosed: {quoted.reason.removesuffix(f'; {quoted.wanted}')}."
+
+
+def _omits(evidence: Evidence, boundary: Boundary) -> str:
+    """Inputs without a declared uncertainty, the one that matters most first."""
+    words = [INPUT_WORDS[a.on] for _, a in undeclared(evidence, boundary)]
+    most = f"{words[0]}{', which matters most,' if len(words) > 1 else ''}" if words else ""
+    return f"leaves out errors of {listed([most, *words[1:]])}: none is declared" if words else ""
 
 
 def _error(quoted: BoundaryResult) -> str:
@@ -105,17 +115,17 @@ def _error(quoted: BoundaryResult) -> str:
     before, after, floor = (
         fixed(100 * e, places) for e in (error.before, error.after, error.noise_floor)
     )
-    then = f", {after} % with it" if quoted.verdict == "effect" else ""
-    return f"{before} % of lift on visits left out{then}; noise floor {floor} %"
+    then = f", {after} % with the effect" if quoted.verdict == "effect" else ""
+    return f"{before} % of lift on visits left out of the fit{then}; noise alone {floor} %"
 
 
 def _sources(quoted: BoundaryResult) -> str:
-    """The headline's u, and what it would be if a source that leads were known."""
+    """The headline's u, and what it would be if a source that matters were known exactly."""
     if not quoted.headline:
         return ""
     c = quoted.coefficients[quoted.headline]
-    lines = ", ".join(f"{titled(source)} {plain(u, 2)}" for source, u in leads(c))
-    return f"u({letter(quoted.headline)}) = {plain(c.u, 2)}; if known: {lines}" if lines else ""
+    lines = ", ".join(f"{plain(u, 2)} without {titled(source)}" for source, u in leads(c))
+    return f"u({letter(quoted.headline)}) = {plain(c.u, 2)}; {lines}" if lines else ""
 
 
 def leads(c: CoefficientResult) -> list[tuple[str, float]]:
@@ -136,35 +146,42 @@ def _influence(quoted: BoundaryResult) -> str:
         return ""
     c = quoted.coefficients[quoted.headline]
     moves = [
-        f"{kind} {one.id} ({signed(one.shift, decimals(c.u) + 1)})"
+        f"by {signed(one.shift, decimals(c.u) + 1)} without {kind} {one.id}"
         for kind, one in (("trial", c.influence.trial), ("visit", c.influence.visit))
         if one is not None
     ]
-    return f"{' or '.join(moves)} if left out" if moves and 0 < c.u < math.inf else ""
+    name = letter(quoted.headline)
+    return f"{name} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""
 
 
-def _next(
-    evidence: Evidence, boundary: Boundary, quoted: BoundaryResult, held: list[Reservation]
-) -> str:
-    """What to measure next: what would part rivals; else what nobody declared, or what leads the
-    budget, and what to log.
+def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:
+    """What to measure next: what would part rivals, or give a diagnosis; else what nobody declared,
+    or what matters most in the budget, and what to log.
     """
     found = evidence.diagnosed(boundary)
     if proposed := found.get("next_experiment"):
         return titled(str(proposed[0]["measure"]))
-    # what has no name is looked for first; a better input does not find it
-    said = [d.remedy for d in held if d.remedy and quoted.verdict != "unexplained"][:1]
-    if quoted.headline and not said and quoted.verdict != "unexplained":
+    said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
+    words = to_log(found)
+    if quoted.verdict == "unexplained":
+        # what has no name is looked for first; a better input does not find it
+        where = [str(s["covariate"]) for s in found.get("structure", [])[:1]]
+        words += [f"whatever else changes along {along(w)}" for w in where]
+    elif grave := [INPUT_WORDS[a.on] for by, a in undeclared(evidence, boundary) if by > 1]:
+        each = " each" if len(grave) > 1 else ""
+        said.append(f"measure the {listed(grave)}, and declare how well{each or ' it'} is known")
+    elif quoted.headline and not said:
         own = {line.source: line for line in quoted.coefficients[quoted.headline].budget}
         for source, _ in leads(quoted.coefficients[quoted.headline]):
             # the form of an effect, and what has no name, are not measured
             if own[source].scope:
                 repeats = own[source].kind == "A"
-                said.append(f"more trials ({source} leads)" if repeats else f"a better {source}")
+                said.append(
+                    f"more trials: {source} is most of the uncertainty"
+                    if repeats
+                    else f"a better {source}"
+                )
                 break
-    words = to_log(found)
-    if quoted.verdict == "unexplained" and found.get("structure"):
-        words.append(f"whatever else changes along {along(found['structure'][0]['covariate'])}")
     if words:
         said.append(f"log {listed(words)}")
     return "; ".join(said)

@@ -12,7 +12,7 @@ from nearlift.nomenclature import VERDICTS, latex
 from nearlift.products import RESULTS
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.quotation import CoefficientResult
-from nearlift.rounding import decimals, siunitx
+from nearlift.rounding import decimals, like, siunitx
 
 SPECIAL = {
     "\\": r"\textbackslash{}",
@@ -67,12 +67,17 @@ def table(evidence: Evidence) -> str:
             )
         )
         rows = [
-            rf"${latex(n)} = \num{{{siunitx(c.value, c.u)}}}$ & {_interval(c)}"
+            rf"${latex(n)} = \num{{{_value(c)}}}$ & {_interval(c)}"
             for n, c in own.coefficients.items()
         ] or ["none & "]
         lines.append(f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[own.verdict])} " + r"\\")
         lines += [rf" & & {row} & \\" for row in rows[1:]]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _value(c: CoefficientResult) -> str:
+    """With its uncertainty, where that says the interval."""
+    return siunitx(c.value, c.u) if c.even else like(c.value, c.u).replace("−", "-")
 
 
 def _interval(c: CoefficientResult) -> str:

@@ -24,7 +24,7 @@ from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import could_have_seen, listed, stand_ins
 from nearlift.results.quotation import CoefficientResult
-from nearlift.rounding import like, plain, plus_minus
+from nearlift.rounding import plain
 
 VERDICTS = {
     "adequate": "nothing was left beyond the noise floor",
@@ -306,8 +306,7 @@ def _results(evidence: Evidence) -> str:
             continue
         estimates = listed(
             [
-                f"${latex(name)}$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {like(c.lo90, c.u)} to"
-                f" {like(c.hi90, c.u)})"
+                f"${latex(name)}$ = {c.estimate} ({'k = 1; ' if c.even else ''}90 %: {c.interval})"
                 for name, c in own.items()
             ]
         )

@@ -5,7 +5,6 @@ caption. The same report gives the same bytes.
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,20 +32,20 @@ from reportlab.platypus import (
 
 import nearlift
 from nearlift.catalogue import titled
-from nearlift.nomenclature import VERDICTS, letter
+from nearlift.nomenclature import INDEXED, VERDICTS, letter
 from nearlift.products import RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.documents import methods
-from nearlift.report.documents.brief import Brief, briefs
+from nearlift.report.documents.brief import SOURCES, Brief, briefs
 from nearlift.report.evidence import Evidence
-from nearlift.rounding import fixed, like, plain, plus_minus
+from nearlift.rounding import fixed, like, plain
 
 MARGIN = 54.0
 WIDTH, HEIGHT = A4[0] - 2 * MARGIN, A4[1] - 2 * MARGIN
 #: The figure that stands in the text; the others are the appendix.
 FIRST = "fig2"
-#: Of the doubts about a boundary, and of the sources of a coefficient's u, so many are told.
-DOUBTS, SOURCES = 3, 3
+#: Of the doubts about a boundary so many are told.
+DOUBTS = 3
 #: matplotlib's, so that text and figures match; the last serves letters that the others lack.
 FONTS = {
     "Serif": "STIXGeneral",
@@ -67,7 +66,6 @@ HEADING = ParagraphStyle(
     spaceAfter=2,
     keepWithNext=1,
 )
-SYMBOL = re.compile(r"\b([A-Za-z])_([a-z]+)\b")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,8 +168,7 @@ def _quoted(told: Sequence[Brief]) -> Table:
         rest = [*(fixed(100 * e, 2) for e in known), *["–"] * (3 - len(known))]
         lead: list[str] = [brief.boundary, *rest, VERDICTS[own.verdict]]
         for name, c in own.coefficients.items():
-            ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
-            estimate = (_cell(letter(name)), plus_minus(c.value, c.u), ends)
+            estimate = (_cell(letter(name)), c.estimate, c.interval)
             rows.append((lead[0], *estimate, *lead[1:]))
             lead = [""] * len(lead)
         if not own.coefficients:
@@ -244,12 +241,13 @@ def _found(brief: Brief) -> str:
     parts = [
         f"<b>{brief.boundary.capitalize()}.</b> {_set(brief.verdict)}",
         *(f"The interval {_set(text[:1].lower() + text[1:])}" for text in holds),
+        _set(brief.omits[:1].upper() + brief.omits[1:] + "." if brief.omits else ""),
     ]
     for label, text in (
         ("Error", brief.error),
         ("Budget", brief.sources),
         ("Doubts", "; ".join(brief.doubts[:DOUBTS])),
-        ("Leans most on", brief.influence),
+        ("What moves it most", brief.influence),
         ("Next", brief.next),
     ):
         if text:
@@ -267,7 +265,7 @@ def _set(text: str) -> str:
         for c in text
         if c.isprintable()
     )
-    return SYMBOL.sub(r'<i>\1</i><sub rise="2" size="6">\2</sub>', shown)
+    return INDEXED.sub(r'<i>\1</i><sub rise="2" size="6">\2</sub>', shown)
 
 
 @dataclass(kw_only=True)

@@ -11,7 +11,7 @@ from nearlift.reduction.quality import rejected
 from nearlift.report.documents.brief import Brief, briefs
 from nearlift.report.evidence import Evidence
 from nearlift.results.quotation import CoefficientResult
-from nearlift.rounding import like, plain, plus_minus
+from nearlift.rounding import plain
 
 WIDTH = 80
 INDENT = " " * 11
@@ -26,7 +26,10 @@ def summary(evidence: Evidence) -> bytes:
     simulated = " (simulated records)" if evidence.campaign.simulated else ""
     lines = [
         *_wrapped(f"{evidence.campaign.name}{simulated}: {count}; nearlift {nearlift.__version__}"),
-        "+/- is one standard uncertainty u (k = 1)",
+        *_wrapped(
+            "+/- is one standard uncertainty u (k = 1); a visit is the trials of one stop at a"
+            " distance"
+        ),
     ]
     for brief in briefs(evidence):
         lines += ["", *_block(brief)]
@@ -42,14 +45,14 @@ def _block(brief: Brief) -> list[str]:
     values = {name: _value(c) for name, c in coefficients.items()}
     width = max((len(v) for v in values.values()), default=0)
     for name, c in coefficients.items():
-        ends = f"90 %: {like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
         bound = ", at a bound" if c.at_bound else ""
-        lines.append(f"    {names[name]:<6} {values[name]:<{width}}   {ends}{bound}")
+        lines.append(f"    {names[name]:<6} {values[name]:<{width}}   90 %: {c.interval}{bound}")
     for label, text in (
+        ("omits", brief.omits),
         ("error", brief.error),
         ("budget", brief.sources),
         ("doubt", brief.doubts[0] if brief.doubts else ""),
-        ("leans", brief.influence),
+        ("moves", brief.influence),
         ("next", brief.next),
     ):
         if text:
@@ -58,11 +61,10 @@ def _block(brief: Brief) -> list[str]:
 
 
 def _value(c: CoefficientResult) -> str:
-    """``1.98 +/- 0.03 (1.8 %)``."""
-    part = (
-        f" ({plain(100 * abs(c.u / c.value), 2)} %)" if c.value and 0 < c.u < abs(c.value) else ""
-    )
-    return plus_minus(c.value, c.u).replace("±", "+/-") + part
+    """``1.98 +/- 0.03 (1.8 %)``; the value alone where ± would not say the interval."""
+    known = c.even and 0 < c.u < abs(c.value)
+    part = f" ({plain(100 * abs(c.u / c.value), 2)} %)" if known else ""
+    return c.estimate.replace("±", "+/-") + part
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:

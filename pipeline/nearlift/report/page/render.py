@@ -12,10 +12,10 @@ from importlib import resources
 from typing import Any
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from nearlift import catalogue
-from nearlift.nomenclature import letter
+from nearlift.nomenclature import INDEXED, letter
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import along
 from nearlift.report.page.chart import Chart, embedded
@@ -64,6 +64,11 @@ def spoken(text: str) -> str:
     return text.replace("z_hat", "ẑ").replace(" %", "\N{NO-BREAK SPACE}%")
 
 
+def typeset(text: str) -> Markup:
+    """The same as HTML, letters with their index as symbols."""
+    return Markup(INDEXED.sub(r"<i>\1</i><sub>\2</sub>", str(escape(spoken(text)))))
+
+
 def templates() -> jinja2.Environment:
     """The templates of all pages: text from files stays text, and a name that is not given is an
     error.
@@ -77,7 +82,8 @@ def templates() -> jinja2.Environment:
     )
     environment.filters |= {
         "capfirst": lambda text: text[:1].upper() + text[1:],
-        "titled": spoken,
+        "titled": typeset,
+        "spoken": spoken,
         "along": along,
     }
     return environment

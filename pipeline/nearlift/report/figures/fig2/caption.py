@@ -11,7 +11,8 @@ from nearlift.products import LIFT, POSTERIOR
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, distinct
 from nearlift.report.figures.fig2 import table as fig2
-from nearlift.rounding import fixed, plain, plus_minus
+from nearlift.results.quotation import BoundaryResult
+from nearlift.rounding import fixed, plain
 
 #: A departure of this much at the farthest station can be seen in the figure, and is explained.
 VISIBLE = 0.002
@@ -91,10 +92,7 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
 def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
     """What the line is of, what was taken out of the symbols, and how well L_inf is known."""
     model, entry = evidence.base(boundary)
-    told = ", ".join(
-        f"{letter(n)} = {plus_minus(c.value, c.u)}"
-        for n, c in evidence.quoted(boundary).coefficients.items()
-    )
+    told = _coefficients(evidence.quoted(boundary))
     effects = fig2.named(evidence, boundary)
     out = ""
     if effects:
@@ -111,9 +109,15 @@ def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
     )
     u = 100 * relative_lift.relative_lift(evidence, boundary).u_L_inf
     return (
-        f"{boundary.capitalize()}: {model.title}{f' ({told}, k = 1)' if told else ''}{out}; L∞ is"
+        f"{boundary.capitalize()}: {model.title}{f' ({told})' if told else ''}{out}; L∞ is"
         f" known to {plain(u, 2)} %, by the scatter.{moved}{_influence_note(evidence, boundary)}"
     )
+
+
+def _coefficients(quoted: BoundaryResult) -> str:
+    """Those to be quoted, and what ± means where it stands."""
+    told = [quoted.stated(n) for n in quoted.coefficients]
+    return ", ".join([*told, *(["k = 1"] if any("±" in t for t in told) else [])])
 
 
 def _influence_note(evidence: Evidence, boundary: Boundary) -> str:
@@ -137,15 +141,13 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
         return _fit_note(evidence, boundary)
     model, entry = evidence.base(boundary)
     quoted = evidence.quoted(boundary)
-    told = ", ".join(
-        f"{letter(n)} = {plus_minus(c.value, c.u)}" for n, c in quoted.coefficients.items()
-    )
+    told = _coefficients(quoted)
     beyond = (
         f", with {' and '.join(quoted.effects)} in the model, which the line is without"
         if quoted.effects
         else ""
     )
-    of = f" ({told}, k = 1{beyond})" if told else ""
+    of = f" ({told}{beyond})" if told else ""
     mine = (table["panel"] == boundary) & (table["kind"] == "data")
     if not mine.any():
         return ""

@@ -33,6 +33,8 @@ from nearlift.report.page.chart import (
 )
 
 GRID = 90
+#: Of curves beside the quoted one, which dashes tell apart.
+GREY = "var(--soft)"
 HEIGHT = 300
 #: More throttles than this are shaded instead of each having its own colour, and are chosen behind
 #: a summary.
@@ -210,11 +212,9 @@ def _models(
         band: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         i = len(choices) - 1
-        colour, dash = (
-            ("var(--text)", None)
-            if name == base.name
-            else (SERIES[i % len(SERIES)], DASHES[i % len(DASHES)])
-        )
+        # colours are the throttles'
+        quoted = name == base.name
+        colour, dash = ("var(--text)", None) if quoted else (GREY, DASHES[i % len(DASHES)])
         choices.append(Choice(value=name, label=label, on=on, colour=colour, dash=dash))
         levels[name] = {
             throttle_key(float(t)): scale * float(e["value"]) for t, e in fit["L_inf_N"].items()
@@ -261,7 +261,7 @@ def _models(
     for reference in fig2.references(evidence, boundary):
         add(
             f"reference:{reference.label}",
-            reference.label,
+            f"{catalogue.model(reference.model).title} ({reference.label.partition('(')[2]}",
             curves.ratio(catalogue.model(reference.model), grid, reference.arguments),
             entry,
             True,
