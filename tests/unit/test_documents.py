@@ -210,7 +210,7 @@ def expected(evidence, quoted):
     yield (f"Near the ground, $K_b$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {ends}).",)
     yield (titled(c.holds),)
     yield (
-        "Of type A stand behind it",
+        "Its type A sources are",
         *(
             f"{line.source} {plain(scales[line.unit][0] * line.u_input, 2)} {scales[line.unit][1]}"
             for line in sure

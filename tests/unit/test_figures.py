@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import LayoutEngine
+from matplotlib.text import Text
 from PIL import Image
 
 from nearlift.errors import ManifestError
@@ -27,6 +28,9 @@ from nearlift.report.figures.residuals import drawing as draw_residuals
 from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.registry import FIGURES
 from nearlift.stages.report import gather
+
+#: Figures of the loop, of flow, flight and proximity need more, and are tested beside their stages.
+OF_A_FIT = [s for s in FIGURES if set(s.needs) <= {TRIALS, LIFT, FIT, POSTERIOR}]
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +77,7 @@ def test_panels_are_labelled_with_units_and_curves_named(table):
         "S-C, fitted, 90 %",
         "C-B (theory)",
         "S-C (PQuad)",
-        r"$L_\infty$, $\pm 1\,u$",
+        r"uncertainty of $L_\infty$",
     ]
     assert [t.get_text() for t in figure.legends[0].get_texts()] == [
         "throttle:",
@@ -109,13 +113,7 @@ def test_many_throttles_get_a_colour_bar(make_job):
     assert not figure.legends
 
 
-# figures of the loop, of flow, flight and proximity need more than a fit, and are tested beside
-# their stages
-@pytest.mark.parametrize(
-    "spec",
-    [s for s in FIGURES if set(s.needs) <= {TRIALS, LIFT, FIT, POSTERIOR}],
-    ids=lambda s: s.name,
-)
+@pytest.mark.parametrize("spec", OF_A_FIT, ids=lambda s: s.name)
 def test_the_same_table_gives_the_same_bytes(small_job, spec):
     rows = spec.summarise(gather(small_job))
     first, second = (render(spec.draw, rows, style.style("aiaa")) for _ in range(2))
@@ -126,6 +124,13 @@ def test_the_same_table_gives_the_same_bytes(small_job, spec):
     assert "Software" not in picture.info
     assert picture.width == pytest.approx(6.75 * 300, abs=1)
     assert Image.open(io.BytesIO(first["page"])).width == min(PAGE_WIDTH, picture.width)
+
+
+@pytest.mark.parametrize("spec", OF_A_FIT, ids=lambda s: s.name)
+def test_no_type_is_below_six_points_at_printed_size(small_job, spec):
+    # Nature's, whose type is the smallest
+    figure = drawn(spec.draw, spec.summarise(gather(small_job)), "nature")
+    assert min(t.get_fontsize() for t in figure.findobj(Text) if t.get_text()) >= 6
 
 
 def test_settings_are_put_back_and_the_users_own_have_no_part(table):

@@ -345,7 +345,7 @@ def test_candidates_stand_by_evidence_and_say_what_they_leave(table):
         ("supply_sag", "named", 0.0, ""),
         ("warm_up", "rival", 5.0, ""),
         ("session_gain", "worse", 16.0, ""),
-        ("gain_drift", "rejected", 96.0, "leaves supply"),
+        ("gain_drift", "rejected", 96.0, "leaves supply voltage"),
         ("reynolds", "rejected", 1776.0, "explains too little"),
     ]
 
@@ -383,11 +383,11 @@ def test_accepted_candidates_are_filled_and_rejected_hollow(table):
     marks = [line for line in ax.lines if len(line.get_xdata()) == 1]
     assert [m.get_markerfacecolor() == "white" for m in marks] == [False, False, False, True, True]
     assert [t.get_text() for t in ax.get_yticklabels()] == [
-        "supply sag",
-        "warm up",
-        "session gain",
-        "gain drift",
-        "reynolds",
+        "supply voltage",
+        "warm-up",
+        "gain of the session",
+        "drift of gain",
+        "Reynolds number",
     ]
     low, high = ax.get_xlim()
     assert low <= 0 < 1776 < high

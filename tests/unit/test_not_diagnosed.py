@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,13 @@ def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     )
     assert any(doubt.text.startswith("not diagnosed") for doubt in doubts.doubts(evidence))
     assert diagnosis.facts(evidence)["not_diagnosed"] == {"ground": REASON}
+
+
+def test_every_file_that_the_page_links_is_there(out: Path):
+    page = out / "reports/means/index.html"
+    found = re.findall(r'href="([^"#:]+)"', page.read_text())
+    assert {"report.pdf", "summary.txt", "../../processed/means/results.json"} <= set(found)
+    assert [href for href in found if not (page.parent / href).is_file()] == []
 
 
 def test_the_methods_say_it_in_a_whole_sentence(evidence: report.Evidence):

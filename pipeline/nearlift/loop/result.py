@@ -46,7 +46,7 @@ def result(
     )
     doubts = estimator.doubts()
     which = (
-        f"which of {len(answer.accepted)} answers holds"
+        f"choice between {len(answer.accepted)} explanations"
         if len(answer.accepted) > 1
         else "shift by the form"
     )
@@ -108,11 +108,11 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
             ", not for what is unexplained" if answer.verdict == "unexplained" else f"; {none}"
         )
         return f"Allows for {errors}{missing}"
-    others = len(answer.accepted) - 1
     named = " and ".join(answer.accepted[0].effects)
-    form = "" if stage.independent else ", which need not follow its formula exactly"
-    beside = ", or what this design cannot tell from it" if others else ""
-    return f"Allows for {errors} with {named} in the model{form}{beside}"
+    alike = ", and what this design cannot tell from it" if len(answer.accepted) > 1 else ""
+    if stage.independent:
+        return f"Allows for {errors} with {named} in the model{alike}"
+    return f"Allows for {errors}, for an inexact formula of {named}{alike}"
 
 
 def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> list[Doubt]:

@@ -157,6 +157,8 @@ class Place:
         u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
         name = name or str(own.path[-1])
         head, _, sub = letter(name).partition("_")
+        if len(head) > 1:
+            head, sub = f"{head} {sub}".replace("_", " ").strip(), ""
         return Quoted(
             name=name,
             head=head,

@@ -9,6 +9,8 @@ import io
 import math
 from typing import Any
 
+from numpy.typing import NDArray
+
 from nearlift.report.evidence import Columns
 
 #: A text cell that begins with one of these is a formula to a spreadsheet.
@@ -22,9 +24,14 @@ def to_csv(table: Columns) -> bytes:
     sink = io.StringIO()
     writer = csv.writer(sink, lineterminator="\n")
     writer.writerow(table)
-    columns = [values.tolist() for values in table.values()]
-    writer.writerows([[cell(v) for v in row] for row in zip(*columns, strict=True)])
+    writer.writerows(zip(*(_cells(values) for values in table.values()), strict=True))
     return sink.getvalue().encode()
+
+
+def _cells(values: NDArray[Any]) -> list[str]:
+    if values.dtype.kind == "f":
+        return [f"{v:.9g}" if v - v == 0.0 else "" for v in values.tolist()]
+    return [cell(v) for v in values.tolist()]
 
 
 def cell(value: Any) -> str:

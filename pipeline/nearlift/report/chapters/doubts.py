@@ -136,8 +136,8 @@ def _alike(found: dict[str, Any], effect: dict[str, Any]) -> list[str]:
     said = []
     if alone:
         said.append(
-            f"{effect['name']} and {listed(alone)} look alike in this design; which of them it is"
-            " rests on which is more plausible beforehand"
+            f"{effect['name']} and {listed(alone)} look alike in this design; the one that is more"
+            " plausible beforehand is named"
         )
     if together:
         said.append(

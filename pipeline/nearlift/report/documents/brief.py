@@ -102,8 +102,9 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
 def _omits(evidence: Evidence, boundary: Boundary) -> str:
     """Inputs without a declared uncertainty, the one that matters most first."""
     words = [INPUT_WORDS[a.on] for _, a in undeclared(evidence, boundary)]
-    most = f"{words[0]}{', which matters most,' if len(words) > 1 else ''}" if words else ""
-    return f"leaves out errors of {listed([most, *words[1:]])}: none is declared" if words else ""
+    if len(words) > 1:
+        words[0] += " (most important)"
+    return f"errors of {listed(words)}: none is declared" if words else ""
 
 
 def _error(quoted: BoundaryResult) -> str:

@@ -336,7 +336,7 @@ def _scatter(headline: CoefficientResult) -> str:
     parts = [listed(sized)] if sized else []
     if unknown := [line.source for line in lines if line.source in few]:
         parts.append(f"of sizes that repeats hardly tell, {listed(unknown)}")
-    return f" Of type A stand behind it {', and, '.join(parts)}." if parts else ""
+    return f" Its type A sources are {', and, '.join(parts)}." if parts else ""
 
 
 def _programs(evidence: Evidence) -> str:

@@ -241,7 +241,7 @@ def _found(brief: Brief) -> str:
     parts = [
         f"<b>{brief.boundary.capitalize()}.</b> {_set(brief.verdict)}",
         *(f"The interval {_set(text[:1].lower() + text[1:])}" for text in holds),
-        _set(brief.omits[:1].upper() + brief.omits[1:] + "." if brief.omits else ""),
+        *([f"It leaves out {_set(brief.omits)}."] if brief.omits else []),
     ]
     for label, text in (
         ("Error", brief.error),

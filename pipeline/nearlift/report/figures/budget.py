@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -15,7 +16,7 @@ from nearlift.nomenclature import letter
 from nearlift.products import FIT
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, coefficient, plain_text
+from nearlift.report.figures.style import SERIES, Style, coefficient, effects
 from nearlift.results.quotation import BudgetLine, CoefficientResult
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
@@ -145,9 +146,9 @@ def draw(table: Rows, look: Style) -> Figure:
                 (3, 0),
                 textcoords="offset points",
                 va="center",
-                fontsize=look.text_pt - 2,
+                fontsize=rcParams["legend.fontsize"],
             )
-        ax.set_yticks(range(len(components)), [plain_text(c) for c in components])
+        ax.set_yticks(range(len(components)), [effects(c) for c in components])
         ax.set_ylim(len(components) - 0.4, -0.6)
         ax.set_xlim(0, 124)
         ax.set_xticks([0, 50, 100])

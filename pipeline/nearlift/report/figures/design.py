@@ -8,12 +8,13 @@ import textwrap
 from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift.report.evidence import Columns, Rows, distinct, select
-from nearlift.report.figures.style import SERIES, Style, plain_log
+from nearlift.report.figures.style import SERIES, Style, effects, plain_log
 
 #: Displayed units of sizes that are small in SI.
 SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m", 1e3)}
@@ -244,7 +245,7 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
                 (at, y),
                 xytext=(5, -2.4),
                 textcoords="offset points",
-                fontsize="x-small",
+                fontsize=rcParams["legend.fontsize"],
                 color="0.25",
             )
         else:
@@ -254,13 +255,13 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
                 (edge, y),
                 xytext=(5, -2.4),
                 textcoords="offset points",
-                fontsize="x-small",
+                fontsize=rcParams["legend.fontsize"],
                 color="0.25",
             )
     ax.set_xscale("log")
     ax.set_xlim(0.5 * min(low, 0.5), 12 * edge)
     plain_log(ax.xaxis)
-    ax.set_yticks(place, [str(n).replace("_", " ") for n in names])
+    ax.set_yticks(place, [effects(str(n)) for n in names])
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(-0.8, len(names) - 0.2)
     ax.set_xlabel("detection limit over plausible size", labelpad=1)
@@ -300,11 +301,12 @@ def _confused(ax: Axes, rows: Rows) -> None:
     for i, j in zip(*np.nonzero(np.isfinite(table)), strict=True):
         own = truth[i] == taken[j]
         ax.text(
-            j, i, f"{table[i, j]:.0f}", ha="center", va="center", fontsize="x-small",
-            color="white" if table[i, j] > 70 else "black", fontweight="bold" if own else "normal",
+            j, i, f"{table[i, j]:.0f}", ha="center", va="center",
+            fontsize=rcParams["legend.fontsize"], fontweight="bold" if own else "normal",
+            color="white" if table[i, j] > 70 else "black",
         )  # fmt: skip
-    ax.set_xticks(np.arange(len(taken)), [str(t).replace("_", " ") for t in taken], rotation=90)
-    ax.set_yticks(np.arange(len(truth)), [str(t).replace("_", " ") for t in truth])
+    ax.set_xticks(np.arange(len(taken)), [effects(str(t)) for t in taken], rotation=90)
+    ax.set_yticks(np.arange(len(truth)), [effects(str(t)) for t in truth])
     ax.tick_params(length=0)
     ax.set_xticks(np.arange(len(taken)) - 0.5, minor=True)
     ax.set_yticks(np.arange(len(truth)) - 0.5, minor=True)

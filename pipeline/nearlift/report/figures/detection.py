@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.figure import Figure
 
 from nearlift import nomenclature
@@ -224,11 +225,11 @@ def _range(ax: Any, own: Rows) -> None:
         ax.text(
             0.96,
             0.04,
-            "\n".join([*nowhere, "nowhere"]),
+            "\n".join(["nowhere with", *nowhere]),
             transform=ax.transAxes,
             ha="right",
             va="bottom",
-            fontsize="small",
+            fontsize=rcParams["legend.fontsize"],
             color="0.35",
         )
     ax.set_xlim(own["x"].min() / 1.5, own["x"].max() * 1.5)

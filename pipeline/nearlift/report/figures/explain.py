@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from nearlift.declare import Effect, FloatArray
 from nearlift.report.evidence import Columns, Rows, select
 from nearlift.report.figures.design import SHOWN, size_text
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log, quantity
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, effects, plain_log, quantity
 from nearlift.results import Observations
 
 #: Rivals drawn.
@@ -388,7 +388,7 @@ def _confused(ax: Axes, rows: Rows) -> None:
         color=SERIES[0][0],
         label="chance to be a rival",
     )
-    ax.set_yticks(place, [str(n).replace("_", " ") for n in rows["series"][mine]])
+    ax.set_yticks(place, [effects(str(n)) for n in rows["series"][mine]])
     ax.tick_params(axis="y", length=0)
     ax.set_xlim(0, 100)
     ax.set_ylim(-0.6, len(mine) - 0.4 + 0.28 * len(mine))

@@ -124,9 +124,7 @@ def draw(table: Rows, look: Style) -> Figure:
             )
             ax.set_xlim(x0, x1)
             ax.set_ylim(y0, y1)
-            ax.set_title(
-                f"{next(letters)}) {labels[name]}", loc="left", fontsize=look.text_pt - 0.5
-            )
+            ax.set_title(f"{next(letters)}) {labels[name]}", loc="left", fontsize=look.text_pt)
         places[0].set_ylabel(Y)
         figure.colorbar(
             shade,

@@ -238,7 +238,7 @@ def _histories(ax: Axes, own: Rows, side: str) -> None:
     top = 1.22 * float(own["y"].max())
     ax.set_ylim(-0.09 * top, top)
     ax.set_xlabel("time (s)")
-    ax.set_ylabel(nomenclature.label("z_hat"))
+    ax.set_ylabel(f"distance {nomenclature.label('z_hat')}")
     if side == "ceiling":
         # as one sees it: the ceiling above
         ax.invert_yaxis()
@@ -269,7 +269,7 @@ def _rates(ax: Axes, own: Rows, last: bool) -> None:
             own["x"][mine], 100 * own["y"][mine], color=shade, linewidth=1.3 if e in (0, 1) else 0.8
         )
     ax.set_ylim(-2, 102)
-    ax.set_xlabel(nomenclature.label("target_z_hat"))
+    ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
     for kind, dashes in COST.items():

@@ -118,7 +118,7 @@ def draw(table: Rows, look: Style) -> Figure:
         textcoords="offset points",
         fontsize=look.text_pt - 1,
     )
-    axes[-1].set_xlabel("in units of the prior's central 90 %")
+    axes[-1].set_xlabel("place between the ends of the prior's central 90 %")
     return figure
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -143,7 +144,10 @@ def draw(table: Rows, look: Style) -> Figure:
         handles.append(
             Line2D([], [], color=colour, marker=marker, markerfacecolor="white", linewidth=width)
         )
-    for dashes, words in ((SEEN, "risk from flights that crashed"), (BOUND, "risk only a bound")):
+    for dashes, words in (
+        (SEEN, "risk from flights that crashed"),
+        (BOUND, "no crash flown: risk is a bound"),
+    ):
         if (table["seen"][table["kind"] == "way"] == (dashes == SEEN)).any():
             handles.append(Line2D([], [], color="0.35", linestyle=dashes))
             names.append(words)
@@ -182,7 +186,7 @@ def _corridor(ax: Axes, table: Rows, looks: Looks) -> None:
     ax.set_xlim(0, float(table["x2"][room]))
     ax.set_xlabel("along the corridor (m)")
     ax.set_ylabel("height of rotor plane (m)")
-    ax.set_title("a) ways")
+    ax.set_title("a) routes")
 
 
 def _front(ax: Axes, front: Rows, looks: Looks, bound: float) -> None:
@@ -209,21 +213,21 @@ def _front(ax: Axes, front: Rows, looks: Looks, bound: float) -> None:
         (0, 2),
         xycoords=("axes fraction", "data"),
         textcoords="offset points",
-        fontsize="small",
+        fontsize=rcParams["legend.fontsize"],
         color="0.25",
     )
     # an interval that reaches far below all risks leaves the frame
     ax.set_ylim(0.3 * float(y.min()), 2.5 * max(bound, float(high.max())))
     plain_log(ax.yaxis)
     ax.margins(x=0.12)
-    ax.set_xlabel("energy over the straight way's far away")
+    ax.set_xlabel("energy / that of the straight route, far away")
     ax.set_ylabel("risk of a crash")
     ax.set_title("b) energy against risk")
 
 
 FIGURE = FigureSpec(
     name="routes",
-    title="Ways through the corridor",
+    title="Routes through the corridor",
     needs=(ROUTES, SAFETY),
     summarise=summarise,
     draw=draw,

@@ -213,7 +213,7 @@ def _crash(ax: Axes, own: Rows) -> None:
         )
         ax.plot(own["x"][mine], 100 * own["y"][mine], color=shade, linestyle=style, zorder=3)
     ax.set_ylim(-2, 102)
-    ax.set_xlabel(nomenclature.label("target_z_hat"))
+    ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
     cost, paper = own["kind"] == "cost", own["kind"] == "cost_paper"

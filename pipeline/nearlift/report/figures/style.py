@@ -19,6 +19,7 @@ from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from nearlift import nomenclature
+from nearlift.catalogue import titled
 from nearlift.errors import ManifestError, UsageError
 
 
@@ -236,6 +237,11 @@ def plain_text(text: str) -> str:
     characters left out.
     """
     return "".join(c for c in text if c.isprintable()).replace("$", r"\$")
+
+
+def effects(name: str) -> str:
+    """What a candidate is called: its effects by their titles, two of them beneath one another."""
+    return plain_text(titled(name)).replace(" + ", "\n+ ")
 
 
 def coefficient(name: str) -> str:

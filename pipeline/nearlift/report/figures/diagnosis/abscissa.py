@@ -59,10 +59,15 @@ AXES: dict[str, Axis] = {
 
 
 def chosen(found: Mapping[str, Any]) -> list[str]:
-    """The covariate of the most significant structure; after two effects also that of the effect
-    which it does not concern.
+    """The covariate of the most significant structure; where it stays unexplained also that of the
+    next, where the gain wanders also time, and after two effects also that of the effect which the
+    first does not concern.
     """
-    words = [str(s["covariate"]) for s in found.get("structure", [])[:1]] or ["distance"]
+    structure = found.get("structure", [])
+    shown = [s for s in structure[1:] if s["significant"] and found["verdict"] == "unexplained"]
+    words = [str(s["covariate"]) for s in (*structure[:1], *shown)] or ["distance"]
+    if found.get("wander"):
+        words.append("start")
     if len(found.get("effects", [])) > 1:
         known = {e.name: e.varies_with for e in catalogue.effects()}
         words += [

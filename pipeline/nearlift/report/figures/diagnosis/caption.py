@@ -33,13 +33,13 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
     ]
     parts.append(
-        f"Dots: trials{_beyond(table)}; symbols: means over bins with their standard error; shade:"
-        " ± the noise floor."
+        f"Dots: trials{_beyond(table)}; symbols: means with their standard error; shade: ±"
+        " the noise floor."
     )
     if after:
         parts.append(
-            "After: the effect in its declared form is added; what its true form may depart from"
-            f" it ({100 * FORM_SD:.0f} %) is still there."
+            "After: the effect added in its declared form, from which the true one may depart by"
+            f" {100 * FORM_SD:.0f} %."
         )
     if ((table["part"] == "residual") & (table["kind"] == "session")).any():
         parts.append("Dashed uprights: a new session.")
@@ -47,20 +47,18 @@ def caption(evidence: Evidence, table: Columns) -> str:
         reference = "best accepted" if after else "best"
         parts.append(
             f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of"
-            f" the {reference} one over each; filled: named, a rival or good enough; hollow:"
-            f" rejected; shade: within {RIVAL_MAX_2LNB:g}, where this design cannot tell them apart"
-            " (the one whose size is most plausible beforehand is named)."
+            f" the {reference} one over each; hollow: rejected; shade: within {RIVAL_MAX_2LNB:g},"
+            " where this design cannot tell them apart."
         )
     if (table["part"] == "error").any():
         parts.append(
-            f"Held-out error ({_letters(table, 'error')}): visits that took no part in the search,"
-            " 90 % intervals; dashed: noise floor."
+            f"Held-out error ({_letters(table, 'error')}): visits left out of the search, 90 %;"
+            " dashed: noise floor."
         )
     if (table["part"] == "coefficient").any():
         parts.append(
-            f"Coefficients ({_letters(table, 'coefficient')}): bold, as quoted, 90 %; thin and"
-            " numbered, what they would be on a condition (an arrow where it leaves the axis, its"
-            " ends in figures)."
+            f"Coefficients ({_letters(table, 'coefficient')}): bold, as quoted, 90 %; numbered, on"
+            " a condition (arrows and figures where it leaves the axis)."
         )
     for boundary in distinct(table["panel"]):
         parts.append(_boundary(table, boundary))
@@ -130,4 +128,4 @@ def _letters(table: Columns, part: str) -> str:
 
 def _beyond(table: Columns) -> str:
     count = int(np.count_nonzero(table["kind"] == "beyond"))
-    return f", of which {count} beyond the axis stand as ticks at its edge" if count else ""
+    return f", of which {count} beyond the axis are ticks at its edge" if count else ""

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
+from nearlift.catalogue import titled
 from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.diagnosis import clouds as loop_clouds
 from nearlift.report.figures.diagnosis import panels as loop_panels
@@ -37,7 +38,7 @@ def draw(table: Rows, look: Style) -> Figure:
     parts = figure.subfigures(len(blocks), 1, height_ratios=heights, squeeze=False)[:, 0]
     for part, boundary, block in zip(parts, boundaries, blocks, strict=True):
         verdict = select(block, block["part"] == "verdict")
-        headline = plain_text(str(verdict["label"][0]).replace("_", " "))
+        headline = plain_text(titled(str(verdict["label"][0])))
         kind = str(verdict["kind"][0])
         part.suptitle(
             f"{boundary.capitalize()}. {kind.capitalize()}: {headline}",

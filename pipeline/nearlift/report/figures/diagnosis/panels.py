@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from nearlift import nomenclature
 from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.diagnosis.clouds import CLOUD, FLOOR, LOOKS
-from nearlift.report.figures.style import FITTED, plain_text
+from nearlift.report.figures.style import FITTED, effects, plain_text
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 #: Where the axis of evidence turns logarithmic.
@@ -66,13 +66,13 @@ def candidates(ax: Axes, rows: Rows) -> None:
             color="0.25",
             zorder=4,
         )
-        text.set_fontsize(rcParams["legend.fontsize"] - 0.5)
+        text.set_fontsize(rcParams["legend.fontsize"])
         text.set_bbox(
             {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
             if side < 0
             else {"alpha": 0, "pad": 0}
         )
-    ax.set_yticks(y, [plain_text(str(name).replace("_", " ")) for name in rows["label"]])
+    ax.set_yticks(y, [effects(str(name)) for name in rows["label"]])
     ax.tick_params(axis="y", length=0)
     ax.tick_params(axis="x", which="minor", length=0)
     ax.set_ylim(-0.7, len(y) - 0.3)

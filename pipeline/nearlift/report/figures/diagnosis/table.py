@@ -19,7 +19,7 @@ from nearlift.report.evidence import Columns, Evidence, select, stack, text_colu
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.report.figures.diagnosis.residual_table import residuals
 from nearlift.report.figures.fig2 import table as fig2
-from nearlift.report.findings import stand_ins, tried
+from nearlift.report.findings import along, stand_ins, tried
 
 #: So many candidates are drawn.
 CANDIDATES = 8
@@ -126,7 +126,7 @@ def _why_not(candidate: Mapping[str, Any]) -> str:
     if candidate.get("judged_by"):
         return "too little"
     return (
-        f"leaves {candidate['left_in'].replace('_', ' ')}"
+        f"leaves {along(candidate['left_in']).removeprefix('the ')}"
         if candidate.get("left_in")
         else "explains too little"
     )

@@ -261,7 +261,8 @@ def _models(
     for reference in fig2.references(evidence, boundary):
         add(
             f"reference:{reference.label}",
-            f"{catalogue.model(reference.model).title} ({reference.label.partition('(')[2]}",
+            f"{catalogue.model(reference.model).title.partition(',')[0]}"
+            f" ({reference.label.partition('(')[2]}",
             curves.ratio(catalogue.model(reference.model), grid, reference.arguments),
             entry,
             True,

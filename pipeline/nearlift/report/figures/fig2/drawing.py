@@ -63,7 +63,9 @@ def draw(table: Rows, look: Style) -> Figure:
             "lower right" if boundary == "sidewall" else "upper right",
         )
         without = table["label"][(table["panel"] == boundary) & (table["kind"] == "without")]
-        words = ", without ".join([boundary, *([" and ".join(without)] if len(without) else [])])
+        words = (
+            f"{boundary}, effect{'s' * (len(without) > 1)} taken out" if len(without) else boundary
+        )
         ax.set_title(f"{letter}) {words}" if len(panels) > 1 else words)
         ax.set_xlabel(f"distance {label}")
     (reference, *_) = table["label"][table["kind"] == "L_inf"]
@@ -174,7 +176,7 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     (u,) = rows["u_delta_L_percent"][rows["kind"] == "L_inf"]
     if np.isfinite(u):
         handles.append((ax.axhspan(-u, u, color=UNSURE, linewidth=0, zorder=0), zero))
-        names.append(r"$L_\infty$, $\pm 1\,u$")
+        names.append(r"uncertainty of $L_\infty$")
     plain_log(ax.xaxis)
     ax.legend(handles, names, loc=loc)
 

@@ -110,7 +110,7 @@ def summarise(evidence: Evidence) -> Columns:
         else:
             rows.append(_single(boundary, "L_inf", "the farthest", cell["z_hat"]))
         rows += [
-            _single(boundary, "without", name.replace("_", " "), cell["z_hat"])
+            _single(boundary, "without", catalogue.titled(name), cell["z_hat"])
             for name in named(evidence, boundary)
         ]
         rows += _influence(evidence, boundary, cell)

@@ -97,7 +97,7 @@ def _panel(ax: Axes, rows: Rows, covariate: str, look: Style) -> Rows:
         ax.set_xticks(means["x"], [f"{x:.3g}".replace("-", "−") for x in means["x"]])
         ax.margins(x=0.12)
     else:
-        ax.xaxis.set_major_locator(MaxNLocator(5))
+        ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     ax.set_xlabel(label(covariate, look), labelpad=1)
     return noise
 

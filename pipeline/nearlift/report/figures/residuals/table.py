@@ -193,7 +193,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
         lost = np.count_nonzero(out & (trials["boundary"] == boundary))
         beyond = evidence.observations[boundary].n - shown
-        notes = [f"{shown} trials", f"{lost} rejected (not shown)"]
+        notes = [f"{shown} trials", *([f"{lost} rejected (not shown)"] if lost else [])]
         if beyond:
             notes.append(f"{beyond} outside the model's range (not shown)")
         parts.append(f"{boundary.capitalize()}, {model.title}: {', '.join(notes)}.")
@@ -218,9 +218,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
         i = int(np.argmax(pull))
         name, x, mean = (table[k][mine][i] for k in ("covariate", "x", "residual_percent"))
         parts.append(
-            f"{boundary.capitalize()}: against"
-            f" {', '.join(dict.fromkeys(table['covariate'][mine].tolist()))}; the bin mean farthest"
-            f" from zero is {plain(float(mean), 2)} % ({plain(float(pull[i]), 2)} standard errors)"
-            f" at {name} = {plain(float(x), 3)}."
+            f"{boundary.capitalize()}: the mean farthest from zero is {plain(float(mean), 2)} %"
+            f" ({plain(float(pull[i]), 2)} standard errors) at {name} = {plain(float(x), 3)}."
         )
-    return "Residuals in percent against each covariate. " + " ".join(parts)
+    return "Residuals in percent against each covariate, means over bins. " + " ".join(parts)
