@@ -481,7 +481,7 @@ def test_a_look_before_the_end_is_said(make_job):
     words = said(
         make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43, look=look)
     )[0]
-    assert "A look at 240 of 480 trials; claims need p < 7e-05. Where nothing is missing" in words
+    assert "A look at 240 of 480 trials; claims need p < 7e-05. By chance alone" in words
 
 
 def test_an_adequate_model_is_left_alone_in_words_too(make_job):
